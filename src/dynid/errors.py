@@ -1,0 +1,90 @@
+"""Everything that can go wrong, said in words a user can act on.
+
+Each error carries what is wrong, what to do about it, and the exit code of the command line.
+The analyses raise these; only the command line prints them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+class DynidError(Exception):
+    """Root of all errors that dynid raises on purpose.
+
+    Parameters
+    ----------
+    problem
+        What is wrong, as one clear sentence without a full stop.
+    remedy
+        What to do about it, as one or more sentences; may be empty.
+    names
+        The nodes, parameters or files concerned; a scene finds its line through them.
+    """
+
+    exit_code = 3
+
+    def __init__(self, problem: str, *, remedy: str = "", names: Iterable[str] = ()) -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.remedy = remedy
+        self.names = tuple(names)
+
+    def __str__(self) -> str:
+        return f"{self.problem}. {self.remedy}" if self.remedy else self.problem
+
+
+class NumericalError(DynidError):
+    """The question is well posed as a scene, but has no trustworthy answer."""
+
+
+class Singular(NumericalError):
+    """The equations have no solution or more than one."""
+
+
+class Diverged(NumericalError):
+    """An iteration or a filter ran away."""
+
+
+class NotIdentifiable(NumericalError):
+    """The record does not contain the information that is asked of it."""
+
+
+class Undecided(NumericalError):
+    """A floating-point method cannot tell; an exact one can."""
+
+
+class FileError(DynidError):
+    """A file could not be read or written."""
+
+    exit_code = 4
+
+
+class UsageError(DynidError):
+    """A call or a command that makes no sense."""
+
+    exit_code = 2
+
+
+@dataclass(frozen=True, order=True)
+class Fault:
+    """One fault of a scene, with its place (lines and columns count from 1)."""
+
+    file: str
+    line: int
+    column: int
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}: {self.message}"
+
+
+class SceneError(DynidError):
+    """An invalid scene: all of its faults at once, in the order of the file."""
+
+    exit_code = 2
+
+    def __init__(self, faults: Iterable[Fault]) -> None:
+        self.faults = tuple(sorted(set(faults)))
+        super().__init__("\n".join(str(fault) for fault in self.faults))

@@ -1,0 +1,129 @@
+"""What an analysis returns: named arrays with axes, units and a status.
+
+A `Result` is the only thing that crosses the floors: the store writes it, figures draw it, checks
+compare it. It follows the netCDF model: a `Variable` whose only dimension bears its own name is the
+coordinate of that dimension within its group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Scalar = str | bool | int | float
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """One named array: its axes, values, SI units and attributes.
+
+    Values are float64, complex128, int64, bool, text (object array of str), or a structured array
+    whose fields are such.
+    """
+
+    dims: tuple[str, ...]
+    data: NDArray[Any]
+    units: str = ""
+    attrs: Mapping[str, Scalar] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.data.ndim != len(self.dims):
+            raise ValueError(f"{self.data.ndim} axes, but dimensions {self.dims}")
+
+    def equals(self, other: Variable) -> bool:
+        """Tell whether axes, units, attributes, type and every value are the same (NaN equals NaN)."""
+        return (
+            self.dims == other.dims
+            and self.units == other.units
+            and dict(self.attrs) == dict(other.attrs)
+            and self.data.dtype == other.data.dtype
+            and self.data.shape == other.data.shape
+            and _same_values(self.data, other.data)
+        )
+
+
+def _same_values(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    return bool(np.array_equal(a, b, equal_nan=a.dtype.kind in "fc"))
+
+
+def _as_array(data: ArrayLike) -> NDArray[Any]:
+    array = np.asarray(data)
+    if array.dtype.kind in "US":
+        return array.astype(object)
+    if array.dtype.kind in "iu":
+        return array.astype(np.int64)
+    return array
+
+
+class Result(Mapping[str, Variable]):
+    """Named arrays by path (`bond_graph/frequency_response/omega`), with attributes of the whole.
+
+    Parameters
+    ----------
+    kind
+        The kind of scene that produced it.
+    title
+        The scene's title.
+    attrs
+        Further root attributes (provenance: versions, seed, creation time).
+    """
+
+    def __init__(self, kind: str, title: str = "", attrs: Mapping[str, Scalar] | None = None) -> None:
+        self.kind = kind
+        self.title = title
+        self.attrs: dict[str, Scalar] = dict(attrs or {})
+        self.group_attrs: dict[str, dict[str, Scalar]] = {}
+        self._variables: dict[str, Variable] = {}
+
+    def add(self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar) -> None:
+        """Store one array under `path`; a path is written once."""
+        if path in self._variables:
+            raise ValueError(f"{path} is already in the result")
+        self._variables[path] = Variable(dims, _as_array(data), units, attrs)
+
+    def add_axis(self, path: str, data: ArrayLike, units: str = "", **attrs: Scalar) -> None:
+        """Store a coordinate: its dimension is the last part of its path."""
+        self.add(path, data, (path.rsplit("/", 1)[-1],), units, **attrs)
+
+    def annotate(self, group: str, **attrs: Scalar) -> None:
+        """Set attributes of a group (the root result's own are in `attrs`)."""
+        self.group_attrs.setdefault(group, {}).update(attrs)
+
+    def value(self, path: str) -> Any:
+        """Return the array at `path`, or the Python scalar where it has no axes."""
+        data = self._variables[path].data
+        return data.item() if data.ndim == 0 else data
+
+    def merge(self, other: Result) -> None:
+        """Take over every array and group attribute of another result."""
+        for path, variable in other.items():
+            if path in self._variables:
+                raise ValueError(f"{path} is already in the result")
+            self._variables[path] = variable
+        for group, attrs in other.group_attrs.items():
+            self.annotate(group, **attrs)
+
+    def equals(self, other: Result) -> bool:
+        """Tell whether two results hold the same arrays, attributes and names."""
+        return (
+            (self.kind, self.title, self.attrs, self.group_attrs)
+            == (other.kind, other.title, other.attrs, other.group_attrs)
+            and self._variables.keys() == other._variables.keys()
+            and all(variable.equals(other[path]) for path, variable in self._variables.items())
+        )
+
+    def __getitem__(self, path: str) -> Variable:
+        return self._variables[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._variables)
+
+    def __len__(self) -> int:
+        return len(self._variables)
+
+    def __repr__(self) -> str:
+        return f"<Result of {self.kind} {self.title!r}: {len(self)} arrays>"
