@@ -1,0 +1,265 @@
+"""A scene as written: its text, its plain data, and the place of every key and value in it."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from difflib import SequenceMatcher
+from pathlib import Path as FilePath
+from typing import Any
+
+from dynid.errors import Fault, FileError, SceneError
+from dynid.scene.dump import dump
+from dynid.scene.scalars import resolve_plain
+from dynid.scene.syntax import Place, place_of
+from dynid.scene.yaml_core import MAX_CHARACTERS, Key, Marks, Path, parse_yaml
+
+__all__ = [
+    "Marks",
+    "Source",
+    "apply_overrides",
+    "did_you_mean",
+    "parse_source",
+    "read_source",
+    "set_value",
+]
+
+_START: Place = (1, 1)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene's text and what it says.
+
+    Parameters
+    ----------
+    file
+        The name under which faults are reported.
+    text
+        The text as read.
+    data
+        Texts, numbers, truth values, nulls, lists and mappings. Aliases share their values, so that
+        nothing may be changed in place.
+    marks
+        The place of every path (keys, and list indices from 0); what stands below an alias has none.
+    overridden
+        Whether the data differ from the text.
+    """
+
+    file: str
+    text: str
+    data: Any
+    marks: dict[Path, Marks]
+    overridden: bool = False
+
+    def fault(self, path: Iterable[Key], message: str, key: bool = False) -> Fault:
+        """Locate a fault at a value, or at its key; a missing path is placed where it would belong."""
+        parts = tuple(path)
+        full = len(parts)
+        while parts and parts not in self.marks:
+            parts = parts[:-1]
+        marks = self.marks.get(parts, Marks(_START, _START, self.file))
+        # What is missing from a mapping is missed at the mapping's name rather than in its first entry.
+        place = marks.key if key or len(parts) < full else marks.value
+        return Fault(marks.file, *place, message)
+
+    def resolved_text(self) -> str:
+        """Give the text as run: as written, or written anew when values were overridden."""
+        return dump(self.data) if self.overridden else self.text
+
+
+def read_source(path: str | os.PathLike[str]) -> Source:
+    """Read a scene file.
+
+    Raises
+    ------
+    FileError
+        When there is no readable regular file at `path`.
+    SceneError
+        When the text is not a document of plain data, with all faults.
+    """
+    name = os.fspath(path)
+    raw = _read_regular_file(name)
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise SceneError([Fault(name, 1, 1, "the file is UTF-16; save it as UTF-8")])
+    try:
+        text = raw.removeprefix(b"\xef\xbb\xbf").decode()
+    except UnicodeDecodeError as error:
+        before = error.object[: error.start].decode()
+        message = f"the byte 0x{error.object[error.start]:02X} is not UTF-8; save the file as UTF-8"
+        raise SceneError([Fault(name, *place_of(before, len(before)), message)]) from None
+    return parse_source(text, name)
+
+
+def parse_source(text: str, file: str = "<scene>") -> Source:
+    """Read a scene from a text.
+
+    Raises
+    ------
+    SceneError
+        When the text is not a document of plain data, with all faults.
+    """
+    data, marks, faults = parse_yaml(text, file)
+    if data is None and not faults:
+        faults = [Fault(file, 1, 1, "the scene is empty")]
+    if faults:
+        raise SceneError(faults)
+    return Source(file, text, data, marks)
+
+
+def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
+    """Set values as `--set PATH=VALUE` does, in the order given.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    assignments
+        `PATH=VALUE` each: a dotted path of keys and of list indices (from 0), and a value in YAML.
+        Mappings that are missing on the way are created.
+
+    Raises
+    ------
+    SceneError
+        When paths or values make no sense, with the faults of all of them.
+    """
+    faults: list[Fault] = []
+    for assignment in assignments:
+        path, equals, text = assignment.partition("=")
+        origin = f"--set {path}"
+        if not equals:
+            faults.append(Fault(origin, 1, 1, "a value is missing; write --set PATH=VALUE"))
+            continue
+        value, marks, found = parse_yaml(text, origin)
+        faults += found
+        try:
+            source = _set(source, path, value, marks, origin)
+        except SceneError as error:
+            faults += error.faults
+    if faults:
+        raise SceneError(faults)
+    return source
+
+
+def set_value(source: Source, path: str, value: Any, origin: str) -> Source:
+    """Set one value of plain data at a dotted path; its faults will be reported as of `origin`.
+
+    Raises
+    ------
+    SceneError
+        When the path leads through something that is neither a mapping nor a list.
+    """
+    return _set(source, path, value, {(): Marks(_START, _START, origin)}, origin)
+
+
+def did_you_mean(word: str, candidates: Iterable[str]) -> str:
+    """Say "; did you mean 'x'?" for the candidate closest to a word, or nothing when none is close."""
+    if len(word) > 100:
+        return ""
+    lowered = word.lower()
+    matcher = SequenceMatcher(None, "", lowered, autojunk=False)
+    best, closest = 0.7, ""
+    for candidate in candidates:
+        other = candidate.lower()
+        # Short names (TF, GY, m_1) share few characters; their length and first letter tell more.
+        bonus = 0.2 * (other[:1] == lowered[:1]) + 0.1 * (len(other) == len(lowered))
+        matcher.set_seq1(other)
+        if matcher.real_quick_ratio() + bonus > best and matcher.ratio() + bonus > best:
+            best, closest = matcher.ratio() + bonus, candidate
+    return f"; did you mean '{closest}'?" if closest else ""
+
+
+def _read_regular_file(name: str) -> bytes:
+    try:
+        # Without O_NONBLOCK, opening a named pipe would wait for someone to write into it.
+        descriptor = os.open(name, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+        with os.fdopen(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise FileError(f"{name} is not a regular file", names=[name])
+            raw = file.read(4 * MAX_CHARACTERS + 1)
+    except FileNotFoundError:
+        raise FileError(f"{name}: no such file{_similar_file(name)}", names=[name]) from None
+    except IsADirectoryError:
+        raise FileError(f"{name} is a directory, not a scene file", names=[name]) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise FileError(f"{name} cannot be read: {reason}", names=[name]) from None
+    if len(raw) > 4 * MAX_CHARACTERS:
+        raise FileError(
+            f"{name} is too large for a scene; put large data in files of their own", names=[name]
+        )
+    return raw
+
+
+def _similar_file(name: str) -> str:
+    try:
+        return did_you_mean(FilePath(name).name, sorted(p.name for p in FilePath(name).parent.iterdir()))
+    except OSError:
+        return ""
+
+
+def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Marks], origin: str) -> Source:
+    """Copy the containers along the path, so that the source, and what aliases share, stay as they are."""
+    parts = dotted.split(".")
+    if not all(parts):
+        raise SceneError([Fault(origin, 1, 1, "an empty name in the path; write it as a.b.c")])
+    root = [source.data]
+    holder: Any = root
+    key: Key = 0
+    path: Path = ()
+    while parts:
+        child = holder.get(key) if isinstance(holder, dict) else holder[key]
+        child = {} if child is None else child
+        if not isinstance(child, dict | list):
+            raise SceneError([Fault(origin, 1, 1, _blocked(child, path, parts[0], source.data))])
+        holder[key] = holder = child.copy()
+        key, parts = _next_key(holder, parts, path, origin)
+        path = (*path, key)
+    holder[key] = value
+    kept = {place: mark for place, mark in source.marks.items() if place[: len(path)] != path}
+    for length in range(len(path)):
+        kept.setdefault(path[:length], Marks(_START, _START, origin))
+    kept.update({path + below: mark for below, mark in marks.items()})
+    return replace(source, data=root[0], marks=kept, overridden=True)
+
+
+def _next_key(holder: Any, parts: list[str], path: Path, origin: str) -> tuple[Key, list[str]]:
+    if isinstance(holder, list):
+        word = parts[0]
+        if word.isascii() and word.isdigit() and len(word) < 10 and int(word) < len(holder):
+            return int(word), parts[1:]
+        where = ".".join(map(str, path)) or "the scene"
+        message = f"{where} is a list of {len(holder)}, counted from 0; it has no entry '{word}'"
+        raise SceneError([Fault(origin, 1, 1, message)])
+    # A key may hold dots itself (a study varies dotted paths): the longest one that exists is meant.
+    for length in range(len(parts), 0, -1):
+        joined = ".".join(parts[:length])
+        for key in (joined, _as_key(joined)):
+            if key in holder:
+                return key, parts[length:]
+    return _as_key(parts[0]), parts[1:]
+
+
+def _as_key(word: str) -> Key:
+    try:
+        value = resolve_plain(word)
+    except ValueError:
+        return word
+    return value if type(value) is int else word
+
+
+def _blocked(child: Any, path: Path, below: str, data: Any) -> str:
+    if not path:
+        return f"the scene is {_kind(child)}, not a mapping; it has no '{below}'"
+    siblings: Any = data
+    for key in path[:-1]:
+        siblings = siblings[key]
+    pairs = siblings.items() if isinstance(siblings, dict) else ()
+    hint = did_you_mean(str(path[-1]), [str(key) for key, value in pairs if isinstance(value, dict)])
+    return f"{'.'.join(map(str, path))} is {_kind(child)}, not a mapping; it has no '{below}'{hint}"
+
+
+def _kind(value: Any) -> str:
+    return "a text" if isinstance(value, str) else "a truth value" if isinstance(value, bool) else "a number"
