@@ -1,0 +1,180 @@
+"""Bond graphs as the user draws them: nodes, bonds, and what makes them well formed.
+
+Conventions (Park & Kim 1997, section 2): power e*f is positive along a bond's arrow. One-ports with
+the bond pointing at them obey R: e = R f, I: e = s I f, C: f = s C e. Two-ports, bond 1 in and bond 2
+out: TF of modulus n: e1 = n e2, f2 = n f1; GY of modulus r: e1 = r f2, e2 = r f1. A 0-junction has
+one effort, a 1-junction one flow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal, get_args
+
+from dynid.errors import UsageError
+
+NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1"]
+Quantity = Literal["e", "f", "q", "p"]
+
+NODE_TYPES: tuple[NodeType, ...] = get_args(NodeType)
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+SOURCES = frozenset({"Se", "Sf"})
+STORAGES = frozenset({"I", "C"})
+TWO_PORTS = frozenset({"TF", "GY"})
+JUNCTIONS = frozenset({"0", "1"})
+VALUED = frozenset({"I", "C", "R", "TF", "GY"})
+ONE_PORTS = SOURCES | STORAGES | {"R"}
+
+
+@dataclass(frozen=True)
+class Node:
+    """One node.
+
+    Parameters
+    ----------
+    name
+        Its name, unique in the graph.
+    type
+        One of Se, Sf, I, C, R, TF, GY, 0, 1.
+    value
+        Inertia, compliance, resistance or modulus in SI units (exact); None for sources and junctions.
+    symbol
+        What stands for the value in equations.
+    """
+
+    name: str
+    type: NodeType
+    value: Fraction | None = None
+    symbol: str = ""
+
+
+@dataclass(frozen=True)
+class Bond:
+    """One bond; power is positive from `tail` to `head`."""
+
+    tail: str
+    head: str
+
+    def __str__(self) -> str:
+        return f"{self.tail} -> {self.head}"
+
+
+@dataclass(frozen=True)
+class Port:
+    """A variable of the graph: effort, flow, displacement or momentum at a node."""
+
+    node: str
+    quantity: Quantity
+
+    def __str__(self) -> str:
+        return f"{self.node}.{self.quantity}"
+
+
+@dataclass(frozen=True)
+class GraphFault:
+    """Something wrong with a graph: at a node, or at the bond of that index."""
+
+    message: str
+    node: str | None = None
+    bond: int | None = None
+
+
+class BondGraph:
+    """A well-formed linear bond graph.
+
+    Parameters
+    ----------
+    nodes
+        The nodes, in the user's order.
+    bonds
+        The bonds; power is positive from tail to head.
+
+    Raises
+    ------
+    UsageError
+        Where `graph_faults` finds anything, or a value is missing.
+    """
+
+    def __init__(self, nodes: Iterable[Node], bonds: Iterable[Bond]) -> None:
+        self.nodes: dict[str, Node] = {node.name: node for node in nodes}
+        self.bonds: tuple[Bond, ...] = tuple(bonds)
+        faults = graph_faults({name: node.type for name, node in self.nodes.items()}, self.bonds)
+        faults += [
+            GraphFault(f"{node.type} '{node.name}' has no value", node=node.name)
+            for node in self.nodes.values()
+            if node.type in VALUED and node.value is None
+        ]
+        faults += [
+            GraphFault(f"the modulus of {node.type} '{node.name}' is zero", node=node.name)
+            for node in self.nodes.values()
+            if node.type in TWO_PORTS and node.value == 0
+        ]
+        if faults:
+            raise UsageError("; ".join(fault.message for fault in faults))
+
+    def value(self, name: str) -> Fraction:
+        """Return the exact value of an element or the modulus of a two-port."""
+        value = self.nodes[name].value
+        if value is None:
+            raise UsageError(f"'{name}' has no value")
+        return value
+
+    def bonds_of(self, name: str) -> list[Bond]:
+        """Return the bonds at a node, in the user's order."""
+        return [bond for bond in self.bonds if name in (bond.tail, bond.head)]
+
+
+def graph_faults(types: Mapping[str, str], bonds: Iterable[Bond]) -> list[GraphFault]:
+    """List what is wrong with the shape of a graph: loose ends, and nodes with too many bonds.
+
+    Parameters
+    ----------
+    types
+        Node type by name.
+    bonds
+        Bonds between those nodes; bonds to other names are left to the caller to report.
+    """
+    ins = dict.fromkeys(types, 0)
+    outs = dict.fromkeys(types, 0)
+    faults: list[GraphFault] = []
+    for index, bond in enumerate(bonds):
+        if bond.tail == bond.head:
+            faults.append(GraphFault(f"the bond '{bond}' ends where it starts", bond=index))
+            continue
+        if bond.tail in outs:
+            outs[bond.tail] += 1
+        if bond.head in ins:
+            ins[bond.head] += 1
+    for name, kind in types.items():
+        message = _arity_fault(name, kind, ins[name], outs[name])
+        if message:
+            faults.append(GraphFault(message, node=name))
+    return faults
+
+
+def _arity_fault(name: str, kind: str, ins: int, outs: int) -> str:
+    if ins + outs == 0:
+        return f"{_describe(kind)} '{name}' has no bond; connect it or drop it"
+    if kind in ONE_PORTS and ins + outs > 1:
+        return f"{_describe(kind)} '{name}' has {ins + outs} bonds but only one port; put a junction between"
+    if kind in TWO_PORTS and (ins, outs) != (1, 1):
+        return f"{_describe(kind)} '{name}' needs one bond in and one bond out; it has {ins} in and {outs} out"
+    return ""
+
+
+def _describe(kind: str) -> str:
+    return f"{kind}-junction" if kind in JUNCTIONS else kind
+
+
+def port_fault(types: Mapping[str, str], port: Port) -> str:
+    """Say why a variable cannot be asked for, or return an empty text."""
+    kind = types[port.node]
+    if kind in TWO_PORTS:
+        return f"'{port}': {kind} '{port.node}' has two ports; name the junction or element beside it"
+    common = {"0": ("e", "p"), "1": ("f", "q")}.get(kind)
+    if common and port.quantity not in common:
+        name = "effort" if kind == "0" else "flow"
+        return f"'{port}': a {kind}-junction has one {name} only; ask for '{port.node}.{common[0]}' or an element's"
+    return ""

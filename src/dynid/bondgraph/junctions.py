@@ -1,0 +1,201 @@
+"""The junction structure of a graph: one unknown and one balance for every junction.
+
+A junction's unknown is its common variable (effort of a 0, flow of a 1), its equation the balance of
+the other one: what leaves through elements and bonds equals what sources feed in. One-ports weigh on
+their own junction (admittance on a 0, impedance on a 1); a bond, TF or GY couples two junctions with
+opposite signs. A source either feeds the balance (flow into a 0, effort into a 1) or fixes the unknown.
+
+Like junctions joined by a plain bond are one junction; where a bond, TF or GY needs a junction that the
+user did not draw, a bare one is put in. Neither changes the physics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, BondGraph
+from dynid.errors import Singular
+
+#: A flow source feeds a 0 and fixes a 1; an effort source feeds a 1 and fixes a 0.
+_FIXING = {("0", "Se"), ("1", "Sf")}
+
+
+@dataclass
+class Junction:
+    """One junction after merging.
+
+    Parameters
+    ----------
+    name
+        The name of the first user's junction in it, or a made-up one (`a|b`) for a bare junction.
+    kind
+        '0' or '1'.
+    members
+        The user's junctions in it; empty for a bare one.
+    elements
+        Names of the passive one-ports on it.
+    feeding
+        Sources that feed its balance, with +1 where the arrow points at the junction.
+    fixing
+        The source that fixes its common variable, if any.
+    """
+
+    name: str
+    kind: str
+    members: list[str] = field(default_factory=list)
+    elements: list[str] = field(default_factory=list)
+    feeding: list[tuple[str, int]] = field(default_factory=list)
+    fixing: str | None = None
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The tail's balance has +c times the head's unknown, the head's has -c times the tail's.
+
+    `two_port` names the TF or GY whose modulus m gives c = m, or c = 1/m where `inverse`; without one
+    c = 1.
+    """
+
+    tail: str
+    head: str
+    two_port: str | None = None
+    inverse: bool = False
+
+
+class JunctionStructure:
+    """Junctions and couplings of a graph, with the place of every one-port.
+
+    Raises
+    ------
+    Singular
+        Where two sources fix the same junction, or like junctions stand in a ring of plain bonds.
+    """
+
+    def __init__(self, graph: BondGraph) -> None:
+        self.graph = graph
+        self.junctions: dict[str, Junction] = {}
+        self.couplings: list[Coupling] = []
+        self.place: dict[str, str] = {}
+        self._merged = _merge_like_junctions(graph)
+        self._between: dict[tuple[str, str], str] = {}  # bare junction of a bond at a two-port
+        for name, root in self._merged.items():
+            junction = self.junctions.setdefault(root, Junction(root, graph.nodes[name].type))
+            junction.members.append(name)
+            self.place[name] = root
+        for bond in graph.bonds:
+            if graph.nodes[bond.tail].type not in TWO_PORTS and graph.nodes[bond.head].type not in TWO_PORTS:
+                self._add_bond(bond.tail, bond.head)
+        for node in graph.nodes.values():
+            if node.type in TWO_PORTS:
+                self._add_two_port(node.name)
+
+    def _add_bond(self, tail: str, head: str) -> None:
+        on_junction = [end in self._merged for end in (tail, head)]
+        if all(on_junction):
+            a, b = self._merged[tail], self._merged[head]
+            if a != b:
+                self.couplings.append(Coupling(a, b))
+        elif any(on_junction):
+            junction = self._merged[tail if on_junction[0] else head]
+            self._attach(head if on_junction[0] else tail, junction, incoming=on_junction[1])
+        else:  # two one-ports face to face
+            kind = "0" if "Sf" in (self.graph.nodes[tail].type, self.graph.nodes[head].type) else "1"
+            bare = self._bare(f"{tail}|{head}", kind)
+            self._attach(tail, bare, incoming=True)
+            self._attach(head, bare, incoming=False)
+
+    def _attach(self, name: str, at: str, *, incoming: bool) -> None:
+        """Put a one-port on a junction; `incoming` where its arrow points at the junction."""
+        junction, node = self.junctions[at], self.graph.nodes[name]
+        self.place[name] = at
+        if node.type not in SOURCES:
+            if node.value == 0 and (junction.kind, node.type) in {("0", "R"), ("0", "I"), ("1", "C")}:
+                # its immittance here would be infinite; on a junction of the other kind it is zero
+                bare = self._bare(f"{at}|{name}", "1" if junction.kind == "0" else "0")
+                self.couplings.append(Coupling(bare, at) if incoming else Coupling(at, bare))
+                self.place[name] = bare
+                junction = self.junctions[bare]
+            junction.elements.append(name)
+        elif (junction.kind, node.type) not in _FIXING:
+            junction.feeding.append((name, 1 if incoming else -1))
+        elif junction.fixing is None:
+            junction.fixing = name
+        else:
+            raise _source_conflict(junction, name)
+
+    def _add_two_port(self, name: str) -> None:
+        node = self.graph.nodes[name]
+        (inward,) = (bond.tail for bond in self.graph.bonds_of(name) if bond.head == name)
+        (outward,) = (bond.head for bond in self.graph.bonds_of(name) if bond.tail == name)
+        primary = self._side(inward, name, incoming=True)
+        secondary = self._side(outward, name, incoming=False)
+        alike = self.junctions[primary].kind == self.junctions[secondary].kind
+        if alike is (node.type == "TF"):
+            kind = "1" if self.junctions[primary].kind == "0" else "0"
+            bare = self._bare(f"{inward}|{name}", kind)
+            self.couplings.append(Coupling(primary, bare))
+            primary = bare
+        inverse = self.junctions[primary].kind == "0"
+        if primary != secondary:  # a GY back onto its own junction neither gives nor takes power
+            self.couplings.append(Coupling(primary, secondary, name, inverse))
+
+    def _side(self, neighbour: str, two_port: str, *, incoming: bool) -> str:
+        """Return the junction on one side of a two-port, bare where the user drew none."""
+        if neighbour in self._merged:
+            return self._merged[neighbour]
+        bond = (neighbour, two_port) if incoming else (two_port, neighbour)
+        if bond not in self._between:
+            kind = "0" if self.graph.nodes[neighbour].type == "Sf" else "1"
+            self._between[bond] = self._bare("|".join(bond), kind)
+            if self.graph.nodes[neighbour].type not in TWO_PORTS:
+                self._attach(neighbour, self._between[bond], incoming=incoming)
+        return self._between[bond]
+
+    def _bare(self, name: str, kind: str) -> str:
+        while name in self.junctions or name in self.graph.nodes:
+            name += "'"
+        self.junctions[name] = Junction(name, kind)
+        return name
+
+
+def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:
+    """Map every junction to the first of those it is one with (like junctions joined by plain bonds)."""
+    root = {name: name for name, node in graph.nodes.items() if node.type in JUNCTIONS}
+    order = {name: index for index, name in enumerate(root)}
+
+    def find(name: str) -> str:
+        while root[name] != name:
+            root[name] = root[root[name]]
+            name = root[name]
+        return name
+
+    for bond in graph.bonds:
+        kinds = {graph.nodes[end].type for end in (bond.tail, bond.head)}
+        if len(kinds) == 1 and kinds <= JUNCTIONS:
+            a, b = sorted((find(bond.tail), find(bond.head)), key=order.__getitem__)
+            if a == b:
+                raise _ring(graph, bond.tail, bond.head)
+            root[b] = a
+    return {name: find(name) for name in root}
+
+
+def _ring(graph: BondGraph, tail: str, head: str) -> Singular:
+    kind = graph.nodes[tail].type
+    what, medium = ("flow", "effort") if kind == "0" else ("effort", "flow")
+    return Singular(
+        f"the {what} through the bond '{tail} -> {head}' is not determined: it closes a ring of {kind}-junctions, "
+        f"which share their {medium} already (a loop with no solution)",
+        remedy="Drop this bond, or put an element into the ring.",
+        names=(tail, head),
+    )
+
+
+def _source_conflict(junction: Junction, second: str) -> Singular:
+    effort = junction.kind == "0"
+    fixes = f"the {'effort' if effort else 'flow'} of junction '{junction.name}'"
+    kind, arrangement = ("effort", "parallel") if effort else ("flow", "series")
+    return Singular(
+        f"{kind} sources '{junction.fixing}' and '{second}' both fix {fixes} (two ideal sources in {arrangement})",
+        remedy="Put a resistance between them, or drop one.",
+        names=(second, str(junction.fixing), junction.name),
+    )

@@ -1,0 +1,133 @@
+"""The nodal form that a reduction works on: K x = b, with registers of a program as entries.
+
+Row and column are junctions. Eliminating a junction is a physical step: a leaf is superposed and
+reflected into its neighbour, a source on it is swapped (Park & Kim 1997, eqs 15, 16), a junction on a
+loop becomes its multiport equivalent (the Schur complement of the nodal form).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from dynid.bondgraph.junctions import Coupling, JunctionStructure
+from dynid.bondgraph.program import Program, Register
+
+
+@dataclass(frozen=True)
+class Term:
+    """One immittance on a junction: an impedance on a 1, an admittance on a 0."""
+
+    name: str  # the node or label it comes from
+    register: Register
+
+
+class Network:
+    """The part of a junction structure that the root depends on.
+
+    Parameters
+    ----------
+    structure
+        The junction structure.
+    program
+        Where the arithmetic is written.
+    root
+        The junction of the port of interest.
+    inputs
+        Sources that are kept; all others are zero.
+    """
+
+    def __init__(self, structure: JunctionStructure, program: Program, root: str, inputs: Iterable[str]) -> None:
+        self.structure, self.program, self.root = structure, program, root
+        self.inputs = tuple(inputs)
+        self.kind = {name: junction.kind for name, junction in structure.junctions.items()}
+        self.depth = _reach(structure, root)
+        self.terms: dict[str, list[Term]] = {name: self._elements(name) for name in self.depth}
+        self.matrix: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
+        self.sources: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
+        self.single: dict[frozenset[str], Coupling | None] = {}  # None where several bonds run in parallel
+        for name in self.depth:
+            for source, sign in structure.junctions[name].feeding:
+                self._feed(name, source, program.constant(sign))
+        for coupling in structure.couplings:
+            self._couple(coupling)
+
+    def _elements(self, junction: str) -> list[Term]:
+        return [Term(name, self.immittance(name, junction)) for name in self.structure.junctions[junction].elements]
+
+    def immittance(self, name: str, junction: str) -> Register:
+        """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
+        program, node = self.program, self.structure.graph.nodes[name]
+        value = program.parameter(name)
+        impedance = {"R": value, "I": program.mul(program.s, value)}
+        if node.type == "C":
+            admittance = program.mul(program.s, value)
+            return admittance if self.kind[junction] == "0" else program.inv(admittance)
+        return impedance[node.type] if self.kind[junction] == "1" else program.inv(impedance[node.type])
+
+    def _feed(self, junction: str, source: str, amount: Register) -> None:
+        if source in self.inputs:
+            row = self.sources[junction]
+            row[source] = self.program.add(row.get(source, self.program.zero), amount)
+
+    def _couple(self, coupling: Coupling) -> None:
+        program = self.program
+        size = program.one if coupling.two_port is None else program.parameter(coupling.two_port)
+        if coupling.inverse:
+            size = program.inv(size)
+        for row, column, entry in (
+            (coupling.tail, coupling.head, size),
+            (coupling.head, coupling.tail, program.neg(size)),
+        ):
+            if row not in self.depth:
+                continue
+            fixing = self.structure.junctions[column].fixing
+            if fixing is not None and column != self.root:
+                self._feed(row, fixing, program.neg(entry))  # a known unknown moves to the right-hand side
+            else:
+                self.add_entry(row, column, entry)
+        pair = frozenset((coupling.tail, coupling.head))
+        self.single[pair] = None if pair in self.single else coupling
+
+    def add_entry(self, row: str, column: str, entry: Register) -> None:
+        """Add to a matrix entry off the diagonal."""
+        self.matrix[row][column] = self.program.add(self.entry(row, column), entry)
+
+    def entry(self, row: str, column: str) -> Register:
+        """Return a matrix entry off the diagonal."""
+        return self.matrix[row].get(column, self.program.zero)
+
+    def diagonal(self, junction: str) -> Register:
+        """Return the sum of the immittances on a junction."""
+        return self.program.sum(term.register for term in self.terms[junction])
+
+    def neighbours(self, junction: str) -> list[str]:
+        """Return the junctions whose balance or unknown this one is tied to."""
+        zero = self.program.is_zero
+        return [
+            other
+            for other, entry in self.matrix[junction].items()
+            if not (zero(entry) and zero(self.entry(other, junction)))
+        ]
+
+    def remove(self, junction: str) -> None:
+        """Take an eliminated junction out."""
+        for other in list(self.matrix[junction]):
+            self.matrix[other].pop(junction, None)
+        for table in (self.matrix, self.terms, self.sources):
+            table.pop(junction)
+
+
+def _reach(structure: JunctionStructure, root: str) -> dict[str, int]:
+    """Return the junctions that influence the root, with their distance; fixed ones separate."""
+    tied: dict[str, list[str]] = {name: [] for name in structure.junctions}
+    for coupling in structure.couplings:
+        tied[coupling.tail].append(coupling.head)
+        tied[coupling.head].append(coupling.tail)
+    depth, queue = {root: 0}, [root]
+    for name in queue:
+        for other in tied[name]:
+            if other not in depth and structure.junctions[other].fixing is None:
+                depth[other] = depth[name] + 1
+                queue.append(other)
+    return depth

@@ -1,0 +1,87 @@
+"""Programs as text: short formulas from named intermediate results, or one nested formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from dynid.bondgraph.program import Op, Program, Register
+
+_SUM, _SIGN, _PRODUCT, _POWER, _ATOM = range(5)
+
+
+def express(program: Program, register: Register, symbols: Mapping[str, str], *, nested: bool = False) -> str:
+    """Return a register as a formula that SymPy could read.
+
+    Parameters
+    ----------
+    program
+        Holds the register.
+    register
+        What to print.
+    symbols
+        What stands for the value of each node.
+    nested
+        Write everything in terms of the elements; otherwise stop at named intermediate results (but
+        spell out the register itself).
+    """
+    known: dict[Register, tuple[str, int]] = {}
+    stack = [register]
+    while stack:  # without recursion: programs are deep
+        current = stack[-1]
+        if current in known:
+            stack.pop()
+            continue
+        if current != register and not nested and current in program.labels:
+            known[current] = program.labels[current], _ATOM
+            continue
+        op, a, b = program.ops[current]
+        operands = [] if op <= Op.LAPLACE else [a] if op is Op.NEG else [a, b]
+        missing = [operand for operand in operands if operand not in known]
+        if missing:
+            stack += missing
+        else:
+            known[current] = _write(op, a, b, known, symbols)
+    return known[register][0]
+
+
+def length(program: Program, register: Register, limit: int) -> int:
+    """Count the operations of a nested formula, up to a limit (a shared part counts each time)."""
+    counts: dict[Register, int] = {}
+    stack = [register]
+    while stack:
+        current = stack[-1]
+        op, a, b = program.ops[current]
+        operands = [] if op <= Op.LAPLACE else [a] if op is Op.NEG else [a, b]
+        missing = [operand for operand in operands if operand not in counts]
+        if missing:
+            stack += missing
+        else:
+            counts[current] = min(limit, 1 + sum(counts[operand] for operand in operands))
+            stack.pop()
+    return counts[register]
+
+
+def _write(op: Op, a: int, b: int, known: Mapping[int, tuple[str, int]], symbols: Mapping[str, str]) -> tuple[str, int]:
+    match op:
+        case Op.CONSTANT:
+            return str(a), _ATOM if a >= 0 else _SIGN
+        case Op.PARAMETER:
+            return symbols[str(a)], _ATOM
+        case Op.LAPLACE:
+            return "s", _ATOM
+        case Op.NEG:
+            return "-" + _bracket(known[a], _PRODUCT), _SIGN
+        case Op.ADD:
+            return f"{_bracket(known[a], _SUM)} + {_bracket(known[b], _PRODUCT)}", _SUM
+        case Op.SUB:
+            return f"{_bracket(known[a], _SUM)} - {_bracket(known[b], _PRODUCT)}", _SUM
+        case Op.MUL if a == b:
+            return f"{_bracket(known[a], _ATOM)}**2", _POWER
+        case Op.MUL:
+            return f"{_bracket(known[a], _PRODUCT)}*{_bracket(known[b], _POWER)}", _PRODUCT
+        case Op.DIV:
+            return f"{_bracket(known[a], _PRODUCT)}/{_bracket(known[b], _POWER)}", _PRODUCT
+
+
+def _bracket(text: tuple[str, int], least: int) -> str:
+    return text[0] if text[1] >= least else f"({text[0]})"

@@ -1,0 +1,257 @@
+"""Straight-line programs over any number type.
+
+A reduction writes its arithmetic down once, as a list of operations on registers, never expanded and
+with every common subexpression shared. Running the program on complex arrays gives a frequency
+response, on exact rational functions a transfer function, on polynomials a formula; no physics is
+written twice.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Mapping
+from enum import IntEnum
+from typing import Any, Protocol, Self, TypeVar
+
+#: A large prime; a register that is identically zero as a function vanishes at a random point modulo it,
+#: one that is not does so with probability about (degree / PRIME).
+PRIME = (1 << 61) - 1
+
+
+class Number(Protocol):
+    """What a program can be run on."""
+
+    def __add__(self, other: Self, /) -> Self: ...
+    def __sub__(self, other: Self, /) -> Self: ...
+    def __mul__(self, other: Self, /) -> Self: ...
+    def __truediv__(self, other: Self, /) -> Self: ...
+    def __neg__(self) -> Self: ...
+
+
+N = TypeVar("N", bound=Any)
+
+
+class Op(IntEnum):
+    """The operations of a program."""
+
+    CONSTANT = 0  # an integer
+    PARAMETER = 1  # the value of a node
+    LAPLACE = 2  # the variable s
+    ADD = 3
+    SUB = 4
+    MUL = 5
+    DIV = 6
+    NEG = 7
+
+
+Register = int
+
+
+class Program:
+    """A growing list of operations; equal operations share a register.
+
+    Parameters
+    ----------
+    point
+        Values of the parameters modulo `PRIME`, at which every register is evaluated as it is written,
+        so that "identically zero" is known without numbers.
+    laplace
+        The value of s modulo `PRIME`.
+    """
+
+    def __init__(self, point: Mapping[str, int], laplace: int) -> None:
+        self.ops: list[tuple[Op, Any, int]] = []
+        self.labels: dict[Register, str] = {}
+        self._images: list[int] = []
+        self._known: dict[tuple[Op, Any, int], Register] = {}
+        self._point = dict(point)
+        self._laplace = laplace
+        self.zero = self.constant(0)
+        self.one = self.constant(1)
+        self.s = self._emit(Op.LAPLACE, None, 0, laplace)
+
+    # --- writing -------------------------------------------------------------------------------
+
+    def constant(self, value: int) -> Register:
+        """Write an integer."""
+        return self._emit(Op.CONSTANT, value, 0, value % PRIME)
+
+    def parameter(self, name: str) -> Register:
+        """Write the value of a node."""
+        return self._emit(Op.PARAMETER, name, 0, self._point[name])
+
+    def add(self, a: Register, b: Register) -> Register:
+        """Write a + b."""
+        if a == self.zero:
+            return b
+        if b == self.zero:
+            return a
+        if self.ops[b][0] is Op.NEG:
+            return self.sub(a, self.ops[b][1])
+        if self.ops[a][0] is Op.NEG:
+            return self.sub(b, self.ops[a][1])
+        return self._emit(Op.ADD, a, b, self._images[a] + self._images[b])
+
+    def sub(self, a: Register, b: Register) -> Register:
+        """Write a - b."""
+        if b == self.zero:
+            return a
+        if a == self.zero:
+            return self.neg(b)
+        if self.ops[b][0] is Op.NEG:
+            return self.add(a, self.ops[b][1])
+        return self.zero if a == b else self._emit(Op.SUB, a, b, self._images[a] - self._images[b])
+
+    def neg(self, a: Register) -> Register:
+        """Write -a."""
+        if a == self.zero:
+            return a
+        if self.ops[a][0] is Op.NEG:
+            return int(self.ops[a][1])
+        return self._emit(Op.NEG, a, 0, -self._images[a])
+
+    def mul(self, a: Register, b: Register) -> Register:
+        """Write a * b; a sign moves outwards, a division by the other factor disappears."""
+        if self.zero in (a, b):
+            return self.zero
+        if a == self.one:
+            return b
+        if b == self.one:
+            return a
+        for x, y in ((a, b), (b, a)):
+            if self.ops[x][0] is Op.NEG:
+                return self.neg(self.mul(self.ops[x][1], y))
+        for x, y in ((a, b), (b, a)):
+            if self.ops[x][0] is Op.DIV and self.ops[x][1] == self.one:
+                return self.div(y, self.ops[x][2])
+        return self._emit(Op.MUL, a, b, self._images[a] * self._images[b])
+
+    def div(self, a: Register, b: Register) -> Register:
+        """Write a / b; a division by a quotient becomes a product, so that no 1/(1/x) is ever formed."""
+        if self.is_zero(b):
+            raise ZeroDivisionError
+        if a == self.zero or b == self.one:
+            return a
+        if a == b:
+            return self.one
+        for x, y, swap in ((a, b, False), (b, a, True)):
+            if self.ops[x][0] is Op.NEG:
+                return self.neg(self.div(y, self.ops[x][1]) if swap else self.div(self.ops[x][1], y))
+        if self.ops[b][0] is Op.DIV:
+            _, numerator, denominator = self.ops[b]
+            if numerator == self.one:
+                return self.mul(a, denominator)
+            return self.div(self.mul(a, denominator), numerator)
+        image = self._images[a] * pow(self._images[b], -1, PRIME)
+        return self._emit(Op.DIV, a, b, image)
+
+    def inv(self, a: Register) -> Register:
+        """Write 1 / a."""
+        return self.div(self.one, a)
+
+    def sum(self, terms: Iterable[Register]) -> Register:
+        """Write the sum of terms, in order."""
+        total = self.zero
+        for term in terms:
+            total = self.add(total, term)
+        return total
+
+    def is_zero(self, a: Register) -> bool:
+        """Tell whether a register is identically zero (as far as the random point shows)."""
+        return self._images[a] == 0
+
+    def image(self, a: Register) -> int:
+        """Return the value of a register at the random point, modulo `PRIME`."""
+        return self._images[a]
+
+    def label(self, register: Register, name: str) -> Register:
+        """Name a register for equations; constants and parameters keep their own names."""
+        if self.ops[register][0] not in (Op.CONSTANT, Op.PARAMETER, Op.LAPLACE):
+            self.labels.setdefault(register, name)
+        return register
+
+    def _emit(self, op: Op, a: Any, b: int, image: int) -> Register:
+        if op in (Op.ADD, Op.MUL) and b < a:
+            key = (op, b, a)
+        else:
+            key = (op, a, b)
+        register = self._known.get(key)
+        if register is None:
+            register = len(self.ops)
+            self.ops.append((op, a, b))
+            self._images.append(image % PRIME)
+            self._known[key] = register
+        return register
+
+    # --- running -------------------------------------------------------------------------------
+
+    def run(self, wanted: Iterable[Register], values: Mapping[str, N], laplace: N, one: N) -> dict[Register, N]:
+        """Run the part of the program that the wanted registers need.
+
+        Parameters
+        ----------
+        wanted
+            Registers to return.
+        values
+            Node values by name, as numbers of the type to compute in.
+        laplace, one
+            The variable s and the number 1 of that type; s may be an array.
+
+        Raises
+        ------
+        ZeroDivisionError
+            Where exact numbers meet a zero pivot; arrays follow NumPy's rules instead.
+        """
+        wanted = list(wanted)
+        last_use = self._last_uses(wanted)
+        keep = set(wanted)
+        memory: dict[Register, Any] = {}
+        for register in sorted(last_use):
+            op, a, b = self.ops[register]
+            memory[register] = _execute(op, a, b, memory, values, laplace, one)
+            for operand in _operands(op, a, b):
+                if last_use[operand] == register and operand not in keep:
+                    memory.pop(operand, None)
+        return {register: memory[register] for register in wanted}
+
+    def _last_uses(self, wanted: Iterable[Register]) -> dict[Register, Register]:
+        """Return, for every register needed, the last one that reads it (so that memory stays small)."""
+        last = {register: register for register in wanted}
+        for register in range(max(last, default=-1), -1, -1):
+            if register in last:
+                for operand in _operands(*self.ops[register]):
+                    last.setdefault(operand, register)
+        return last
+
+
+def _operands(op: Op, a: Any, b: int) -> tuple[Register, ...]:
+    if op <= Op.LAPLACE:
+        return ()
+    return (a,) if op is Op.NEG else (a, b)
+
+
+def _execute(op: Op, a: Any, b: int, memory: dict[Register, Any], values: Mapping[str, Any], s: Any, one: Any) -> Any:
+    match op:
+        case Op.CONSTANT:
+            return one * a if a != 1 else one
+        case Op.PARAMETER:
+            return values[a]
+        case Op.LAPLACE:
+            return s
+        case Op.ADD:
+            return memory[a] + memory[b]
+        case Op.SUB:
+            return memory[a] - memory[b]
+        case Op.MUL:
+            return memory[a] * memory[b]
+        case Op.DIV:
+            return memory[a] / memory[b]
+        case Op.NEG:
+            return -memory[a]
+
+
+def random_point(names: Iterable[str]) -> tuple[dict[str, int], int]:
+    """Return a fixed random point modulo `PRIME`: values for the names, and one for s."""
+    source = random.Random(0x5EED)
+    laplace = source.randrange(1, PRIME)
+    return {name: source.randrange(1, PRIME) for name in names}, laplace

@@ -1,0 +1,102 @@
+"""The four prototypes of Park & Kim 1997, Fig. 2, and which of them a reduction ends in.
+
+On a 1-junction A and B are impedances, on a 0-junction admittances. Where the source fixes the common
+variable (a, b) both answer it independently: feedforward. Where it does not (c, d) B sets the common
+variable and drives A, which acts back: feedback.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynid.bondgraph.graph import SOURCES, STORAGES, Port
+from dynid.bondgraph.network import Network, Term
+from dynid.bondgraph.program import Program, Register
+
+
+@dataclass(frozen=True)
+class Prototype:
+    """The prototype at the port of interest.
+
+    Parameters
+    ----------
+    program
+        Holds the registers.
+    kind
+        The junction, '0' or '1'.
+    fixed
+        Whether a source fixes its common variable.
+    part_a, part_b
+        Impedances of A and B on a 1-junction, admittances on a 0-junction.
+    name_a, name_b
+        What they stand for.
+    """
+
+    program: Program
+    kind: str
+    fixed: bool
+    part_a: Register
+    part_b: Register
+    name_a: str
+    name_b: str
+
+    @property
+    def letter(self) -> str:
+        """The letter of Fig. 2."""
+        return {("1", True): "a", ("0", True): "b", ("0", False): "c", ("1", False): "d"}[self.kind, self.fixed]
+
+    @property
+    def equation(self) -> str:
+        """The driving-point relation (eqs 1 to 4)."""
+        return {
+            "a": "Z = Z_A + Z_B",
+            "b": "Y = Y_A + Y_B",
+            "c": "Z = Z_B/(1 + Z_B*Y_A)",
+            "d": "Y = Y_B/(1 + Y_B*Z_A)",
+        }[self.letter]
+
+    @property
+    def definitions(self) -> tuple[tuple[str, tuple[tuple[Register, str], ...]], ...]:
+        """The two systems: B by its inverse where it sets the common variable (c, d)."""
+        a, b = ("Z_A", "Z_B") if self.kind == "1" else ("Y_A", "Y_B")
+        register_b = self.part_b
+        if not self.fixed and not self.program.is_zero(self.part_b):
+            b = "Y_B" if self.kind == "1" else "Z_B"
+            register_b = self.program.inv(self.part_b)
+        return (a, ((self.part_a, ""),)), (b, ((register_b, ""),))
+
+    def describe(self, root: str) -> str:
+        """Say in a sentence what was reached."""
+        source = {"a": "flow", "b": "effort", "c": "flow", "d": "effort"}[self.letter]
+        number = {"a": 1, "b": 2, "c": 3, "d": 4}[self.letter]
+        if self.fixed:
+            how = f"the {source} source drives A ({self.name_a}) and B ({self.name_b}) alike (feedforward)"
+        else:
+            sets = "flow" if self.kind == "1" else "effort"
+            how = f"B ({self.name_b}) sets the {sets} and A ({self.name_a}) acts back on it (feedback)"
+        return f"prototype {self.letter}: {source} source on {self.kind}-junction {root}; {how}, eq {number}"
+
+
+def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Term]]:
+    """Split what stands on the root into system B (the port's element) and the rest, system A.
+
+    Where the output is no passive element, B is the storage that sets the junction's common variable
+    (I on a 1, C on a 0), else any element, else the last subtree.
+    """
+    graph, terms = network.structure.graph, network.terms[network.root]
+    preferred = "I" if network.kind[network.root] == "1" else "C"
+
+    def rank(term: Term) -> int:
+        node = graph.nodes.get(term.name)
+        if term.name == port.node:
+            return 0
+        if node is None or node.type in SOURCES or term.name not in network.structure.junctions[network.root].elements:
+            return 4
+        if node.type == preferred and not fixed:
+            return 1
+        return 2 if node.type in STORAGES else 3
+
+    if not terms:
+        return Term("nothing", network.program.zero), []
+    chosen = min(terms, key=rank)
+    return chosen, [term for term in terms if term is not chosen]

@@ -1,0 +1,109 @@
+"""A graph with its reductions to every output, ready to be run on a number type."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from dynid.bondgraph.algebra.modular import Modular
+from dynid.bondgraph.graph import STORAGES, BondGraph, Port
+from dynid.bondgraph.junctions import JunctionStructure
+from dynid.bondgraph.program import PRIME, Program, random_point
+from dynid.bondgraph.reduction import Reduction, reduce_graph
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.bondgraph.algebra.rational import Ratio
+
+Channel = tuple[Port, str]
+
+
+class ReducedGraph:
+    """One program for all outputs of a graph; outputs share the steps that they have in common.
+
+    The program is planned without numbers. Where the numbers make one of its pivots zero (a resistance
+    of -1 beside one of 1), it is planned again with them.
+
+    Parameters
+    ----------
+    graph
+        The bond graph.
+    inputs
+        Names of the sources kept as inputs; all others are zero.
+    outputs
+        The variables asked for.
+
+    Raises
+    ------
+    Singular
+        Where the graph has no unique solution at an output, in general or with its numbers.
+    """
+
+    def __init__(self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port]) -> None:
+        self.graph, self.inputs, self.outputs = graph, tuple(inputs), tuple(outputs)
+        self.structure = JunctionStructure(graph)
+        self.valued = [name for name, node in graph.nodes.items() if node.value is not None]
+        self.storages = [name for name in self.valued if graph.nodes[name].type in STORAGES]
+        self._plan(*random_point(self.valued))
+        if not self._holds_with_numbers():
+            self._plan(self._numbers(), random.Random(0xF10A7).randrange(1, PRIME))
+
+    def _plan(self, point: dict[str, int], laplace: int) -> None:
+        self.program = Program(point, laplace)
+        self.reductions: dict[Port, Reduction] = {
+            port: reduce_graph(self.structure, self.program, port, self.inputs) for port in self.outputs
+        }
+
+    def _numbers(self) -> dict[str, int]:
+        values = {name: self.graph.value(name) for name in self.valued}
+        return {name: v.numerator * pow(v.denominator, -1, PRIME) % PRIME for name, v in values.items()}
+
+    def _holds_with_numbers(self) -> bool:
+        """Tell whether every divisor stays nonzero with the graph's values (modulo a prime, at a random s)."""
+        laplace = random.Random(0xD1F1D).randrange(1, PRIME)
+        point = {name: Modular(image) for name, image in self._numbers().items()}
+        wanted = [r for red in self.reductions.values() for r in (*red.channels.values(), *red.pivots)]
+        try:
+            images = self.program.run(wanted, point, Modular(laplace), Modular(1))
+        except ZeroDivisionError:
+            return False
+        return all(images[pivot].image for red in self.reductions.values() for pivot in red.pivots)
+
+    def channels(self) -> dict[Channel, int]:
+        """Return the register of every channel (output, input)."""
+        return {
+            (port, source): register
+            for port, reduction in self.reductions.items()
+            for source, register in reduction.channels.items()
+        }
+
+    def run(self, registers: Iterable[int], values: dict[str, Any], laplace: Any, one: Any) -> dict[int, Any]:
+        """Run the program for these registers on any number type."""
+        return self.program.run(registers, values, laplace, one)
+
+    def rational(self, registers: Iterable[int]) -> dict[int, Ratio]:
+        """Run the program on exact rational functions of s (not yet in lowest terms)."""
+        from flint import fmpz_poly
+
+        from dynid.bondgraph.algebra.rational import Ratio
+
+        bits = {name: 1 << index for index, name in enumerate(self.storages)}
+
+        def constant(value: Fraction, storages: int = 0) -> Ratio:
+            return Ratio(fmpz_poly([value.numerator]), fmpz_poly([value.denominator]), storages)
+
+        values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
+        s = Ratio(fmpz_poly([0, 1]), fmpz_poly([1]))
+        return self.run(registers, values, s, constant(Fraction(1)))
+
+    def complex(self, registers: Iterable[int], s: NDArray[np.complex128]) -> dict[int, Any]:
+        """Run the program on complex numbers, at many values of s at once; poles give inf or NaN."""
+        import numpy as np
+
+        values = {name: np.complex128(float(self.graph.value(name))) for name in self.valued}
+        with np.errstate(all="ignore"):
+            return self.run(registers, values, s, np.complex128(1))

@@ -1,0 +1,119 @@
+"""Why a graph has no unique solution, in terms of its junctions and sources.
+
+The nodal form is taken at the program's random point modulo a prime, where its rank is what it is for
+general values; its null vectors name the junctions concerned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from dynid.bondgraph.junctions import JunctionStructure
+from dynid.bondgraph.program import PRIME, Program, Register
+from dynid.errors import Singular
+
+
+def explain_singularity(
+    structure: JunctionStructure,
+    program: Program,
+    matrix: dict[str, dict[str, Register]],
+    diagonal: dict[str, Register],
+    sources: dict[str, dict[str, Register]],
+) -> Singular:
+    """Return the error that says which balances contradict each other, or what is not determined.
+
+    Parameters
+    ----------
+    structure
+        The junction structure.
+    program
+        The program that holds the registers.
+    matrix, diagonal, sources
+        The nodal form before elimination: entries off the diagonal, on it, and the right-hand side.
+    """
+    names = list(matrix)
+    dense = [
+        [program.image(diagonal[row] if row == column else matrix[row].get(column, program.zero)) for column in names]
+        for row in names
+    ]
+    for row, name in enumerate(names):
+        if structure.junctions[name].fixing is not None:  # the root, whose unknown is known
+            dense[row] = [int(row == column) for column in range(len(names))]
+    contradicting = _null_support([list(column) for column in zip(*dense, strict=True)], names)
+    undetermined = _null_support(dense, names)
+    fixed = _neighbouring_sources(structure, contradicting)
+    driving = fixed or [source for name in contradicting for source, _ in structure.junctions[name].feeding]
+    if len(driving) > 1 or (driving and not fixed):
+        return _no_solution(structure, contradicting, driving)
+    return _not_determined(structure, undetermined or contradicting)
+
+
+def _no_solution(structure: JunctionStructure, junctions: list[str], sources: list[str]) -> Singular:
+    members = _user_names(structure, junctions)
+    what = "sources" if len(sources) > 1 else "source"
+    through = f" through {_quoted(members)}" if members else ""
+    verb = "contradict each other" if len(sources) > 1 else "meets a balance without a solution"
+    return Singular(
+        f"{what} {_quoted(sources)} {verb}{through}: no element stands between to take up the difference",
+        remedy="Put an element (a resistance, say) in between, or drop a source.",
+        names=(*sources, *members),
+    )
+
+
+def _not_determined(structure: JunctionStructure, junctions: list[str]) -> Singular:
+    members = _user_names(structure, junctions)
+    kinds = {structure.junctions[name].kind for name in junctions}
+    what = {"0": "effort", "1": "flow"}.get(kinds.pop() if len(kinds) == 1 else "", "common variable")
+    return Singular(
+        f"the {what} of {_quoted(members)} is not determined: this part floats, "
+        f"or a loop through it has no unique solution",
+        remedy="Tie it to an element or a source, or drop one of the parallel paths.",
+        names=tuple(members),
+    )
+
+
+def _user_names(structure: JunctionStructure, junctions: Iterable[str]) -> list[str]:
+    names: list[str] = []
+    for name in junctions:
+        names += structure.junctions[name].members or name.rstrip("'").split("|")
+    return list(dict.fromkeys(names))
+
+
+def _neighbouring_sources(structure: JunctionStructure, junctions: list[str]) -> list[str]:
+    """Return the fixing sources of the junctions beside these."""
+    found = []
+    for coupling in structure.couplings:
+        for here, there in ((coupling.tail, coupling.head), (coupling.head, coupling.tail)):
+            fixing = structure.junctions[there].fixing
+            if here in junctions and fixing is not None:
+                found.append(fixing)
+    return list(dict.fromkeys(found))
+
+
+def _null_support(matrix: list[list[int]], names: list[str]) -> list[str]:
+    """Return the names with a nonzero entry in a null vector of a square matrix modulo the prime."""
+    rows = [list(row) for row in matrix]
+    size, pivots = len(rows), list[int]()
+    for column in range(size):
+        found = next((r for r in range(len(pivots), size) if rows[r][column] % PRIME), None)
+        if found is None:
+            return [names[i] for i in [*_column_support(rows, column, pivots), column]]
+        top = len(pivots)
+        rows[top], rows[found] = rows[found], rows[top]
+        inverse = pow(rows[top][column], -1, PRIME)
+        rows[top] = [entry * inverse % PRIME for entry in rows[top]]
+        for r in range(size):
+            if r != top and rows[r][column] % PRIME:
+                factor = rows[r][column]
+                rows[r] = [(x - factor * y) % PRIME for x, y in zip(rows[r], rows[top], strict=True)]
+        pivots.append(column)
+    return []
+
+
+def _column_support(rows: list[list[int]], free: int, pivots: list[int]) -> list[int]:
+    return [column for r, column in enumerate(pivots) if rows[r][free] % PRIME]
+
+
+def _quoted(names: Iterable[str]) -> str:
+    quoted = [f"'{name}'" for name in names]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"

@@ -1,0 +1,70 @@
+"""An independent oracle: every bond has an unknown effort and flow, every node its equations.
+
+It shares no code with the reduction: node types and bonds go in as plain text, and the linear system is
+solved over the rationals at one rational value of s.
+"""
+
+from fractions import Fraction
+
+from flint import fmpq, fmpq_mat
+
+
+def transfer_at(types, values, bonds, inputs, output, s):
+    """Return {input: T(s)} for output (node, quantity), or None where the tableau is singular."""
+    unknowns = 2 * len(bonds)
+    rows, rights = [], []
+
+    def equation(coefficients, source=None):
+        row = [Fraction(0)] * unknowns
+        for column, coefficient in coefficients:
+            row[column] += Fraction(coefficient)
+        rows.append(row)
+        rights.append([Fraction(int(source == name)) for name in inputs])
+
+    def e(bond):
+        return 2 * bond
+
+    def f(bond):
+        return 2 * bond + 1
+
+    for name, kind in types.items():
+        at = [index for index, bond in enumerate(bonds) if name in bond]
+        signs = [1 if bonds[index][1] == name else -1 for index in at]
+        if kind in "01":
+            same, balanced = (e, f) if kind == "0" else (f, e)
+            for index in at[1:]:
+                equation([(same(at[0]), 1), (same(index), -1)])
+            equation([(balanced(index), sign) for index, sign in zip(at, signs, strict=True)])
+        elif kind == "Se":
+            equation([(e(at[0]), 1)], name)
+        elif kind == "Sf":
+            equation([(f(at[0]), 1)], name)
+        elif kind == "R":
+            equation([(e(at[0]), 1), (f(at[0]), -values[name] * signs[0])])
+        elif kind == "I":
+            equation([(e(at[0]), 1), (f(at[0]), -values[name] * s * signs[0])])
+        elif kind == "C":
+            equation([(f(at[0]), 1), (e(at[0]), -values[name] * s * signs[0])])
+        else:
+            one, two = (at[0], at[1]) if signs[0] == 1 else (at[1], at[0])
+            if kind == "TF":
+                equation([(e(one), 1), (e(two), -values[name])])
+                equation([(f(two), 1), (f(one), -values[name])])
+            else:
+                equation([(e(one), 1), (f(two), -values[name])])
+                equation([(e(two), 1), (f(one), -values[name])])
+
+    def matrix(table):
+        return fmpq_mat([[fmpq(x.numerator, x.denominator) for x in row] for row in table])
+
+    try:
+        solution = matrix(rows).solve(matrix(rights))
+    except ZeroDivisionError:
+        return None
+    node, quantity = output
+    bond = next(index for index, pair in enumerate(bonds) if node in pair)
+    row = e(bond) if quantity in "ep" else f(bond)
+    scale = 1 / s if quantity in "qp" else Fraction(1)
+    return {
+        name: Fraction(int(solution[row, k].p), int(solution[row, k].q)) * scale for k, name in enumerate(inputs)
+    }
