@@ -1,0 +1,153 @@
+"""Real arithmetic that stays exact as long as it can, and ends at once where it cannot."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any, Literal
+
+MAX_BITS = 20_000
+
+Number = Fraction | float
+
+
+class OutOfRangeError(ArithmeticError):
+    """An operation without a finite real value of reasonable size; says why in one sentence."""
+
+
+def to_fraction(value: float | Fraction, reading: Literal["decimal", "binary"] = "decimal") -> Fraction:
+    """Give a number exactly.
+
+    Parameters
+    ----------
+    value
+        A finite number.
+    reading
+        What a float means: the shortest decimal that prints it (0.1 is 1/10), or its binary value.
+
+    Raises
+    ------
+    OutOfRangeError
+        When it is not a finite number.
+    """
+    checked = as_number(value)
+    if isinstance(checked, Fraction):
+        return checked
+    return Fraction(repr(checked)) if reading == "decimal" else Fraction(checked)
+
+
+def as_number(value: object) -> Number:
+    """Check that a value is a finite real number, and give it as a `Fraction` or a float."""
+    if isinstance(value, bool) or not isinstance(value, int | float | Fraction):
+        raise OutOfRangeError(f"{value!r} is not a number")
+    return _checked(float(value) if isinstance(value, float) else Fraction(value))
+
+
+def apply(operation: str, operands: list[Number]) -> Number:
+    """Apply an operation or function of expressions to numbers.
+
+    Raises
+    ------
+    OutOfRangeError
+        When there is no finite real result, or it is too large.
+    """
+    try:
+        return _checked(_OPERATIONS[operation](*operands))
+    except OverflowError:
+        raise OutOfRangeError("the result is too large for double precision") from None
+
+
+def _checked(value: Number) -> Number:
+    if isinstance(value, float):
+        if math.isnan(value):
+            raise OutOfRangeError("the value is not a number (nan)")
+        if math.isinf(value):
+            raise OutOfRangeError("the value is infinite, or too large for double precision")
+    elif _bits(value) > MAX_BITS:
+        raise OutOfRangeError(_TOO_LONG)
+    return value
+
+
+_TOO_LONG = f"the exact value has more than {MAX_BITS:,} binary digits"
+
+
+def _bits(value: Fraction) -> int:
+    return max(value.numerator.bit_length(), value.denominator.bit_length())
+
+
+def _float(value: Number) -> float:
+    result = float(value)
+    if result == 0 and value != 0:
+        raise OutOfRangeError("the value is too small for double precision")
+    return result
+
+
+def _alike(function: Callable[[Any, Any], Any]) -> Callable[[Number, Number], Number]:
+    def both(a: Number, b: Number) -> Number:
+        if isinstance(a, Fraction) and isinstance(b, Fraction):
+            return Fraction(function(a, b))
+        return float(function(_float(a), _float(b)))
+
+    return both
+
+
+def _divide(a: Number, b: Number) -> Number:
+    if b == 0:
+        raise OutOfRangeError("division by zero")
+    return _alike(operator.truediv)(a, b)
+
+
+def _power(base: Number, exponent: Number) -> Number:
+    if base == 0 and exponent < 0:
+        raise OutOfRangeError("division by zero: zero to a negative power")
+    whole = exponent == int(exponent)
+    if base < 0 and not whole:
+        raise OutOfRangeError("a negative number to a fractional power is not real")
+    if isinstance(base, Fraction) and isinstance(exponent, Fraction) and whole:
+        # A number of n bits is at least 2**(n - 1), so that the size is known before the work is done.
+        if (_bits(base) - 1) * abs(exponent) > MAX_BITS:
+            raise OutOfRangeError(_TOO_LONG)
+        return Fraction(base ** int(exponent))
+    return math.pow(_float(base), _float(exponent))
+
+
+def _sqrt(value: Number) -> Number:
+    if value < 0:
+        raise OutOfRangeError("the square root of a negative number is not real")
+    if isinstance(value, Fraction):
+        root = Fraction(math.isqrt(value.numerator), math.isqrt(value.denominator))
+        if root * root == value:
+            return root
+    return math.sqrt(_float(value))
+
+
+def _log(value: Number) -> float:
+    if value <= 0:
+        raise OutOfRangeError("the logarithm of zero or of a negative number does not exist")
+    return math.log(_float(value))
+
+
+def _through_float(function: Callable[[float], float]) -> Callable[[Number], float]:
+    return lambda value: function(_float(value))
+
+
+_OPERATIONS: dict[str, Callable[..., Number]] = {
+    "+": _alike(operator.add),
+    "-": _alike(operator.sub),
+    "*": _alike(operator.mul),
+    "/": _divide,
+    "**": _power,
+    "neg": operator.neg,
+    "pos": operator.pos,
+    "sqrt": _sqrt,
+    "exp": _through_float(math.exp),
+    "log": _log,
+    "sin": _through_float(math.sin),
+    "cos": _through_float(math.cos),
+    "tan": _through_float(math.tan),
+    "abs": abs,
+    "min": min,
+    "max": max,
+}
