@@ -1,1 +1,1 @@
-"""dynid.lti"""
+"""Linear time-invariant systems: signals, exact propagation, frequency response, poles and zeros."""

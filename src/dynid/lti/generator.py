@@ -1,0 +1,128 @@
+"""What a signal is: the output of an autonomous linear system, piece by piece.
+
+Between its breakpoints every signal is ``u = h w`` with ``w' = G w`` and a state w(t) known in closed
+form. Joined with the generator a driven linear system is autonomous, so one matrix exponential
+propagates it exactly over any step, at resonance without damping too.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import UsageError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Record:
+    """The record that a signal belongs to: what a chirp sweeps over and a random signal fills.
+
+    Parameters
+    ----------
+    step
+        Sampling step, s.
+    samples
+        Number of samples from `start` on.
+    start
+        Time of the first sample, s: what lies before it, from t = 0 on, is settling.
+    """
+
+    step: float
+    samples: int
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(self.step > 0 and math.isfinite(self.step), "a record's step must be positive")
+        require(self.samples >= 1, "a record needs at least one sample")
+        require(self.start >= 0 and math.isfinite(self.start), "a record cannot start before t = 0")
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last, s."""
+        return (self.samples - 1) * self.step
+
+    @property
+    def times(self) -> Array:
+        """The sampling times, s."""
+        return np.asarray(self.start + np.arange(self.samples) * self.step)
+
+
+class Signal(Protocol):
+    """What propagation asks of a signal."""
+
+    @property
+    def jump(self) -> float:
+        """Strength of the Dirac impulse at t = 0 (unit of u times s)."""
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step, s, over which the generator is exact to rounding."""
+
+    def generator(self) -> tuple[Array, Array]:
+        """Return G (p x p) and h (p)."""
+
+    def states(self, times: Array, middles: Array) -> Array:
+        """Return the generator states (times x p) of the pieces that hold the times `middles`."""
+
+    def breakpoints(self, start: float, stop: float) -> Array:
+        """Return the times in [start, stop] at which the generator's state is reset."""
+
+    def value(self, times: ArrayLike) -> Array:
+        """Return u at `times` (right-hand limits at jumps; an impulse's Dirac part is not shown)."""
+
+
+class Smooth(ABC):
+    """Defaults of a signal without jump, breakpoint or limit on the step."""
+
+    @property
+    def jump(self) -> float:
+        """No Dirac impulse."""
+        return 0.0
+
+    @property
+    def longest_step(self) -> float:
+        """No limit."""
+        return math.inf
+
+    @abstractmethod
+    def generator(self) -> tuple[Array, Array]:
+        """Return G (p x p) and h (p)."""
+
+    @abstractmethod
+    def states(self, times: Array, middles: Array) -> Array:
+        """Return the generator states (times x p) of the pieces that hold the times `middles`."""
+
+    def breakpoints(self, start: float, stop: float) -> Array:  # noqa: ARG002
+        """Return no times."""
+        return np.empty(0)
+
+    def value(self, times: ArrayLike) -> Array:
+        """Return u at `times` (right-hand limits at jumps; an impulse's Dirac part is not shown)."""
+        t = np.asarray(times, dtype=float)
+        flat = t.ravel()
+        return (self.states(flat, flat) @ self.generator()[1]).reshape(t.shape)
+
+
+def inside(points: Array, start: float, stop: float) -> Array:
+    """Return the points in [start, stop]."""
+    return points[(points >= start) & (points <= stop)]
+
+
+def require(condition: bool, problem: str, remedy: str = "") -> None:
+    """Raise a `UsageError` unless the condition holds."""
+    if not condition:
+        raise UsageError(problem, remedy=remedy)
+
+
+def require_finite(what: str, **numbers: ArrayLike) -> None:
+    """Raise a `UsageError` unless all numbers of a signal are finite."""
+    for name, value in numbers.items():
+        if not np.all(np.isfinite(np.asarray(value, dtype=float))):
+            raise UsageError(f"the {name} of a {what} must be finite numbers", names=(name,))

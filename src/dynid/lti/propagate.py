@@ -1,0 +1,192 @@
+"""Exact time response of linear systems to continuous-time signals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import NumericalError, UsageError
+from dynid.lti.exponential import balance, exponential
+from dynid.lti.generator import Signal
+from dynid.lti.model import StateSpace
+from dynid.lti.polynomials import sum_lines
+from dynid.lti.signals import Impulse, Multisine, Random
+from dynid.lti.timeline import Timeline, timeline
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# A Fourier line closer to a pole than this (relative to its frequency) is propagated with its generator:
+# particular and homogeneous part would cancel there, and lose as many digits as the distance has.
+_NEAR_POLE = 1e-4
+
+
+class Response(NamedTuple):
+    """A time response: `outputs` (times x outputs), `states` (times x states), `inputs` (times x inputs)."""
+
+    outputs: Array
+    states: Array
+    inputs: Array
+
+
+def response(
+    system: StateSpace,
+    signals: Sequence[Signal],
+    times: ArrayLike,
+    x0: ArrayLike | None = None,
+    start: float | None = None,
+) -> Response:
+    """Propagate a system exactly; values at a jump are those right after it.
+
+    Each interval takes one product with the exponential of system and signal generator joined, one
+    exponential a distinct interval length. The many lines of a random signal enter as particular solutions
+    ``(i omega - A)^-1 B`` beside the homogeneous response. No step size, stiffness or resonance matters.
+
+    Parameters
+    ----------
+    system
+        The system.
+    signals
+        One signal an input. An impulse makes the state jump at t = 0; Dirac parts of an output (through D
+        or the higher feedthrough matrices) are not shown.
+    times
+        Strictly increasing times, s.
+    x0
+        State at `start`, before a jump there; absent: rest.
+    start
+        Time from which on to propagate, s; absent: 0, or the first time if that is negative.
+
+    Raises
+    ------
+    UsageError
+        If shapes or times make no sense.
+    NumericalError
+        If the response overflows.
+    """
+    t = np.asarray(times, dtype=float)
+    _check(system, signals, x0)
+    if start is None:
+        start = min(0.0, float(t.flat[0])) if t.size else 0.0
+    initial = np.zeros(len(system.A)) if x0 is None else np.asarray(x0, dtype=float)
+    generated, spread = _split(system.A, signals)
+    line = timeline(generated, t, start)
+    highest = len(system.higher)
+    inputs = np.stack([line.inputs(order) for order in range(highest + 1)])
+    states = np.zeros((len(t), len(initial)))
+    for column, omega, c in spread:
+        X = _particular(system.A, system.B[:, column], omega) * c[:, None]
+        initial = initial - sum_lines(omega, X, np.array([start]))[0]
+        orders = c[:, None] * (1j * omega[:, None]) ** np.arange(highest + 1)
+        sums = sum_lines(omega, np.concatenate([X, orders], axis=1), t)
+        states += sums[:, : len(initial)]
+        inputs[:, :, column] += sums[:, len(initial) :].T
+    states += _propagated(system, line, initial)
+    outputs = states @ system.C.T
+    for feedthrough, derivative in zip((system.D, *system.higher), inputs, strict=True):
+        outputs = outputs + derivative @ feedthrough.T
+    if not (np.isfinite(outputs).all() and np.isfinite(states).all()):
+        raise NumericalError(
+            "the time response overflows", remedy="The system is unstable: shorten the time."
+        )
+    return Response(outputs, states, inputs[0])
+
+
+def _check(system: StateSpace, signals: Sequence[Signal], x0: ArrayLike | None) -> None:
+    if len(signals) != system.B.shape[1]:
+        raise UsageError(f"{len(signals)} signals for {system.B.shape[1]} inputs")
+    if x0 is not None and np.shape(x0) != (len(system.A),):
+        raise UsageError(f"an initial state of shape {np.shape(x0)} for {len(system.A)} states")
+    if x0 is not None and not np.all(np.isfinite(np.asarray(x0, dtype=float))):
+        raise UsageError("the initial state must be finite numbers")
+
+
+def _split(A: Array, signals: Sequence[Signal]) -> tuple[list[Signal], list[tuple[int, Array, ComplexArray]]]:
+    """Take the lines of random signals out of the generators, except those beside a pole."""
+    generated, spread = list(signals), []
+    for column, signal in enumerate(signals):
+        if not isinstance(signal, Random):
+            continue
+        omega, c = signal.lines
+        poles = np.linalg.eigvals(A)
+        distance = np.abs(1j * omega[:, None] - poles).min(axis=1, initial=np.inf)
+        near = distance < _NEAR_POLE * omega
+        spread.append((column, omega[~near], c[~near]))
+        generated[column] = Impulse(0.0)
+        if near.any():  # c = -i a exp(i phase)
+            sines = (np.abs(c[near]), omega[near], np.angle(1j * c[near]))
+            generated[column] = Multisine(*(tuple(part.tolist()) for part in sines))
+    return generated, spread
+
+
+def _particular(A: Array, b: Array, omega: Array) -> ComplexArray:
+    """Solve (i omega - A) X = b for all lines (lines x states); no line lies on a pole."""
+    n = len(b)
+    X = np.empty((len(omega), n), dtype=complex)
+    d = balance(A)
+    scaled = A * d / d[:, None]
+    chunk = max(1, 2_000_000 // max(1, n * n))
+    for first in range(0, len(omega), chunk):
+        part = slice(first, first + chunk)
+        matrices = 1j * omega[part, None, None] * np.eye(n) - scaled
+        X[part] = np.linalg.solve(matrices, (b / d)[:, None].astype(complex))[..., 0] * d
+    return X
+
+
+def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
+    """Return the states at the wanted times, from `initial` at the first node on."""
+    n = len(initial)
+    d = balance(system.A)
+    A, drive = system.A * d / d[:, None], system.B @ line.H / d[:, None]
+    steps = [joint_step(A, drive, line.G, h) for h in line.lengths]
+    x = initial / d
+    jump = system.B @ line.jumps / d
+    forcing = np.empty((len(line.which), n))
+    for k, (_, Gamma) in enumerate(steps):
+        here = line.which == k
+        forcing[here] = line.W[:-1][here] @ Gamma.T
+    states = np.empty((len(line.nodes), n))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for node in range(len(line.nodes)):
+            if node:
+                x = steps[line.which[node - 1]][0] @ x + forcing[node - 1]
+            if node == line.jump_node:
+                x = x + jump
+            states[node] = x
+    return np.asarray(states[line.wanted] * d)
+
+
+def joint_step(A: Array, drive: Array, G: Array, h: float) -> tuple[Array, Array]:
+    """Return Phi and Gamma of ``x(t+h) = Phi x(t) + Gamma w(t)`` for ``x' = A x + drive w``, ``w' = G w``.
+
+    Parameters
+    ----------
+    A, drive, G
+        Matrices (n x n, n x p, p x p), 1/s.
+    h
+        Step, s.
+    """
+    n = len(A)
+    scale = drive_scale(A, drive)
+    E = exponential(joint_generator(A, drive * scale, G), h)
+    return E[:n, :n], E[:n, n:] / scale
+
+
+def joint_generator(A: Array, drive: Array, G: Array) -> Array:
+    """Return the matrix ``[[A, drive], [0, G]]``."""
+    n, p = drive.shape
+    joint = np.zeros((n + p, n + p))
+    joint[:n, :n] = A
+    joint[:n, n:] = drive
+    joint[n:, n:] = G
+    return joint
+
+
+def drive_scale(A: Array, drive: Array) -> float:
+    """Return the power of two that keeps the drive from raising the norm of the joint generator."""
+    size, reference = (float(np.abs(part).sum(axis=0).max(initial=0.0)) for part in (drive, A))
+    if size == 0 or reference == 0:
+        return 1.0
+    return float(2.0 ** -np.ceil(np.log2(size / reference)))

@@ -1,0 +1,170 @@
+"""Signals known by samples, and random signals, of which an estimator may see samples only."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import UsageError
+from dynid.lti.generator import Array, Record, Smooth, require, require_finite
+from dynid.lti.polynomials import (
+    HOLDS,
+    TAYLOR_DEGREE,
+    hold_coefficients,
+    line_derivatives,
+    shift,
+    shifted_polynomials,
+    sum_lines,
+    time_scale,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled(Smooth):
+    """A signal known by its samples, continued between them by a hold.
+
+    Parameters
+    ----------
+    values
+        Samples, at ``start + k step``.
+    step
+        Sampling step, s.
+    hold
+        ``spline``: cubic, not-a-knot ends · ``linear`` · ``zero``: constant until the next sample.
+    start
+        Time of the first sample, s.
+    """
+
+    values: ArrayLike
+    step: float
+    hold: str = "spline"
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values, dtype=float)
+        require(values.ndim == 1, "a sampled signal needs one column of values")
+        require(self.hold in HOLDS, f"a sampled signal has no hold {self.hold!r}", f"Use one of {HOLDS}.")
+        require(
+            len(values) >= (1 if self.hold == "zero" else 2), "a sampled signal needs two samples or more"
+        )
+        require(self.step > 0 and math.isfinite(self.step), "a sampled signal's step must be positive")
+        require_finite("sampled signal", start=self.start, values=values)
+        object.__setattr__(self, "values", values)
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        return hold_coefficients(np.asarray(self.values), self.hold)
+
+    @property
+    def stop(self) -> float:
+        """Time up to which the signal is known, s."""
+        return self.start + len(self._coefficients) * self.step
+
+    def generator(self) -> tuple[Array, Array]:
+        """Return the shift of the hold's polynomial."""
+        return shift(self._coefficients.shape[1] - 1, self.step)
+
+    def states(self, times: Array, middles: Array) -> Array:
+        """Return the scaled derivatives (step^j times the j-th) of the pieces that hold `middles`."""
+        c = self._coefficients
+        place = (middles - self.start) / self.step
+        if np.any((place < -1e-6) | (place > len(c) + 1e-6)):
+            raise UsageError(
+                f"a sampled signal is known from {self.start:g} s to {self.stop:g} s only",
+                remedy="Give samples for the whole response, or end it earlier.",
+            )
+        piece = np.clip(np.floor(place + 1e-9).astype(int), 0, len(c) - 1)
+        s = (times - self.start) / self.step - piece
+        s = np.where(np.abs(s) < 1e-9, 0.0, s)  # at a knot but for rounding
+        return shifted_polynomials(c[piece], s)
+
+    def breakpoints(self, start: float, stop: float) -> Array:
+        """Return the sampling times in [start, stop]."""
+        first = max(0, math.ceil((start - self.start) / self.step - 1e-9))
+        last = min(len(self._coefficients), math.floor((stop - self.start) / self.step + 1e-9))
+        return np.asarray(self.start + np.arange(first, last + 1) * self.step)
+
+
+@dataclass(frozen=True)
+class Random(Smooth):
+    """Gaussian noise: a finite sum of Fourier lines with seeded complex normal amplitudes.
+
+    The lines lie at multiples of 2 pi / (samples step), inside `band` or, without one, below the Nyquist
+    frequency of `step`; the expected standard deviation is `amplitude`. The sum is the continuous truth.
+
+    Parameters
+    ----------
+    amplitude
+        Standard deviation.
+    seed
+        Seed of the generator (PCG64).
+    band
+        Lowest and highest angular frequency, rad/s, optional.
+    step
+        Sampling step of the record, s (set by the record, not a key of scenes).
+    samples
+        Number of steps in one period, from t = 0 on (set by the record, not a key of scenes).
+    """
+
+    amplitude: float
+    seed: int
+    step: float
+    samples: int
+    band: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        require_finite("random signal", amplitude=self.amplitude)
+        require(self.step > 0 and math.isfinite(self.step), "a random signal's step must be positive")
+        require(
+            len(self._line_numbers) > 0,
+            "a random signal's band holds no Fourier line of the record",
+            f"Lines lie {self._spacing:g} rad/s apart: widen the band or lengthen the record.",
+        )
+
+    @property
+    def _spacing(self) -> float:
+        return 2 * math.pi / (self.samples * self.step)
+
+    @cached_property
+    def _line_numbers(self) -> NDArray[np.int64]:
+        if self.band is None:
+            return np.arange(1, (self.samples + 1) // 2)
+        low, high = self.band
+        require(0 <= low < high < math.inf, "a random signal's band must run from low to high")
+        first = max(1, math.ceil(low / self._spacing * (1 - 1e-12)))
+        return np.arange(first, math.floor(high / self._spacing * (1 + 1e-12)) + 1)
+
+    @cached_property
+    def lines(self) -> tuple[Array, NDArray[np.complex128]]:
+        """Frequencies (rad/s) and complex amplitudes c of the sum ``Re c exp(i omega t)``."""
+        numbers = self._line_numbers
+        normal = np.random.Generator(np.random.PCG64(self.seed)).standard_normal((2, len(numbers)))
+        c = (normal[0] + 1j * normal[1]) * (self.amplitude / math.sqrt(len(numbers)))
+        return np.asarray(numbers * self._spacing), np.asarray(c)
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step, s, over which the Taylor polynomial is exact to rounding."""
+        return time_scale(self.lines[0])
+
+    def generator(self) -> tuple[Array, Array]:
+        """Return the shift of a Taylor polynomial."""
+        return shift(TAYLOR_DEGREE, self.longest_step)
+
+    def states(self, times: Array, middles: Array) -> Array:  # noqa: ARG002
+        """Return the scaled derivatives of the sum at `times`."""
+        return line_derivatives(*self.lines, times, self.longest_step)
+
+    def value(self, times: ArrayLike) -> Array:
+        """Return the sum of lines at `times`."""
+        t = np.asarray(times, dtype=float)
+        omega, c = self.lines
+        return sum_lines(omega, c[:, None], t.ravel())[:, 0].reshape(t.shape)
+
+    def sampled(self, record: Record) -> Sampled:
+        """Return what an estimator may see: the samples of `record`, with a cubic-spline hold."""
+        return Sampled(self.value(record.times), record.step, start=record.start)

@@ -1,0 +1,152 @@
+"""The times at which a driven system is propagated: wanted times, breakpoints and substeps, merged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.lti.generator import Signal
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """Intervals between nodes, on each of which all signals follow one joint generator.
+
+    Attributes
+    ----------
+    nodes
+        Times (intervals + 1), s, ascending.
+    lengths
+        The distinct interval lengths, s.
+    which
+        For each interval the index of its length.
+    wanted
+        Nodes of the times that were asked for.
+    G, H
+        Joint generator ``w' = G w``, ``u = H w`` (states x states, inputs x states).
+    W
+        Generator states at the beginning of each interval and at the end (nodes x states).
+    jumps
+        Dirac strengths (inputs) at t = 0.
+    jump_node
+        The node at t = 0 if an impulse acts there, else -1.
+    """
+
+    nodes: Array
+    lengths: Array
+    which: Indices
+    wanted: Indices
+    G: Array
+    H: Array
+    W: Array
+    jumps: Array
+    jump_node: int
+
+    def inputs(self, order: int = 0) -> Array:
+        """Return the `order`-th derivative of the inputs at the wanted times (times x inputs)."""
+        readout = self.H @ np.linalg.matrix_power(self.G, order)
+        return np.asarray(self.W[self.wanted] @ readout.T)
+
+
+def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
+    """Merge the wanted times with what the signals demand.
+
+    Parameters
+    ----------
+    signals
+        One signal an input.
+    times
+        Wanted times, s, strictly increasing.
+    start
+        Time from which on to propagate, s, at or before the first wanted time.
+
+    Raises
+    ------
+    UsageError
+        If the times do not increase or `start` lies after the first.
+    """
+    _check_times(times, start)
+    jumps = np.array([signal.jump for signal in signals], dtype=float)
+    nodes = _nodes(signals, times, start, bool(np.any(jumps)))
+    lengths, which = _distinct(np.diff(nodes), float(np.max(np.abs(nodes))))
+    G, H = _joined(signals)
+    middles = np.append((nodes[:-1] + nodes[1:]) / 2, nodes[-1])
+    W = np.concatenate([np.empty((len(nodes), 0)), *(s.states(nodes, middles) for s in signals)], axis=1)
+    zero = np.flatnonzero(nodes == 0.0) if np.any(jumps) else np.empty(0, dtype=np.int64)
+    jump_node = int(zero[0]) if len(zero) else -1
+    return Timeline(nodes, lengths, which, np.searchsorted(nodes, times), G, H, W, jumps, jump_node)
+
+
+def _check_times(times: Array, start: float) -> None:
+    if times.ndim != 1 or len(times) == 0 or not np.all(np.isfinite(times)):
+        raise UsageError("the times of a response must be a list of finite numbers")
+    if np.any(np.diff(times) <= 0):
+        raise UsageError("the times of a response must increase")
+    if not start <= times[0]:
+        raise UsageError(f"a response cannot start at {start:g} s, after its first time {times[0]:g} s")
+
+
+def _nodes(signals: Sequence[Signal], times: Array, start: float, impulse: bool) -> Array:
+    """Return wanted times, start, breakpoints (snapped to a wanted time within rounding) and substeps."""
+    base = times if start == times[0] else np.concatenate([[start], times])
+    breaks = [signal.breakpoints(float(base[0]), float(base[-1])) for signal in signals]
+    extra = np.unique(np.concatenate([np.empty(0), *breaks, *([[0.0]] if impulse else [])]))
+    extra = extra[(extra > base[0]) & (extra < base[-1])]
+    spacing = float(np.min(np.diff(base), initial=math.inf))
+    nearest = base[_nearest(base, extra)]
+    tolerance = np.minimum(1e-9 * spacing, np.inf) if math.isfinite(spacing) else 0.0
+    nodes = np.union1d(base, extra[np.abs(extra - nearest) > tolerance])
+    longest = min((signal.longest_step for signal in signals), default=math.inf)
+    return _subdivided(nodes, longest)
+
+
+def _nearest(base: Array, points: Array) -> Indices:
+    right = np.clip(np.searchsorted(base, points), 1, max(1, len(base) - 1))
+    right = np.minimum(right, len(base) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(np.abs(points - base[left]) <= np.abs(base[right] - points), left, right)
+
+
+def _subdivided(nodes: Array, longest: float) -> Array:
+    """Return the nodes with every interval longer than `longest` cut into equal parts."""
+    gaps = np.diff(nodes)
+    if not len(gaps) or gaps.max() <= longest:
+        return nodes
+    parts = np.maximum(1, np.ceil(gaps / longest * (1 - 1e-12))).astype(int)
+    first = np.repeat(np.cumsum(parts) - parts, parts)
+    fraction = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
+    inner = np.repeat(nodes[:-1], parts) + fraction * np.repeat(gaps, parts)
+    return np.append(inner, nodes[-1])
+
+
+def _distinct(gaps: Array, latest: float) -> tuple[Array, Indices]:
+    """Group interval lengths that differ by the rounding of their ends only; return means and groups."""
+    if not len(gaps):
+        return np.empty(0), np.empty(0, dtype=np.int64)
+    order = np.argsort(gaps)
+    new_group = np.diff(gaps[order]) > 8 * np.finfo(float).eps * latest
+    group = np.concatenate([[0], np.cumsum(new_group)])
+    which = np.empty(len(gaps), dtype=np.int64)
+    which[order] = group
+    return np.bincount(which, weights=gaps) / np.bincount(which), which
+
+
+def _joined(signals: Sequence[Signal]) -> tuple[Array, Array]:
+    parts = [signal.generator() for signal in signals]
+    size = sum(len(G) for G, _ in parts)
+    G, H = np.zeros((size, size)), np.zeros((len(parts), size))
+    first = 0
+    for row, (block, readout) in enumerate(parts):
+        here = slice(first, first + len(block))
+        G[here, here] = block
+        H[row, here] = readout
+        first += len(block)
+    return G, H
