@@ -1,1 +1,1 @@
-"""dynid.structure"""
+"""Structures: mass, damping and stiffness with joints; modes and responses."""

@@ -1,0 +1,73 @@
+"""Structures of point masses and links."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid.errors import UsageError
+from dynid.structure.model import Joint, StructuralModel
+
+
+@dataclass(frozen=True)
+class Link:
+    """A known spring and damper in parallel.
+
+    Parameters
+    ----------
+    dofs
+        One DOF (to ground) or two.
+    k, c
+        Stiffness, N/m, and damping, N·s/m.
+    """
+
+    dofs: tuple[int, ...]
+    k: float = 0.0
+    c: float = 0.0
+
+
+def lumped(masses: Sequence[float], links: Iterable[Link], joints: Iterable[Joint] = ()) -> StructuralModel:
+    """Return the structure of point masses joined by links.
+
+    Parameters
+    ----------
+    masses
+        Masses of the DOFs 1 … n, kg, positive.
+    links
+        The known links.
+    joints
+        The joints, kept apart from the matrices.
+
+    Raises
+    ------
+    UsageError
+        If a mass is not positive, or a link names a DOF that does not exist or has negative values.
+    """
+    if not masses or not all(math.isfinite(mass) and mass > 0 for mass in masses):
+        raise UsageError("the masses of a lumped structure must be positive numbers")
+    n = len(masses)
+    C, K = np.zeros((n, n)), np.zeros((n, n))
+    for link in links:
+        direction = _direction(link, n)
+        pattern = np.outer(direction, direction)
+        C += link.c * pattern
+        K += link.k * pattern
+    return StructuralModel(np.diag(np.asarray(masses, dtype=float)), C, K, tuple(joints))
+
+
+def _direction(link: Link, n: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    dofs = tuple(link.dofs)
+    if len(dofs) not in (1, 2) or len(set(dofs)) != len(dofs):
+        raise UsageError(f"a link must name one DOF (to ground) or two different ones, not {list(dofs)}")
+    if not all(1 <= dof <= n for dof in dofs):
+        raise UsageError(f"a link names DOFs {list(dofs)}, but there are the DOFs 1 to {n} only")
+    if not all(math.isfinite(value) and value >= 0 for value in (link.k, link.c)):
+        raise UsageError(f"stiffness and damping of the link {list(dofs)} must be finite and not negative")
+    direction = np.zeros(n)
+    direction[dofs[0] - 1] = 1.0
+    if len(dofs) == 2:
+        direction[dofs[1] - 1] = -1.0
+    return direction

@@ -1,0 +1,183 @@
+"""Frequency and time responses of a structure to forces at DOFs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import UsageError
+from dynid.lti.frequency import QUANTITIES, second_order_response
+from dynid.lti.propagate import response
+from dynid.lti.signals import Signal
+from dynid.result import Result
+from dynid.structure.model import StructuralModel, state_space
+
+Array = NDArray[np.float64]
+
+UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
+"""SI units of the output quantities (of translations; read m as rad for rotations)."""
+
+
+class Channel(NamedTuple):
+    """An output: `quantity` (displacement, velocity, acceleration) of `dof`."""
+
+    dof: int
+    quantity: str
+
+    @property
+    def name(self) -> str:
+        """Its name in results, ``<dof>.<quantity>``."""
+        return f"{self.dof}.{self.quantity}"
+
+    @property
+    def order(self) -> int:
+        """Derivative order of the quantity."""
+        if self.quantity not in QUANTITIES:
+            raise UsageError(
+                f"there is no output quantity {self.quantity!r}",
+                remedy=f"Use one of {', '.join(QUANTITIES)}.",
+            )
+        return QUANTITIES[self.quantity]
+
+
+class Load(NamedTuple):
+    """A force on `dof` (N; N·m on a rotation) that follows `signal`."""
+
+    dof: int
+    signal: Signal
+
+
+def frequency_response(
+    model: StructuralModel,
+    inputs: Sequence[int],
+    outputs: Sequence[Channel],
+    omega: ArrayLike,
+    values: Mapping[str, float] | None = None,
+) -> Result:
+    """Return the responses at `outputs` to unit forces at the DOFs `inputs`.
+
+    Parameters
+    ----------
+    model
+        The structure.
+    inputs
+        DOFs that are excited, one a column.
+    outputs
+        What is read.
+    omega
+        Angular frequencies, rad/s.
+    values
+        Unknown joint parameters by name.
+
+    Returns
+    -------
+    Result
+        ``structure/frequency_response/{omega, output, input, response}``.
+
+    Raises
+    ------
+    Singular
+        If a frequency lies on an undamped natural frequency.
+    UsageError
+        If a DOF or quantity does not exist or an unknown parameter has no value.
+    """
+    forces, rows, orders = _ports(model, inputs, outputs)
+    M, C, K = model.with_joints(values)
+    w = np.atleast_1d(np.asarray(omega, dtype=float))
+    H = second_order_response(M, C, K, forces, rows, orders, w)
+    result = Result("structure")
+    group = "structure/frequency_response"
+    result.add_axis(f"{group}/omega", w, "rad/s")
+    result.add_axis(f"{group}/output", [channel.name for channel in outputs])
+    result.add_axis(f"{group}/input", [str(dof) for dof in inputs])
+    unit = _common_unit(outputs)
+    result.add(f"{group}/response", H, ("omega", "output", "input"), f"{unit}/N" if unit else "")
+    return result
+
+
+def time_response(
+    model: StructuralModel,
+    loads: Sequence[Load],
+    outputs: Sequence[Channel],
+    times: ArrayLike,
+    *,
+    values: Mapping[str, float] | None = None,
+    displacement: Mapping[int, float] | None = None,
+    velocity: Mapping[int, float] | None = None,
+) -> Result:
+    """Return the exact responses at `outputs` to `loads`, from t = 0 on.
+
+    Parameters
+    ----------
+    model
+        The structure.
+    loads
+        The forces.
+    outputs
+        What is read.
+    times
+        Increasing times, s.
+    values
+        Unknown joint parameters by name.
+    displacement, velocity
+        Initial displacement, m, and velocity, m/s, by DOF; absent: 0.
+
+    Returns
+    -------
+    Result
+        ``structure/time_response/{time, output, response, source, input}``; ``input`` (time x source) holds
+        the forces.
+
+    Raises
+    ------
+    UsageError
+        If a DOF or quantity does not exist or an unknown parameter has no value.
+    NumericalError
+        If the response overflows.
+    """
+    forces, rows, orders = _ports(model, [load.dof for load in loads], outputs)
+    system = state_space(*model.with_joints(values), forces, rows, orders)
+    x0 = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
+    t = np.asarray(times, dtype=float)
+    y = response(system, [load.signal for load in loads], t, x0)
+    result = Result("structure")
+    group = "structure/time_response"
+    result.add_axis(f"{group}/time", t, "s")
+    result.add_axis(f"{group}/output", [channel.name for channel in outputs])
+    result.add(f"{group}/response", y.outputs, ("time", "output"), _common_unit(outputs))
+    result.add_axis(f"{group}/source", source_names(loads))
+    result.add(f"{group}/input", y.inputs, ("time", "source"), "N")
+    return result
+
+
+def source_names(loads: Sequence[Load]) -> list[str]:
+    """Return a name for each load: its DOF, numbered where a DOF carries several."""
+    dofs = [load.dof for load in loads]
+    return [
+        str(dof) if dofs.count(dof) == 1 else f"{dof}#{dofs[: k + 1].count(dof)}"
+        for k, dof in enumerate(dofs)
+    ]
+
+
+def _ports(
+    model: StructuralModel, inputs: Sequence[int], outputs: Sequence[Channel]
+) -> tuple[Array, Array, list[int]]:
+    """Return force directions (n x inputs), displacement rows (outputs x n) and derivative orders."""
+    forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
+    rows = np.array([model.row(channel.dof) for channel in outputs]).reshape(len(outputs), model.size)
+    return forces, rows, [channel.order for channel in outputs]
+
+
+def _initial(model: StructuralModel, given: Mapping[int, float] | None) -> Array:
+    start = np.zeros(model.size)
+    for dof, value in (given or {}).items():
+        start += value * model.row(dof)
+    return start
+
+
+def _common_unit(outputs: Sequence[Channel]) -> str:
+    units = {UNITS[channel.quantity] for channel in outputs}
+    return units.pop() if len(units) == 1 else ""
