@@ -16,6 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Scalar = str | bool | int | float
 
+# Root attributes that tell how a result came about, and not what it is.
+PROVENANCE = frozenset({"created", "dynid_version", "packages", "python", "scene"})
+
 
 @dataclass(frozen=True, eq=False)
 class Variable:
@@ -39,7 +42,7 @@ class Variable:
         return (
             self.dims == other.dims
             and self.units == other.units
-            and dict(self.attrs) == dict(other.attrs)
+            and _same_attrs(self.attrs, other.attrs)
             and self.data.dtype == other.data.dtype
             and self.data.shape == other.data.shape
             and _same_values(self.data, other.data)
@@ -47,16 +50,40 @@ class Variable:
 
 
 def _same_values(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    if a.dtype.names:
+        return all(_same_values(a[name], b[name]) for name in a.dtype.names)
     return bool(np.array_equal(a, b, equal_nan=a.dtype.kind in "fc"))
+
+
+def _same_attrs(a: Mapping[str, Scalar], b: Mapping[str, Scalar]) -> bool:
+    return a.keys() == b.keys() and all(_same_scalar(a[name], b[name]) for name in a)
+
+
+def _same_scalar(a: Scalar, b: Scalar) -> bool:
+    return type(a) is type(b) and (a == b or (a != a and b != b))
 
 
 def _as_array(data: ArrayLike) -> NDArray[Any]:
     array = np.asarray(data)
-    if array.dtype.kind in "US":
-        return array.astype(object)
-    if array.dtype.kind in "iu":
-        return array.astype(np.int64)
-    return array
+    if array.dtype.names:
+        return array.astype([(name, _stored_type(array.dtype[name])) for name in array.dtype.names])
+    return array.astype(_stored_type(array.dtype), copy=False)
+
+
+def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Give the type under which values of a type are kept."""
+    kept = {
+        "b": np.bool_,
+        "i": np.int64,
+        "u": np.int64,
+        "f": np.float64,
+        "c": np.complex128,
+        "U": object,
+        "O": object,
+    }
+    if dtype.kind not in kept:
+        raise TypeError(f"a result holds numbers, truth values and texts, not {dtype}")
+    return np.dtype(kept[dtype.kind])
 
 
 class Result(Mapping[str, Variable]):
@@ -69,7 +96,7 @@ class Result(Mapping[str, Variable]):
     title
         The scene's title.
     attrs
-        Further root attributes (provenance: versions, seed, creation time).
+        Further root attributes (the seed; provenance: versions, creation time, the scene's text).
     """
 
     def __init__(self, kind: str, title: str = "", attrs: Mapping[str, Scalar] | None = None) -> None:
@@ -79,7 +106,9 @@ class Result(Mapping[str, Variable]):
         self.group_attrs: dict[str, dict[str, Scalar]] = {}
         self._variables: dict[str, Variable] = {}
 
-    def add(self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar) -> None:
+    def add(
+        self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
+    ) -> None:
         """Store one array under `path`; a path is written once."""
         if path in self._variables:
             raise ValueError(f"{path} is already in the result")
@@ -108,13 +137,20 @@ class Result(Mapping[str, Variable]):
             self.annotate(group, **attrs)
 
     def equals(self, other: Result) -> bool:
-        """Tell whether two results hold the same arrays, attributes and names."""
+        """Tell whether two results hold the same arrays, attributes and names, wherever they came from."""
+        mine, theirs = self._annotations(), other._annotations()
         return (
-            (self.kind, self.title, self.attrs, self.group_attrs)
-            == (other.kind, other.title, other.attrs, other.group_attrs)
+            (self.kind, self.title) == (other.kind, other.title)
+            and mine.keys() == theirs.keys()
+            and all(_same_attrs(mine[group], theirs[group]) for group in mine)
             and self._variables.keys() == other._variables.keys()
             and all(variable.equals(other[path]) for path, variable in self._variables.items())
         )
+
+    def _annotations(self) -> dict[str, dict[str, Scalar]]:
+        groups = {group: attrs for group, attrs in self.group_attrs.items() if attrs}
+        root = {name: value for name, value in self.attrs.items() if name not in PROVENANCE}
+        return groups | {"": groups.get("", {}) | root}
 
     def __getitem__(self, path: str) -> Variable:
         return self._variables[path]

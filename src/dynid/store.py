@@ -1,0 +1,116 @@
+"""Results to and from HDF5 files, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import platform
+import stat
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from dynid._version import __version__
+from dynid.atomic import replace_file
+from dynid.errors import FileError
+from dynid.hdf5_read import FORMAT, read_root
+from dynid.hdf5_write import ArrayWriter, write_attrs
+from dynid.result import Result, Scalar
+
+_PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "numba", "control")
+
+
+def write_result(result: Result, path: str | os.PathLike[str], scene_text: str | None = None) -> None:
+    """Write a result to an HDF5 file, whole or not at all.
+
+    Parameters
+    ----------
+    result
+        The result. Provenance it already bears (`created`, `python`, …) is kept, the rest is added.
+    path
+        The file; an existing one is replaced.
+    scene_text
+        The YAML text as run; absent: the one that the result was read with, if any.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be written, or the result cannot be held by HDF5. An existing file is
+        untouched then.
+    """
+    name = os.fspath(path)
+    text = str(result.attrs.get("scene", "")) if scene_text is None else scene_text
+    try:
+        content = _image(result, text)
+    except (OSError, RuntimeError, ValueError, TypeError, OverflowError) as error:
+        raise FileError(f"{name} cannot be written: {error}", names=[name]) from error
+    replace_file(name, content)
+
+
+def read_result(path: str | os.PathLike[str]) -> Result:
+    """Read a result back from an HDF5 file.
+
+    Raises
+    ------
+    FileError
+        When there is no such file, or it is not a complete result of a known format.
+    """
+    import h5py
+
+    name = os.fspath(path)
+    try:
+        if not stat.S_ISREG(os.stat(name).st_mode):  # noqa: PTH116
+            raise FileError(f"{name} is not a regular file", names=[name])
+        # Files are replaced and never changed in place, so that nothing needs a lock.
+        with h5py.File(name, "r", locking=False) as file:
+            return read_root(file, name)
+    except FileNotFoundError:
+        raise FileError(f"{name}: no such file", names=[name]) from None
+    except PermissionError:
+        raise FileError(f"{name} cannot be read: permission denied", names=[name]) from None
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError, MemoryError) as error:
+        problem = f"{name} is not an HDF5 file, or a damaged one"
+        raise FileError(problem, remedy="Run its scene again.", names=[name]) from error
+
+
+def _image(result: Result, scene_text: str) -> bytes:
+    """Build the file in memory: errors of the disk then never meet an open HDF5 file."""
+    import h5py
+
+    with h5py.File("result", "w", driver="core", backing_store=False, libver="earliest") as file:
+        _write_root(file, result, scene_text)
+        ArrayWriter(file, result).write()
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _write_root(file: Any, result: Result, scene_text: str) -> None:
+    import h5py
+
+    stamps: dict[str, Scalar] = {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "dynid_version": __version__,
+        "packages": _package_versions(),
+        "python": platform.python_version(),
+    }
+    fixed: dict[str, Scalar] = {
+        "format": FORMAT,
+        "kind": result.kind,
+        "title": result.title,
+        "status": "complete",
+    }
+    attrs = result.group_attrs.get("", {}) | result.attrs
+    given = {name: value for name, value in attrs.items() if name != "scene"}
+    if clash := sorted(given.keys() & fixed.keys()):
+        raise ValueError(f"the attribute '{clash[0]}' is set by the store")
+    write_attrs(file, stamps | given | fixed)
+    file.create_dataset("scene", data=scene_text, dtype=h5py.string_dtype())
+
+
+def _package_versions() -> str:
+    found = []
+    for package in _PACKAGES:
+        try:
+            found.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            continue
+    return ", ".join(found)
