@@ -66,6 +66,8 @@ class Reduction:
         The nodes that the result depends on.
     dropped
         The other nodes: behind an ideal source, or not connected.
+    junctions
+        The junctions of the structure that were reduced.
     """
 
     port: Port
@@ -76,6 +78,7 @@ class Reduction:
     pivots: tuple[Register, ...]
     modelled: tuple[str, ...]
     dropped: tuple[str, ...]
+    junctions: tuple[str, ...]
 
 
 def reduce_graph(structure: JunctionStructure, program: Program, port: Port, inputs: Iterable[str]) -> Reduction:
@@ -114,14 +117,13 @@ class _Reducer:
 
     def run(self, port: Port) -> Reduction:
         self._eliminate_all()
-        fixing = self.net.structure.junctions[self.root].fixing
-        element, rest = split_root(self.net, port, self.held is not None or fixing is not None)
+        element, rest = split_root(self.net, port, self._root_known())
         rest_name = ("Z_A" if self.net.kind[self.root] == "1" else "Y_A") if len(rest) > 1 else None
         rest_register = self._superpose(self.root, rest, rest_name)
         prototype = Prototype(
             program=self.program,
             kind=self.net.kind[self.root],
-            fixed=self.held is not None or fixing is not None,
+            fixed=self._root_known(),
             part_a=rest_register,
             part_b=element.register,
             name_a=", ".join(term.name for term in rest) or "nothing",
@@ -139,8 +141,20 @@ class _Reducer:
         modelled = self._modelled()
         dropped = tuple(name for name in self.net.structure.graph.nodes if name not in modelled)
         return Reduction(
-            port, self.root, tuple(self.steps), prototype, channels, tuple(self.pivots), modelled, dropped
+            port,
+            self.root,
+            tuple(self.steps),
+            prototype,
+            channels,
+            tuple(self.pivots),
+            modelled,
+            dropped,
+            tuple(self.original),
         )
+
+    def _root_known(self) -> bool:
+        """Tell whether a source, or a bare junction beside it, fixes the root's unknown."""
+        return self.held is not None or self.net.structure.junctions[self.root].fixing is not None
 
     def _modelled(self) -> tuple[str, ...]:
         structure = self.net.structure
@@ -322,7 +336,7 @@ class _Reducer:
             others = [other for other in partners if other != self.root]
             if others:
                 self._eliminate_pair(others[0], name)
-            elif partners and self.held is None:
+            elif partners and not self._root_known():
                 self._hold_root(name)
             else:
                 raise self._singular()

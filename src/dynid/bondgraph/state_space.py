@@ -1,0 +1,257 @@
+"""State equations of a graph, derived exactly: algebraic loops solved, dependent storage folded in.
+
+The junction balances with one more unknown for every storage that integrates are E w' = A w + B u with a
+diagonal E. Algebraic equations are solved for one unknown each and put into the others, together with
+their time derivative, until every unknown that is left has a state equation (index reduction by
+substitution). Derivatives of the input that this brings in are taken out of the state equations by a
+change of state; what remains of them is the improper part of the outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynid.bondgraph.graph import SOURCES, Port
+from dynid.bondgraph.junctions import Coupling, JunctionStructure
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.errors import Singular
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from dynid.lti.model import StateSpace
+
+#: A linear form: coefficients of unknowns ("w", name), their rates ("dw", name) and the k-th derivative of
+#: an input ("u", name, k).
+Symbol = tuple[str, str] | tuple[str, str, int]
+Form = dict[Symbol, Fraction]
+
+
+def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpace:
+    """Return the exact state equations of a graph as floats, states scaled by the root of their energy.
+
+    Parameters
+    ----------
+    reduced
+        The graph with its inputs and outputs; only the part that the outputs depend on is modelled.
+    initial
+        Storages with energy at t = 0. Each adds an input `initial:NAME`: an impulse of strength f(0) on an
+        I, e(0) on a C is the equivalent source of Park & Kim 1997, eqs 13 to 16.
+
+    Raises
+    ------
+    Singular
+        Where the equations have no unique solution.
+    """
+    junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
+    system = _Descriptor(reduced.structure, junctions, reduced.inputs, initial)
+    forms = [system.output(port) for port in reduced.outputs]
+    rates = _solve(system.equations, forms)
+    columns = [*reduced.inputs, *(f"initial:{name}" for name in initial)]
+    return _as_state_space(rates, forms, columns, [str(port) for port in reduced.outputs], system.energy)
+
+
+class _Descriptor:
+    """The equations of a graph, each a form that equals zero, and the outputs as forms."""
+
+    def __init__(
+        self, structure: JunctionStructure, junctions: Iterable[str], inputs: Iterable[str], initial: Iterable[str]
+    ) -> None:
+        self.structure, self.graph = structure, structure.graph
+        self.inputs, self.initial = set(inputs), set(initial)
+        self.energy: dict[str, Fraction] = {}
+        self.equations: list[Form] = []
+        self.responses: dict[str, Form] = {}
+        self.balance: dict[str, Form] = {name: {} for name in structure.junctions if name in set(junctions)}
+        for name, balance in self.balance.items():
+            for element in structure.junctions[name].elements:
+                self.responses[element] = self._response(element, name)
+                _add(balance, self.responses[element])
+            for source, sign in structure.junctions[name].feeding:
+                _add(balance, self._input(source), Fraction(-sign))
+        for coupling in structure.couplings:
+            self._couple(coupling)
+        self.equations += [form for name, form in self.balance.items() if structure.junctions[name].fixing is None]
+
+    def _couple(self, coupling: Coupling) -> None:
+        size = Fraction(1) if coupling.two_port is None else self.graph.value(coupling.two_port)
+        size = 1 / size if coupling.inverse else size
+        for row, column, entry in ((coupling.tail, coupling.head, size), (coupling.head, coupling.tail, -size)):
+            if row in self.balance:
+                _add(self.balance[row], self._common(column), entry)
+
+    def _input(self, source: str) -> Form:
+        return {("u", source, 0): Fraction(1)} if source in self.inputs else {}
+
+    def _common(self, junction: str) -> Form:
+        """Return the common variable of a junction."""
+        fixing = self.structure.junctions[junction].fixing
+        return {("w", junction): Fraction(1)} if fixing is None else self._input(fixing)
+
+    def _response(self, element: str, place: str) -> Form:
+        """Return what an element answers the common variable with (effort on a 1, flow on a 0)."""
+        node, value = self.graph.nodes[element], self.graph.value(element)
+        on_one = self.structure.junctions[place].kind == "1"
+        stored: Form = {("u", f"initial:{element}", 0): -value} if element in self.initial else {}
+        if node.type == "R":
+            return _scaled(self._common(place), value if on_one else 1 / value)
+        if on_one is (node.type == "I"):  # it answers with a rate: e = I f' - I f(0) delta(t)
+            self.energy[place] = self.energy.get(place, Fraction(0)) + abs(value)
+            return {**_scaled(_rate(self._common(place)), value), **stored}
+        self.energy[element] = abs(value)  # it integrates: C e' = f + C e(0) delta(t)
+        equation: Form = {("dw", element): value, **stored}
+        _add(equation, self._common(place), Fraction(-1))
+        self.equations.append(equation)
+        return {("w", element): Fraction(1)}
+
+    def output(self, port: Port) -> Form:
+        """Return a variable of the graph as a form; displacements and momenta integrate one more time."""
+        form = self._variable(port.node, "f" if port.quantity in "fq" else "e")
+        if port.quantity in "ef":
+            return form
+        name = f"integral:{port}"
+        self.equations.append({("dw", name): Fraction(1), **_scaled(form, Fraction(-1))})
+        return {("w", name): Fraction(1)}
+
+    def _variable(self, name: str, quantity: str) -> Form:
+        node, place = self.graph.nodes[name], self.structure.place[name]
+        junction = self.structure.junctions[place]
+        outward = self.graph.bonds_of(name)[0].head == name
+        if node.type in SOURCES and quantity == ("e" if node.type == "Se" else "f"):
+            return self._input(name)
+        if quantity == ("f" if junction.kind == "1" else "e"):
+            return self._common(place)
+        sign = Fraction(1 if outward else -1)
+        if node.type in SOURCES:  # the reaction of a source that fixes the junction
+            return _scaled(self.balance[place], -sign)
+        return _scaled(self.responses[name], sign)
+
+
+def _solve(equations: list[Form], outputs: list[Form]) -> dict[Symbol, Form]:
+    """Return w' as a form in w and inputs for every unknown that is left; outputs are rewritten in place."""
+    pending = [dict(form) for form in equations]
+    while True:
+        rates, algebraic = _split(pending)
+        if not algebraic:
+            break
+        pending = [*rates.values()]
+        for form in algebraic:
+            _eliminate(form, pending, algebraic, outputs)
+    open_unknowns = {s[1] for form in pending for s in form if s[0] == "w"} - {pivot[1] for pivot in rates}
+    if open_unknowns:
+        raise _contradiction()
+    solved = {pivot: _scaled({k: v for k, v in form.items() if k != pivot}, Fraction(-1)) for pivot, form in rates.items()}
+    for form in outputs:
+        for pivot, rate in solved.items():
+            if pivot in form:
+                _add(form, rate, form.pop(pivot))
+    return solved
+
+
+def _split(forms: list[Form]) -> tuple[dict[Symbol, Form], list[Form]]:
+    """Gauss-Jordan on the rates: equations solved for one rate each, and equations without any."""
+    rates: dict[Symbol, Form] = {}
+    algebraic = []
+    for form in forms:
+        for pivot, row in rates.items():
+            if pivot in form:
+                _add(form, row, -form[pivot])
+        pivot = next((symbol for symbol in form if symbol[0] == "dw"), None)
+        if pivot is None:
+            algebraic.append(form)
+            continue
+        form = _scaled(form, 1 / form[pivot])
+        for row in rates.values():
+            if pivot in row:
+                _add(row, form, -row[pivot])
+        rates[pivot] = form
+    return rates, algebraic
+
+
+def _eliminate(form: Form, pending: list[Form], algebraic: list[Form], outputs: list[Form]) -> None:
+    """Solve an algebraic equation for one unknown, and put it and its rate into everything else."""
+    moving = {symbol[1] for other in pending for symbol in other if symbol[0] == "dw"}
+    unknowns = [symbol for symbol in form if symbol[0] == "w"]
+    if not unknowns:
+        raise _contradiction()
+    pivot = min(unknowns, key=lambda symbol: symbol[1] in moving)
+    value = _scaled({k: v for k, v in form.items() if k != pivot}, -1 / form[pivot])
+    rate_symbol, rate = ("dw", pivot[1]), _rate(value)
+    form.clear()
+    for other in [*pending, *algebraic, *outputs]:
+        if rate_symbol in other:
+            _add(other, rate, other.pop(rate_symbol))
+        if pivot in other:
+            _add(other, value, other.pop(pivot))
+
+
+def _contradiction() -> Singular:
+    return Singular(
+        "the state equations of this graph contradict each other or leave a variable open",
+        remedy="Look for junctions without elements in a loop, or sources that meet without one.",
+    )
+
+
+def _rate(form: Form) -> Form:
+    """Differentiate a form in time."""
+    return {
+        ("dw", symbol[1]) if symbol[0] == "w" else ("u", symbol[1], symbol[2] + 1): value  # type: ignore[misc]
+        for symbol, value in form.items()
+    }
+
+
+def _add(form: Form, other: Form, factor: Fraction = Fraction(1)) -> None:
+    """Add a multiple of another form in place; zero coefficients disappear."""
+    for symbol, value in list(other.items()):
+        total = form.get(symbol, 0) + factor * value
+        if total:
+            form[symbol] = total
+        else:
+            form.pop(symbol, None)
+
+
+def _scaled(form: Form, factor: Fraction) -> Form:
+    return {symbol: factor * value for symbol, value in form.items()}
+
+
+def _as_state_space(
+    rates: dict[Symbol, Form], outputs: list[Form], inputs: list[str], names: list[str], energy: dict[str, Fraction]
+) -> StateSpace:
+    from dynid.lti.model import StateSpace
+
+    states = [symbol[1] for symbol in rates]
+    scale = [float(energy.get(name, Fraction(1))) ** 0.5 or 1.0 for name in states]
+    highest = max((s[2] for form in [*rates.values(), *outputs] for s in form if s[0] == "u"), default=0)  # type: ignore[misc]
+
+    def matrix(forms: list[Form], columns: list[Symbol]) -> NDArray[np.object_]:
+        entries = [form.get(column, Fraction(0)) for form in forms for column in columns]
+        return np.array(entries, dtype=object).reshape(len(forms), len(columns))
+
+    dynamic = list(rates.values())
+    a = matrix(dynamic, [("w", name) for name in states])
+    c = matrix(outputs, [("w", name) for name in states])
+    b = [matrix(dynamic, [("u", name, k) for name in inputs]) for k in range(highest + 1)]
+    d = [matrix(outputs, [("u", name, k) for name in inputs]) for k in range(highest + 1)]
+    for k in range(highest if states else 0, 0, -1):  # w = v + B_k u^(k-1) takes u^(k) out of w'
+        b[k - 1] = b[k - 1] + a @ b[k]
+        d[k - 1] = d[k - 1] + c @ b[k]
+    weight = np.array(scale)
+
+    feedthrough = [table.astype(float) for table in d]
+    while len(feedthrough) > 1 and not feedthrough[-1].any():
+        feedthrough.pop()
+    return StateSpace(
+        A=weight[:, None] * a.astype(float) / weight,
+        B=weight[:, None] * b[0].astype(float),
+        C=c.astype(float) / weight,
+        D=feedthrough[0],
+        higher=tuple(feedthrough[1:]),
+        inputs=tuple(inputs),
+        outputs=tuple(names),
+        states=tuple(states),
+    )
+

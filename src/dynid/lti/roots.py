@@ -1,0 +1,158 @@
+"""Roots of exact polynomials with certified error bounds, and on which side of the axis they lie.
+
+Multiplicities come from an exact square-free factorisation. Roots on the imaginary axis are recognised
+exactly: they are among the roots that the even and the odd part of a polynomial share. Every other root
+is refined until its enclosing disc (Arb ball arithmetic, through python-flint) is clear of the axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+#: First working precision in bits, and the last before giving up on separating a root from the axis.
+_PRECISION, _MAX_PRECISION = 128, 1 << 16
+
+
+@dataclass(frozen=True)
+class Root:
+    """One root.
+
+    Parameters
+    ----------
+    value
+        The root, each part correctly rounded where the bound allows; exactly 0 real part on the axis.
+    multiplicity
+        Its exact multiplicity.
+    radius
+        Bound on the distance of `value` from the true root, rounding of `value` included.
+    side
+        -1 in the open left half-plane, 0 on the imaginary axis, +1 in the open right half-plane.
+    """
+
+    value: complex
+    multiplicity: int
+    radius: float
+    side: int
+
+
+class ZerosPoles(NamedTuple):
+    """Zeros and poles of a rational function, repeated by multiplicity, and the certified roots behind."""
+
+    zeros: NDArray[np.complex128]
+    poles: NDArray[np.complex128]
+    zero_roots: tuple[Root, ...]
+    pole_roots: tuple[Root, ...]
+
+
+def certified_roots(polynomial: Any) -> tuple[Root, ...]:
+    """Return the roots of an integer polynomial (flint `fmpz_poly`), smallest modulus first.
+
+    Raises
+    ------
+    ValueError
+        For the zero polynomial, of which every number is a root.
+    """
+    if polynomial == 0:
+        raise ValueError("every number is a root of the zero polynomial")
+    _, factors = polynomial.factor_squarefree()
+    roots = [root for factor, multiplicity in factors for root in _simple_roots(factor, int(multiplicity))]
+    return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
+
+
+def repeated(roots: Iterable[Root]) -> NDArray[np.complex128]:
+    """Return the values of roots as an array, each as often as its multiplicity says."""
+    import numpy as np
+
+    return np.array([root.value for root in roots for _ in range(root.multiplicity)], dtype=np.complex128)
+
+
+def roots(
+    numerator: Sequence[float | Fraction | str], denominator: Sequence[float | Fraction | str]
+) -> ZerosPoles:
+    """Return zeros and poles of one rational function, certified; common factors are kept.
+
+    Parameters
+    ----------
+    numerator, denominator
+        Coefficients in descending powers; floats mean their exact binary value, text an exact fraction
+        such as '3125/47'.
+
+    Raises
+    ------
+    ValueError
+        Where either polynomial is zero.
+    """
+    zero_roots = certified_roots(integer_polynomial(numerator))
+    pole_roots = certified_roots(integer_polynomial(denominator))
+    return ZerosPoles(repeated(zero_roots), repeated(pole_roots), zero_roots, pole_roots)
+
+
+def integer_polynomial(coefficients: Sequence[float | Fraction | str]) -> Any:
+    """Return descending coefficients as an integer polynomial with the same roots (flint `fmpz_poly`)."""
+    from flint import fmpq, fmpq_poly
+
+    exact = [Fraction(coefficient) for coefficient in reversed(coefficients)]
+    return fmpq_poly([fmpq(c.numerator, c.denominator) for c in exact]).numer()
+
+
+def _simple_roots(polynomial: Any, multiplicity: int) -> list[Root]:
+    """Return the roots of a square-free polynomial."""
+    from flint import fmpz_poly
+
+    found = []
+    if polynomial[0] == 0:
+        found.append(Root(0j, multiplicity, 0.0, 0))
+        polynomial = polynomial // fmpz_poly([0, 1])
+    coefficients = polynomial.coeffs()
+    # p(s) = E(w) + s O(w) with w = s^2: what E and O share are the pairs of roots s and -s
+    shared = fmpz_poly(coefficients[::2]).gcd(fmpz_poly(coefficients[1::2]))
+    if shared.degree() > 0:
+        pairs = fmpz_poly([c for w in shared.coeffs() for c in (w, 0)])
+        polynomial = polynomial // pairs
+        found += [root for pair in _paired_roots(shared, multiplicity) for root in pair]
+    if polynomial.degree() > 0:
+        found += _off_axis_roots(polynomial, multiplicity)
+    return found
+
+
+def _paired_roots(shared: Any, multiplicity: int) -> Iterable[tuple[Root, Root]]:
+    """Return s and -s for the roots w = s^2; a negative real w lies on the imaginary axis."""
+    from flint import acb, arb, ctx
+
+    with ctx.workprec(_PRECISION):
+        for square, _ in shared.complex_roots():
+            if square.imag == 0 and square.real < 0:
+                frequency = acb(arb(0), (-square.real).sqrt())
+                yield _rounded(frequency, multiplicity, 0), _rounded(-frequency, multiplicity, 0)
+            else:
+                s = square.sqrt()  # the principal branch: right half-plane
+                yield _rounded(s, multiplicity, 1), _rounded(-s, multiplicity, -1)
+
+
+def _off_axis_roots(polynomial: Any, multiplicity: int) -> list[Root]:
+    """Return the roots of a polynomial that has none on the imaginary axis."""
+    from flint import ctx
+
+    precision = _PRECISION
+    while precision <= _MAX_PRECISION:
+        with ctx.workprec(precision):
+            balls = [ball for ball, _ in polynomial.complex_roots()]
+            if all(ball.real > 0 or ball.real < 0 for ball in balls):
+                return [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
+        precision *= 2
+    raise ArithmeticError("a root could not be separated from the imaginary axis")
+
+
+def _rounded(ball: Any, multiplicity: int, side: int) -> Root:
+    """Round a ball to the nearest complex number and bound the distance to the true root."""
+    from flint import acb
+
+    value = complex(float(ball.real.mid()), float(ball.imag.mid()))
+    return Root(value, multiplicity, float((ball - acb(value.real, value.imag)).abs_upper()), side)
