@@ -93,14 +93,14 @@ def _dims(dataset: Any) -> tuple[str, ...]:
     if "dynid_dims" in dataset.attrs:
         return tuple(str(dataset.attrs["dynid_dims"]).split("\n"))
     if dataset.is_scale:
-        return (_last(dataset.name),)
-    return tuple(
-        _last(dim[0].name) if len(dim) else f"axis_{axis}" for axis, dim in enumerate(dataset.dims, 1)
-    )
+        return (str(dataset.name).rsplit("/", 1)[-1],)
+    return tuple(_dim_name(dim) or f"axis_{axis}" for axis, dim in enumerate(dataset.dims, 1))
 
 
-def _last(path: str) -> str:
-    return path.rsplit("/", 1)[-1]
+def _dim_name(dim: Any) -> str:
+    # A scale bears its name as an attribute; asking HDF5 for its path would search the whole file.
+    name = dim[0].attrs.get("NAME", "") if len(dim) else ""
+    return name.decode() if isinstance(name, bytes) else str(name)
 
 
 def _values(dataset: Any, path: str, name: str) -> NDArray[Any]:

@@ -67,7 +67,8 @@ def read_result(path: str | os.PathLike[str]) -> Result:
         raise FileError(f"{name}: no such file", names=[name]) from None
     except PermissionError:
         raise FileError(f"{name} cannot be read: permission denied", names=[name]) from None
-    except (OSError, RuntimeError, ValueError, TypeError, KeyError, MemoryError) as error:
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError) as error:
+        # A damaged file can make h5py raise nearly anything.
         problem = f"{name} is not an HDF5 file, or a damaged one"
         raise FileError(problem, remedy="Run its scene again.", names=[name]) from error
 
