@@ -8,10 +8,10 @@ one effort, a 1-junction one flow.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal, get_args
+from typing import Any, Literal, Protocol, get_args
 
 from dynid.errors import UsageError
 
@@ -28,6 +28,21 @@ VALUED = frozenset({"I", "C", "R", "TF", "GY"})
 ONE_PORTS = SOURCES | STORAGES | {"R"}
 
 
+class Expression(Protocol):
+    """An arithmetic expression that can be evaluated over any number type."""
+
+    @property
+    def text(self) -> str:
+        """As written."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names it needs."""
+
+    def fold(self, leaf: Callable[[Fraction | str], Any], apply: Callable[[str, list[Any]], Any], /) -> Any:
+        """Evaluate it: `leaf` gives numbers and names a value, `apply` an operation."""
+
+
 @dataclass(frozen=True)
 class Node:
     """One node.
@@ -40,14 +55,23 @@ class Node:
         One of Se, Sf, I, C, R, TF, GY, 0, 1.
     value
         Inertia, compliance, resistance or modulus in SI units (exact); None for sources and junctions.
-    symbol
-        What stands for the value in equations.
+    formula
+        The expression behind the value, where formulas are to be written in its names; absent: the node's
+        own name stands for its value.
     """
 
     name: str
     type: NodeType
     value: Fraction | None = None
-    symbol: str = ""
+    formula: Expression | None = None
+
+    @property
+    def symbol(self) -> str:
+        """What stands for the value in equations."""
+        if self.formula is None or not self.formula.names:
+            return self.name
+        text = self.formula.text
+        return text if text.isidentifier() else f"({text})"
 
 
 @dataclass(frozen=True)

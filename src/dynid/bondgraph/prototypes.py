@@ -99,4 +99,5 @@ def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Te
     if not terms:
         return Term("nothing", network.program.zero), []
     chosen = min(terms, key=rank)
-    return chosen, [term for term in terms if term is not chosen]
+    rest = [term for term in terms if term is not chosen]
+    return chosen, sorted(rest, key=lambda term: -rank(term))  # what was reduced first, then elements

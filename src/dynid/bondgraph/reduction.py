@@ -36,12 +36,15 @@ class Step:
         multiplies (empty where it is an immittance).
     meaning
         What happens, physically, in one sentence.
+    relation
+        The equation of a step that defines nothing.
     """
 
     rule: str
     nodes: tuple[str, ...]
     definitions: tuple[tuple[str, tuple[tuple[Register, str], ...]], ...]
     meaning: str
+    relation: str = ""
 
 
 @dataclass(frozen=True)
@@ -284,7 +287,9 @@ class _Reducer:
         self.steps.append(Step("source swap", nodes, ((label, tuple(parts)),), meaning))
         if net.structure.junctions[leaf].members and net.structure.junctions[into].members:
             meaning = f"{leaf} and {into} are {net.kind[into]}-junctions now, joined by a bond: they merge"
-            self.steps.append(Step("merge", (*self._names(leaf), *self._names(into)), (), meaning))
+            common = "f" if to_effort else "e"
+            nodes = (*self._names(leaf), *self._names(into))
+            self.steps.append(Step("merge", nodes, (), meaning, f"{common}_{leaf} = {common}_{into}"))
 
     def _add_source(self, junction: str, source: str, amount: Register) -> None:
         row = self.net.sources[junction]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Mapping
-from fractions import Fraction
 from typing import Any
 
 
@@ -88,40 +85,36 @@ def variables(names: list[str], limit: int) -> tuple[dict[str, Formula], Formula
     }, Formula(one, one, limit)
 
 
-def evaluate(tree: ast.expr, symbols: Mapping[str, Formula], one: Formula) -> Formula:
-    """Evaluate a checked expression tree as a formula.
+def apply(operation: str, operands: list[Formula]) -> Formula:
+    """Apply an arithmetic operation of an expression to formulas.
 
     Raises
     ------
     KeyError
-        Where it is no rational expression of the symbols (a function, a fractional power).
+        Where the result is no rational function (a function, a power that is not a small integer).
     """
-    match tree:
-        case ast.Constant(value=value):
-            exact = Fraction(repr(value))
-            return one * exact.numerator / (one * exact.denominator)
-        case ast.Name(id=name):
-            return symbols[name]
-        case ast.UnaryOp(op=op, operand=operand):
-            inner = evaluate(operand, symbols, one)
-            return -inner if isinstance(op, ast.USub) else inner
-        case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=int(power))) if 0 <= power <= 8:
-            result, base = one, evaluate(left, symbols, one)
-            for _ in range(power):
-                result = result * base
-            return result
-        case ast.BinOp(left=left, op=op, right=right):
-            a, b = evaluate(left, symbols, one), evaluate(right, symbols, one)
-            match op:
-                case ast.Add():
-                    return a + b
-                case ast.Sub():
-                    return a - b
-                case ast.Mult():
-                    return a * b
-                case ast.Div():
-                    return a / b
-    raise KeyError(ast.unparse(tree))
+    match operation, operands:
+        case "+", [a, b]:
+            return a + b
+        case "-", [a, b]:
+            return a - b
+        case "*", [a, b]:
+            return a * b
+        case "/", [a, b]:
+            return a / b
+        case "neg", [a]:
+            return -a
+        case "pos", [a]:
+            return a
+        case "**", [a, b] if b.numerator.is_constant() and b.denominator == 1:
+            return _power(a, int(b.numerator.leading_coefficient() if b.numerator != 0 else 0))
+    raise KeyError(operation)
+
+
+def _power(base: Formula, exponent: int) -> Formula:
+    if not 0 <= exponent <= 8:
+        raise KeyError("**")
+    return Formula(base.numerator**exponent, base.denominator**exponent, base.limit)
 
 
 def _text(polynomial: Any) -> str:
