@@ -1,0 +1,254 @@
+"""What a scene expects of its result, and the outcome as JUnit XML."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.comparison import RTOL, Difference, as_array, close, compare, word, words_of
+from dynid.result import Result, Scalar, Variable
+from dynid.scene.source import did_you_mean
+
+__all__ = ["CheckOutcome", "Difference", "check_expectations", "compare", "junit_xml"]
+
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+@dataclass(frozen=True)
+class CheckOutcome:
+    """What became of one expectation, in words."""
+
+    passed: bool
+    path: str
+    expected: str
+    found: str
+    message: str
+
+
+class _Unmet(Exception):  # noqa: N818 - not an error of the program
+    """Why an expectation is not met."""
+
+
+def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]) -> list[CheckOutcome]:
+    """Check a result against a scene's `expect` list.
+
+    Parameters
+    ----------
+    result
+        The result.
+    expectations
+        Mappings with `path` (of an array, or of an attribute of a group or array), optionally `at`
+        (dimension: label, to select entries by coordinate, or by number from 1 where there is none), and
+        one or more of `value` (with `rtol`, default 1e-9, and `atol`, default 0), `min`, `max` and
+        `max_abs`. A single value or bound holds for every entry of an array; a complex number is
+        [re, im] or a text such as 1+2j.
+
+    Returns
+    -------
+    list of CheckOutcome
+        One for each expectation, in order. NaN meets none.
+    """
+    return [_check(result, expectation) for expectation in expectations]
+
+
+def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:
+    """Write outcomes as a JUnit XML document, one test case each.
+
+    Parameters
+    ----------
+    outcomes
+        The outcomes.
+    name
+        The test suite's name, such as the scene's.
+    """
+    cases = list(outcomes)
+    failures = sum(not case.passed for case in cases)
+    totals = {
+        "name": _xml(name),
+        "tests": str(len(cases)),
+        "failures": str(failures),
+        "errors": "0",
+        "time": "0",
+    }
+    root = ElementTree.Element("testsuites", totals)
+    suite = ElementTree.SubElement(root, "testsuite", totals | {"skipped": "0"})
+    for case in cases:
+        label = f"{case.path} {case.expected}"
+        item = {"classname": _xml(name), "name": _xml(label), "time": "0"}
+        element = ElementTree.SubElement(suite, "testcase", item)
+        if not case.passed:
+            failure = {"message": _xml(case.message), "type": "expectation"}
+            ElementTree.SubElement(element, "failure", failure).text = _xml(case.message)
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def _xml(text: str) -> str:
+    return _NOT_XML.sub("�", text)
+
+
+def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
+    path = str(expectation["path"]).strip("/")
+    expected = _expected_words(expectation)
+    found = "nothing"
+    try:
+        data, coordinates = _select(result, path, expectation.get("at", {}))
+        found = words_of(data)
+        _meet(data, coordinates, expectation)
+    except _Unmet as unmet:
+        return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
+    return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
+
+
+def _expected_words(expectation: Mapping[str, Any]) -> str:
+    words = {"value": "=", "min": ">=", "max": "<=", "max_abs": "|.| <="}
+    parts = [f"{sign} {word(expectation[key])}" for key, sign in words.items() if key in expectation]
+    where = ", ".join(f"{dim} {label}" for dim, label in expectation.get("at", {}).items())
+    return f"{'at ' + where + ' ' if where else ''}{' and '.join(parts)}"
+
+
+def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[NDArray[Any], list[_Axis]]:
+    variable = _lookup(result, path)
+    data = variable.data
+    axes = [_axis(result, path, dim, length) for dim, length in zip(variable.dims, data.shape, strict=True)]
+    for dim, label in at.items():
+        names = [axis.dim for axis in axes]
+        if dim not in names:
+            raise _Unmet(f"has no dimension '{dim}'{did_you_mean(dim, names)}")
+        number = names.index(dim)
+        data = np.asarray(np.take(data, axes[number].find(label), axis=number), dtype=data.dtype)
+        del axes[number]
+    return data, axes
+
+
+def _lookup(result: Result, path: str) -> Variable:
+    if path in result:
+        return result[path]
+    attrs = {name: value for name, value in result.attrs.items() if name != "scene"}
+    known: dict[str, Scalar] = {"kind": result.kind, "title": result.title, **attrs}
+    for group, values in result.group_attrs.items():
+        known |= {f"{group}/{name}": value for name, value in values.items()}
+    for name, variable in result.items():
+        known |= {f"{name}/{attr}": value for attr, value in variable.attrs.items()}
+    if path not in known:
+        raise _Unmet(f"is not in the result: no '{path}'{did_you_mean(path, [*result, *known])}")
+    value = known[path]
+    return Variable((), as_array(value))
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """A dimension with its labels; without a coordinate, the entries' numbers from 1."""
+
+    dim: str
+    labels: NDArray[Any]
+
+    def find(self, label: Any) -> int:
+        if self.labels.dtype.kind == "O" or isinstance(label, str):
+            hits = [place for place, own in enumerate(self.labels) if own == label]
+        else:
+            hits = list(np.flatnonzero(np.isclose(self.labels, label, rtol=RTOL, atol=0)))
+        if hits:
+            return int(hits[0])
+        raise _Unmet(f"has no {self.dim} {label}{did_you_mean(str(label), map(str, self.labels))}")
+
+
+def _axis(result: Result, path: str, dim: str, length: int) -> _Axis:
+    group = path
+    while group:
+        group = group.rpartition("/")[0]
+        coordinate = result.get(f"{group}/{dim}" if group else dim)
+        if coordinate is not None and coordinate.dims == (dim,):
+            if len(coordinate.data) == length and not coordinate.data.dtype.names:
+                return _Axis(dim, coordinate.data)
+            break
+    return _Axis(dim, np.arange(1, length + 1))
+
+
+def _meet(data: NDArray[Any], axes: list[_Axis], expectation: Mapping[str, Any]) -> None:
+    if not expectation.keys() & {"value", "min", "max", "max_abs"}:
+        raise _Unmet(f"is {words_of(data)}, but nothing is expected of it: give value, min, max or max_abs")
+    if "value" in expectation:
+        expected = _like(expectation["value"], data)
+        rtol, atol = float(expectation.get("rtol", RTOL)), float(expectation.get("atol", 0.0))
+        _demand(close(data, expected, rtol, atol), data, axes, expected, "expected ")
+    for key, sign in (("min", "at least "), ("max", "at most ")):
+        if key in expectation:
+            if data.dtype.kind not in "if":
+                raise _Unmet(f"is {words_of(data)}, expected a real number for '{key}'")
+            bound = _like(expectation[key], data)
+            _demand(data >= bound if key == "min" else data <= bound, data, axes, bound, f"expected {sign}")
+    if "max_abs" in expectation:
+        if data.dtype.kind not in "ifc":
+            raise _Unmet(f"is {words_of(data)}, expected a number for 'max_abs'")
+        bound = _like(expectation["max_abs"], np.abs(data))
+        _demand(np.abs(data) <= bound, data, axes, bound, "expected a magnitude of at most ")
+
+
+def _like(value: Any, data: NDArray[Any]) -> NDArray[Any]:
+    """Bring an expected value to the shape of what was found; one value holds for every entry."""
+    kind = data.dtype.kind
+    if kind not in "bOifc":
+        raise _Unmet("is a table, which cannot be compared with a value")
+    if data.size == 0 and value != []:
+        raise _Unmet(f"is empty, expected {value}")
+    flat = _flatten(value, data.shape, kind)
+    dtype = {"b": bool, "O": object, "c": complex}.get(kind, float)
+    filled: NDArray[Any] = np.empty(len(flat), dtype=dtype)
+    filled[:] = flat
+    return filled.reshape(data.shape)
+
+
+def _flatten(value: Any, shape: tuple[int, ...], kind: str) -> list[Any]:
+    if not shape:
+        return [_leaf(value, kind)]
+    if not isinstance(value, list):
+        return [_leaf(value, kind)] * math.prod(shape)
+    if len(value) != shape[0]:
+        raise _Unmet(f"has {shape[0]} entries, expected {len(value)}")
+    return [leaf for entry in value for leaf in _flatten(entry, shape[1:], kind)]
+
+
+def _leaf(value: Any, kind: str) -> Any:
+    if kind == "b" and isinstance(value, bool):
+        return value
+    if kind == "O" and isinstance(value, str):
+        return value
+    if kind in "ifc" and not isinstance(value, bool):
+        number = _number(value)
+        if number is not None and (kind == "c" or number.imag == 0):
+            return number if kind == "c" else number.real
+    what = {"b": "a truth value", "O": "a text", "c": "a complex number"}.get(kind, "a real number")
+    raise _Unmet(f"is {what}, expected {word(value)}")
+
+
+def _number(value: Any) -> complex | None:
+    try:
+        if isinstance(value, list):
+            real, imaginary = value
+            return complex(real, imaginary)
+        return complex(value.replace(" ", "") if isinstance(value, str) else value)
+    except (ValueError, TypeError, OverflowError):
+        return None
+
+
+def _demand(
+    met: NDArray[Any], data: NDArray[Any], axes: list[_Axis], expected: NDArray[Any], words: str
+) -> None:
+    misses = np.argwhere(~np.asarray(met))
+    if not len(misses):
+        return
+    first = tuple(misses[0])
+    where = ", ".join(
+        f"{axis.dim} {word(axis.labels[place])}" for axis, place in zip(axes, first, strict=True)
+    )
+    count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
+    at = f" at {where}" if where else ""
+    raise _Unmet(f"is {word(data[first])}{at}, {words}{word(expected[first])}{count}")

@@ -1,0 +1,130 @@
+"""How two results differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.result import Result, Scalar, Variable
+
+RTOL = 1e-9
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One difference between two results, in words."""
+
+    path: str
+    message: str
+
+
+def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list[Difference]:
+    """List where two results differ by more than tolerances; titles and provenance do not count.
+
+    Parameters
+    ----------
+    a, b
+        The results.
+    rtol, atol
+        Numbers x and y agree when |x - y| <= atol + rtol max(|x|, |y|). NaN agrees with NaN.
+    """
+    found = [Difference("kind", f"{a.kind} against {b.kind}")] if a.kind != b.kind else []
+    for path in sorted(a.keys() | b.keys()):
+        if path not in a or path not in b:
+            found.append(Difference(path, f"only in the {'second' if path not in a else 'first'}"))
+        elif message := _difference(a[path], b[path], rtol, atol):
+            found.append(Difference(path, message))
+        else:
+            found += _attr_differences(path, a[path].attrs, b[path].attrs, rtol, atol)
+    for group in sorted(a.group_attrs.keys() | b.group_attrs.keys()):
+        mine, theirs = a.group_attrs.get(group, {}), b.group_attrs.get(group, {})
+        found += _attr_differences(group, mine, theirs, rtol, atol)
+    return found
+
+
+def close(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> NDArray[Any]:
+    """Compare entry by entry; infinities are close to themselves only, and NaN to nothing."""
+    same = np.asarray(a == b, dtype=bool)
+    if a.dtype.kind not in "ifc" or b.dtype.kind not in "ifc":
+        return same
+    with np.errstate(all="ignore"):
+        near = np.isfinite(a) & np.isfinite(b) & (np.abs(a - b) <= atol + rtol * np.abs(b))
+    return np.asarray(same | near)
+
+
+def word(value: Any) -> str:
+    """Print one value as a scene would write it."""
+    value = value.item() if isinstance(value, np.generic | np.ndarray) else value
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, complex):
+        return repr(value).strip("()")
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    return f"'{value}'" if isinstance(value, str) else repr(value)
+
+
+def words_of(data: NDArray[Any]) -> str:
+    """Print a few values, or say how many there are."""
+    if data.dtype.names or data.size > 6:
+        return f"an array of {' x '.join(map(str, data.shape))}"
+    return word(data) if data.ndim == 0 else f"[{', '.join(map(word, data.ravel()))}]"
+
+
+def _difference(a: Variable, b: Variable, rtol: float, atol: float) -> str:
+    for what, mine, theirs in (
+        ("dimensions", a.dims, b.dims),
+        ("shape", a.data.shape, b.data.shape),
+        ("units", a.units, b.units),
+    ):
+        if mine != theirs:
+            return f"{what} {mine} against {theirs}"
+    return _value_difference(a.data, b.data, rtol, atol)
+
+
+def _value_difference(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> str:
+    if a.dtype.names != b.dtype.names:
+        return "the columns differ"
+    for name in a.dtype.names or ():
+        if message := _value_difference(a[name], b[name], rtol, atol):
+            return f"{name}: {message}"
+    numeric = a.dtype.kind in "ifc" and b.dtype.kind in "ifc"
+    if a.dtype.names or a.size == 0:
+        return ""
+    if not numeric and a.dtype.kind != b.dtype.kind:
+        return f"{words_of(a)} against {words_of(b)}"
+    agree = _agree(a, b, rtol, atol) if numeric else np.asarray(a == b, dtype=bool)
+    misses = np.argwhere(~agree)
+    if not len(misses):
+        return ""
+    first = tuple(misses[0])
+    entry = f" at entry {', '.join(str(place + 1) for place in first)}" if first else ""
+    count = f" ({len(misses)} of {a.size} entries differ)" if a.size > 1 else ""
+    return f"{word(a[first])} against {word(b[first])}{entry}{count}"
+
+
+def _agree(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> NDArray[Any]:
+    both_nan = np.isnan(a) & np.isnan(b)
+    return np.asarray(close(a, b, rtol, atol) | close(b, a, rtol, atol) | both_nan)
+
+
+def _attr_differences(
+    path: str, a: Mapping[str, Scalar], b: Mapping[str, Scalar], rtol: float, atol: float
+) -> list[Difference]:
+    found = []
+    for name in sorted(a.keys() | b.keys()):
+        where = f"{path}/{name}" if path else name
+        if name not in a or name not in b:
+            found.append(Difference(where, f"only in the {'second' if name not in a else 'first'}"))
+        elif message := _value_difference(as_array(a[name]), as_array(b[name]), rtol, atol):
+            found.append(Difference(where, message))
+    return found
+
+
+def as_array(value: Scalar) -> NDArray[Any]:
+    """Give an attribute the form of an array without axes."""
+    return np.array(value, dtype=object if isinstance(value, str) else None)
