@@ -1,1 +1,1 @@
-"""dynid.identification"""
+"""Joint identification: augmented filter, information bounds, diagnostics."""

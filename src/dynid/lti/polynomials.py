@@ -106,7 +106,17 @@ def sum_lines(omega: Array, weights: NDArray[np.complex128], times: Array) -> Ar
         The sums (times x columns).
     """
     out = np.empty((len(times), weights.shape[1]))
-    chunk = max(1, 2_000_000 // max(1, len(omega)))  # keeps the table of exponentials at 32 MB
+    chunk = max(1, min(len(times), 2_000_000 // max(1, len(omega))))  # keeps the table at 32 MB
+    steps = np.diff(times)
+    step = float(steps.mean()) if len(steps) else 0.0
+    if np.all(np.abs(steps - step) <= 4 * np.finfo(float).eps * np.abs(times).max(initial=0.0)):
+        chunk = min(chunk, 64)  # one table serves all chunks of equidistant times
+        table = np.exp(1j * np.outer(np.arange(chunk) * step, omega))
+        for first in range(0, len(times), chunk):
+            part = slice(first, first + chunk)
+            rows = table[: len(times[part])]
+            out[part] = (rows @ (weights * np.exp(1j * omega * times[first])[:, None])).real
+        return out
     for first in range(0, len(times), chunk):
         part = slice(first, first + chunk)
         out[part] = (np.exp(1j * np.outer(times[part], omega)) @ weights).real

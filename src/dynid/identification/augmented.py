@@ -1,0 +1,161 @@
+"""The augmented model: physical states, and the logarithms of the unknown joint parameters.
+
+Source: K. T. Yang 1997, eqs 12–13. Logarithms keep the parameters positive; joints that are known are
+part of the physical model and add no state. For fixed parameters the physical part is linear and is
+propagated exactly, with the signals' generators joined to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.lti.exponential import balance, exponential_with_derivatives
+from dynid.lti.propagate import drive_scale, joint_generator
+from dynid.lti.timeline import Timeline, timeline
+from dynid.structure.model import StructuralModel, Unknown, state_space
+from dynid.structure.response import Channel, Load
+
+Array = NDArray[np.float64]
+
+
+class Transition(NamedTuple):
+    """One step: ``x+ = Phi x + Gamma w`` as ``step`` (n x (n + q)) on [x, w], and its derivatives.
+
+    ``derivatives`` (parameters x n x (n + q)) are with respect to the logarithms of the parameters.
+    """
+
+    step: Array
+    derivatives: Array
+
+
+@dataclass(frozen=True, eq=False)
+class AugmentedModel:
+    """A structure with unknown joint parameters, its loads and channels, on the record's timeline.
+
+    The physical states are displacements and velocities divided by `scale`, powers of two that balance
+    the system matrix. Build it with `augmented`.
+
+    Attributes
+    ----------
+    unknowns
+        The unknown parameters (p).
+    scale
+        Unit of each state (n), in SI.
+    A, A_slopes
+        System matrix without the unknowns (n x n), and its change by each unit unknown (p x n x n).
+    drive
+        Input matrix times the signals' read-out (n x q).
+    C, C_slopes
+        Output matrix without the unknowns (channels x n), and its change (p x channels x n).
+    feedthrough
+        Direct terms of the loads on the channels, evaluated (times x channels).
+    line
+        The record's timeline.
+    W
+        Generator states at the nodes (nodes x q), scaled to `drive`.
+    """
+
+    unknowns: tuple[Unknown, ...]
+    scale: Array
+    A: Array
+    A_slopes: Array
+    drive: Array
+    C: Array
+    C_slopes: Array
+    feedthrough: Array
+    line: Timeline
+    W: Array
+
+    @property
+    def states(self) -> int:
+        """Number of physical states."""
+        return len(self.A)
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameter states."""
+        return len(self.unknowns)
+
+    def transition(self, logs: Array, h: float) -> Transition:
+        """Return the exact step over h at the parameters ``exp(logs)``, with its derivatives."""
+        values = np.exp(logs)
+        n = self.states
+        change = values[:, None, None] * self.A_slopes
+        size = n + len(self.line.G)
+        derivatives = np.zeros((len(logs), size, size))
+        derivatives[:, :n, :n] = change
+        joint = joint_generator(self.A + change.sum(axis=0), self.drive, self.line.G)
+        E, dE = exponential_with_derivatives(joint, derivatives, h)
+        return Transition(E[:n], dE[:, :n])
+
+    def output(self, logs: Array) -> tuple[Array, Array]:
+        """Return the output matrix (channels x n) and its derivatives (p x channels x n)."""
+        change = np.exp(logs)[:, None, None] * self.C_slopes
+        return self.C + change.sum(axis=0), change
+
+
+def augmented(
+    model: StructuralModel, loads: Sequence[Load], channels: Sequence[Channel], times: Array
+) -> AugmentedModel:
+    """Build the augmented model of a structure (Yang, eqs 12–13).
+
+    Parameters
+    ----------
+    model
+        The structure; its joints' unknowns become parameter states.
+    loads
+        The forces as the estimator knows them.
+    channels
+        The measured quantities.
+    times
+        Sampling times, s.
+
+    Raises
+    ------
+    UsageError
+        If nothing is unknown, nothing is measured, or a DOF does not exist.
+    """
+    unknowns = model.unknowns
+    if not unknowns:
+        raise UsageError("no joint parameter is unknown", remedy="Give a joint's k or c a `start`.")
+    if not channels:
+        raise UsageError("nothing is measured", remedy="Give at least one channel.")
+    forces = np.array([model.row(load.dof) for load in loads]).reshape(len(loads), model.size).T
+    rows = np.array([model.row(channel.dof) for channel in channels])
+    orders = np.array([channel.order for channel in channels])
+    fixed = model.with_joints({unknown.name: 0.0 for unknown in unknowns})
+    system = state_space(*fixed, forces, rows, orders)
+    A_slopes = np.stack([_change(model.M, unknown) for unknown in unknowns])
+    C_slopes = np.where(orders[:, None] == 2, rows @ A_slopes[:, model.size :], 0.0)
+    started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
+    d = balance(started)
+    line = timeline([load.signal for load in loads], times, float(times[0]))
+    drive = system.B @ line.H / d[:, None]
+    w_scale = drive_scale(started * d / d[:, None], drive)
+    return AugmentedModel(
+        unknowns=unknowns,
+        scale=d,
+        A=system.A * d / d[:, None],
+        A_slopes=A_slopes * d / d[:, None],
+        drive=drive * w_scale,
+        C=system.C * d,
+        C_slopes=C_slopes * d,
+        feedthrough=line.inputs() @ system.D.T,
+        line=line,
+        W=line.W / w_scale,
+    )
+
+
+def _change(M: Array, unknown: Unknown) -> Array:
+    """Return the change of the system matrix by a unit of the unknown."""
+    n = len(M)
+    change = np.zeros((2 * n, 2 * n))
+    here = slice(0, n) if unknown.letter == "k" else slice(n, 2 * n)
+    change[n:, here] = -np.linalg.solve(M, unknown.pattern)
+    return change

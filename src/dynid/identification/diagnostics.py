@@ -1,0 +1,76 @@
+"""How far a fit can be trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Residuals below this part of the channel's RMS are explained whatever their colour (holds, reduced models).
+_EXPLAINED = 0.03
+# Above it they must look like white noise at least at this level.
+_WHITE = 1e-6
+# An estimate is at the optimum if the step left is below this part of its standard error …
+_STEP_IN_DEVIATIONS = 0.5
+# … or below this relative size, where residuals are so small that the standard error is no yardstick.
+_STEP = 1e-4
+
+
+def root_mean_square(residual: Array) -> Array:
+    """Return the RMS of each channel (times x channels, NaN where missing)."""
+    return np.asarray(np.sqrt(np.nanmean(residual**2, axis=0)))
+
+
+def whiteness(residual: Array) -> float:
+    """Return the p-value of the Ljung–Box test that the residuals are white, all channels together.
+
+    Parameters
+    ----------
+    residual
+        Residuals (times x channels); NaN where missing.
+
+    Returns
+    -------
+    float
+        Near 0: coloured. 1 where the record is too short to tell.
+
+    Notes
+    -----
+    Q = N (N + 2) sum_l r_l^2 / (N - l), summed over channels, against chi-squared; lags up to
+    min(20, N / 4). G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297–303.
+    """
+    n = len(residual)
+    lags = min(20, n // 4)
+    if lags == 0:
+        return 1.0
+    from scipy.special import chdtrc  # heavy import, needed here only
+
+    centred = np.nan_to_num(residual - np.nanmean(residual, axis=0))
+    power = np.sum(centred**2, axis=0)
+    channels = np.flatnonzero(power > 0)
+    if not len(channels):
+        return 1.0
+    r = np.array([np.sum(centred[lag:] * centred[:-lag], axis=0)[channels] for lag in range(1, lags + 1)])
+    r = r / power[channels]
+    weights = n * (n + 2) / (n - np.arange(1, lags + 1))
+    return float(chdtrc(lags * len(channels), float(np.sum(weights[:, None] * r**2))))
+
+
+def converged(step: Array, deviations: Array, residual_rms: Array, rms: Array, whiteness_p: float) -> bool:
+    """Tell whether an estimate is at the optimum and its residuals are explained.
+
+    Parameters
+    ----------
+    step
+        The Gauss–Newton step left, in logarithms (p).
+    deviations
+        Standard errors of the logarithms (p).
+    residual_rms, rms
+        RMS of residuals and of measured values (channels).
+    whiteness_p
+        p-value of the residuals' whiteness.
+    """
+    settled = np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP))
+    explained = np.all(residual_rms <= _EXPLAINED * rms) or whiteness_p >= _WHITE
+    return bool(settled and explained)

@@ -1,0 +1,166 @@
+"""The fit of a record at given parameters: initial state, residuals, information, and a fresh prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.augmented import AugmentedModel
+from dynid.identification.diagnostics import root_mean_square
+from dynid.identification.filter import Prior
+from dynid.identification.information import STATE_RANK, Information, information, thin_svd
+from dynid.identification.measurement import Data
+from dynid.identification.prediction import Prediction, free_prediction, prediction
+from dynid.structure.model import StructuralModel
+from dynid.structure.response import Channel
+
+Array = NDArray[np.float64]
+
+# The prior lets every channel be this many times larger than measured.
+_WIDE = 10.0
+# Prior standard deviation of the logarithms in the first pass: a factor of e squared.
+_FACTOR = 2.0
+# Noise below this part of the RMS is not assumed: the covariance would lose its digits.
+_LEAST_NOISE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit at fixed parameters, the initial state being the best one (linear least squares).
+
+    Attributes
+    ----------
+    logs
+        Logarithms of the parameters (p).
+    predicted
+        Noise-free prediction and sensitivities, the states in SI divided by the model's scale.
+    residual
+        Measured minus predicted (times x channels), NaN where missing.
+    noise
+        Standard deviation of the noise estimated from the residuals (channels).
+    """
+
+    logs: Array
+    predicted: Prediction
+    residual: Array
+    noise: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fitter:
+    """Fits one record with one model; see `fitter`.
+
+    Attributes
+    ----------
+    model
+        The augmented model.
+    data
+        The record.
+    root
+        Lower root of the wide prior covariance of the state (n x n).
+    """
+
+    model: AugmentedModel
+    data: Data
+    root: Array
+
+    def fit(self, logs: Array, values: Array) -> Fit:
+        """Fit the initial state to `values` (times x channels) at the parameters exp(logs)."""
+        free, transitions = free_prediction(self.model, logs)
+        weight = self._weight(self.data.rms, values)
+        target = np.nan_to_num(values - free.forced) * weight
+        matrix = ((free.by_state @ self.root) * weight[..., None]).reshape(target.size, -1)
+        # Rank-revealing: initial states that the record does not show stay at zero.
+        x0 = self.root @ np.linalg.lstsq(matrix, target.ravel(), rcond=STATE_RANK)[0]
+        predicted = prediction(self.model, logs, x0, free, transitions)
+        residual = values - predicted.outputs
+        return Fit(logs, predicted, residual, self._noise(residual))
+
+    def information(self, fit: Fit, noise: Array) -> Information:
+        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
+        p = fit.predicted
+        names = tuple(unknown.name for unknown in self.model.unknowns)
+        weight = self._weight(noise, fit.residual)
+        return information(names, p.by_parameter, p.by_state @ self.root, p.outputs, weight)
+
+    def weighted(self, fit: Fit, noise: Array) -> Array:
+        """Return the residuals over noise (values), 0 where missing."""
+        return (np.nan_to_num(fit.residual) * self._weight(noise, fit.residual)).ravel()
+
+    def floored(self, noise: Array) -> Array:
+        """Return the noise to assume: never less than a small part of each channel's RMS."""
+        return np.maximum(noise, _LEAST_NOISE * self.data.rms)
+
+    def wide_prior(self, logs: Array) -> Prior:
+        """Return the prior of the first pass: any state the record allows, parameters within a factor."""
+        n = self.model.states
+        root = self._wide_root()
+        return Prior(np.zeros(n), logs, root @ root.T)
+
+    def unit_prior(self, fit: Fit) -> Prior:
+        """Return a fresh prior around a fit that weighs as much as a single measured value.
+
+        It is the fit's own covariance times the number of values, bounded by the wide prior: wide enough
+        not to pull, narrow enough to keep the filter where its linearisation holds.
+        """
+        p = fit.predicted
+        root = self._wide_root()
+        weight = self._weight(self.floored(fit.noise), fit.residual)
+        both = np.concatenate([p.by_state, p.by_parameter], axis=2) * weight[..., None]
+        _, s, Vt = thin_svd(both.reshape(weight.size, -1) @ root)
+        seen = np.zeros(len(root))
+        seen[: len(s)] = s**2 / np.count_nonzero(weight)
+        half = root @ (Vt.T / np.sqrt(1 + seen))
+        return Prior(p.states[0], fit.logs, half @ half.T)
+
+    def _wide_root(self) -> Array:
+        n, p = self.model.states, self.model.parameters
+        root = np.zeros((n + p, n + p))
+        root[:n, :n] = self.root
+        root[n:, n:] = _FACTOR * np.eye(p)
+        return root
+
+    def _weight(self, noise: Array, values: Array) -> Array:
+        return np.where(np.isnan(values), 0.0, 1 / noise)
+
+    def _noise(self, residual: Array) -> Array:
+        """Return the RMS of the residuals, corrected for the number of fitted values."""
+        fitted = (self.model.states + self.model.parameters) / residual.shape[1]
+        count = np.count_nonzero(~np.isnan(residual), axis=0)
+        return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
+
+
+def fitter(
+    model: AugmentedModel, structure: StructuralModel, channels: tuple[Channel, ...], data: Data
+) -> Fitter:
+    """Return the fitter of a record, with a prior on the state from the structure's energy.
+
+    Displacements and velocities share the covariance ``s^2 (K + M / T^2)^-1`` and ``s^2 M^-1``, equal energy
+    in every mode; s is such that each channel could be ten times what was measured. T, the record's length,
+    bounds rigid-body drift.
+    """
+    start = {unknown.name: unknown.start for unknown in model.unknowns}
+    M, _, K = structure.with_joints(start)
+    length = max(float(np.ptp(model.line.nodes)), 1.0)
+    held = K + M / length**2
+    scale = np.sqrt(np.diag(M))
+    compliance, mobility = (_inverse(part, scale) for part in (held, M))
+    # An acceleration is taken for the slowest motion it can be: the widest prior.
+    slowest = 1 / np.sqrt(np.linalg.eigvalsh(compliance * np.outer(scale, scale))[-1])
+    sizes = []
+    for channel, rms in zip(channels, data.rms, strict=True):
+        row = structure.row(channel.dof)
+        spread = row @ (compliance if channel.order == 0 else mobility) @ row
+        sizes.append(rms / np.sqrt(spread) / (slowest if channel.order == 2 else 1.0))
+    n = len(M)
+    root = np.zeros((2 * n, 2 * n))
+    root[:n, :n], root[n:, n:] = np.linalg.cholesky(compliance), np.linalg.cholesky(mobility)
+    return Fitter(model, data, _WIDE * max(sizes) * root / model.scale[:, None])
+
+
+def _inverse(matrix: Array, scale: Array) -> Array:
+    """Invert a symmetric positive definite matrix, equilibrated by `scale`."""
+    inverse = np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
+    return np.asarray((inverse + inverse.T) / 2)

@@ -1,0 +1,143 @@
+"""What a record tells about the parameters: Fisher information and the Cramér–Rao bound.
+
+The initial state is unknown and a nuisance: the sensitivities to the parameters are projected off those to
+it before they count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import NotIdentifiable
+
+Array = NDArray[np.float64]
+
+# Part of a parameter's effect that must be left once initial state and other parameters have taken theirs:
+# sensitivities are exact to about 1e-12, and no measured record has that many digits.
+_VISIBLE = 1e-8
+# Initial states are told apart in the scales of their prior down to this part of the best seen one.
+STATE_RANK = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Sensitivities of a record to the parameters' logarithms, free of the initial state.
+
+    Attributes
+    ----------
+    names
+        The parameters (p).
+    projected
+        Sensitivities over noise, projected off those to the initial state (values x p).
+    total
+        Norms of the sensitivities before projection (p).
+    signal
+        Norm of the predicted record over noise.
+    freedom
+        Number of measured values beyond those that the initial state takes.
+    """
+
+    names: tuple[str, ...]
+    projected: Array
+    total: Array
+    signal: float
+    freedom: int
+
+    def check(self) -> None:
+        """Refuse parameters that the record cannot see or tell apart.
+
+        Raises
+        ------
+        NotIdentifiable
+            Naming them.
+        """
+        if self.freedom < len(self.names):
+            raise _refusal(
+                list(self.names),
+                "cannot be told from the unknown initial state: the record holds fewer values than unknowns",
+                "Measure more samples or channels.",
+            )
+        unseen = np.linalg.norm(self.projected, axis=0) <= _VISIBLE * np.maximum(
+            self.total, _VISIBLE * self.signal
+        )
+        if unseen.any():
+            raise _refusal(
+                self._named(unseen),
+                "cannot be seen in this record",
+                "Excite or measure where the joint works.",
+            )
+        _, s, Vt = thin_svd(self.projected / np.linalg.norm(self.projected, axis=0))
+        s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
+        blind = Vt[s <= _VISIBLE * s[0]]
+        if len(blind):
+            involved = np.abs(blind).max(axis=0) > 1e-3
+            raise _refusal(
+                self._named(involved),
+                "cannot be told apart in this record",
+                "Fix some of them at a value, or add channels, samples or excitation frequencies.",
+            )
+
+    def covariance(self) -> Array:
+        """Return the Cramér–Rao bound on the covariance of the logarithms (p x p)."""
+        size = np.linalg.norm(self.projected, axis=0)
+        R = np.linalg.qr(self.projected / size, mode="r")
+        inverse = np.linalg.solve(R, np.eye(len(size))) / size[:, None]
+        return np.asarray(inverse @ inverse.T)
+
+    def deviations(self) -> Array:
+        """Return the lower bound on the standard deviations of the logarithms (p)."""
+        return np.sqrt(self.covariance().diagonal())
+
+    def condition(self) -> float:
+        """Return the condition number of the information scaled to unit diagonal."""
+        s = np.linalg.svd(self.projected / np.linalg.norm(self.projected, axis=0), compute_uv=False)
+        return float((s[0] / s[-1]) ** 2)
+
+    def step(self, residual: Array) -> Array:
+        """Return the Gauss–Newton step of the logarithms that this residual over noise (values) asks for."""
+        size = np.linalg.norm(self.projected, axis=0)
+        solution = np.linalg.lstsq(self.projected / size, residual, rcond=None)[0]
+        return np.asarray(solution / size)
+
+    def _named(self, chosen: NDArray[np.bool_]) -> list[str]:
+        return [name for name, yes in zip(self.names, chosen, strict=True) if yes]
+
+
+def information(
+    names: tuple[str, ...], by_parameter: Array, by_state: Array, outputs: Array, weight: Array
+) -> Information:
+    """Collect the information of a record.
+
+    Parameters
+    ----------
+    names
+        The parameters (p).
+    by_parameter, by_state
+        Sensitivities (times x channels x p, times x channels x n), the states in the units of their prior.
+    outputs
+        Predicted values (times x channels).
+    weight
+        One over the noise's standard deviation (times x channels); 0 where a sample is missing.
+    """
+    by_parameter = (by_parameter * weight[..., None]).reshape(-1, len(names))
+    by_state = (by_state * weight[..., None]).reshape(len(by_parameter), -1)
+    U, s, _ = np.linalg.svd(by_state, full_matrices=False)
+    U = U[:, s > STATE_RANK * s[0]]
+    projected = by_parameter - U @ (U.T @ by_parameter)
+    projected -= U @ (U.T @ projected)  # once more: what rounding left
+    total = np.linalg.norm(by_parameter, axis=0)
+    freedom = int(np.count_nonzero(weight)) - U.shape[1]
+    return Information(names, projected, total, float(np.linalg.norm(outputs * weight)), freedom)
+
+
+def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
+    """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns."""
+    U, s, Vt = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
+    return U, s, Vt
+
+
+def _refusal(names: list[str], why: str, remedy: str) -> NotIdentifiable:
+    return NotIdentifiable(f"{', '.join(names)} {why}", remedy=remedy, names=names)

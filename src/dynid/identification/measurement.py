@@ -1,0 +1,163 @@
+"""Records: what is measured, given or simulated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import NotIdentifiable, UsageError
+from dynid.lti.propagate import response
+from dynid.lti.signals import Random, Record
+from dynid.structure.model import StructuralModel, state_space
+from dynid.structure.response import Channel, Load
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """How to simulate a record.
+
+    Parameters
+    ----------
+    noise_ratio
+        Standard deviation of the added white noise over the channel's RMS (Yang, eq 23); 0: clean.
+    seed
+        Seed of the noise (PCG64).
+    settle
+        Time from rest at t = 0 to the first sample, s.
+    """
+
+    noise_ratio: float = 0.0
+    seed: int = 0
+    settle: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.noise_ratio) and self.noise_ratio >= 0):
+            raise UsageError("the noise ratio must be finite and not negative")
+        if not (math.isfinite(self.settle) and self.settle >= 0):
+            raise UsageError("the settling time must be finite and not negative")
+        if self.seed < 0:
+            raise UsageError("a seed must not be negative")
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What is measured, when, and where the values come from.
+
+    Parameters
+    ----------
+    step
+        Sampling step, s.
+    samples
+        Number of samples.
+    channels
+        Measured quantities.
+    source
+        Measured values (samples x channels, SI units, NaN where a sample is missing), or how to simulate
+        them.
+    """
+
+    step: float
+    samples: int
+    channels: tuple[Channel, ...]
+    source: Simulation | ArrayLike = field(default_factory=Simulation)
+
+    def __post_init__(self) -> None:
+        channels = tuple(Channel(*channel) for channel in self.channels)
+        object.__setattr__(self, "channels", channels)
+        if len(set(channels)) != len(channels):
+            raise UsageError("a channel is named twice")
+        _ = self.record
+        if isinstance(self.source, Simulation):
+            return
+        values = np.array(self.source, dtype=float)
+        if values.shape != (self.samples, len(channels)):
+            raise UsageError(
+                f"measured values are {values.shape}, but must be {(self.samples, len(channels))}"
+            )
+        if np.isinf(values).any():
+            raise UsageError("measured values must be finite, or NaN where a sample is missing")
+        object.__setattr__(self, "source", values)
+
+    @property
+    def record(self) -> Record:
+        """The record: step, samples, and the time of the first one."""
+        start = self.source.settle if isinstance(self.source, Simulation) else 0.0
+        return Record(self.step, self.samples, start)
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """A record.
+
+    Attributes
+    ----------
+    values
+        Measured values (times x channels), NaN where missing.
+    noise
+        Standard deviation of the noise (channels), if known.
+    clean
+        The values without noise (times x channels), if known.
+    """
+
+    values: Array
+    noise: Array | None = None
+    clean: Array | None = None
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of each channel over the samples present."""
+        return np.asarray(np.sqrt(np.nanmean(self.values**2, axis=0)))
+
+
+def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Data:
+    """Return the measured values, simulated with `model` where they are to be simulated.
+
+    Simulated values are exact for the continuous loads, from rest at t = 0, the unknown joint parameters at
+    their true values; the noise of each channel then has the standard deviation noise ratio x RMS.
+
+    Raises
+    ------
+    UsageError
+        If a true value is missing for a simulation.
+    NotIdentifiable
+        If a channel has no samples or measures nothing but zeros.
+    """
+    if isinstance(measurement.source, Simulation):
+        clean = simulated(model, loads, measurement)
+        rms = np.sqrt(np.mean(clean**2, axis=0))
+        noise = measurement.source.noise_ratio * rms
+        generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
+        record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean)
+    else:
+        record = Data(np.asarray(measurement.source))
+    for column, channel in enumerate(measurement.channels):
+        if not np.any(np.nan_to_num(record.values[:, column])):
+            raise NotIdentifiable(
+                f"the channel {channel.name} measures nothing but zeros or missing values",
+                remedy="Leave it out, or check the sensor and the excitation.",
+                names=(channel.name,),
+            )
+    return record
+
+
+def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Array:
+    """Return the exact, noise-free response at the sampling times (times x channels)."""
+    forces = np.array([model.row(load.dof) for load in loads]).reshape(len(loads), model.size).T
+    rows = np.array([model.row(channel.dof) for channel in measurement.channels])
+    orders = [channel.order for channel in measurement.channels]
+    system = state_space(*model.with_joints(model.true_values()), forces, rows, orders)
+    return response(system, [load.signal for load in loads], measurement.record.times).outputs
+
+
+def as_estimated(loads: Sequence[Load], record: Record) -> list[Load]:
+    """Return the loads as an estimator knows them: of a random signal its samples only."""
+    return [
+        load._replace(signal=load.signal.sampled(record)) if isinstance(load.signal, Random) else load
+        for load in loads
+    ]

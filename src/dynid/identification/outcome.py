@@ -1,0 +1,146 @@
+"""The result of an identification, as named arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.diagnostics import converged, root_mean_square, whiteness
+from dynid.identification.filter import Pass
+from dynid.identification.fit import Fit, Fitter
+from dynid.identification.measurement import Measurement
+from dynid.result import Result
+from dynid.structure.response import UNITS
+
+Array = NDArray[np.float64]
+
+_UNIT = {"k": "N/m", "c": "N.s/m"}
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an identification found.
+
+    Attributes
+    ----------
+    fitter
+        Model and record.
+    measurement
+        What was measured.
+    dofs
+        Labels of the DOFs.
+    sources
+        Names of the loads.
+    histories, fits
+        One of each a pass; the last fit is the estimate.
+    """
+
+    fitter: Fitter
+    measurement: Measurement
+    dofs: Sequence[int]
+    sources: Sequence[str]
+    histories: Sequence[Pass]
+    fits: Sequence[Fit]
+
+    @property
+    def _final(self) -> Fit:
+        return self.fits[-1]
+
+    @property
+    def _noise(self) -> Array:
+        """Noise seen in the residuals; not below rounding, so that it can be divided by."""
+        return np.maximum(self._final.noise, np.finfo(float).eps * self.fitter.data.rms)
+
+    def result(self) -> Result:
+        """Return everything under ``identification/``."""
+        result = Result("identification")
+        self._add_parameters(result)
+        self._add_history(result, "identification/history", self.histories[-1])
+        if len(self.histories) > 1:
+            self._add_history(result, "identification/first_pass", self.histories[0])
+        self._add_measurement(result)
+        self._add_diagnostics(result)
+        return result
+
+    def _add_parameters(self, result: Result) -> None:
+        group, dims = "identification/parameters", ("parameter",)
+        unknowns = self.fitter.model.unknowns
+        names = [unknown.name for unknown in unknowns]
+        estimate = np.exp(self._final.logs)
+        true = np.array([np.nan if unknown.true is None else unknown.true for unknown in unknowns])
+        information = self.fitter.information(self._final, self._noise)
+        result.add_axis(f"{group}/parameter", names)
+        result.add(f"{group}/name", names, dims)
+        result.add(f"{group}/unit", [_UNIT[unknown.letter] for unknown in unknowns], dims)
+        result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims)
+        result.add(f"{group}/true", true, dims)
+        result.add(f"{group}/estimate", estimate, dims)
+        result.add(f"{group}/standard_error", estimate * information.deviations(), dims)
+        result.add(f"{group}/cramer_rao", self._bound(true), dims)
+        result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
+
+    def _bound(self, true: Array) -> Array:
+        """Return the Cramér–Rao bound, at the true values and noise where they are known."""
+        data = self.fitter.data
+        fit, values, noise = self._final, np.exp(self._final.logs), self._noise
+        if not np.isnan(true).any():
+            fit, values = (
+                self.fitter.fit(np.log(true), data.values if data.clean is None else data.clean),
+                true,
+            )
+        if data.noise is not None:
+            noise = data.noise
+        if not noise.all():
+            return np.zeros(len(true))  # clean data
+        return np.asarray(values * self.fitter.information(fit, noise).deviations())
+
+    def _add_history(self, result: Result, group: str, history: Pass) -> None:
+        model = self.fitter.model
+        estimate = np.exp(history.logs)
+        dims = ("time", "parameter")
+        result.add_axis(f"{group}/time", self._times(), "s")
+        result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
+        result.add(f"{group}/estimate", estimate, dims)
+        result.add(f"{group}/standard_deviation", estimate * history.deviations, dims)
+        quantities = ("displacement", "velocity")
+        result.add_axis(
+            f"{group}/component", [f"{dof}.{quantity}" for quantity in quantities for dof in self.dofs]
+        )
+        # Not an axis named `state`: a variable of two axes cannot bear the name of one of them.
+        result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
+
+    def _add_measurement(self, result: Result) -> None:
+        group, dims = "identification/measurement", ("time", "channel")
+        channels, data = self.measurement.channels, self.fitter.data
+        units = {UNITS[channel.quantity] for channel in channels}
+        unit = units.pop() if len(units) == 1 else ""
+        result.add_axis(f"{group}/time", self._times(), "s")
+        result.add_axis(f"{group}/channel", [channel.name for channel in channels])
+        result.add(f"{group}/measured", data.values, dims, unit)
+        result.add(f"{group}/predicted", self._final.predicted.outputs, dims, unit)
+        result.add_axis(f"{group}/excitation", self.sources)
+        result.add(f"{group}/input", self.fitter.model.line.inputs(), ("time", "excitation"), "N")
+        if data.noise is not None:
+            result.add(f"{group}/noise", data.noise, ("channel",), unit)
+
+    def _add_diagnostics(self, result: Result) -> None:
+        group = "identification/diagnostics"
+        final, data = self._final, self.fitter.data
+        residual_rms = root_mean_square(final.residual)
+        whiteness_p = whiteness(final.residual)
+        information = self.fitter.information(final, self._noise)
+        step = information.step(self.fitter.weighted(final, self._noise))
+        verdict = converged(step, information.deviations(), residual_rms, data.rms, whiteness_p)
+        result.add(f"{group}/converged", np.bool_(verdict))
+        result.add_axis(f"{group}/channel", [channel.name for channel in self.measurement.channels])
+        result.add(f"{group}/residual_rms", residual_rms, ("channel",))
+        result.add(f"{group}/residual_ratio", residual_rms / data.rms, ("channel",))
+        result.add(f"{group}/whiteness_p", whiteness_p)
+        result.add(f"{group}/condition", information.condition())
+        result.add(f"{group}/passes", len(self.histories))
+
+    def _times(self) -> Array:
+        return np.asarray(np.arange(self.measurement.samples) * self.measurement.step)
