@@ -1,0 +1,189 @@
+import math
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynid.checks import CheckOutcome, check_expectations, compare, junit_xml
+from dynid.result import Result
+
+
+def table(column, text):
+    return np.array([(text, 1.0)], dtype=[(column, object), ("x", float)])
+
+
+@pytest.fixture
+def result():
+    found = Result("bond-graph", "t", {"seed": 3})
+    base = "bond_graph/properties/m_s.f/v_in"
+    found.add(f"{base}/relative_degree", 1)
+    found.add(f"{base}/dc_gain", math.inf)
+    found.add(f"{base}/stable", True)
+    found.add(f"{base}/prototype", "d")
+    found.add(f"{base}/zeros", [1 + 2j, -1j], ("zero",))
+    found.add(f"{base}/empty", [], ("none",))
+    found.add(f"{base}/lost", math.nan)
+    found.annotate(base, symbolic="K/s")
+    found.add_axis("identification/parameters/parameter", ["upper.k", "upper.c"])
+    found.add("identification/parameters/error_percent", [0.04, -0.3], ("parameter",))
+    found.add_axis("identification/history/time", [0.0, 0.1, 0.2])
+    found.add(
+        "identification/history/estimate", np.arange(6.0).reshape(3, 2), ("time", "entry"), "N", hold="spline"
+    )
+    found.add("steps", table("rule", "a"), ("step",))
+    return found
+
+
+BASE = "bond_graph/properties/m_s.f/v_in/"
+ERRORS = "identification/parameters/error_percent"
+HISTORY = "identification/history/estimate"
+
+
+@pytest.mark.parametrize(
+    ("path", "demand"),
+    [
+        (f"{BASE}relative_degree", {"value": 1}),
+        (f"/{BASE}relative_degree", {"value": 1.0000000001}),
+        (f"{BASE}dc_gain", {"value": math.inf}),
+        (f"{BASE}dc_gain", {"min": 5}),
+        (f"{BASE}stable", {"value": True}),
+        (f"{BASE}prototype", {"value": "d"}),
+        (f"{BASE}zeros", {"value": [[1, 2], "-1j"]}),
+        (f"{BASE}zeros", {"value": ["1 + 2j", [0, -1]]}),
+        (f"{BASE}zeros", {"max_abs": 2.3}),
+        (f"{BASE}empty", {"value": []}),
+        (f"{BASE}symbolic", {"value": "K/s"}),
+        (f"{HISTORY}/hold", {"value": "spline"}),
+        ("kind", {"value": "bond-graph"}),
+        ("seed", {"value": 3}),
+        (ERRORS, {"max_abs": 0.4}),
+        (ERRORS, {"value": [0, 0], "atol": 0.31}),
+        (ERRORS, {"max_abs": 0.05, "at": {"parameter": "upper.k"}}),
+        (HISTORY, {"value": 5, "at": {"time": 0.2, "entry": 2}}),
+        (HISTORY, {"value": [[0, 1], [2, 3], [4, 5]]}),
+        (HISTORY, {"min": 0, "max": 5}),
+    ],
+)  # fmt: skip
+def test_met_expectations(result, path, demand):
+    [outcome] = check_expectations(result, [{"path": path, **demand}])
+    assert outcome.passed, outcome.message
+
+
+@pytest.mark.parametrize(
+    ("path", "demand", "message"),
+    [
+        (f"{BASE}relative_degree", {"value": 0}, "relative_degree is 1, expected 0"),
+        (f"{BASE}relative_degree", {"value": 1.1}, "relative_degree is 1, expected 1.1"),
+        (f"{BASE}relative_degree", {"value": True}, "relative_degree is a real number, expected true"),
+        (f"{BASE}relative_degree", {"value": math.inf}, "relative_degree is 1, expected inf"),
+        (f"{BASE}relative_degree", {"value": [1]}, "relative_degree is a real number, expected [1]"),
+        (f"{BASE}relative_degree", {"value": "1+2j"}, "relative_degree is a real number, expected '1+2j'"),
+        (f"{BASE}relative_degree", {"value": None}, "relative_degree is a real number, expected None"),
+        (f"{BASE}relative_degree", {}, "relative_degree is 1, but nothing is expected of it"),
+        (f"{BASE}dc_gain", {"value": -math.inf}, "dc_gain is inf, expected -inf"),
+        (f"{BASE}dc_gain", {"value": 1e300}, "dc_gain is inf, expected 1e+300"),
+        (f"{BASE}stable", {"value": 1}, "stable is a truth value, expected 1"),
+        (f"{BASE}stable", {"max": 1}, "stable is true, expected a real number for 'max'"),
+        (f"{BASE}prototype", {"value": "e"}, "prototype is 'd', expected 'e'"),
+        (f"{BASE}prototype", {"max_abs": 1}, "prototype is 'd', expected a number for 'max_abs'"),
+        (f"{BASE}zeros", {"value": [[1, 2], 0]}, "at zero 2, expected 0j (1 of 2 entries miss)"),
+        (f"{BASE}zeros", {"value": [0]}, "zeros has 2 entries, expected 1"),
+        (f"{BASE}zeros", {"min": 0}, "expected a real number for 'min'"),
+        (f"{BASE}empty", {"value": 0}, "empty is empty, expected 0"),
+        (f"{BASE}empty", {"max_abs": 1}, "empty is empty, expected 1"),
+        (f"{BASE}lost", {"value": math.nan}, "lost is nan, expected nan"),
+        (f"{BASE}lost", {"min": 0}, "lost is nan, expected at least 0"),
+        (f"{BASE}lost", {"max_abs": 1}, "lost is nan"),
+        (f"{BASE}relative_degre", {"value": 1}, f"did you mean '{BASE}relative_degree'?"),
+        (ERRORS, {"max_abs": 0.05}, "is -0.3 at parameter 'upper.c', expected a magnitude of at most 0.05"),
+        (ERRORS, {"value": 0, "at": {"parameter": "uper.k"}}, "did you mean 'upper.k'?"),
+        (ERRORS, {"value": 0, "at": {"parametr": "upper.k"}}, "did you mean 'parameter'?"),
+        (HISTORY, {"value": 5, "at": {"time": 0.15}}, "estimate has no time 0.15"),
+        (HISTORY, {"max": 4}, "estimate is 5 at time 0.2, entry 2, expected at most 4 (1 of 6 entries miss)"),
+        ("steps", {"value": 1}, "steps is a table"),
+    ],
+)  # fmt: skip
+def test_unmet_expectations_say_what_was_found(result, path, demand, message):
+    [outcome] = check_expectations(result, [{"path": path, **demand}])
+    assert not outcome.passed
+    assert message in outcome.message
+
+
+@given(st.floats(allow_nan=False), st.floats(allow_nan=False))
+def test_a_value_meets_itself_and_only_its_neighbours(a, b):
+    result = Result("k")
+    result.add("x", a)
+    same, other = check_expectations(
+        result, [{"path": "x", "value": a}, {"path": "x", "value": b, "rtol": 0}]
+    )
+    assert same.passed
+    assert other.passed == (a == b)
+
+
+def change(result, path, data, dims=()):
+    other = Result(result.kind, "another title", {"seed": 4})
+    other.merge(result)
+    other._variables.pop(path)
+    if data is not None:
+        other.add(path, data, dims)
+    return other
+
+
+def test_a_result_does_not_differ_from_itself(result):
+    assert compare(result, result) == []
+    assert compare(result, change(result, "steps", result["steps"].data, ("step",))) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "data", "dims", "message"),
+    [
+        (f"{BASE}dc_gain", None, (), "only in the first"),
+        (f"{BASE}dc_gain", 2.0, (), "inf against 2"),
+        (f"{BASE}prototype", "e", (), "'d' against 'e'"),
+        (f"{BASE}stable", "true", (), "true against 'true'"),
+        (f"{BASE}zeros", [1 + 2j, -1.1j], ("zero",), "at entry 2 (1 of 2 entries differ)"),
+        (f"{BASE}zeros", [1 + 2j], ("zero",), "shape (2,) against (1,)"),
+        (f"{BASE}zeros", [1 + 2j, -1j], ("root",), "dimensions ('zero',) against ('root',)"),
+        ("steps", table("rule", "b"), ("step",), "rule: 'a' against 'b'"),
+        ("steps", table("role", "a"), ("step",), "columns"),
+    ],
+)  # fmt: skip
+def test_differences_are_told(result, path, data, dims, message):
+    [difference] = compare(result, change(result, path, data, dims))
+    assert difference.path == path
+    assert message in difference.message
+
+
+def test_differences_of_kind_units_and_attributes():
+    a, b = Result("x"), Result("y")
+    a.add("v", 1.0, (), "m")
+    b.add("v", 1.0, (), "kg")
+    a.add("w", 1.0, hold="linear")
+    b.add("w", 1.0, hold="spline", extra=True)
+    a.annotate("g", gain=1.0)
+    b.annotate("g", gain=1.0 + 1e-12, more=1)
+    assert [difference.path for difference in compare(a, b)] == ["kind", "v", "w/extra", "w/hold", "g/more"]
+
+
+def test_tolerances_of_a_comparison_are_symmetric():
+    a, b = Result("x"), Result("x")
+    a.add("v", [1.0, 100.0], ("n",))
+    b.add("v", [1.1, 100.0], ("n",))
+    for first, second in ((a, b), (b, a)):
+        assert compare(first, second, rtol=0.0915) == []
+        assert compare(first, second, rtol=0, atol=0.11) == []
+        assert len(compare(first, second, rtol=0.09)) == 1
+
+
+def test_junit_counts_and_survives_any_text():
+    outcomes = [
+        CheckOutcome(True, "a/b", "= 1", "1", "b is 1"),
+        CheckOutcome(False, "a/<c>", "= 'x\0'", "2", "c is\x1b \ud800 & not"),
+    ]
+    suite = ElementTree.fromstring(junit_xml(outcomes, 'scene "<1>"').encode()).find("testsuite")
+    assert (suite.get("tests"), suite.get("failures"), suite.get("name")) == ("2", "1", 'scene "<1>"')
+    good, bad = suite.findall("testcase")
+    assert good.find("failure") is None
+    assert bad.find("failure").get("message") == "c is� � & not"
