@@ -1,5 +1,74 @@
-"""dynid: bond graphs in the frequency domain, and joint identification on reduced FE models."""
+"""dynid: bond graphs in the frequency domain, and joint identification on reduced FE models.
+
+>>> import dynid
+>>> scene = dynid.load_scene("configs/isolator.yaml")
+>>> result = dynid.run(scene)
+>>> result.value("bond_graph/properties/m_s.f/v_in/dc_gain")
+1.0
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from dynid._version import __version__
 
-__all__ = ["__version__"]
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable
+
+    from dynid.result import Result
+    from dynid.scene.load import Scene
+
+__all__ = ["__version__", "load_scene", "open_result", "run"]
+
+
+def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+    overrides
+        Values to set before checking, each as `a.b=1`.
+
+    Raises
+    ------
+    dynid.errors.FileError
+        Where the file cannot be read.
+    dynid.errors.SceneError
+        With all faults of the scene, each with line and column.
+    """
+    from dynid.scene.load import load_scene as load
+
+    return load(path, overrides)
+
+
+def run(scene: Scene | str | os.PathLike[str]) -> Result:
+    """Run a scene, or the scene in a file.
+
+    Raises
+    ------
+    dynid.errors.NumericalError
+        Where the question has no trustworthy answer (singular, diverged, not identifiable).
+    dynid.errors.FileError
+        Where a file that the scene names cannot be read.
+    """
+    from dynid.scene.dispatch import run_scene
+    from dynid.scene.load import Scene
+
+    return run_scene(scene if isinstance(scene, Scene) else load_scene(scene))
+
+
+def open_result(path: str | os.PathLike[str]) -> Result:
+    """Read a result back from its HDF5 file.
+
+    Raises
+    ------
+    dynid.errors.FileError
+        Where it is no complete result of a known format.
+    """
+    from dynid.store import read_result
+
+    return read_result(path)

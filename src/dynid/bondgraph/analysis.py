@@ -6,7 +6,7 @@ Only what is asked for is computed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +22,8 @@ from dynid.result import Result
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from dynid.lti.signals import Signal
+    from dynid.lti.generator import Signal
+    from dynid.lti.model import StateSpace
 
 #: The results that can be asked for, in the order of the report.
 RESULTS = (
@@ -59,7 +60,7 @@ class Analysis:
     times
         Times of the time response, s, starting at 0.
     signals
-        The signal of each input that is driven in the time response.
+        What drives the time response: pairs of an input and a signal; those of one input add up.
     initial
         Stored energy at t = 0: the flow of an I, the effort of a C.
     """
@@ -69,7 +70,7 @@ class Analysis:
     results: frozenset[str] = frozenset({"transfer_function", "zeros", "poles", "properties", "reduction"})
     omega: NDArray[np.float64] | None = None
     times: NDArray[np.float64] | None = None
-    signals: Mapping[str, Signal] = field(default_factory=dict)
+    signals: tuple[tuple[str, Signal], ...] = ()
     initial: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -294,21 +295,36 @@ def _add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArra
     result.add(f"{group}/response", frequency_response(reduced, omega), ("omega", "output", "input"))
 
 
+def _driven_by(system: StateSpace, columns: list[int]) -> StateSpace:
+    """Return the system with one input for each signal (several may drive the same source)."""
+    return replace(
+        system,
+        B=system.B[:, columns],
+        D=system.D[:, columns],
+        higher=tuple(matrix[:, columns] for matrix in system.higher),
+        inputs=(),
+        input_units=(),
+    )
+
+
 def _add_time_response(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Drive the state equations by the signals, and by stored energy as impulses (eqs 13 to 16)."""
     from dynid.bondgraph.state_space import state_space
     from dynid.lti.propagate import response
     from dynid.lti.signals import Impulse
 
-    system = state_space(reduced, tuple(analysis.initial))
-    none = Impulse(0.0)
-    signals = [analysis.signals.get(name, none) for name in reduced.inputs]
-    signals += [Impulse(value) for value in analysis.initial.values()]
     assert analysis.times is not None
-    solved = response(system, signals, analysis.times)
+    system = state_space(reduced, tuple(analysis.initial))
+    driven = [*analysis.signals, *((f"initial:{name}", Impulse(value)) for name, value in analysis.initial.items())]
+    columns = [system.inputs.index(name) for name, _ in driven]
+    solved = response(_driven_by(system, columns), [signal for _, signal in driven], analysis.times)
+    sources = np.zeros((len(analysis.times), len(reduced.inputs)))
+    for place, (name, _) in enumerate(analysis.signals):
+        sources[:, reduced.inputs.index(name)] += solved.inputs[:, place]
     group = "bond_graph/time_response"
     result.add_axis(f"{group}/time", analysis.times, "s")
     result.add_axis(f"{group}/output", list(system.outputs))
     result.add_axis(f"{group}/source", list(reduced.inputs))
     result.add(f"{group}/response", solved.outputs, ("time", "output"))
-    result.add(f"{group}/input", solved.inputs[:, : len(reduced.inputs)], ("time", "source"))
+    result.add(f"{group}/input", sources, ("time", "source"))
     result.annotate(group, states=", ".join(system.states), order=len(system.states))

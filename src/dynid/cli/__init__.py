@@ -1,1 +1,89 @@
-"""dynid.cli"""
+"""The command line: one thin function a command, loaded only when it is called."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import Any
+
+import click
+
+from dynid._version import __version__
+
+#: Command: where it is, and what `dynid --help` says about it (so that help loads none of them).
+COMMANDS = {
+    "run": ("dynid.cli.run:run", "Run one scene and write one HDF5 file."),
+    "check": ("dynid.cli.check:check", "Read and check scenes without running them."),
+    "show": ("dynid.cli.show:show", "Print a summary of a result."),
+    "compare": ("dynid.cli.compare:compare", "List the differences between two results."),
+    "new": ("dynid.cli.new:new", "Write a commented template scene."),
+    "schema": ("dynid.cli.schema:schema", "Print the JSON Schema of scenes."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command when it is used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the names of the commands, in the order of use."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
+        """Import and return a command."""
+        if name not in COMMANDS:
+            return None
+        module, _, function = COMMANDS[name][0].partition(":")
+        command: click.Command = getattr(import_module(module), function)
+        return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command, and suggest one where there is none."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            from dynid.scene.source import did_you_mean
+
+            ctx.fail(f"no command '{args[0]}'{did_you_mean(args[0], COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the commands without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="dynid", message="%(prog)s %(version)s")
+def cli() -> None:
+    """Bond graphs in the frequency domain, and joint identification on reduced FE models.
+
+    One YAML scene in, one HDF5 file out. Start with: dynid new isolator
+    """
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the command line and exit: 0 done, 1 expectation failed, 2 usage or scene, 3 numerics, 4 files."""
+    sys.exit(_exit_code(args))
+
+
+def _exit_code(args: list[str] | None) -> int:
+    from dynid.errors import DynidError
+
+    try:
+        code: Any = cli.main(args, prog_name="dynid", standalone_mode=False)
+    except DynidError as error:
+        click.echo(str(error), err=True)
+        return error.exit_code
+    except click.exceptions.Exit as leave:
+        return leave.exit_code
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted; nothing was written", err=True)
+        return 130
+    except MemoryError:
+        click.echo("this needs more memory than there is; ask for fewer points, samples or results", err=True)
+        return 3
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has left: nothing more to say, and no complaint at exit
+        return 0
+    return code if isinstance(code, int) else 0

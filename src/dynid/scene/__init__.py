@@ -1,1 +1,1 @@
-"""dynid.scene"""
+"""Scenes: YAML with positions, its schema, its expressions, and what runs each kind."""

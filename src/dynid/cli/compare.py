@@ -1,0 +1,27 @@
+"""`dynid compare`."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.command()
+@click.argument("first", type=click.Path())
+@click.argument("second", type=click.Path())
+@click.option("--rtol", type=click.FloatRange(min=0), default=1e-9, show_default=True, help="Relative tolerance.")
+@click.option("--atol", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Absolute tolerance.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing; the exit code tells.")
+def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> int:
+    """List the differences between two results; exit code 1 if there are any.
+
+    Provenance (versions, creation time, the scene's text) is not compared.
+    """
+    from dynid.checks import compare as differences_between
+    from dynid.store import read_result
+
+    differences = differences_between(read_result(first), read_result(second), rtol, atol)
+    if not quiet:
+        for difference in differences:
+            click.echo(str(difference))
+        click.echo("no differences" if not differences else f"{len(differences)} differences")
+    return 1 if differences else 0

@@ -1,0 +1,94 @@
+"""`dynid run`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dynid.errors import DynidError, FileError, NumericalError, UsageError
+
+if TYPE_CHECKING:
+    from dynid.checks import CheckOutcome
+    from dynid.result import Result
+    from dynid.scene.load import Scene
+
+
+class LocatedError(DynidError):
+    """An error of a run with its place in the scene."""
+
+    def __init__(self, scene: Scene, error: DynidError) -> None:
+        super().__init__(str(scene.locate(error)))
+        self.exit_code = error.exit_code
+
+
+@click.command()
+@click.argument("scene", type=click.Path())
+@click.option("-o", "--output", type=click.Path(), help="The HDF5 file to write; default ./<scene>.h5.")
+@click.option("--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable.")
+@click.option("--junit", type=click.Path(), help="Write the expectations' outcome as JUnit XML.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str | None, quiet: bool) -> int:
+    """Run one scene and write one HDF5 file.
+
+    The file is written whole or not at all. Exit code 1 says that an expectation of the scene failed; the
+    file is there then, for a look.
+    """
+    from dynid.scene.load import load_scene
+
+    started = time.perf_counter()
+    loaded = load_scene(scene, overrides)
+    target = Path(output) if output else Path(Path(scene).stem + ".h5")
+    _refuse_overwriting(target, scene)
+    result = _compute(loaded)
+
+    from dynid.store import write_result
+
+    write_result(result, target)
+    outcomes = _check(loaded, result)
+    if junit:
+        _write_junit(junit, outcomes, Path(scene).stem)
+    if not quiet:
+        from dynid.cli.summary import summary
+
+        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
+        click.echo(f"\n  wrote {target}")
+    failed = [outcome for outcome in outcomes if not outcome.passed]
+    if outcomes and not quiet:
+        click.echo(f"  {len(outcomes) - len(failed)} of {len(outcomes)} expectations met")
+    for outcome in failed:
+        click.echo(f"{scene}: expectation failed: {outcome.path}: {outcome.message}", err=True)
+    return 1 if failed else 0
+
+
+def _compute(scene: Scene) -> Result:
+    from dynid.scene.dispatch import run_scene
+
+    try:
+        return run_scene(scene)
+    except (NumericalError, UsageError) as error:
+        raise LocatedError(scene, error) from error
+
+
+def _check(scene: Scene, result: Result) -> list[CheckOutcome]:
+    if not scene.model.expect:
+        return []
+    from dynid.checks import check_expectations
+
+    return check_expectations(result, [item.model_dump(exclude_none=True) for item in scene.model.expect])
+
+
+def _write_junit(path: str, outcomes: list[CheckOutcome], name: str) -> None:
+    from dynid.checks import junit_xml
+
+    try:
+        Path(path).write_text(junit_xml(outcomes, name), encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def _refuse_overwriting(target: Path, scene: str) -> None:
+    if target.exists() and Path(scene).exists() and target.samefile(scene):
+        raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")

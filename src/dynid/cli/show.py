@@ -1,0 +1,20 @@
+"""`dynid show`."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option("--all", "everything", is_flag=True, help="List every array, with its axes and units.")
+def show(file: str, everything: bool) -> int:
+    """Print a summary of a result."""
+    from dynid.cli.summary import contents, summary
+    from dynid.store import read_result
+
+    result = read_result(file)
+    click.echo(summary(result, str(result.attrs.get("created", ""))))
+    if everything:
+        click.echo("\n" + contents(result))
+    return 0

@@ -1,0 +1,46 @@
+"""What a result says, on one screen: the user's question first, then how it is known."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+
+_KINDS = {
+    "bond-graph": "dynid.cli.summary.bond_graph",
+    "identification": "dynid.cli.summary.identification",
+}
+
+
+def summary(result: Result, note: str) -> str:
+    """Return a result as a screen of text.
+
+    Parameters
+    ----------
+    result
+        The result.
+    note
+        What to say at the end of the headline (how long it took, or when it was made).
+    """
+    if result.kind not in _KINDS:
+        return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
+    module = import_module(_KINDS[result.kind])
+    return "\n".join([_headline(result.title, module.method(result), note), "", *module.lines(result)])
+
+
+def _headline(title: str, method: str, note: str) -> str:
+    right = " · ".join(part for part in (method, note) if part)
+    return f"{title}{' ' * max(2, 100 - len(title) - len(right))}{right}"
+
+
+def contents(result: Result) -> str:
+    """Return the arrays of a result with their axes, types and units, one a line."""
+    width = max((len(path) for path in result), default=0)
+    rows = []
+    for path, variable in sorted(result.items()):
+        axes = " x ".join(f"{dim} {size}" for dim, size in zip(variable.dims, variable.data.shape, strict=True))
+        kind = "text" if variable.data.dtype == object else variable.data.dtype.name
+        rows.append(f"  {path:<{width}}  {kind if not variable.data.dtype.names else 'table'}  {axes}  {variable.units}".rstrip())
+    return "\n".join(rows)

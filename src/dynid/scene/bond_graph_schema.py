@@ -1,0 +1,173 @@
+"""Scenes of kind `bond-graph`."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, ValidationInfo, WithJsonSchema, model_validator
+
+from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
+from dynid.scene.common import FrequencyGrid, Part, SceneModel, TimeGrid
+from dynid.scene.quantities import Value, fault, names_of
+from dynid.scene.source import did_you_mean
+
+_NAME = re.compile(r"[^\W\d][\w-]*|\d+")
+RESULTS = (
+    "transfer_function",
+    "zeros",
+    "poles",
+    "properties",
+    "hidden_modes",
+    "reduction",
+    "prototype",
+    "state_space",
+    "frequency_response",
+    "time_response",
+)
+ResultName = Literal[
+    "transfer_function",
+    "zeros",
+    "poles",
+    "properties",
+    "hidden_modes",
+    "reduction",
+    "prototype",
+    "state_space",
+    "frequency_response",
+    "time_response",
+]
+
+
+def _node_type(raw: Any) -> str:
+    text = str(raw) if isinstance(raw, int) and not isinstance(raw, bool) else raw
+    if not isinstance(text, str):
+        raise fault(f"a node type is one of {', '.join(NODE_TYPES)}")
+    if text not in NODE_TYPES:
+        raise fault(f"unknown node type '{text}'{did_you_mean(text, NODE_TYPES)}")
+    return text
+
+
+def _as_mapping(raw: Any) -> Any:
+    return raw if isinstance(raw, dict) else {"type": raw}
+
+
+def _node_name(raw: str) -> str:
+    if not _NAME.fullmatch(raw):
+        raise fault(f"'{raw}' cannot name a node; use letters, digits, _ and -, starting with a letter")
+    return raw
+
+
+class NodeModel(Part):
+    """One node: its type, and its value where it has one."""
+
+    type: Annotated[
+        str, PlainValidator(_node_type), WithJsonSchema({"enum": [*NODE_TYPES, 0, 1], "description": "node type"})
+    ]
+    value: Value | None = None
+
+    @model_validator(mode="after")
+    def _has_what_it_needs(self) -> Self:
+        if self.type in VALUED and self.value is None:
+            what = {"TF": "modulus n", "GY": "modulus r"}.get(self.type, "value")
+            raise fault(f"{self.type} needs its {what}: write {{type: {self.type}, value: …}}")
+        if self.type not in VALUED and self.value is not None:
+            raise fault(f"{'a junction' if self.type in '01' else self.type} takes no value")
+        if self.type in TWO_PORTS and self.value is not None and self.value.value == 0:
+            raise fault(f"the modulus of a {self.type} cannot be zero")
+        return self
+
+
+def _bonds(raw: Any, info: ValidationInfo) -> tuple[Bond, ...]:
+    """Read a bond or a chain of bonds: a -> b -> c."""
+    if not isinstance(raw, str):
+        raise fault("a bond is a text such as 'a -> b'")
+    ends = [part.strip() for part in raw.split("->")]
+    if len(ends) < 2 or not all(ends):
+        raise fault(f"'{raw}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'")
+    nodes = names_of(info).nodes
+    unknown = [f"no node '{end}'{did_you_mean(end, nodes)}" for end in ends if end not in nodes]
+    if unknown:
+        raise fault(f"bond '{raw}': {'; '.join(unknown)}")
+    return tuple(Bond(tail, head) for tail, head in zip(ends, ends[1:], strict=False))
+
+
+def _source_name(raw: Any, info: ValidationInfo) -> str:
+    name, nodes = str(raw), names_of(info).nodes
+    sources = [node for node, kind in nodes.items() if kind in SOURCES]
+    if name not in nodes:
+        raise fault(f"no node '{name}'{did_you_mean(name, sources)}")
+    if nodes[name] not in SOURCES:
+        raise fault(f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}")
+    return name
+
+
+def _port(raw: Any, info: ValidationInfo) -> Port:
+    nodes = names_of(info).nodes
+    name, dot, quantity = raw.rpartition(".") if isinstance(raw, str) else ("", "", "")
+    if not dot:
+        raise fault(f"an output is NODE.e, NODE.f, NODE.q or NODE.p, not {raw!r}")
+    if name not in nodes:
+        raise fault(f"'{raw}': no node '{name}'{did_you_mean(name, nodes)}")
+    if quantity not in QUANTITIES:
+        raise fault(f"'{raw}': '{quantity}' is not one of e, f, q, p")
+    port = Port(name, quantity)
+    problem = port_fault(nodes, port) if nodes[name] in NODE_TYPES else ""
+    if problem:
+        raise fault(problem)
+    return port
+
+
+_TEXT = WithJsonSchema({"type": "string"})
+
+
+class GraphModel(Part):
+    """Nodes and bonds."""
+
+    nodes: dict[Annotated[str, AfterValidator(_node_name)], Annotated[NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | str | int)]] = Field(min_length=1)
+    bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), _TEXT]] = Field(min_length=1)
+
+
+class AnalysisModel(Part):
+    """What to compute."""
+
+    inputs: list[Annotated[str, PlainValidator(_source_name), _TEXT]] | None = None
+    outputs: list[Annotated[Port, PlainValidator(_port), _TEXT]] = Field(min_length=1)
+    results: list[ResultName] | None = None
+    frequency: FrequencyGrid | None = None
+    time: TimeGrid | None = None
+
+    @model_validator(mode="after")
+    def _blocks_stand(self) -> Self:
+        for name, block in (("frequency_response", self.frequency), ("time_response", self.time)):
+            if name in (self.results or ()) and block is None:
+                raise fault(f"'{name}' needs the block '{name.split('_')[0]}'")
+        for listed, what in ((self.inputs, "input"), (self.outputs, "output")):
+            twice = sorted({str(item) for item in listed or () if (listed or []).count(item) > 1})  # type: ignore[attr-defined]
+            if twice:
+                raise fault(f"{what} '{twice[0]}' is listed twice")
+        return self
+
+    def asked(self) -> frozenset[str]:
+        """Return the results to compute."""
+        if self.results is not None:
+            return frozenset(self.results)
+        names = {"transfer_function", "zeros", "poles", "properties", "reduction"}
+        names |= {"frequency_response"} if self.frequency else set()
+        return frozenset(names | ({"time_response"} if self.time else set()))
+
+
+class InitialModel(Part):
+    """Energy stored at t = 0: the flow of an I, the effort of a C."""
+
+    f: Value | None = None
+    e: Value | None = None
+
+
+class BondGraphScene(SceneModel):
+    """A bond graph and what to compute of it."""
+
+    kind: Literal["bond-graph"]
+    graph: GraphModel
+    analysis: AnalysisModel
+    initial: dict[str, InitialModel] = {}

@@ -1,0 +1,229 @@
+"""The parts that scenes of several kinds share: responses, signals, expectations."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, PlainValidator, WithJsonSchema, model_validator
+
+from dynid.scene.quantities import NotNegative, Positive, Quantity, Value, fault
+
+
+class Part(BaseModel):
+    """A mapping of a scene whose keys are all known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=True)
+
+
+class FrequencyGrid(Part):
+    """Frequencies of a frequency response."""
+
+    start: NotNegative
+    stop: Positive
+    points: int = Field(default=200, ge=1, le=10_000_000, strict=True)
+    scale: Literal["log", "linear"] = "log"
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if float(self.stop) < float(self.start):
+            raise fault("'stop' is below 'start'")
+        if self.scale == "log" and float(self.start) == 0:
+            raise fault("a logarithmic scale cannot start at 0; start above it, or set 'scale: linear'")
+        return self
+
+
+class SignalPart(Part):
+    """What every signal may say beside its own keys."""
+
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+    source: str | None = None
+    dof: int | None = Field(default=None, ge=1, strict=True)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the signal's own parameters as floats, frequencies in rad/s."""
+        factor = 2 * math.pi if self.unit == "Hz" else 1.0
+        skipped = {"unit", "source", "dof", "kind"}
+        given = {name: getattr(self, name) for name in type(self).model_fields if name not in skipped}
+        return {
+            name: _as_float(value, factor if name in _FREQUENCIES else 1.0)
+            for name, value in given.items()
+            if value is not None
+        }
+
+
+_FREQUENCIES = {"frequency", "band"}
+
+
+def _as_float(value: Any, factor: float) -> Any:
+    if isinstance(value, Quantity):
+        return float(value) * factor
+    if isinstance(value, list):
+        return tuple(_as_float(item, factor) for item in value)
+    return value
+
+
+class StepSignal(SignalPart):
+    """A step."""
+
+    kind: Literal["step"]
+    amplitude: Value = Quantity(1)
+    start: NotNegative = Quantity(0)
+
+
+class ImpulseSignal(SignalPart):
+    """A Dirac impulse at t = 0."""
+
+    kind: Literal["impulse"]
+    amplitude: Value = Quantity(1)
+
+
+class SineSignal(SignalPart):
+    """A sine."""
+
+    kind: Literal["sine"]
+    amplitude: Value = Quantity(1)
+    frequency: Positive
+    phase: Value = Quantity(0)
+
+
+class MultisineSignal(SignalPart):
+    """A sum of sines."""
+
+    kind: Literal["multisine"]
+    amplitude: list[Value] = Field(min_length=1)
+    frequency: list[Positive] = Field(min_length=1)
+    phase: list[Value] | None = None
+
+    @model_validator(mode="after")
+    def _lists_match(self) -> Self:
+        lengths = {len(self.amplitude), len(self.frequency), len(self.phase or self.amplitude)}
+        if len(lengths) > 1:
+            raise fault("'amplitude', 'frequency' and 'phase' of a multisine differ in length")
+        return self
+
+
+class ChirpSignal(SignalPart):
+    """A linear sweep over the record."""
+
+    kind: Literal["chirp"]
+    amplitude: Value = Quantity(1)
+    start: NotNegative
+    stop: NotNegative
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters; here start and stop are frequencies."""
+        factor = 2 * math.pi if self.unit == "Hz" else 1.0
+        own = super().parameters()
+        return {**own, "start": own["start"] * factor, "stop": own["stop"] * factor}
+
+
+class RandomSignal(SignalPart):
+    """Band-limited noise with a seed; `amplitude` is its standard deviation."""
+
+    kind: Literal["random"]
+    amplitude: Positive = Quantity(1)
+    seed: int = Field(default=0, ge=0, strict=True)
+    band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+
+
+class ImpactSignal(SignalPart):
+    """Half a sine from t = 0."""
+
+    kind: Literal["impact"]
+    amplitude: Value = Quantity(1)
+    duration: Positive
+
+
+class FileSignal(SignalPart):
+    """Samples from a file, at the step of the record."""
+
+    kind: Literal["file"]
+    path: str
+    column: str | int = 1
+
+
+Signal = Annotated[
+    StepSignal
+    | ImpulseSignal
+    | SineSignal
+    | MultisineSignal
+    | ChirpSignal
+    | RandomSignal
+    | ImpactSignal
+    | FileSignal,
+    Discriminator("kind"),
+]
+
+
+
+def _as_list(raw: Any) -> Any:
+    return [raw] if isinstance(raw, dict) else raw
+
+
+Signals = Annotated[list[Signal], BeforeValidator(_as_list, json_schema_input_type=Signal | list[Signal])]
+
+
+class TimeGrid(Part):
+    """Times of a time response, and what drives it."""
+
+    stop: Positive
+    step: Positive
+    input: Signals = []
+
+    @model_validator(mode="after")
+    def _is_a_grid(self) -> Self:
+        count = float(self.stop) / float(self.step)
+        if count < 1:
+            raise fault("'step' is longer than 'stop'")
+        if count > 1e8:
+            raise fault(f"{count:.2g} time steps are too many; 'step' is too short, or 'stop' too late")
+        return self
+
+    @property
+    def samples(self) -> int:
+        """The number of instants, t = 0 included."""
+        return int(float(self.stop) / float(self.step) + 1e-9) + 1
+
+
+def _is_expected(raw: Any) -> Any:
+    plain = (bool, int, float, str)
+    if isinstance(raw, plain) or (isinstance(raw, list) and all(isinstance(x, (*plain, list)) for x in raw)):
+        return raw
+    raise fault("an expected value is a number, a text, true, false, or a list of these")
+
+
+Expected = Annotated[
+    Any,
+    PlainValidator(_is_expected),
+    WithJsonSchema({"type": ["number", "string", "boolean", "array"], "description": "the expected value"}),
+]
+
+
+class Expectation(Part):
+    """What a result must be for the run to end with exit code 0."""
+
+    path: str
+    at: dict[str, str | int | float] | None = None
+    value: Expected = None
+    rtol: float | None = Field(default=None, ge=0)
+    atol: float | None = Field(default=None, ge=0)
+    min: float | None = None
+    max: float | None = None
+    max_abs: float | None = None
+
+    @model_validator(mode="after")
+    def _expects_something(self) -> Self:
+        if self.value is None and self.min is None and self.max is None and self.max_abs is None:
+            raise fault("an expectation needs a 'value', or a 'min', 'max' or 'max_abs'")
+        return self
+
+
+class SceneModel(Part):
+    """What every scene says."""
+
+    dynid: Literal[1]
+    title: str = ""
+    parameters: dict[str, Any] = {}
+    expect: list[Expectation] = []

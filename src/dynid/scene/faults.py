@@ -1,0 +1,151 @@
+"""Validation errors as located faults in plain words."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from dynid.errors import Fault
+from dynid.scene.source import Source, did_you_mean
+
+_WANTED = {
+    "string_type": "a text",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "int_parsing": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "list_type": "a list",
+    "dict_type": "a mapping",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+}
+
+
+def located_faults(source: Source, model: type[BaseModel], error: ValidationError) -> list[Fault]:
+    """Turn the errors of a validation into faults of the scene, each at its line and column.
+
+    Parameters
+    ----------
+    source
+        The scene as read.
+    model
+        The model it was validated against.
+    error
+        What the validation found.
+    """
+    return [_fault(source, model, dict(item)) for item in error.errors(include_url=False)]
+
+
+def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:
+    loc, kind = tuple(error["loc"]), error["type"]
+    path = data_path(source.data, loc)
+    name = _dotted(path[:-1]) or "a scene"
+    if kind == "extra_forbidden":
+        holder = _model_at(model, loc[:-1])
+        known = list(holder.model_fields) if holder else []
+        message = f"'{loc[-1]}' is not a key of {name}{did_you_mean(str(loc[-1]), known)}"
+        return source.fault(path, message, key=True)
+    if kind == "missing":
+        return source.fault((*path, loc[-1]), f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'", key=True)
+    message = _message(kind, error, path)
+    return source.fault((*path, "kind") if kind == "union_tag_invalid" else path, message)
+
+
+def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
+    given, context = error.get("input"), error.get("ctx", {})
+    key = f"'{path[-1]}' " if path and isinstance(path[-1], str) else ""
+    if kind == "dynid":
+        return str(error["msg"])
+    if kind in ("literal_error", "union_tag_invalid"):
+        expected = str(context.get("expected") or context.get("expected_tags"))
+        options = [option.strip(" '\"") for option in expected.replace(" or ", ", ").split(",")]
+        if kind == "union_tag_invalid":
+            key, given = "'kind' ", context["tag"]
+        return f"{key}cannot be {given!r}; it is one of {', '.join(options)}{did_you_mean(str(given), options)}"
+    if kind == "union_tag_not_found":
+        return f"{key}needs its key 'kind'"
+    if kind in _WANTED:
+        return f"{key}must be {_WANTED[kind]}, not {_shown(given)}"
+    if kind == "too_short" and context.get("min_length") == 1:
+        return f"{key}is empty"
+    message = str(error["msg"])
+    return f"{key}is {_shown(given)}: {message[:1].lower()}{message[1:]}"
+
+
+def _shown(given: Any) -> str:
+    kinds = {dict: "a mapping", list: "a list", type(None): "nothing"}
+    text = next((word for kind, word in kinds.items() if isinstance(given, kind)), repr(given))
+    return text if len(text) < 60 else f"{text[:57]}…"
+
+
+def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the part of a validation's location that exists in the data (it names union members too)."""
+    path: list[Any] = []
+    for part in loc:
+        if isinstance(data, dict):
+            found = part if part in data else _as_int_key(data, part)
+            if found is None:
+                continue
+            path.append(found)
+            data = data[found]
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            path.append(part)
+            data = data[part]
+    return tuple(path)
+
+
+def _as_int_key(data: dict[Any, Any], part: Any) -> int | None:
+    return int(part) if isinstance(part, str) and part.isdigit() and int(part) in data else None
+
+
+def _dotted(path: Iterable[Any]) -> str:
+    return ".".join(str(part) for part in path)
+
+
+def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
+    """Follow a validation's location through the models to the one whose key it names."""
+    current: Any = model
+    for part in loc:
+        options = list(_unwrapped(current))
+        chosen = next((option for option in options if _is_tagged(option, part)), None)
+        if chosen is not None:
+            current = chosen
+            continue
+        holder = next((option for option in options if _is_model(option)), None)
+        if holder is not None and part in holder.model_fields:
+            current = holder.model_fields[part].annotation
+        elif holder is None:
+            current = Union[tuple(get_args(option)[-1] for option in options if get_args(option)) or (None,)]  # noqa: UP007
+        else:
+            return None
+    return next((option for option in _unwrapped(current) if _is_model(option)), None)
+
+
+def _unwrapped(annotation: Any) -> Iterable[Any]:
+    """Yield the plain types in an annotation: members of unions, without metadata."""
+    origin = get_origin(annotation)
+    if origin in (Union, types.UnionType):
+        for member in get_args(annotation):
+            yield from _unwrapped(member)
+    elif hasattr(annotation, "__metadata__"):
+        yield from _unwrapped(get_args(annotation)[0])
+    else:
+        yield annotation
+
+
+def _is_model(option: Any) -> bool:
+    return isinstance(option, type) and issubclass(option, BaseModel)
+
+
+def _is_tagged(option: Any, tag: Any) -> bool:
+    """Tell whether an option is the member of a discriminated union that this tag selects."""
+    if not _is_model(option) or "kind" not in option.model_fields:
+        return False
+    annotation = option.model_fields["kind"].annotation
+    return get_origin(annotation) is Literal and tag in get_args(annotation)

@@ -1,0 +1,185 @@
+"""Scenes of kind `identification`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from dynid.scene.common import FrequencyGrid, Part, SceneModel, Signals, TimeGrid
+from dynid.scene.quantities import NotNegative, Positive, Value, fault
+
+Dof = Annotated[int, Field(ge=1, strict=True)]
+MotionQuantity = Literal["displacement", "velocity", "acceleration"]
+
+
+class LinkModel(Part):
+    """A spring and a damper between two DOFs, or from one DOF to ground."""
+
+    dofs: list[Dof] = Field(min_length=1, max_length=2)
+    k: NotNegative | None = None
+    c: NotNegative | None = None
+
+    @field_validator("dofs")
+    @classmethod
+    def _differ(cls, dofs: list[int]) -> list[int]:
+        if len(set(dofs)) < len(dofs):
+            raise fault(f"both ends are DOF {dofs[0]}")
+        return dofs
+
+
+class LumpedModel(Part):
+    """Point masses, each with one degree of freedom, and the links between them."""
+
+    masses: list[Positive] = Field(min_length=1, max_length=2000)
+    links: list[LinkModel] = []
+
+    @property
+    def size(self) -> int:
+        """The number of degrees of freedom."""
+        return len(self.masses)
+
+
+class StructureModel(Part):
+    """The structure without its joints."""
+
+    lumped: LumpedModel
+
+
+class ParameterModel(Part):
+    """A joint's stiffness or damping: known (`value`), or to be identified from `start`."""
+
+    start: Positive | None = None
+    value: NotNegative | None = None
+    true: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _known_or_unknown(self) -> Self:
+        if (self.start is None) == (self.value is None):
+            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
+        if self.value is not None and self.true is not None:
+            raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
+        return self
+
+
+def _plain_is_known(raw: Any) -> Any:
+    return raw if isinstance(raw, dict) else {"value": raw}
+
+
+JointValue = Annotated[ParameterModel, BeforeValidator(_plain_is_known, json_schema_input_type=ParameterModel | float | str)]
+
+
+class JointModel(LinkModel):
+    """A joint between two DOFs, or from one to ground."""
+
+    k: JointValue | None = None  # type: ignore[assignment]
+    c: JointValue | None = None  # type: ignore[assignment]
+
+    @model_validator(mode="after")
+    def _has_something(self) -> Self:
+        if self.k is None and self.c is None:
+            raise fault("a joint has a stiffness 'k', a damping 'c', or both")
+        return self
+
+
+class ChannelModel(Part):
+    """One sensor."""
+
+    dof: Dof
+    quantity: MotionQuantity
+
+
+class SimulateModel(Part):
+    """A measurement simulated with the joints' true values."""
+
+    noise_ratio: NotNegative | None = None
+    noise: NotNegative | list[NotNegative] | None = None
+    seed: int = Field(default=0, ge=0, strict=True)
+    settle: NotNegative | None = None
+    model: Literal["full"] = "full"
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> Self:
+        if self.noise is not None and self.noise_ratio is not None:
+            raise fault("give either 'noise_ratio' (of each channel's RMS) or 'noise' (standard deviation)")
+        return self
+
+
+class MeasuredFileModel(Part):
+    """Measured data: one column for each channel."""
+
+    path: str
+    columns: list[str | Annotated[int, Field(ge=1, strict=True)]] | None = None
+
+
+class MeasurementModel(Part):
+    """A record: its sampling, its channels, and where it comes from."""
+
+    step: Positive
+    samples: int = Field(ge=1, le=100_000_000, strict=True)
+    channels: list[ChannelModel] = Field(min_length=1)
+    simulate: SimulateModel | None = None
+    file: MeasuredFileModel | None = None
+
+    @model_validator(mode="after")
+    def _one_origin(self) -> Self:
+        if (self.simulate is None) == (self.file is None):
+            raise fault("a measurement is either 'simulate'd or read from a 'file'")
+        if self.file and self.file.columns and len(self.file.columns) != len(self.channels):
+            raise fault(f"{len(self.file.columns)} columns for {len(self.channels)} channels")
+        return self
+
+
+class EstimatorModel(Part):
+    """How to identify."""
+
+    method: Literal["filter"] = "filter"
+    passes: int = Field(default=3, ge=1, le=100, strict=True)
+
+
+class OutputModel(Part):
+    """What a response shows."""
+
+    dof: Dof
+    quantity: MotionQuantity = "displacement"
+
+
+class ResponseModel(Part):
+    """Linear responses of the structure with its joints."""
+
+    inputs: list[Dof] | None = None
+    outputs: list[OutputModel] | None = None
+    frequency: FrequencyGrid | None = None
+    time: TimeGrid | None = None
+
+    @model_validator(mode="after")
+    def _asks_something(self) -> Self:
+        if self.frequency is None and self.time is None:
+            raise fault("an analysis needs a 'frequency' or a 'time' block")
+        return self
+
+
+class InitialMotion(Part):
+    """Displacement and velocity of a DOF at t = 0."""
+
+    x: Value | None = None
+    v: Value | None = None
+
+
+class IdentificationScene(SceneModel):
+    """A structure with joints; a record to identify them from, responses, or both."""
+
+    kind: Literal["identification"]
+    structure: StructureModel
+    joints: dict[str, JointModel] = {}
+    excitation: Signals = []
+    measurement: MeasurementModel | None = None
+    estimator: EstimatorModel = EstimatorModel()
+    analysis: ResponseModel | None = None
+    initial: dict[Dof, InitialMotion] = {}
+
+    @model_validator(mode="after")
+    def _asks_something(self) -> Self:
+        if self.measurement is None and self.analysis is None:
+            raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
+        return self

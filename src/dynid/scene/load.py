@@ -1,0 +1,147 @@
+"""Scenes: read, checked as a whole, ready to run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from dynid.errors import DynidError, Fault, SceneError
+from dynid.scene.source import Source, apply_overrides, did_you_mean, read_source
+
+if TYPE_CHECKING:
+    from dynid.scene.common import SceneModel
+
+#: For every kind the module that describes its scenes and the name of the model in it.
+KINDS = {
+    "bond-graph": ("dynid.scene.bond_graph_schema", "BondGraphScene"),
+    "identification": ("dynid.scene.identification_schema", "IdentificationScene"),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A valid scene.
+
+    Parameters
+    ----------
+    source
+        Its text, plain data and the places of both.
+    model
+        The same, validated, with every quantity resolved.
+    """
+
+    source: Source
+    model: SceneModel
+
+    @property
+    def kind(self) -> str:
+        """The kind of scene."""
+        return str(self.source.data["kind"])
+
+    @property
+    def title(self) -> str:
+        """Its title, or the name of its file."""
+        return self.model.title or Path(self.source.file).stem
+
+    @property
+    def folder(self) -> Path:
+        """The folder that paths in the scene are relative to."""
+        return Path(self.source.file).parent
+
+    def locate(self, error: DynidError) -> Fault:
+        """Place an error of a run at the first of its names that the scene knows."""
+        for name in error.names:
+            path = self._find(name)
+            if path is not None:
+                return self.source.fault(path, str(error), key=True)
+        return Fault(self.source.file, 1, 1, str(error))
+
+    def _find(self, name: str) -> tuple[Any, ...] | None:
+        joint, _, part = name.rpartition(".")
+        key = int(name) if name.isdigit() else name
+        candidates = [("graph", "nodes", name), ("graph", "nodes", key), ("joints", joint, part), ("joints", name)]
+        candidates += [("parameters", name), (name,)]
+        return next((path for path in candidates if path in self.source.marks), None)
+
+
+def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+    overrides
+        Values to set before checking, as `a.b=1`.
+
+    Raises
+    ------
+    FileError
+        Where the file cannot be read.
+    SceneError
+        With all faults of the scene.
+    """
+    return check_source(apply_overrides(read_source(path), overrides))
+
+
+def check_source(source: Source) -> Scene:
+    """Check a scene that has been read.
+
+    Raises
+    ------
+    SceneError
+        With all faults of the scene.
+    """
+    from pydantic import ValidationError
+
+    from dynid.scene.faults import located_faults
+    from dynid.scene.outline import read_names, whole_faults
+
+    model = _model_of(source)
+    names, faults = read_names(source)
+    faults += whole_faults(source)
+    try:
+        validated = model.model_validate(_with_text_keys(source.data), context=names)
+    except ValidationError as error:
+        faults += located_faults(source, model, error)
+    if faults:
+        raise SceneError(faults)
+    return Scene(source, validated)
+
+
+def _model_of(source: Source) -> type[SceneModel]:
+    """Return the model of the scene's kind; without one nothing else can be checked."""
+    data = source.data
+    if not isinstance(data, dict):
+        raise SceneError([source.fault((), "a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'")])
+    if "kind" not in data:
+        raise SceneError([source.fault((), f"a scene needs the key 'kind': {', '.join(KINDS)}")])
+    kind = data["kind"]
+    if not isinstance(kind, str) or kind not in KINDS:
+        hint = did_you_mean(str(kind), KINDS)
+        raise SceneError([source.fault(("kind",), f"unknown kind '{kind}'; it is one of {', '.join(KINDS)}{hint}")])
+    return kind_model(kind)
+
+
+def kind_model(kind: str) -> type[SceneModel]:
+    """Return the model that describes scenes of a kind."""
+    module, name = KINDS[kind]
+    return cast("type[SceneModel]", getattr(import_module(module), name))
+
+
+def _with_text_keys(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the scene with the keys of nodes, parameters and joints as text (a node may be called 1)."""
+    copy = dict(data)
+    for key in ("parameters", "joints"):
+        if isinstance(copy.get(key), dict):
+            copy[key] = {str(name): value for name, value in copy[key].items()}
+    graph = copy.get("graph")
+    if isinstance(graph, dict) and isinstance(graph.get("nodes"), dict):
+        copy["graph"] = {**graph, "nodes": {str(name): node for name, node in graph["nodes"].items()}}
+    if copy.get("kind") == "bond-graph" and isinstance(copy.get("initial"), dict):
+        copy["initial"] = {str(name): value for name, value in copy["initial"].items()}
+    return copy

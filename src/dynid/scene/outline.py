@@ -1,0 +1,196 @@
+"""What a scene's names stand for, and the faults that only the whole of it shows.
+
+These checks work on the plain data, as far as they make sense, so that they find their faults in a
+scene that has others as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from dynid.bondgraph.graph import NODE_TYPES, Bond, graph_faults
+from dynid.errors import Fault
+from dynid.scene.expression import resolve_parameters
+from dynid.scene.quantities import Names
+from dynid.scene.source import Source, did_you_mean
+
+
+def read_names(source: Source) -> tuple[Names, list[Fault]]:
+    """Resolve the parameters and list the nodes of a scene.
+
+    Returns
+    -------
+    Names, list of Fault
+        The names, and what is wrong with the parameters.
+    """
+    raw = _mapping(source.data, "parameters")
+    values, problems = resolve_parameters({str(name): value for name, value in raw.items()})
+    faults = [source.fault(("parameters", _key(raw, name)), text) for name, text in problems.items()]
+    return Names(values, frozenset(problems), _node_types(source)), faults
+
+
+def whole_faults(source: Source) -> list[Fault]:
+    """Find the faults that concern several parts of a scene at once."""
+    kind = source.data.get("kind")
+    if kind == "bond-graph":
+        return [*_bond_graph_faults(source), *_initial_faults(source), *_driving_faults(source)]
+    return _dof_faults(source) if kind == "identification" else []
+
+
+# --- bond graphs -----------------------------------------------------------------------------------
+
+
+def _node_types(source: Source) -> dict[str, str]:
+    nodes = _mapping(_mapping(source.data, "graph"), "nodes")
+    types = {}
+    for name, node in nodes.items():
+        kind = node.get("type") if isinstance(node, dict) else node
+        types[str(name)] = str(kind) if isinstance(kind, str | int) else ""
+    return types
+
+
+def _bond_graph_faults(source: Source) -> list[Fault]:
+    """Check the number of bonds at every node."""
+    nodes = _mapping(_mapping(source.data, "graph"), "nodes")
+    types, bonds, places = _node_types(source), [], []
+    for index, text in enumerate(_list(_mapping(source.data, "graph"), "bonds")):
+        ends = [part.strip() for part in text.split("->")] if isinstance(text, str) else []
+        if not all(end in types for end in ends):
+            return []  # reported where the bond stands; what hangs on it would be a second message
+        bonds += [Bond(tail, head) for tail, head in zip(ends, ends[1:], strict=False)]
+        places += [index] * max(0, len(ends) - 1)
+    faults = []
+    for fault in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
+        if fault.bond is not None:
+            faults.append(source.fault(("graph", "bonds", places[fault.bond]), fault.message))
+        elif bonds and fault.node is not None:
+            faults.append(source.fault(("graph", "nodes", _key(nodes, fault.node)), fault.message, key=True))
+    return faults
+
+
+def _initial_faults(source: Source) -> list[Fault]:
+    """Check that stored energy is given to storages, in their own variable."""
+    types, faults = _node_types(source), []
+    for name, given in _mapping(source.data, "initial").items():
+        kind, path = types.get(str(name)), ("initial", name)
+        if kind is None:
+            faults.append(source.fault(path, f"no node '{name}'{did_you_mean(str(name), types)}", key=True))
+        elif kind not in ("I", "C"):
+            faults.append(source.fault(path, f"'{name}' is {kind} and stores no energy; only I and C do", key=True))
+        elif isinstance(given, dict):
+            own, other = ("f", "e") if kind == "I" else ("e", "f")
+            if other in given or own not in given:
+                message = f"the energy of {kind} '{name}' is given by its {'flow f' if own == 'f' else 'effort e'}"
+                faults.append(source.fault(path, message))
+    return faults
+
+
+def _driving_faults(source: Source) -> list[Fault]:
+    """Check that the signals of a time response drive inputs."""
+    types, analysis = _node_types(source), _mapping(source.data, "analysis")
+    given = _mapping(analysis, "time").get("input")
+    inputs = [str(name) for name in _list(analysis, "inputs")]
+    inputs = inputs or [name for name, kind in types.items() if kind in ("Se", "Sf")]
+    faults = []
+    for path, signal in _signals(("analysis", "time", "input"), given):
+        name = signal.get("source")
+        if isinstance(name, str) and name not in inputs:
+            faults.append(source.fault((*path, "source"), f"'{name}' is not an input{did_you_mean(name, inputs)}"))
+        if "dof" in signal:
+            faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))
+    return faults
+
+
+# --- structures ------------------------------------------------------------------------------------
+
+
+def _dof_faults(source: Source) -> list[Fault]:
+    """Check that every DOF exists, and that what is to be identified can be simulated."""
+    data = source.data
+    size = len(_list(_mapping(_mapping(data, "structure"), "lumped"), "masses"))
+    faults = []
+    for path, dof in _dofs(data):
+        if size and isinstance(dof, int) and dof > size:
+            faults.append(source.fault(path, f"there is no DOF {dof}; the structure has {size}"))
+    for path, signal in _excitations(data):
+        if "dof" not in signal:
+            faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
+        if "source" in signal:
+            faults.append(source.fault((*path, "source"), "a structure has DOFs, not sources; write 'dof'", key=True))
+    return [*faults, *_unknown_faults(source)]
+
+
+def _dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
+    """Yield every DOF number of a scene with its path."""
+    links = _list(_mapping(_mapping(data, "structure"), "lumped"), "links")
+    for place, link in enumerate(links):
+        for end, dof in enumerate(_list(link, "dofs")):
+            yield ("structure", "lumped", "links", place, "dofs", end), dof
+    for name, joint in _mapping(data, "joints").items():
+        for end, dof in enumerate(_list(joint, "dofs")):
+            yield ("joints", name, "dofs", end), dof
+    for place, channel in enumerate(_list(_mapping(data, "measurement"), "channels")):
+        yield ("measurement", "channels", place, "dof"), _mapping_of(channel).get("dof")
+    analysis = _mapping(data, "analysis")
+    for place, dof in enumerate(_list(analysis, "inputs")):
+        yield ("analysis", "inputs", place), dof
+    for place, output in enumerate(_list(analysis, "outputs")):
+        yield ("analysis", "outputs", place, "dof"), _mapping_of(output).get("dof")
+    for path, signal in _excitations(data):
+        yield (*path, "dof"), signal.get("dof")
+    for dof in _mapping(data, "initial"):
+        yield ("initial", dof), dof
+
+
+def _excitations(data: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
+    yield from _signals(("excitation",), data.get("excitation"))
+    yield from _signals(("analysis", "time", "input"), _mapping(_mapping(data, "analysis"), "time").get("input"))
+
+
+def _unknown_faults(source: Source) -> list[Fault]:
+    """Check that a measurement has unknowns to identify, and true values to simulate with."""
+    measurement = _mapping(source.data, "measurement")
+    if not measurement:
+        return []
+    unknowns = [
+        (("joints", name, part), joint[part])
+        for name, joint in _mapping(source.data, "joints").items()
+        for part in ("k", "c")
+        if isinstance(joint, dict) and isinstance(joint.get(part), dict) and "start" in joint[part]
+    ]
+    if not unknowns:
+        message = "there is nothing to identify: no joint parameter has a 'start'"
+        return [source.fault(("measurement",), message, key=True)]
+    if "simulate" not in measurement:
+        return []
+    message = "a simulated measurement needs the 'true' value of this parameter"
+    return [source.fault(path, message) for path, given in unknowns if "true" not in given]
+
+
+# --- plain data ------------------------------------------------------------------------------------
+
+
+def _signals(path: tuple[Any, ...], given: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
+    if isinstance(given, dict):
+        yield path, given
+    elif isinstance(given, list):
+        yield from (((*path, place), signal) for place, signal in enumerate(given) if isinstance(signal, dict))
+
+
+def _mapping_of(value: Any) -> dict[Any, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _mapping(holder: Any, key: str) -> dict[Any, Any]:
+    return _mapping_of(_mapping_of(holder).get(key))
+
+
+def _list(holder: Any, key: str) -> list[Any]:
+    value = _mapping_of(holder).get(key)
+    return value if isinstance(value, list) else []
+
+
+def _key(mapping: dict[Any, Any], name: str) -> Any:
+    """Return the key of a mapping that is written like `name` (a number may be a key)."""
+    return name if name in mapping else next((key for key in mapping if str(key) == name), name)

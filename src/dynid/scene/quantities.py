@@ -1,0 +1,115 @@
+"""Quantities of a scene: numbers, parameter names or expressions, checked and resolved while validating."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Annotated, Any
+
+from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from dynid.scene.expression import Expression, ExpressionError, Number, parse, to_fraction
+from dynid.scene.source import did_you_mean
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A resolved quantity.
+
+    Parameters
+    ----------
+    value
+        Its value: exact where the expression is.
+    expression
+        The expression it was written as; None for a bare number.
+    """
+
+    value: Number
+    expression: Expression | None = None
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    @property
+    def exact(self) -> Fraction:
+        """The value as a fraction; a float by the shortest decimal that prints it."""
+        return to_fraction(self.value)
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the names of a scene stand for, gathered before it is validated.
+
+    Parameters
+    ----------
+    parameters
+        Values of the parameters that have one.
+    faulty
+        Parameters that are defined but have no value; they are reported once, where they are defined.
+    nodes
+        Node types by name (bond graphs).
+    """
+
+    parameters: Mapping[str, Number] = field(default_factory=dict)
+    faulty: frozenset[str] = frozenset()
+    nodes: Mapping[str, str] = field(default_factory=dict)
+
+
+def fault(message: str) -> PydanticCustomError:
+    """Return the error that a validator raises to report `message` at its place."""
+    return PydanticCustomError("dynid", "{message}", {"message": message})
+
+
+def names_of(info: ValidationInfo) -> Names:
+    """Return the names of the scene that is being validated."""
+    context = info.context
+    return context if isinstance(context, Names) else Names()
+
+
+def resolve(raw: Any, info: ValidationInfo) -> Quantity:
+    """Resolve a quantity: a number, a parameter's name, or an expression of both."""
+    if isinstance(raw, Quantity):
+        return raw
+    if isinstance(raw, bool) or not isinstance(raw, int | float | str):
+        raise fault(f"{_kind(raw)} where a number, a parameter or an expression belongs")
+    if isinstance(raw, int | float):
+        if not math.isfinite(raw):
+            raise fault(f"{raw} is not a finite number")
+        return Quantity(to_fraction(raw))
+    names = names_of(info)
+    try:
+        expression = parse(raw)
+        unknown = sorted(expression.names - set(names.parameters) - names.faulty)
+        if unknown:
+            known = [*names.parameters, *names.faulty]
+            raise fault("; ".join(f"no parameter '{name}'{did_you_mean(name, known)}" for name in unknown))
+        if expression.names & names.faulty:
+            return Quantity(Fraction(1))  # reported where it is defined; any value lets the checks go on
+        return Quantity(expression.evaluate(names.parameters), expression)
+    except ExpressionError as error:
+        raise fault(str(error)) from None
+
+
+def _kind(raw: Any) -> str:
+    kinds = {bool: "true or false", dict: "a mapping", list: "a list", type(None): "nothing"}
+    return next((word for kind, word in kinds.items() if isinstance(raw, kind)), f"{raw!r}")
+
+
+def _where(condition: Callable[[Number], bool], message: str) -> Callable[[Any, ValidationInfo], Quantity]:
+    def check(raw: Any, info: ValidationInfo) -> Quantity:
+        quantity = resolve(raw, info)
+        if not condition(quantity.value):
+            raise fault(f"{float(quantity):g} {message}")
+        return quantity
+
+    return check
+
+
+_SCHEMA = WithJsonSchema({"type": ["number", "string"], "description": "a number, a parameter or an expression"})
+
+Value = Annotated[Quantity, PlainValidator(resolve), _SCHEMA]
+Positive = Annotated[Quantity, PlainValidator(_where(lambda v: v > 0, "is not positive")), _SCHEMA]
+NotNegative = Annotated[Quantity, PlainValidator(_where(lambda v: v >= 0, "is negative")), _SCHEMA]

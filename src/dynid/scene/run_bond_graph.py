@@ -1,0 +1,71 @@
+"""Run a scene of kind `bond-graph`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from dynid.bondgraph.analysis import Analysis, analyse
+from dynid.bondgraph.graph import BondGraph, Node, NodeType
+from dynid.scene.bond_graph_schema import BondGraphScene
+from dynid.scene.common import StepSignal
+from dynid.scene.grids import angular_frequencies, build_signal, record_of
+from dynid.scene.load import Scene
+
+if TYPE_CHECKING:
+    from dynid.lti.generator import Signal
+    from dynid.result import Result
+
+
+def run(scene: Scene) -> Result:
+    """Reduce the graph and compute what the scene asks for.
+
+    Raises
+    ------
+    Singular
+        Where the graph has no unique solution.
+    """
+    model = cast("BondGraphScene", scene.model)
+    graph = build_graph(model)
+    wanted = model.analysis
+    inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
+    asked = wanted.asked()
+    analysis = Analysis(
+        inputs=inputs,
+        outputs=tuple(wanted.outputs),
+        results=asked,
+        omega=angular_frequencies(wanted.frequency) if wanted.frequency else None,
+        times=record_of(wanted.time).times if wanted.time else None,
+        signals=_signals(scene, model, inputs) if "time_response" in asked else (),
+        initial={name: float(given.f or given.e or 0) for name, given in model.initial.items()},
+    )
+    return analyse(graph, analysis, scene.title)
+
+
+def build_graph(model: BondGraphScene) -> BondGraph:
+    """Build the graph of a scene, with exact values."""
+    nodes = [
+        Node(
+            name,
+            cast("NodeType", node.type),
+            node.value.exact if node.value is not None else None,
+            node.value.expression if node.value is not None else None,
+        )
+        for name, node in model.graph.nodes.items()
+    ]
+    return BondGraph(nodes, [bond for chain in model.graph.bonds for bond in chain])
+
+
+def _signals(scene: Scene, model: BondGraphScene, inputs: tuple[str, ...]) -> tuple[tuple[str, Signal], ...]:
+    """Pair signals with the inputs they drive: one that names no source drives every input.
+
+    Without any signal the response is the free one where there is stored energy, else that to a unit step.
+    """
+    grid = model.analysis.time
+    assert grid is not None
+    record = record_of(grid)
+    parts = list(grid.input) or ([] if model.initial else [StepSignal(kind="step")])
+    return tuple(
+        (name, build_signal(part, record, scene.folder))
+        for part in parts
+        for name in ([part.source] if part.source is not None else inputs)
+    )
