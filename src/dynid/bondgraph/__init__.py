@@ -1,1 +1,1 @@
-"""dynid.bondgraph"""
+"""Bond graphs: reduction to a prototype, transfer functions, state equations, responses."""

@@ -46,7 +46,9 @@ def _names(reduced: ReducedGraph) -> list[str] | None:
     nodes = [reduced.graph.nodes[name] for name in reduced.valued]
     from_formulas = {name for node in nodes if node.formula for name in node.formula.names}
     own = [node.name for node in nodes if not (node.formula and node.formula.names)]
-    if "s" in from_formulas or any(name == "s" or name in from_formulas or not name.isidentifier() for name in own):
+    if "s" in from_formulas or any(
+        name == "s" or name in from_formulas or not name.isidentifier() for name in own
+    ):
         return None
     return [*dict.fromkeys([*own, *sorted(from_formulas)])]
 

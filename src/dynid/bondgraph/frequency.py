@@ -33,9 +33,9 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
     """
     registers = list(reduced.channels().values())
     values = {name: Bounded.rounded(float(reduced.graph.value(name))) for name in reduced.valued}
-    s = Bounded(1j * omega, np.zeros_like(omega))
+    s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
     with np.errstate(all="ignore"):
-        run = reduced.run(registers, values, s, Bounded(np.complex128(1), 0.0))
+        run = reduced.run(registers, values, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
         columns = [np.broadcast_to(run[register].value, omega.shape) for register in registers]
         bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
         response = np.stack(columns, axis=-1)

@@ -184,7 +184,9 @@ def _arity_fault(name: str, kind: str, ins: int, outs: int) -> str:
     if kind in ONE_PORTS and ins + outs > 1:
         return f"{_describe(kind)} '{name}' has {ins + outs} bonds but only one port; put a junction between"
     if kind in TWO_PORTS and (ins, outs) != (1, 1):
-        return f"{_describe(kind)} '{name}' needs one bond in and one bond out; it has {ins} in and {outs} out"
+        return (
+            f"{_describe(kind)} '{name}' needs one bond in and one bond out; it has {ins} in and {outs} out"
+        )
     return ""
 
 
@@ -200,5 +202,6 @@ def port_fault(types: Mapping[str, str], port: Port) -> str:
     common = {"0": ("e", "p"), "1": ("f", "q")}.get(kind)
     if common and port.quantity not in common:
         name = "effort" if kind == "0" else "flow"
-        return f"'{port}': a {kind}-junction has one {name} only; ask for '{port.node}.{common[0]}' or an element's"
+        instead = f"'{port.node}.{common[0]}'"
+        return f"'{port}': a {kind}-junction has one {name} only; ask for {instead} or an element's"
     return ""

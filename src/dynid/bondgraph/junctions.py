@@ -183,8 +183,8 @@ def _ring(graph: BondGraph, tail: str, head: str) -> Singular:
     kind = graph.nodes[tail].type
     what, medium = ("flow", "effort") if kind == "0" else ("effort", "flow")
     return Singular(
-        f"the {what} through the bond '{tail} -> {head}' is not determined: it closes a ring of {kind}-junctions, "
-        f"which share their {medium} already (a loop with no solution)",
+        f"the {what} through the bond '{tail} -> {head}' is not determined: it closes a ring of "
+        f"{kind}-junctions, which share their {medium} already (a loop with no solution)",
         remedy="Drop this bond, or put an element into the ring.",
         names=(tail, head),
     )
@@ -195,7 +195,8 @@ def _source_conflict(junction: Junction, second: str) -> Singular:
     fixes = f"the {'effort' if effort else 'flow'} of junction '{junction.name}'"
     kind, arrangement = ("effort", "parallel") if effort else ("flow", "series")
     return Singular(
-        f"{kind} sources '{junction.fixing}' and '{second}' both fix {fixes} (two ideal sources in {arrangement})",
+        f"{kind} sources '{junction.fixing}' and '{second}' both fix {fixes} "
+        f"(two ideal sources in {arrangement})",
         remedy="Put a resistance between them, or drop one.",
         names=(second, str(junction.fixing), junction.name),
     )

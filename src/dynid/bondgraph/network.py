@@ -37,7 +37,9 @@ class Network:
         Sources that are kept; all others are zero.
     """
 
-    def __init__(self, structure: JunctionStructure, program: Program, root: str, inputs: Iterable[str]) -> None:
+    def __init__(
+        self, structure: JunctionStructure, program: Program, root: str, inputs: Iterable[str]
+    ) -> None:
         self.structure, self.program, self.root = structure, program, root
         self.inputs = tuple(inputs)
         self.kind = {name: junction.kind for name, junction in structure.junctions.items()}
@@ -53,7 +55,10 @@ class Network:
             self._couple(coupling)
 
     def _elements(self, junction: str) -> list[Term]:
-        return [Term(name, self.immittance(name, junction)) for name in self.structure.junctions[junction].elements]
+        return [
+            Term(name, self.immittance(name, junction))
+            for name in self.structure.junctions[junction].elements
+        ]
 
     def immittance(self, name: str, junction: str) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""

@@ -61,7 +61,9 @@ def length(program: Program, register: Register, limit: int) -> int:
     return counts[register]
 
 
-def _write(op: Op, a: int, b: int, known: Mapping[int, tuple[str, int]], symbols: Mapping[str, str]) -> tuple[str, int]:
+def _write(
+    op: Op, a: int, b: int, known: Mapping[int, tuple[str, int]], symbols: Mapping[str, str]
+) -> tuple[str, int]:
     match op:
         case Op.CONSTANT:
             return str(a), _ATOM if a >= 0 else _SIGN

@@ -171,10 +171,7 @@ class Program:
         return register
 
     def _emit(self, op: Op, a: Any, b: int, image: int) -> Register:
-        if op in (Op.ADD, Op.MUL) and b < a:
-            key = (op, b, a)
-        else:
-            key = (op, a, b)
+        key = (op, b, a) if op in (Op.ADD, Op.MUL) and b < a else (op, a, b)
         register = self._known.get(key)
         if register is None:
             register = len(self.ops)
@@ -185,7 +182,9 @@ class Program:
 
     # --- running -------------------------------------------------------------------------------
 
-    def run(self, wanted: Iterable[Register], values: Mapping[str, N], laplace: N, one: N) -> dict[Register, N]:
+    def run(
+        self, wanted: Iterable[Register], values: Mapping[str, N], laplace: N, one: N
+    ) -> dict[Register, N]:
         """Run the part of the program that the wanted registers need.
 
         Parameters
@@ -230,7 +229,9 @@ def _operands(op: Op, a: Any, b: int) -> tuple[Register, ...]:
     return (a,) if op is Op.NEG else (a, b)
 
 
-def _execute(op: Op, a: Any, b: int, memory: dict[Register, Any], values: Mapping[str, Any], s: Any, one: Any) -> Any:
+def _execute(
+    op: Op, a: Any, b: int, memory: dict[Register, Any], values: Mapping[str, Any], s: Any, one: Any
+) -> Any:
     match op:
         case Op.CONSTANT:
             return one * a if a != 1 else one

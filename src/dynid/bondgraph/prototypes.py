@@ -43,7 +43,9 @@ class Prototype:
     @property
     def letter(self) -> str:
         """The letter of Fig. 2."""
-        return {("1", True): "a", ("0", True): "b", ("0", False): "c", ("1", False): "d"}[self.kind, self.fixed]
+        return {("1", True): "a", ("0", True): "b", ("0", False): "c", ("1", False): "d"}[
+            self.kind, self.fixed
+        ]
 
     @property
     def equation(self) -> str:
@@ -90,7 +92,11 @@ def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Te
         node = graph.nodes.get(term.name)
         if term.name == port.node:
             return 0
-        if node is None or node.type in SOURCES or term.name not in network.structure.junctions[network.root].elements:
+        if (
+            node is None
+            or node.type in SOURCES
+            or term.name not in network.structure.junctions[network.root].elements
+        ):
             return 4
         if node.type == preferred and not fixed:
             return 1

@@ -63,7 +63,7 @@ class ReducedGraph:
         return {name: v.numerator * pow(v.denominator, -1, PRIME) % PRIME for name, v in values.items()}
 
     def _holds_with_numbers(self) -> bool:
-        """Tell whether every divisor stays nonzero with the graph's values (modulo a prime, at a random s)."""
+        """Tell whether every divisor stays nonzero with the graph's values, at a random s."""
         laplace = random.Random(0xD1F1D).randrange(1, PRIME)
         point = {name: Modular(image) for name, image in self._numbers().items()}
         wanted = [r for red in self.reductions.values() for r in (*red.channels.values(), *red.pivots)]

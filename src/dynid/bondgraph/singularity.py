@@ -7,19 +7,33 @@ general values; its null vectors name the junctions concerned.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from dynid.bondgraph.junctions import JunctionStructure
+from dynid.bondgraph.network import Network
 from dynid.bondgraph.program import PRIME, Program, Register
 from dynid.errors import Singular
 
 
-def explain_singularity(
-    structure: JunctionStructure,
-    program: Program,
-    matrix: dict[str, dict[str, Register]],
-    diagonal: dict[str, Register],
-    sources: dict[str, dict[str, Register]],
-) -> Singular:
+@dataclass(frozen=True)
+class NodalForm:
+    """The nodal form K x = b before elimination: entries off and on the diagonal, and the right-hand side."""
+
+    matrix: dict[str, dict[str, Register]]
+    diagonal: dict[str, Register]
+    sources: dict[str, dict[str, Register]]
+
+    @classmethod
+    def of(cls, network: Network) -> NodalForm:
+        """Copy the form out of a network that is about to be eliminated."""
+        return cls(
+            {row: dict(entries) for row, entries in network.matrix.items()},
+            {name: network.diagonal(name) for name in network.matrix},
+            {name: dict(row) for name, row in network.sources.items()},
+        )
+
+
+def explain_singularity(structure: JunctionStructure, program: Program, form: NodalForm) -> Singular:
     """Return the error that says which balances contradict each other, or what is not determined.
 
     Parameters
@@ -28,14 +42,16 @@ def explain_singularity(
         The junction structure.
     program
         The program that holds the registers.
-    matrix, diagonal, sources
-        The nodal form before elimination: entries off the diagonal, on it, and the right-hand side.
+    form
+        The nodal form before elimination.
     """
-    names = list(matrix)
-    dense = [
-        [program.image(diagonal[row] if row == column else matrix[row].get(column, program.zero)) for column in names]
-        for row in names
-    ]
+    names = list(form.matrix)
+
+    def entry(row: str, column: str) -> int:
+        register = form.diagonal[row] if row == column else form.matrix[row].get(column, program.zero)
+        return program.image(register)
+
+    dense = [[entry(row, column) for column in names] for row in names]
     for row, name in enumerate(names):
         if structure.junctions[name].fixing is not None:  # the root, whose unknown is known
             dense[row] = [int(row == column) for column in range(len(names))]

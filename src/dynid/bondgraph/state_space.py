@@ -59,7 +59,11 @@ class _Descriptor:
     """The equations of a graph, each a form that equals zero, and the outputs as forms."""
 
     def __init__(
-        self, structure: JunctionStructure, junctions: Iterable[str], inputs: Iterable[str], initial: Iterable[str]
+        self,
+        structure: JunctionStructure,
+        junctions: Iterable[str],
+        inputs: Iterable[str],
+        initial: Iterable[str],
     ) -> None:
         self.structure, self.graph = structure, structure.graph
         self.inputs, self.initial = set(inputs), set(initial)
@@ -75,12 +79,17 @@ class _Descriptor:
                 _add(balance, self._input(source), Fraction(-sign))
         for coupling in structure.couplings:
             self._couple(coupling)
-        self.equations += [form for name, form in self.balance.items() if structure.junctions[name].fixing is None]
+        self.equations += [
+            form for name, form in self.balance.items() if structure.junctions[name].fixing is None
+        ]
 
     def _couple(self, coupling: Coupling) -> None:
         size = Fraction(1) if coupling.two_port is None else self.graph.value(coupling.two_port)
         size = 1 / size if coupling.inverse else size
-        for row, column, entry in ((coupling.tail, coupling.head, size), (coupling.head, coupling.tail, -size)):
+        for row, column, entry in (
+            (coupling.tail, coupling.head, size),
+            (coupling.head, coupling.tail, -size),
+        ):
             if row in self.balance:
                 _add(self.balance[row], self._common(column), entry)
 
@@ -144,7 +153,10 @@ def _solve(equations: list[Form], outputs: list[Form]) -> dict[Symbol, Form]:
     open_unknowns = {s[1] for form in pending for s in form if s[0] == "w"} - {pivot[1] for pivot in rates}
     if open_unknowns:
         raise _contradiction()
-    solved = {pivot: _scaled({k: v for k, v in form.items() if k != pivot}, Fraction(-1)) for pivot, form in rates.items()}
+    solved = {
+        pivot: _scaled({k: v for k, v in form.items() if k != pivot}, Fraction(-1))
+        for pivot, form in rates.items()
+    }
     for form in outputs:
         for pivot, rate in solved.items():
             if pivot in form:
@@ -155,20 +167,20 @@ def _solve(equations: list[Form], outputs: list[Form]) -> dict[Symbol, Form]:
 def _split(forms: list[Form]) -> tuple[dict[Symbol, Form], list[Form]]:
     """Gauss-Jordan on the rates: equations solved for one rate each, and equations without any."""
     rates: dict[Symbol, Form] = {}
-    algebraic = []
+    algebraic: list[Form] = []
     for form in forms:
-        for pivot, row in rates.items():
-            if pivot in form:
-                _add(form, row, -form[pivot])
+        for known, row in rates.items():
+            if known in form:
+                _add(form, row, -form[known])
         pivot = next((symbol for symbol in form if symbol[0] == "dw"), None)
         if pivot is None:
             algebraic.append(form)
             continue
-        form = _scaled(form, 1 / form[pivot])
+        solved = _scaled(form, 1 / form[pivot])
         for row in rates.values():
             if pivot in row:
-                _add(row, form, -row[pivot])
-        rates[pivot] = form
+                _add(row, solved, -row[pivot])
+        rates[pivot] = solved
     return rates, algebraic
 
 
@@ -219,7 +231,11 @@ def _scaled(form: Form, factor: Fraction) -> Form:
 
 
 def _as_state_space(
-    rates: dict[Symbol, Form], outputs: list[Form], inputs: list[str], names: list[str], energy: dict[str, Fraction]
+    rates: dict[Symbol, Form],
+    outputs: list[Form],
+    inputs: list[str],
+    names: list[str],
+    energy: dict[str, Fraction],
 ) -> StateSpace:
     from dynid.lti.model import StateSpace
 
@@ -254,4 +270,3 @@ def _as_state_space(
         outputs=tuple(names),
         states=tuple(states),
     )
-

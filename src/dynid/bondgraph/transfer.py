@@ -82,7 +82,10 @@ class TransferFunction:
     def high_frequency_gain(self) -> float:
         """The limit of T(s) as s grows through positive values; may be infinite."""
         size = max(self.numerator.length(), self.denominator.length())
-        pad = [[0] * (size - p.length()) + [int(c) for c in p.coeffs()][::-1] for p in (self.numerator, self.denominator)]
+        pad = [
+            [0] * (size - p.length()) + [int(c) for c in p.coeffs()][::-1]
+            for p in (self.numerator, self.denominator)
+        ]
         return _limit(*pad)
 
     @property
@@ -105,7 +108,9 @@ class TransferFunction:
         if right:
             return f"non-minimum phase: {_place(right)} in the right half-plane; its inverse is unstable"
         if axis:
-            return f"marginal, not minimum phase: {_place(axis)} on the imaginary axis, so {_consequence(axis)}"
+            return (
+                f"marginal, not minimum phase: {_place(axis)} on the imaginary axis, so {_consequence(axis)}"
+            )
         if not self.zeros:
             return "minimum phase: there are no finite zeros"
         return "minimum phase: every zero lies in the open left half-plane"
@@ -122,8 +127,11 @@ def _consequence(zeros: list[Root]) -> str:
 def _place(zeros: list[Root]) -> str:
     count = sum(zero.multiplicity for zero in zeros)
     shown = [_number(zero.value) for zero in zeros if zero.value.imag >= 0][:4]
-    text = ", ".join(("±" if value.endswith("j") and not value.startswith("0") else "") + value for value in shown)
-    return f"{'zero' if count == 1 else 'zeros'} at {text}{', …' if len(zeros) > 8 else ''} {'lies' if count == 1 else 'lie'}"
+    text = ", ".join(
+        ("±" if value.endswith("j") and not value.startswith("0") else "") + value for value in shown
+    )
+    more = ", …" if len(zeros) > 8 else ""
+    return f"zero at {text} lies" if count == 1 else f"zeros at {text}{more} lie"
 
 
 def _number(value: complex) -> str:

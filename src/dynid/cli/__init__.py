@@ -36,7 +36,9 @@ class LazyGroup(click.Group):
         command: click.Command = getattr(import_module(module), function)
         return command
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, and suggest one where there is none."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             from dynid.scene.source import did_you_mean

@@ -9,7 +9,9 @@ from dynid.errors import FileError, SceneError
 
 @click.command()
 @click.argument("scenes", nargs=-1, required=True, type=click.Path())
-@click.option("--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scenes; repeatable.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scenes; repeatable."
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but faults.")
 def check(scenes: tuple[str, ...], overrides: tuple[str, ...], quiet: bool) -> int:
     """Read and check scenes without running them.

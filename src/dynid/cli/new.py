@@ -28,12 +28,18 @@ def new(name: str, output: str | None, force: bool) -> int:
     from dynid.scene.source import did_you_mean
 
     folder = files("dynid.templates")
-    names = sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+    names = sorted(
+        item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")
+    )
     if name not in names:
-        raise UsageError(f"no template '{name}'{did_you_mean(name, names)}", remedy=f"There are {', '.join(names)}.")
+        raise UsageError(
+            f"no template '{name}'{did_you_mean(name, names)}", remedy=f"There are {', '.join(names)}."
+        )
     target = Path(output or f"{name}.yaml")
     if target.exists() and not force:
-        raise FileError(f"{target} exists already", remedy="Name another file with -o, or replace it with --force.")
+        raise FileError(
+            f"{target} exists already", remedy="Name another file with -o, or replace it with --force."
+        )
     replace_file(str(target), folder.joinpath(f"{name}.yaml").read_bytes())
     click.echo(f"wrote {target}; run it: dynid run {target}")
     return 0

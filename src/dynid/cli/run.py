@@ -27,7 +27,9 @@ class LocatedError(DynidError):
 @click.command()
 @click.argument("scene", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), help="The HDF5 file to write; default ./<scene>.h5.")
-@click.option("--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
+)
 @click.option("--junit", type=click.Path(), help="Write the expectations' outcome as JUnit XML.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str | None, quiet: bool) -> int:

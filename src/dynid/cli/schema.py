@@ -17,7 +17,9 @@ def schema(kind: str | None) -> int:
     from dynid.scene.source import did_you_mean
 
     if kind is not None and kind not in KINDS:
-        raise UsageError(f"no kind '{kind}'{did_you_mean(kind, KINDS)}", remedy=f"There are {', '.join(KINDS)}.")
+        raise UsageError(
+            f"no kind '{kind}'{did_you_mean(kind, KINDS)}", remedy=f"There are {', '.join(KINDS)}."
+        )
     schemas = [kind_model(name).model_json_schema() for name in ([kind] if kind else KINDS)]
     if len(schemas) == 1:
         document = schemas[0]

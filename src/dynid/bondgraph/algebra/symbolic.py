@@ -80,9 +80,9 @@ def variables(names: list[str], limit: int) -> tuple[dict[str, Formula], Formula
 
     context = fmpz_mpoly_ctx.get(names, "lex")
     one = context.constant(1)
-    return {
-        name: Formula(gen, one, limit) for name, gen in zip(names, context.gens(), strict=True)
-    }, Formula(one, one, limit)
+    return {name: Formula(gen, one, limit) for name, gen in zip(names, context.gens(), strict=True)}, Formula(
+        one, one, limit
+    )
 
 
 def apply(operation: str, operands: list[Formula]) -> Formula:

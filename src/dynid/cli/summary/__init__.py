@@ -40,7 +40,10 @@ def contents(result: Result) -> str:
     width = max((len(path) for path in result), default=0)
     rows = []
     for path, variable in sorted(result.items()):
-        axes = " x ".join(f"{dim} {size}" for dim, size in zip(variable.dims, variable.data.shape, strict=True))
-        kind = "text" if variable.data.dtype == object else variable.data.dtype.name
-        rows.append(f"  {path:<{width}}  {kind if not variable.data.dtype.names else 'table'}  {axes}  {variable.units}".rstrip())
+        axes = " x ".join(
+            f"{dim} {size}" for dim, size in zip(variable.dims, variable.data.shape, strict=True)
+        )
+        dtype = variable.data.dtype
+        kind = "table" if dtype.names else "text" if dtype == object else dtype.name
+        rows.append(f"  {path:<{width}}  {kind}  {axes}  {variable.units}".rstrip())
     return "\n".join(rows)

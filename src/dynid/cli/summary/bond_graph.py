@@ -58,7 +58,10 @@ def _channels(result: Result) -> list[tuple[str, str]]:
 
 
 def _channel(result: Result, output: str, source: str) -> Iterable[str]:
-    group, properties = f"bond_graph/transfer_function/{output}/{source}", f"bond_graph/properties/{output}/{source}"
+    group, properties = (
+        f"bond_graph/transfer_function/{output}/{source}",
+        f"bond_graph/properties/{output}/{source}",
+    )
     formula = result.group_attrs.get(group, {}).get("symbolic")
     yield f"  {output} / {source}"
     if f"{group}/numerator" in result:
@@ -68,14 +71,25 @@ def _channel(result: Result, output: str, source: str) -> Iterable[str]:
     if formula:
         yield f"         = {formula}" if len(str(formula)) < 160 else "         (formula in the file)"
     if f"{group}/zeros" in result:
-        verdict = str(result[f"{properties}/zero_stability"].data) if f"{properties}/zero_stability" in result else ""
+        verdict = (
+            str(result[f"{properties}/zero_stability"].data)
+            if f"{properties}/zero_stability" in result
+            else ""
+        )
         yield f"    zeros   {_roots(result[f'{group}/zeros'].data):<34} {verdict}".rstrip()
     if f"{group}/poles" in result:
-        stable = ("stable" if result.value(f"{properties}/stable") else "not stable") if f"{properties}/stable" in result else ""
+        stable = (
+            ("stable" if result.value(f"{properties}/stable") else "not stable")
+            if f"{properties}/stable" in result
+            else ""
+        )
         yield f"    poles   {_roots(result[f'{group}/poles'].data):<34} {stable}".rstrip()
         yield from _modes(result[f"{group}/poles"].data)
     if f"{properties}/order" in result:
-        get = {name: result.value(f"{properties}/{name}") for name in ("relative_degree", "dc_gain", "high_frequency_gain", "order")}
+        get = {
+            name: result.value(f"{properties}/{name}")
+            for name in ("relative_degree", "dc_gain", "high_frequency_gain", "order")
+        }
         yield (
             f"    order {get['order']} · relative degree {get['relative_degree']} · "
             f"T(0) = {get['dc_gain']:.6g} · T(∞) = {get['high_frequency_gain']:.6g}"
@@ -108,7 +122,7 @@ def _root(root: complex) -> str:
 
 def _polynomial(coefficients: np.ndarray[Any, Any]) -> str:
     degree = len(coefficients) - 1
-    terms = []
+    terms: list[str] = []
     for place, value in enumerate(coefficients):
         if value == 0 and degree > 0:
             continue

@@ -1,0 +1,240 @@
+"""Eliminating one junction after another: every elimination is a physical step.
+
+A leaf is superposed (series, parallel), reflected through a TF or GY into its neighbour, and a source on it
+is swapped (Park & Kim 1997, eqs 1, 2, 15, 16); a junction on a loop becomes its multiport equivalent; a bare
+junction states a constraint.
+"""
+
+from __future__ import annotations
+
+from dynid.bondgraph.network import Network, Term
+from dynid.bondgraph.program import Program, Register
+from dynid.bondgraph.steps import Step, listed
+
+
+class Elimination:
+    """A network under elimination, with the steps taken and the pivots met so far.
+
+    Parameters
+    ----------
+    network
+        The network; it shrinks.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self.net, self.program, self.root = network, network.program, network.root
+        self.steps: list[Step] = []
+        self.pivots: list[Register] = []
+        self.held: dict[str, Register] | None = None  # the root's unknown, where a bare neighbour fixes it
+
+    def eliminate(self, name: str) -> list[str]:
+        """Eliminate a junction on which something stands; return its former neighbours."""
+        neighbours = self.net.neighbours(name)
+        own = self.superpose(name, self.net.terms[name], None)
+        self.pivots.append(own)
+        if len(neighbours) == 1:
+            self._absorb_leaf(name, neighbours[0], own)
+        elif neighbours:
+            self._eliminate_on_loop(name, neighbours, own)
+        self.net.remove(name)
+        return neighbours
+
+    def names(self, junction: str) -> tuple[str, ...]:
+        """Return the user's junctions in a junction, or its made-up name."""
+        members = self.net.structure.junctions[junction].members
+        return tuple(members) if members else (junction,)
+
+    def superpose(self, junction: str, terms: list[Term], name: str | None) -> Register:
+        """Series on a 1-junction, parallel on a 0-junction (eqs 1, 2)."""
+        total = self.program.sum(term.register for term in terms)
+        if len(terms) < 2:
+            return total
+        series = self.net.kind[junction] == "1"
+        letter = "Z" if series else "Y"
+        label = name or f"{letter}_{junction}"
+        parts = tuple((term.register, "") for term in terms)
+        what, common, law = (
+            ("impedances", "flow", "series, eq 1") if series else ("admittances", "effort", "parallel, eq 2")
+        )
+        meaning = (
+            f"{listed([term.name for term in terms])} share the {common} of "
+            f"{self.net.kind[junction]}-junction {junction}: their {what} add ({law})"
+        )
+        nodes = tuple(dict.fromkeys([*self.names(junction), *(term.name for term in terms)]))
+        self.steps.append(Step("series" if series else "parallel", nodes, ((label, parts),), meaning))
+        self.program.label(total, label)
+        return total
+
+    def _absorb_leaf(self, leaf: str, into: str, own: Register) -> None:
+        program, net = self.program, self.net
+        coupling = net.single.get(frozenset((leaf, into)))
+        forward, back = net.entry(into, leaf), net.entry(leaf, into)
+        if coupling is None or not program.is_zero(program.add(forward, back)):
+            self._eliminate_on_loop(leaf, [into], own)
+            return
+        if coupling.two_port is None:
+            seen, origin = program.inv(own), self._origin(leaf)
+        else:
+            seen, origin = self._reflect(leaf, into, own, coupling.two_port, inverse=coupling.inverse)
+        net.terms[into].append(Term(origin, seen))
+        if net.sources[leaf]:
+            self._swap(leaf, into, own, coupling.two_port)
+
+    def _origin(self, junction: str) -> str:
+        """Name what stands on a junction: its only element, or itself."""
+        terms = self.net.terms[junction]
+        return terms[0].name if len(terms) == 1 else junction
+
+    def _reflect(
+        self, leaf: str, into: str, own: Register, two_port: str, *, inverse: bool
+    ) -> tuple[Register, str]:
+        """Write the immittance seen through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2."""
+        program = self.program
+        modulus = program.parameter(two_port)
+        square = program.mul(modulus, modulus)
+        seen = program.inv(program.mul(square, own)) if inverse else program.mul(square, program.inv(own))
+        impedance = seen if self.net.kind[into] == "1" else program.inv(seen)
+        label = f"Z_{two_port}"
+        transformer = self.net.structure.graph.nodes[two_port].type == "TF"
+        law = "Z1 = n^2 Z2" if transformer else "Z1 = r^2/Z2"
+        meaning = (
+            f"seen from {into} through {'transformer' if transformer else 'gyrator'} {two_port}, "
+            f"{self._origin(leaf)} is the impedance {label} ({law})"
+        )
+        nodes = (*self.names(leaf), two_port)
+        self.steps.append(Step("reflection", nodes, ((label, ((impedance, ""),)),), meaning))
+        program.label(impedance, label)
+        return seen, two_port
+
+    def _swap(self, leaf: str, into: str, own: Register, two_port: str | None) -> None:
+        """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
+        net, program = self.net, self.program
+        scale = program.neg(net.entry(into, leaf))
+        letter = "e" if net.kind[into] == "1" else "f"
+        label, parts = f"{letter}_{leaf}", []
+        for source, amount in net.sources[leaf].items():
+            register = program.mul(scale, program.mul(program.inv(own), amount))
+            parts.append((register, source))
+            self._add_source(into, source, register)
+        sources = tuple(source for _, source in parts)
+        forms = {"0": ("flow", "Norton, eq 15"), "1": ("effort", "Thévenin, eq 16")}
+        (have, old), (want, new) = forms[net.kind[leaf]], forms[net.kind[into]]
+        meaning = (
+            f"the {have} source {listed(sources)} with {self._origin(leaf)} on {net.kind[leaf]}-junction "
+            f"{leaf} ({old}) is, for {into}, the {want} source {label} ({new})"
+        )
+        if two_port is not None:
+            meaning += f", seen through {two_port}"
+        else:
+            meaning += f"; the {net.kind[leaf]}-junction becomes a {net.kind[into]}-junction"
+        self.steps.append(
+            Step("source swap", (*sources, *self.names(leaf)), ((label, tuple(parts)),), meaning)
+        )
+        if (
+            two_port is None
+            and net.structure.junctions[leaf].members
+            and net.structure.junctions[into].members
+        ):
+            self._merge(leaf, into)
+
+    def _merge(self, leaf: str, into: str) -> None:
+        """Note that a swapped junction is now of its neighbour's kind, and one with it."""
+        kind = self.net.kind[into]
+        common = "f" if kind == "1" else "e"
+        meaning = f"{leaf} and {into} are {kind}-junctions now, joined by a bond: they merge"
+        nodes = (*self.names(leaf), *self.names(into))
+        self.steps.append(Step("merge", nodes, (), meaning, f"{common}_{leaf} = {common}_{into}"))
+
+    def _add_source(self, junction: str, source: str, amount: Register) -> None:
+        row = self.net.sources[junction]
+        row[source] = self.program.add(row.get(source, self.program.zero), amount)
+
+    def _eliminate_on_loop(self, name: str, neighbours: list[str], own: Register) -> None:
+        """Eliminate a junction by its multiport equivalent: the Schur complement of the nodal form."""
+        net, program = self.net, self.program
+        changes = {}
+        for row in neighbours:
+            factor = program.mul(net.entry(row, name), program.inv(own))
+            for column in neighbours:
+                changes[row, column] = program.neg(program.mul(factor, net.entry(name, column)))
+            for source, amount in net.sources[name].items():
+                self._add_source(row, source, program.neg(program.mul(factor, amount)))
+        for (row, column), change in changes.items():
+            self._add(row, column, change, name)
+            net.single[frozenset((row, column))] = None
+        meaning = (
+            f"{name} lies between {listed(neighbours)}: what it passes on to them is their multiport "
+            f"equivalent (Schur complement of the nodal form, as star to mesh)"
+        )
+        definitions = tuple(
+            (f"k({row}, {column})", ((change, ""),)) for (row, column), change in changes.items()
+        )
+        self.steps.append(Step("junction elimination", self.names(name), definitions, meaning))
+
+    def _add(self, row: str, column: str, change: Register, origin: str) -> None:
+        if self.program.is_zero(change):
+            return
+        if row == column:
+            self.net.terms[row].append(Term(origin, change))
+        else:
+            self.net.add_entry(row, column, change)
+
+    # --- bare junctions ------------------------------------------------------------------------
+
+    def paired(self, a: str, b: str) -> bool:
+        """Tell whether two junctions appear in each other's balance, so that they can be one pivot."""
+        zero = self.program.is_zero
+        return not zero(self.net.entry(a, b)) and not zero(self.net.entry(b, a))
+
+    def hold_root(self, name: str) -> None:
+        """Let a bare junction at the root state the root's unknown."""
+        program, net = self.program, self.net
+        entry = net.matrix[name][self.root]
+        self.held = {source: program.div(amount, entry) for source, amount in net.sources[name].items()}
+        self.pivots.append(program.mul(entry, net.matrix[self.root][name]))
+        self._state_constraint(name, self.root, self.held)
+        net.remove(name)
+
+    def _state_constraint(self, name: str, fixed: str, value: dict[str, Register]) -> None:
+        what = "effort" if self.net.kind[fixed] == "0" else "flow"
+        meaning = f"no element stands on {name}, so its balance alone fixes the {what} of {fixed}"
+        label = f"{what[0]}_{fixed}"
+        parts = tuple((register, source) for source, register in value.items()) or ((self.program.zero, ""),)
+        nodes = (*self.names(name), *self.names(fixed))
+        self.steps.append(Step("constraint", nodes, ((label, parts),), meaning))
+
+    def eliminate_pair(self, partner: str, bare: str) -> None:
+        """Eliminate a bare junction together with a neighbour: a 2 x 2 pivot [[d, a], [b, 0]]."""
+        net, program = self.net, self.program
+        a, b = net.matrix[partner][bare], net.matrix[bare][partner]
+        d = net.diagonal(partner)
+        self.pivots.append(program.mul(a, b))
+        around = dict.fromkeys([*net.neighbours(partner), *net.neighbours(bare)])
+        rows = [row for row in around if row not in (partner, bare)]
+
+        def solve(of_partner: Register, of_bare: Register) -> tuple[Register, Register]:
+            x = program.div(of_bare, b)
+            return x, program.div(program.sub(of_partner, program.mul(d, x)), a)
+
+        columns = {column: solve(net.entry(partner, column), net.entry(bare, column)) for column in rows}
+        names = dict.fromkeys([*net.sources[partner], *net.sources[bare]])
+        sides = {
+            source: solve(
+                net.sources[partner].get(source, program.zero), net.sources[bare].get(source, program.zero)
+            )
+            for source in names
+        }
+        for row in rows:
+            left = (net.entry(row, partner), net.entry(row, bare))
+            for column, solved in columns.items():
+                self._add(row, column, program.neg(_dot(program, left, solved)), partner)
+                net.single[frozenset((row, column))] = None
+            for source, solved in sides.items():
+                self._add_source(row, source, program.neg(_dot(program, left, solved)))
+        self._state_constraint(bare, partner, {source: solved[0] for source, solved in sides.items()})
+        net.remove(bare)
+        net.remove(partner)
+
+
+def _dot(program: Program, left: tuple[Register, Register], right: tuple[Register, Register]) -> Register:
+    return program.add(program.mul(left[0], right[0]), program.mul(left[1], right[1]))

@@ -1,0 +1,1 @@
+"""What the analyses of a graph put into a `Result`, one question a file."""

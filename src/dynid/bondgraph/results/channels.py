@@ -1,0 +1,111 @@
+"""Exact results channel by channel: transfer functions, zeros and poles, properties, hidden modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.reduced import Channel, ReducedGraph
+from dynid.bondgraph.reduction import Reduction
+from dynid.bondgraph.transfer import TransferFunction
+from dynid.lti.roots import Root, certified_roots, repeated
+from dynid.result import Result
+
+
+def add_channels(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -> None:
+    """Add what is asked for of every channel."""
+    from dynid.bondgraph.formula import formulas
+
+    channels = reduced.channels()
+    ratios = reduced.rational(channels.values())
+    transfers = {channel: TransferFunction.of(ratios[register]) for channel, register in channels.items()}
+    readable = formulas(reduced) if "transfer_function" in asked else {}
+    natural = _characteristic_polynomials(reduced) if asked & {"properties", "hidden_modes"} else {}
+    for channel, transfer in transfers.items():
+        _add_transfer_function(result, channel, transfer, asked, readable.get(channel))
+        if "properties" in asked:
+            _add_properties(result, channel, transfer, reduced.reductions[channel[0]])
+        if natural:
+            _add_hidden_modes(result, channel, transfer, natural[channel[0]])
+
+
+def _add_transfer_function(
+    result: Result, channel: Channel, transfer: TransferFunction, asked: frozenset[str], formula: str | None
+) -> None:
+    group = f"bond_graph/transfer_function/{channel[0]}/{channel[1]}"
+    result.annotate(group, engine="exact", reading="decimal")
+    if "transfer_function" in asked:
+        if formula is not None:
+            result.annotate(group, symbolic=formula)
+        for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
+            axis = f"{name}_power"
+            result.add_axis(f"{group}/{axis}", np.arange(len(coefficients))[::-1])
+            result.add(f"{group}/{name}", coefficients, (axis,))
+    for name, roots in (("zeros", transfer.zeros), ("poles", transfer.poles)):
+        if name in asked:
+            _add_roots(result, group, name, roots)
+
+
+def _add_roots(result: Result, group: str, name: str, roots: Sequence[Root]) -> None:
+    """Add roots with their certified error bounds, each as often as its multiplicity says."""
+    axis = name[:-1]
+    values = repeated(roots)
+    radii = [root.radius for root in roots for _ in range(root.multiplicity)]
+    result.add_axis(f"{group}/{axis}", np.arange(1, len(values) + 1))
+    result.add(f"{group}/{name}", values, (axis,), "rad/s")
+    result.add(f"{group}/{axis}_error_bound", np.array(radii, dtype=float), (axis,), "rad/s")
+
+
+def _add_properties(
+    result: Result, channel: Channel, transfer: TransferFunction, reduction: Reduction
+) -> None:
+    group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
+    result.add(f"{group}/relative_degree", transfer.relative_degree)
+    result.add(f"{group}/dc_gain", transfer.dc_gain)
+    result.add(f"{group}/high_frequency_gain", transfer.high_frequency_gain)
+    result.add(f"{group}/stable", transfer.stable)
+    result.add(f"{group}/minimum_phase", transfer.minimum_phase)
+    result.add(f"{group}/order", transfer.order)
+    result.add(f"{group}/prototype", reduction.prototype.letter)
+    result.add(f"{group}/zero_stability", transfer.zero_stability)
+
+
+def _add_hidden_modes(result: Result, channel: Channel, transfer: TransferFunction, natural: Any) -> None:
+    """Add the natural modes that cancel in the channel: uncontrollable, unobservable, or both."""
+    group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
+    hidden = repeated(certified_roots(natural // natural.gcd(transfer.denominator)))
+    result.add_axis(f"{group}/hidden_mode", np.arange(1, len(hidden) + 1))
+    result.add(f"{group}/hidden_modes", hidden, ("hidden_mode",), "rad/s")
+
+
+def _characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
+    """Return, for every output, the polynomial of all natural modes of the part behind it.
+
+    It is the determinant of the nodal form (the product of the pivots) times s for every storage that
+    integrates there (its immittance has s in the denominator).
+    """
+    from flint import fmpz_poly
+
+    structure = reduced.structure
+    ratios = reduced.rational({pivot for red in reduced.reductions.values() for pivot in red.pivots})
+    polynomials = {}
+    for port, reduction in reduced.reductions.items():
+        numerator, denominator = fmpz_poly([1]), fmpz_poly([1])
+        for pivot in reduction.pivots:
+            numerator, denominator = (
+                numerator * ratios[pivot].numerator,
+                denominator * ratios[pivot].denominator,
+            )
+            common = numerator.gcd(denominator)
+            numerator, denominator = numerator // common, denominator // common
+        for junction in reduction.junctions:
+            for name in structure.junctions[junction].elements:
+                integrates = reduced.graph.nodes[name].type == (
+                    "C" if structure.junctions[junction].kind == "1" else "I"
+                )
+                numerator = numerator * fmpz_poly([0, 1]) if integrates else numerator
+        polynomials[port] = numerator // numerator.gcd(denominator)
+    return polynomials

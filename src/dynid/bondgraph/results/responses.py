@@ -1,0 +1,98 @@
+"""State equations, frequency response and time response of a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.result import Result
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from dynid.lti.generator import Signal
+    from dynid.lti.model import StateSpace
+
+
+def add_state_space(result: Result, reduced: ReducedGraph) -> None:
+    """Add the state equations; `feedthrough` holds D and, where improper, the matrices on u', u'', …."""
+    from dynid.bondgraph.state_space import state_space
+
+    system, group = state_space(reduced), "bond_graph/state_space"
+    for axis, names in (("state", system.states), ("input", system.inputs), ("output", system.outputs)):
+        result.add_axis(f"{group}/{axis}", np.array(names, dtype=object))
+    result.add_axis(f"{group}/rate_of", np.array(system.states, dtype=object))
+    result.add(f"{group}/A", system.A, ("rate_of", "state"))
+    result.add(f"{group}/B", system.B, ("rate_of", "input"))
+    result.add(f"{group}/C", system.C, ("output", "state"))
+    feedthrough = np.stack([system.D, *system.higher])
+    result.add_axis(f"{group}/derivative", np.arange(len(feedthrough)))
+    result.add(f"{group}/D", feedthrough[0], ("output", "input"))
+    result.add(f"{group}/feedthrough", feedthrough, ("derivative", "output", "input"))
+
+
+def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray[np.float64]) -> None:
+    """Add T(j omega) of every channel."""
+    from dynid.bondgraph.frequency import frequency_response
+
+    group = "bond_graph/frequency_response"
+    result.add_axis(f"{group}/omega", omega, "rad/s")
+    result.add_axis(f"{group}/output", [str(port) for port in reduced.outputs])
+    result.add_axis(f"{group}/input", list(reduced.inputs))
+    result.add(f"{group}/response", frequency_response(reduced, omega), ("omega", "output", "input"))
+
+
+def _driven_by(system: StateSpace, columns: list[int]) -> StateSpace:
+    """Return the system with one input for each signal (several may drive the same source)."""
+    return replace(
+        system,
+        B=system.B[:, columns],
+        D=system.D[:, columns],
+        higher=tuple(matrix[:, columns] for matrix in system.higher),
+        inputs=(),
+        input_units=(),
+    )
+
+
+def add_time_response(
+    result: Result,
+    reduced: ReducedGraph,
+    times: NDArray[np.float64],
+    signals: Sequence[tuple[str, Signal]],
+    initial: Mapping[str, float],
+) -> None:
+    """Add the response to signals, and to stored energy as equivalent sources (eqs 13 to 16).
+
+    Parameters
+    ----------
+    result, reduced
+        Where to add it, and of what.
+    times
+        Instants, s.
+    signals
+        Pairs of an input and what drives it.
+    initial
+        The flow of an I or the effort of a C at t = 0, by name.
+    """
+    from dynid.bondgraph.state_space import state_space
+    from dynid.lti.propagate import response
+    from dynid.lti.signals import Impulse
+
+    system = state_space(reduced, tuple(initial))
+    driven = [*signals, *((f"initial:{name}", Impulse(value)) for name, value in initial.items())]
+    columns = [system.inputs.index(name) for name, _ in driven]
+    solved = response(_driven_by(system, columns), [signal for _, signal in driven], times)
+    sources = np.zeros((len(times), len(reduced.inputs)))
+    for place, (name, _) in enumerate(signals):
+        sources[:, reduced.inputs.index(name)] += solved.inputs[:, place]
+    group = "bond_graph/time_response"
+    result.add_axis(f"{group}/time", times, "s")
+    result.add_axis(f"{group}/output", list(system.outputs))
+    result.add_axis(f"{group}/source", list(reduced.inputs))
+    result.add(f"{group}/response", solved.outputs, ("time", "output"))
+    result.add(f"{group}/input", sources, ("time", "source"))
+    result.annotate(group, states=", ".join(system.states), order=len(system.states))

@@ -1,0 +1,40 @@
+"""The steps of a reduction: what was done, to which nodes, and what it means."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from dynid.bondgraph.program import Register
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a reduction.
+
+    Parameters
+    ----------
+    rule
+        series, parallel, reflection, source swap, merge, junction elimination, constraint or prototype.
+    nodes
+        The nodes it consumed.
+    definitions
+        What it defines: a name, and the registers that sum up to it, each with the source that it
+        multiplies (empty where it is an immittance).
+    meaning
+        What happens, physically, in one sentence.
+    relation
+        The equation of a step that defines nothing.
+    """
+
+    rule: str
+    nodes: tuple[str, ...]
+    definitions: tuple[tuple[str, tuple[tuple[Register, str], ...]], ...]
+    meaning: str
+    relation: str = ""
+
+
+def listed(names: Iterable[str]) -> str:
+    """Join names as in a sentence: a, b and c."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
