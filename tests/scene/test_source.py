@@ -42,6 +42,14 @@ def test_scalars_follow_yaml_1_2(text, value):
     assert type(found) is type(value)
 
 
+def test_a_truth_value_before_a_colon_is_a_word():
+    assert parse_source("k: {start: 1, true: 2}\nfalse: true\n").data == {
+        "k": {"start": 1, "true": 2},
+        "false": True,
+    }
+    assert "given twice" in faults_of("true: 1\n'true': 2\n")[0][2]
+
+
 def test_nan_is_a_number():
     assert math.isnan(parse_source("x: .NaN").data["x"])
 
@@ -70,7 +78,7 @@ def test_what_is_missing_is_reported_at_its_holder():
 
 
 def test_all_faults_come_in_one_go():
-    found = faults_of("a: !foo 1\nb: 1\nb: 2\n<<: 3\n? [k]\n: 5\ntrue: 3\nc: *nowhere\n")
+    found = faults_of("a: !foo 1\nb: 1\nb: 2\n<<: 3\n? [k]\n: 5\nnull: 3\nc: *nowhere\n")
     assert [place[:2] for place in found] == [(1, 4), (3, 1), (4, 1), (5, 3), (7, 1), (8, 4)]
     assert "twice, first on line 2" in found[1][2]
 

@@ -209,7 +209,9 @@ class _Builder:
             self._anchors[event.anchor] = (value, 1, 0)
         if self._stack and self._stack[-1].awaits_key():
             plain = event is not None and event.implicit[0]
-            self._take_key(value, place, plain)
+            # A key is a word: `true` beside `start` names a value, as it would in quotes.
+            word = event.value if event is not None and isinstance(value, bool) else value
+            self._take_key(word, place, plain)
         else:
             self._locate(place)
             self._put(value, height)
