@@ -15,7 +15,8 @@ _DEGREE = 16
 # Taylor's remainder at this norm is 0.8^17 / 17! = 6e-17.
 _LARGEST_NORM = 0.8
 _COEFFICIENTS = np.array([1 / math.factorial(k) for k in range(_DEGREE + 1)])
-_BLOCKS = _COEFFICIENTS[:_DEGREE].reshape(4, 4)
+_BLOCKS = _COEFFICIENTS[:_DEGREE].reshape(4, 4).copy()
+_BLOCKS[0, 0] = 0.0  # exp - 1
 
 
 def exponential_with_derivatives(A: Array, dA: Array, h: float) -> tuple[Array, Array]:
@@ -73,18 +74,20 @@ def _exponential(S: Array) -> Array:
     powers[3] = _product(powers[2], S)
     fourth = _product(powers[2], powers[2])
     blocks = (_BLOCKS @ powers.reshape(4, -1)).reshape(powers.shape)
-    E: Array = blocks[3] + _COEFFICIENTS[_DEGREE] * fourth
+    D: Array = blocks[3] + _COEFFICIENTS[_DEGREE] * fourth
     for block in blocks[2::-1]:
-        E = _product(E, fourth)
-        E += block
+        D = _product(D, fourth)
+        D += block
+    # D = exp - 1 is squared, not exp: beside a stiff part the slow one would drown in the rounding of 1.
     for _ in range(squarings):
-        E = _product(E, E)
-    return E
+        D = _product(D, D) + 2 * D
+    D[0].flat[:: S.shape[1] + 1] += 1.0
+    return D
 
 
 def _product(X: Array, Y: Array) -> Array:
     """Multiply two matrices that carry their derivatives behind them (first axis)."""
-    out: Array = (X.reshape(-1, X.shape[2]) @ Y[0]).reshape(X.shape)
+    out: Array = (X.reshape(len(X) * X.shape[1], X.shape[2]) @ Y[0]).reshape(X.shape)
     out[1:] += X[0] @ Y[1:]
     return out
 

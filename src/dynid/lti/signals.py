@@ -210,15 +210,15 @@ class Chirp(Smooth):
         """Longest step, s, over which the Taylor polynomial is exact to rounding."""
         # With |omega| tau <= 1 and rate tau^2 <= 1/16 the coefficients fall like those of exp.
         fastest = max(abs(self.start), abs(self.stop), 4 * math.sqrt(abs(self._rate)))
-        return 1 / fastest if fastest > 0 else math.inf
+        return 1 / max(fastest, 1 / self.duration)
 
     def generator(self) -> tuple[Array, Array]:
         """Return the shift of a Taylor polynomial."""
-        return shift(TAYLOR_DEGREE, min(self.longest_step, 1e300))
+        return shift(TAYLOR_DEGREE, self.longest_step)
 
     def states(self, times: Array, middles: Array) -> Array:
         """Return the scaled derivatives of the signal at `times`."""
-        tau = min(self.longest_step, 1e300)
+        tau = self.longest_step
         end = self.begin + self.duration
         sweeping = (middles >= self.begin) & (middles < end)
         rate = np.where(sweeping, self._rate, 0.0)

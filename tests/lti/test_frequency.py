@@ -1,0 +1,80 @@
+"""Frequency responses, against closed forms and direct inversion."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynid.errors import Singular, UsageError
+from dynid.lti.frequency import frequency_response, second_order_response
+from dynid.lti.model import StateSpace
+
+OMEGA = np.geomspace(0.01, 1e4, 200)
+
+
+def test_oscillator_and_improper_terms():
+    system = StateSpace([[0, 1], [-100, -2]], [[0], [1]], [[1, 0]], [[3.0]], ([[0.5]], [[0.1]]))
+    s = 1j * OMEGA
+    np.testing.assert_allclose(
+        frequency_response(system, OMEGA)[:, 0, 0],
+        1 / (s**2 + 2 * s + 100) + 3 + 0.5 * s + 0.1 * s**2,
+        rtol=1e-13,
+    )
+
+
+def test_a_system_without_states():
+    system = StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[1.0, 2.0]])
+    np.testing.assert_array_equal(frequency_response(system, [1.0, 2.0]), np.tile([[1.0, 2.0]], (2, 1, 1)))
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=30, deadline=None)
+def test_receptance_mobility_and_accelerance_of_random_structures(seed):
+    rng = np.random.default_rng(seed)
+    R = rng.standard_normal((3, 3, 3))
+    M, C, K = (part @ part.T + 0.1 * np.eye(3) for part in R)
+    K = 1e4 * K
+    omega = rng.uniform(0, 300, 5)
+    H = second_order_response(M, C, K, np.eye(3), np.eye(3), [0, 1, 2], omega)
+    for w, h in zip(omega, H, strict=True):
+        Z = np.linalg.inv(K + 1j * w * C - w**2 * M)
+        np.testing.assert_allclose(h, np.diag([1, 1j * w, -(w**2)]) @ Z, rtol=1e-9, atol=1e-18)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-8, 1e8])
+def test_an_undamped_resonance_is_refused_in_any_unit(unit):
+    M, C, K = np.array([[4.0]]), np.zeros((1, 1)), np.array([[100.0]]) * unit
+    omega = 5 * np.sqrt(unit)
+    ok = second_order_response(M, C, K, np.eye(1), np.eye(1), [0], [omega * (1 + 1e-6)])
+    assert ok[0, 0, 0] == pytest.approx(1 / (-100 * unit * (2e-6 + 1e-12)), rel=1e-8)
+    with pytest.raises(Singular, match="undamped pole"):
+        second_order_response(M, C, K, np.eye(1), np.eye(1), [0], [0.0, omega])
+    with pytest.raises(Singular):
+        frequency_response(StateSpace([[0, 1], [-25 * unit, 0]], [[0], [1]], [[1, 0]], [[0]]), [omega])
+
+
+def test_a_rigid_body_at_rest_is_singular_and_otherwise_fine():
+    M, C, K = np.eye(2), np.zeros((2, 2)), np.array([[1.0, -1], [-1, 1]])
+    with pytest.raises(Singular, match="at 0 rad/s"):
+        second_order_response(M, C, K, np.eye(2), np.eye(2), [0, 0], [0.0])
+    H = second_order_response(M, C, K, np.eye(2), np.eye(2), [0, 0], [1e-3])
+    assert H[0].sum() == pytest.approx(-2 / 1e-6, rel=1e-9)
+    with pytest.raises(Singular):
+        frequency_response(StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]]), [0.0])
+
+
+def test_mixed_units_do_not_look_singular():
+    scale = np.diag([1.0, 1e7])
+    K = scale @ np.array([[2.0, -1], [-1, 2]]) @ scale
+    H = second_order_response(scale @ scale, 0.1 * K, K, np.eye(2), np.eye(2), [0, 0], [0.5])
+    np.testing.assert_allclose(
+        scale @ H[0] @ scale,
+        np.linalg.inv(np.array([[2, -1], [-1, 2]]) * (1 + 0.05j) - 0.25 * np.eye(2)),
+        rtol=1e-12,
+    )
+
+
+@pytest.mark.parametrize("omega", [[np.nan], [-1.0], [[1.0]]])
+def test_nonsense_is_refused(omega):
+    with pytest.raises(UsageError):
+        frequency_response(StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), omega)
