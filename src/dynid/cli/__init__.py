@@ -57,7 +57,7 @@ class LazyGroup(click.Group):
 def cli() -> None:
     """Bond graphs in the frequency domain, and joint identification on reduced FE models.
 
-    One YAML scene in, one HDF5 file out. Start with: dynid new isolator
+    One YAML scene in, one HDF5 file out. Start with: dynid new bond-graph
     """
 
 

@@ -17,9 +17,8 @@ def new(name: str, output: str | None, force: bool) -> int:
     """Write a commented template scene to start from.
 
     \b
-    isolator        a bond graph: transfer function, zeros, poles, responses
-    bond-graph      a small bond graph with every node type
-    identification  joints of a chain of masses, from a simulated record
+    bond-graph      transfer functions, zeros, poles and responses of a motor
+    identification  joints of a chain of masses, from a record
     structure       frequency and time response of a chain of masses
     """  # noqa: D301 - click's mark against wrapping
     from importlib.resources import files

@@ -51,7 +51,7 @@ class ParameterModel(Part):
 
     start: Positive | None = None
     value: NotNegative | None = None
-    true: NotNegative | None = None
+    true: Positive | None = None
 
     @model_validator(mode="after")
     def _known_or_unknown(self) -> Self:
@@ -93,16 +93,9 @@ class SimulateModel(Part):
     """A measurement simulated with the joints' true values."""
 
     noise_ratio: NotNegative | None = None
-    noise: NotNegative | list[NotNegative] | None = None
     seed: int = Field(default=0, ge=0, strict=True)
     settle: NotNegative | None = None
     model: Literal["full"] = "full"
-
-    @model_validator(mode="after")
-    def _one_noise(self) -> Self:
-        if self.noise is not None and self.noise_ratio is not None:
-            raise fault("give either 'noise_ratio' (of each channel's RMS) or 'noise' (standard deviation)")
-        return self
 
 
 class MeasuredFileModel(Part):
@@ -134,7 +127,7 @@ class EstimatorModel(Part):
     """How to identify."""
 
     method: Literal["filter"] = "filter"
-    passes: int = Field(default=3, ge=1, le=100, strict=True)
+    passes: int = Field(default=2, ge=1, le=100, strict=True)
 
 
 class OutputModel(Part):
@@ -182,4 +175,8 @@ class IdentificationScene(SceneModel):
     def _asks_something(self) -> Self:
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
+        if self.analysis and not self.analysis.outputs and not self.measurement:
+            raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
+        if self.analysis and self.analysis.frequency and not (self.analysis.inputs or self.excitation):
+            raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
         return self

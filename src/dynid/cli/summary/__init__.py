@@ -44,6 +44,6 @@ def contents(result: Result) -> str:
             f"{dim} {size}" for dim, size in zip(variable.dims, variable.data.shape, strict=True)
         )
         dtype = variable.data.dtype
-        kind = "table" if dtype.names else "text" if dtype == object else dtype.name
+        kind = "table" if dtype.names else "text" if dtype.kind == "O" else dtype.name
         rows.append(f"  {path:<{width}}  {kind}  {axes}  {variable.units}".rstrip())
     return "\n".join(rows)

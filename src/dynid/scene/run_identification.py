@@ -1,0 +1,150 @@
+"""Run a scene of kind `identification`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from dynid.errors import FileError
+from dynid.result import Result
+from dynid.scene.grids import angular_frequencies, build_signal, record_of
+from dynid.scene.identification_schema import IdentificationScene, JointModel, ParameterModel
+from dynid.scene.load import Scene
+from dynid.scene.quantities import Quantity
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.model import Joint, JointParameter, StructuralModel
+from dynid.structure.response import Channel, Load, frequency_response, time_response
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.identification.measurement import Measurement
+    from dynid.lti.generator import Record
+    from dynid.scene.common import SignalPart
+
+
+def run(scene: Scene) -> Result:
+    """Identify the joints of a structure from a record, and compute the responses asked for.
+
+    Responses are those of the structure with its joints as identified; without a record, unknown joints
+    have their true values where these are given, else their starts.
+
+    Raises
+    ------
+    NotIdentifiable, Diverged
+        Where the record cannot tell the unknowns, or the estimator runs away.
+    FileError
+        Where measured data cannot be read.
+    """
+    model = cast("IdentificationScene", scene.model)
+    structure = build_structure(model)
+    result = Result("identification", scene.title)
+    values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
+    if model.measurement is not None:
+        from dynid.identification.estimate import identify
+        from dynid.identification.passes import Filter
+
+        measurement = _measurement(scene, model)
+        loads = _loads(scene, model.excitation, measurement.record)
+        result.merge(identify(structure, loads, measurement, Filter(passes=model.estimator.passes)))
+        names = result["identification/parameters/name"].data
+        values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
+        if model.measurement.simulate is not None:
+            result.attrs["seed"] = model.measurement.simulate.seed
+    if model.analysis is not None:
+        result.merge(_responses(scene, model, structure, values))
+    return result
+
+
+def build_structure(model: IdentificationScene) -> StructuralModel:
+    """Build the structure of a scene with its joints."""
+    part = model.structure.lumped
+    links = [Link(tuple(link.dofs), _number(link.k), _number(link.c)) for link in part.links]
+    joints = [_joint(name, joint) for name, joint in model.joints.items()]
+    return lumped([float(mass) for mass in part.masses], links, joints)
+
+
+def _joint(name: str, joint: JointModel) -> Joint:
+    return Joint(name, tuple(joint.dofs), _parameter(joint.k), _parameter(joint.c))
+
+
+def _parameter(given: ParameterModel | None) -> JointParameter | None:
+    if given is None:
+        return None
+    return JointParameter(_optional(given.value), _optional(given.start), _optional(given.true))
+
+
+def _optional(quantity: Quantity | None) -> float | None:
+    return None if quantity is None else float(quantity)
+
+
+def _number(quantity: Quantity | None) -> float:
+    return 0.0 if quantity is None else float(quantity)
+
+
+def _loads(scene: Scene, parts: list[SignalPart], record: Record) -> list[Load]:
+    return [Load(part.dof or 0, build_signal(part, record, scene.folder)) for part in parts]
+
+
+def _measurement(scene: Scene, model: IdentificationScene) -> Measurement:
+    from dynid.identification.measurement import Measurement, Simulation
+
+    given = model.measurement
+    assert given is not None
+    channels = tuple(Channel(channel.dof, channel.quantity) for channel in given.channels)
+    source: Simulation | NDArray[np.float64]
+    if given.simulate is not None:
+        simulate = given.simulate
+        source = Simulation(_number(simulate.noise_ratio), simulate.seed, _number(simulate.settle))
+    else:
+        source = _measured(scene, model)
+    return Measurement(float(given.step), given.samples, channels, source)
+
+
+def _measured(scene: Scene, model: IdentificationScene) -> NDArray[np.float64]:
+    from dynid.scene.tables import read_columns
+
+    given = model.measurement
+    assert given is not None
+    assert given.file is not None
+    path = scene.folder / given.file.path
+    table = read_columns(path, given.file.columns)
+    if table.shape[1] != len(given.channels):
+        raise FileError(
+            f"{path} has {table.shape[1]} columns for {len(given.channels)} channels",
+            remedy="Name the columns: file: {path: …, columns: […]}.",
+        )
+    if len(table) < given.samples:
+        raise FileError(f"{path} has {len(table)} samples, but the scene asks for {given.samples}")
+    return table[: given.samples]
+
+
+def _responses(
+    scene: Scene, model: IdentificationScene, structure: StructuralModel, values: Mapping[str, float]
+) -> Result:
+    """Compute the responses, by default at the sensors to the forces that excite the record."""
+    wanted = model.analysis
+    assert wanted is not None
+    result = Result("identification", scene.title)
+    sensors = model.measurement.channels if model.measurement else []
+    outputs = [Channel(item.dof, item.quantity) for item in wanted.outputs or sensors]
+    if wanted.frequency is not None:
+        inputs = list(dict.fromkeys(wanted.inputs or [part.dof or 0 for part in model.excitation]))
+        omega = angular_frequencies(wanted.frequency)
+        result.merge(frequency_response(structure, inputs, outputs, omega, values))
+    if wanted.time is not None:
+        record = record_of(wanted.time)
+        result.merge(
+            time_response(
+                structure,
+                _loads(scene, list(wanted.time.input or model.excitation), record),
+                outputs,
+                record.times,
+                values=values,
+                displacement={dof: _number(motion.x) for dof, motion in model.initial.items()},
+                velocity={dof: _number(motion.v) for dof, motion in model.initial.items()},
+            )
+        )
+    return result

@@ -1,0 +1,1 @@
+"""Template scenes for `dynid new`, one a file."""
