@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dynid.bondgraph.network import Network, Term
 from dynid.bondgraph.program import Program, Register
-from dynid.bondgraph.steps import Step, listed
+from dynid.bondgraph.steps import Definition, Step, listed
 
 
 class Elimination:
@@ -111,12 +111,17 @@ class Elimination:
         net, program = self.net, self.program
         scale = program.neg(net.entry(into, leaf))
         letter = "e" if net.kind[into] == "1" else "f"
-        label, parts = f"{letter}_{leaf}", []
-        for source, amount in net.sources[leaf].items():
-            register = program.mul(scale, program.mul(program.inv(own), amount))
-            parts.append((register, source))
-            self._add_source(into, source, register)
-        sources = tuple(source for _, source in parts)
+        label = f"{letter}_{leaf}"
+
+        def swapped(row: dict[str, Register]) -> dict[str, Register]:
+            factor = program.mul(scale, program.inv(own))
+            return {source: program.mul(factor, amount) for source, amount in row.items()}
+
+        for source, amount in swapped(net.sources[leaf]).items():
+            self._add_source(into, source, amount)
+        parts = tuple((amount, source) for source, amount in swapped(net.drives[leaf]).items())
+        net.drives[into][label] = program.one
+        sources = tuple(net.drives[leaf])
         forms = {"0": ("flow", "Norton, eq 15"), "1": ("effort", "Thévenin, eq 16")}
         (have, old), (want, new) = forms[net.kind[leaf]], forms[net.kind[into]]
         meaning = (
@@ -127,9 +132,7 @@ class Elimination:
             meaning += f", seen through {two_port}"
         else:
             meaning += f"; the {net.kind[leaf]}-junction becomes a {net.kind[into]}-junction"
-        self.steps.append(
-            Step("source swap", (*sources, *self.names(leaf)), ((label, tuple(parts)),), meaning)
-        )
+        self.steps.append(Step("source swap", (*sources, *self.names(leaf)), ((label, parts),), meaning))
         if (
             two_port is None
             and net.structure.junctions[leaf].members
@@ -152,24 +155,36 @@ class Elimination:
     def _eliminate_on_loop(self, name: str, neighbours: list[str], own: Register) -> None:
         """Eliminate a junction by its multiport equivalent: the Schur complement of the nodal form."""
         net, program = self.net, self.program
-        changes = {}
-        for row in neighbours:
-            factor = program.mul(net.entry(row, name), program.inv(own))
-            for column in neighbours:
-                changes[row, column] = program.neg(program.mul(factor, net.entry(name, column)))
-            for source, amount in net.sources[name].items():
-                self._add_source(row, source, program.neg(program.mul(factor, amount)))
+        factors = {row: program.mul(net.entry(row, name), program.inv(own)) for row in neighbours}
+        changes = {
+            (row, column): program.neg(program.mul(factor, net.entry(name, column)))
+            for row, factor in factors.items()
+            for column in neighbours
+        }
         for (row, column), change in changes.items():
             self._add(row, column, change, name)
             net.single[frozenset((row, column))] = None
+        definitions: list[Definition] = [
+            (f"k({row}, {column})", ((change, ""),)) for (row, column), change in changes.items()
+        ]
+        for row, factor in factors.items():
+            definitions += self._pass_on(name, row, program.neg(factor))
         meaning = (
             f"{name} lies between {listed(neighbours)}: what it passes on to them is their multiport "
             f"equivalent (Schur complement of the nodal form, as star to mesh)"
         )
-        definitions = tuple(
-            (f"k({row}, {column})", ((change, ""),)) for (row, column), change in changes.items()
-        )
-        self.steps.append(Step("junction elimination", self.names(name), definitions, meaning))
+        self.steps.append(Step("junction elimination", self.names(name), tuple(definitions), meaning))
+
+    def _pass_on(self, name: str, row: str, factor: Register) -> list[Definition]:
+        """Add what drives an eliminated junction, times a factor, to a neighbour; return its definition."""
+        net, program = self.net, self.program
+        for source, amount in net.sources[name].items():
+            self._add_source(row, source, program.mul(factor, amount))
+        if not net.drives[name]:
+            return []
+        label = f"b({row}, {name})"
+        net.drives[row][label] = program.one
+        return [(label, tuple((program.mul(factor, drive), by) for by, drive in net.drives[name].items()))]
 
     def _add(self, row: str, column: str, change: Register, origin: str) -> None:
         if self.program.is_zero(change):
@@ -231,6 +246,7 @@ class Elimination:
                 net.single[frozenset((row, column))] = None
             for source, solved in sides.items():
                 self._add_source(row, source, program.neg(_dot(program, left, solved)))
+            net.drives[row] = dict(net.sources[row])
         self._state_constraint(bare, partner, {source: solved[0] for source, solved in sides.items()})
         net.remove(bare)
         net.remove(partner)

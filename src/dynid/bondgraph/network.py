@@ -53,6 +53,8 @@ class Network:
                 self._feed(name, source, program.constant(sign))
         for coupling in structure.couplings:
             self._couple(coupling)
+        # the same right-hand side in terms of equivalent sources, as the steps name them
+        self.drives: dict[str, dict[str, Register]] = {name: dict(row) for name, row in self.sources.items()}
 
     def _elements(self, junction: str) -> list[Term]:
         return [
@@ -119,7 +121,7 @@ class Network:
         """Take an eliminated junction out."""
         for other in list(self.matrix[junction]):
             self.matrix[other].pop(junction, None)
-        for table in (self.matrix, self.terms, self.sources):
+        for table in (self.matrix, self.terms, self.sources, self.drives):
             table.pop(junction)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from dynid.bondgraph.graph import SOURCES, STORAGES, Port
 from dynid.bondgraph.network import Network, Term
 from dynid.bondgraph.program import Program, Register
+from dynid.bondgraph.steps import Definition
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Prototype:
         }[self.letter]
 
     @property
-    def definitions(self) -> tuple[tuple[str, tuple[tuple[Register, str], ...]], ...]:
+    def definitions(self) -> tuple[Definition, Definition]:
         """The two systems: B by its inverse where it sets the common variable (c, d)."""
         a, b = ("Z_A", "Z_B") if self.kind == "1" else ("Y_A", "Y_B")
         register_b = self.part_b

@@ -8,6 +8,10 @@ from dataclasses import dataclass
 from dynid.bondgraph.program import Register
 
 
+#: A name, and the registers that sum up to it, each with the source that it multiplies (empty: none).
+Definition = tuple[str, tuple[tuple[Register, str], ...]]
+
+
 @dataclass(frozen=True)
 class Step:
     """One step of a reduction.
@@ -19,8 +23,7 @@ class Step:
     nodes
         The nodes it consumed.
     definitions
-        What it defines: a name, and the registers that sum up to it, each with the source that it
-        multiplies (empty where it is an immittance).
+        What it defines, in order.
     meaning
         What happens, physically, in one sentence.
     relation
@@ -29,7 +32,7 @@ class Step:
 
     rule: str
     nodes: tuple[str, ...]
-    definitions: tuple[tuple[str, tuple[tuple[Register, str], ...]], ...]
+    definitions: tuple[Definition, ...]
     meaning: str
     relation: str = ""
 
