@@ -21,7 +21,7 @@ from dynid.bondgraph.port import channel
 from dynid.bondgraph.program import Program, Register
 from dynid.bondgraph.prototypes import Prototype, split_root
 from dynid.bondgraph.singularity import NodalForm, explain_singularity
-from dynid.bondgraph.steps import Step
+from dynid.bondgraph.steps import Definition, Step
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,7 @@ class _Reducer:
             if self.program.is_zero(total):
                 raise self._singular()
             self.work.pivots.append(total)
-        names = self.work.names(self.root)
-        self.work.steps.append(Step("prototype", names, prototype.definitions, prototype.describe(self.root)))
+        self.work.steps.append(self._last_step(prototype))
         modelled = self._modelled()
         return Reduction(
             port=port,
@@ -117,6 +116,18 @@ class _Reducer:
             dropped=tuple(name for name in self.net.structure.graph.nodes if name not in set(modelled)),
             junctions=tuple(self.nodal_form.matrix),
         )
+
+    def _last_step(self, prototype: Prototype) -> Step:
+        """Name the prototype, its systems, and what drives them."""
+        source, common = ("e", "f") if prototype.kind == "1" else ("f", "e")
+        definitions: tuple[Definition, ...] = prototype.definitions
+        relation = ""
+        if not prototype.fixed:
+            drives = tuple((amount, by) for by, amount in self.net.drives[self.root].items())
+            definitions += ((f"{source}_eq", drives or ((self.program.zero, ""),)),)
+            relation = f"{common}_{self.root} = {prototype.equation.partition(' = ')[2]}*{source}_eq"
+        names = self.work.names(self.root)
+        return Step("prototype", names, definitions, prototype.describe(self.root), relation)
 
     def _prototype(self, port: Port) -> Prototype:
         element, rest = split_root(self.net, port, self._root_known())

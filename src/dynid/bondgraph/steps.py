@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from dynid.bondgraph.program import Register
 
-
 #: A name, and the registers that sum up to it, each with the source that it multiplies (empty: none).
 Definition = tuple[str, tuple[tuple[Register, str], ...]]
 
@@ -27,7 +26,7 @@ class Step:
     meaning
         What happens, physically, in one sentence.
     relation
-        The equation of a step that defines nothing.
+        A further equation, between what was defined before.
     """
 
     rule: str

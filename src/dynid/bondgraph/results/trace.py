@@ -64,4 +64,4 @@ def _equation(reduced: ReducedGraph, step: Step, symbols: Mapping[str, str]) -> 
                 text = f"({text})*{source}" if (" + " in text or " - " in text) else f"{text}*{source}"
             terms.append(text)
         lines.append(f"{name} = {' + '.join(terms)}")
-    return "; ".join(lines) or step.relation
+    return "; ".join([*lines, step.relation] if step.relation else lines)
