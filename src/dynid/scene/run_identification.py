@@ -124,7 +124,10 @@ def _measured(scene: Scene, model: IdentificationScene) -> NDArray[np.float64]:
 def _responses(
     scene: Scene, model: IdentificationScene, structure: StructuralModel, values: Mapping[str, float]
 ) -> Result:
-    """Compute the responses, by default at the sensors to the forces that excite the record."""
+    """Compute the responses, by default at the sensors to the forces that excite the record.
+
+    With an initial motion and no input of its own the time response is the free one.
+    """
     wanted = model.analysis
     assert wanted is not None
     result = Result("identification", scene.title)
@@ -139,7 +142,7 @@ def _responses(
         result.merge(
             time_response(
                 structure,
-                _loads(scene, list(wanted.time.input or model.excitation), record),
+                _loads(scene, list(wanted.time.input or ([] if model.initial else model.excitation)), record),
                 outputs,
                 record.times,
                 values=values,

@@ -1,0 +1,45 @@
+"""Make the input files of this folder: `python data/make.py`.
+
+- suspension_noisy.h5: the record of configs/suspension_noisy.yaml (time, two velocities, the force), as a
+  measurement would deliver it.
+- eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
+  misprinted (2,3) entry of the stiffness (-11.0029, which makes it indefinite) as -1.0029.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.io import mmwrite
+
+import dynid
+from dynid.result import Result
+from dynid.store import write_result
+
+HERE = Path(__file__).parent
+MASS = [[0.0569, -0.0228, 0.0931], [-0.0228, 0.6041, -0.6186], [0.0931, -0.6186, 1.1973]]
+STIFFNESS = [[0.2425, -0.2275, 0.2017], [-0.2275, 0.7355, -1.0029], [0.2017, -1.0029, 1.5588]]
+
+
+def record() -> None:
+    """Write the noisy record of the suspension."""
+    run = dynid.run(HERE.parent / "configs" / "suspension_noisy.yaml")
+    result = Result("record", "Suspension, velocities of DOFs 2 and 3, 5 % noise")
+    measurement = "identification/measurement"
+    result.add_axis("time", run[f"{measurement}/time"].data, "s")
+    result.add_axis("channel", run[f"{measurement}/channel"].data)
+    result.add("measured", run[f"{measurement}/measured"].data, ("time", "channel"), "m/s")
+    result.add("force", run[f"{measurement}/input"].data[:, 0], ("time",), "N")
+    write_result(result, HERE / "suspension_noisy.h5")
+
+
+def matrices() -> None:
+    """Write eq 25."""
+    mass, stiffness = np.array(MASS), 1e4 * np.array(STIFFNESS)
+    for name, matrix, unit in (("mass", mass, "kg"), ("damping", 0.1 * mass, "N s/m"), ("stiffness", stiffness, "N/m")):
+        comment = f"Yang (1997), eq 25: {name}, {unit}; DOFs theta_1, w_4, w_6"
+        mmwrite(HERE / f"eq25_{name}.mtx", matrix.round(12), comment=comment, symmetry="symmetric", precision=15)
+
+
+if __name__ == "__main__":
+    record()
+    matrices()
