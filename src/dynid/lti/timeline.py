@@ -102,7 +102,7 @@ def _nodes(signals: Sequence[Signal], times: Array, start: float, impulse: bool)
     extra = extra[(extra > base[0]) & (extra < base[-1])]
     spacing = float(np.min(np.diff(base), initial=math.inf))
     nearest = base[_nearest(base, extra)]
-    tolerance = np.minimum(1e-9 * spacing, np.inf) if math.isfinite(spacing) else 0.0
+    tolerance = 1e-9 * spacing if math.isfinite(spacing) else 0.0
     nodes = np.union1d(base, extra[np.abs(extra - nearest) > tolerance])
     longest = min((signal.longest_step for signal in signals), default=math.inf)
     return _subdivided(nodes, longest)

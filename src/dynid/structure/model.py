@@ -209,7 +209,7 @@ class StructuralModel:
                 remedy="Give `true` beside `start`: records are simulated with it.",
                 names=missing,
             )
-        return {unknown.name: float(unknown.true or 0.0) for unknown in self.unknowns}
+        return {unknown.name: unknown.true for unknown in self.unknowns if unknown.true is not None}
 
     def _direction(self, joint: Joint) -> Array:
         try:
