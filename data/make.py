@@ -35,9 +35,15 @@ def record() -> None:
 def matrices() -> None:
     """Write eq 25."""
     mass, stiffness = np.array(MASS), 1e4 * np.array(STIFFNESS)
-    for name, matrix, unit in (("mass", mass, "kg"), ("damping", 0.1 * mass, "N s/m"), ("stiffness", stiffness, "N/m")):
+    damping = 0.1 * mass
+    for name, matrix, unit in (
+        ("mass", mass, "kg"),
+        ("damping", damping, "N s/m"),
+        ("stiffness", stiffness, "N/m"),
+    ):
         comment = f"Yang (1997), eq 25: {name}, {unit}; DOFs theta_1, w_4, w_6"
-        mmwrite(HERE / f"eq25_{name}.mtx", matrix.round(12), comment=comment, symmetry="symmetric", precision=15)
+        target = HERE / f"eq25_{name}.mtx"
+        mmwrite(target, matrix.round(12), comment=comment, symmetry="symmetric", precision=15)
 
 
 if __name__ == "__main__":

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
 
+from dynid.cli.summary.responses import response_lines
 from dynid.result import Result
 
 #: Most zeros, poles or steps that are listed.
@@ -28,8 +30,8 @@ def lines(result: Result) -> list[str]:
     said += [*_reduction(result), ""]
     for channel in _channels(result):
         said += [*_channel(result, *channel), ""]
-    said += _responses(result)
-    return said[:-1] if said and not said[-1] else said
+    said += response_lines(result, "bond_graph")
+    return said
 
 
 def _reduction(result: Result) -> Iterable[str]:
@@ -58,44 +60,47 @@ def _channels(result: Result) -> list[tuple[str, str]]:
 
 
 def _channel(result: Result, output: str, source: str) -> Iterable[str]:
-    group, properties = (
-        f"bond_graph/transfer_function/{output}/{source}",
-        f"bond_graph/properties/{output}/{source}",
-    )
-    formula = result.group_attrs.get(group, {}).get("symbolic")
+    transfer = f"bond_graph/transfer_function/{output}/{source}"
+    properties = f"bond_graph/properties/{output}/{source}"
     yield f"  {output} / {source}"
-    if f"{group}/numerator" in result:
-        numerator, denominator = result[f"{group}/numerator"].data, result[f"{group}/denominator"].data
-        if len(numerator) + len(denominator) <= 12:
-            yield f"    T(s) = ({_polynomial(numerator)}) / ({_polynomial(denominator)})"
+    yield from _formula(result, transfer)
+    if f"{transfer}/zeros" in result:
+        yield f"    zeros   {_roots(result[f'{transfer}/zeros'].data)}"
+        yield from _wrapped(result, f"{properties}/zero_stability")
+    if f"{transfer}/poles" in result:
+        poles, known = result[f"{transfer}/poles"].data, f"{properties}/stable" in result
+        stable = "" if not known else "stable" if result.value(f"{properties}/stable") else "not stable"
+        yield f"    poles   {_roots(poles):<34} {stable}".rstrip()
+        yield from _modes(poles)
+    yield from _numbers(result, properties)
+
+
+def _formula(result: Result, group: str) -> Iterable[str]:
+    """Write a short transfer function in numbers, and in symbols where they were kept."""
+    if f"{group}/numerator" not in result:
+        return
+    numerator, denominator = result[f"{group}/numerator"].data, result[f"{group}/denominator"].data
+    if len(numerator) + len(denominator) <= 12:
+        yield f"    T(s) = ({_polynomial(numerator)}) / ({_polynomial(denominator)})"
+    formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
     if formula:
-        yield f"         = {formula}" if len(str(formula)) < 160 else "         (formula in the file)"
-    if f"{group}/zeros" in result:
-        verdict = (
-            str(result[f"{properties}/zero_stability"].data)
-            if f"{properties}/zero_stability" in result
-            else ""
-        )
-        yield f"    zeros   {_roots(result[f'{group}/zeros'].data):<34} {verdict}".rstrip()
-    if f"{group}/poles" in result:
-        stable = (
-            ("stable" if result.value(f"{properties}/stable") else "not stable")
-            if f"{properties}/stable" in result
-            else ""
-        )
-        yield f"    poles   {_roots(result[f'{group}/poles'].data):<34} {stable}".rstrip()
-        yield from _modes(result[f"{group}/poles"].data)
-    if f"{properties}/order" in result:
-        get = {
-            name: result.value(f"{properties}/{name}")
-            for name in ("relative_degree", "dc_gain", "high_frequency_gain", "order")
-        }
-        yield (
-            f"    order {get['order']} · relative degree {get['relative_degree']} · "
-            f"T(0) = {get['dc_gain']:.6g} · T(∞) = {get['high_frequency_gain']:.6g}"
-        )
-    if f"{properties}/hidden_modes" in result and len(result[f"{properties}/hidden_modes"].data):
-        yield f"    hidden modes (they cancel here)  {_roots(result[f'{properties}/hidden_modes'].data)}"
+        yield f"         = {formula}" if len(formula) < 160 else "         (its formula is in the file)"
+
+
+def _numbers(result: Result, group: str) -> Iterable[str]:
+    if f"{group}/order" in result:
+        names = ("order", "relative_degree", "dc_gain", "high_frequency_gain")
+        order, relative, dc, high = (result.value(f"{group}/{name}") for name in names)
+        yield f"    order {order} · relative degree {relative} · T(0) = {dc:.6g} · T(∞) = {high:.6g}"
+    hidden = result.get(f"{group}/hidden_modes")
+    if hidden is not None and len(hidden.data):
+        yield f"    hidden modes (they cancel here)  {_roots(hidden.data)}"
+
+
+def _wrapped(result: Result, path: str) -> Iterable[str]:
+    """Write a verdict in words below what it is about."""
+    text = str(result[path].data) if path in result else ""
+    yield from (f"            {line}" for line in wrap(text, 92))
 
 
 def _modes(poles: np.ndarray[Any, Any]) -> Iterable[str]:
@@ -132,23 +137,3 @@ def _polynomial(coefficients: np.ndarray[Any, Any]) -> str:
         sign = (" - " if value < 0 else " + ") if terms else ("-" if value < 0 else "")
         terms.append(f"{sign}{' '.join(part for part in (number, variable) if part)}")
     return "".join(terms)
-
-
-def _responses(result: Result) -> Iterable[str]:
-    group = "bond_graph/frequency_response"
-    if f"{group}/omega" in result:
-        omega = result[f"{group}/omega"].data
-        yield f"  frequency response at {len(omega)} frequencies, {omega[0]:.4g} … {omega[-1]:.4g} rad/s"
-        response, names = result[f"{group}/response"].data, result[f"{group}/output"].data
-        for k, output in enumerate(names):
-            for m, source in enumerate(result[f"{group}/input"].data):
-                size = np.abs(response[:, k, m])
-                peak = int(np.argmax(size))
-                yield f"    |{output} / {source}| is largest at {omega[peak]:.4g} rad/s: {size[peak]:.4g}"
-    group = "bond_graph/time_response"
-    if f"{group}/time" in result:
-        time, response = result[f"{group}/time"].data, result[f"{group}/response"].data
-        yield f"  time response at {len(time)} instants, to {time[-1]:.4g} s"
-        for k, output in enumerate(result[f"{group}/output"].data):
-            column = response[:, k]
-            yield f"    {output}: {column.min():.4g} … {column.max():.4g}, at the end {column[-1]:.4g}"

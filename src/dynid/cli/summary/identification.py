@@ -8,6 +8,7 @@ from io import StringIO
 import numpy as np
 
 from dynid.cli.summary.numbers import quantity
+from dynid.cli.summary.responses import response_lines
 from dynid.result import Result
 
 #: Half width of a 95 % interval in standard errors.
@@ -26,9 +27,9 @@ def lines(result: Result) -> list[str]:
     """Return the screen, line by line."""
     said: list[str] = []
     if "identification/parameters/name" in result:
-        said += [_record(result), "", *_table(result), "", *_verdict(result)]
-    said += _responses(result)
-    return said
+        said += [_record(result), "", *_table(result), "", *_verdict(result), ""]
+    said += response_lines(result, "structure")
+    return said[:-1] if not said[-1] else said
 
 
 def _record(result: Result) -> str:
@@ -49,7 +50,11 @@ def _table(result: Result) -> list[str]:
     from rich.console import Console
     from rich.table import Table
 
-    get = {name.rpartition("/")[2]: v.data for name, v in result.items() if name.startswith("identification/parameters/")}
+    get = {
+        name.rpartition("/")[2]: v.data
+        for name, v in result.items()
+        if name.startswith("identification/parameters/")
+    }
     known = bool(np.isfinite(get["true"]).any())
     table = Table(box=None, padding=(0, 2), show_edge=False, header_style="")
     for heading in ("", "start", "estimate", "95 % interval", *(("true", "error") if known else ()), "bound"):
@@ -74,30 +79,16 @@ def _table(result: Result) -> list[str]:
 
 def _verdict(result: Result) -> Iterable[str]:
     group = "identification/diagnostics"
-    converged = "converged" if result.value(f"{group}/converged") else "NOT converged: the residuals are not noise"
+    converged = (
+        "converged" if result.value(f"{group}/converged") else "NOT converged: the residuals are not noise"
+    )
     p = result.value(f"{group}/whiteness_p")
     ratio = 100 * result[f"{group}/residual_ratio"].data
     left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
     yield f"  {converged} · {left} · white with p = {p:.2g} · condition {result.value(f'{group}/condition'):.2g}"
-    relative = result["identification/parameters/standard_error"].data / result["identification/parameters/estimate"].data
+    relative = (
+        result["identification/parameters/standard_error"].data
+        / result["identification/parameters/estimate"].data
+    )
     names = result["identification/parameters/name"].data
     yield f"  least certain: {names[int(np.argmax(relative))]} (standard error {100 * relative.max():.2g} %)"
-
-
-def _responses(result: Result) -> Iterable[str]:
-    group = "structure/frequency_response"
-    if f"{group}/omega" in result:
-        omega, response = result[f"{group}/omega"].data, np.abs(result[f"{group}/response"].data)
-        yield ""
-        yield f"  frequency response at {len(omega)} frequencies, {omega[0]:.4g} … {omega[-1]:.4g} rad/s"
-        for k, output in enumerate(result[f"{group}/output"].data):
-            for m, source in enumerate(result[f"{group}/input"].data):
-                peak = int(np.argmax(response[:, k, m]))
-                yield f"    |{output} / force {source}| is largest at {omega[peak]:.4g} rad/s: {response[peak, k, m]:.4g}"
-    group = "structure/time_response"
-    if f"{group}/time" in result:
-        time, response = result[f"{group}/time"].data, result[f"{group}/response"].data
-        yield ""
-        yield f"  time response at {len(time)} instants, to {time[-1]:.4g} s"
-        for k, output in enumerate(result[f"{group}/output"].data):
-            yield f"    {output}: {response[:, k].min():.4g} … {response[:, k].max():.4g}"

@@ -1,0 +1,37 @@
+"""What the screens say of frequency and time responses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dynid.result import Result
+
+
+def response_lines(result: Result, group: str) -> Iterable[str]:
+    """Yield the peaks of the frequency response and the range of the time response below a group."""
+    yield from _frequency(result, f"{group}/frequency_response")
+    yield from _time(result, f"{group}/time_response")
+
+
+def _frequency(result: Result, group: str) -> Iterable[str]:
+    if f"{group}/omega" not in result:
+        return
+    omega, response = result[f"{group}/omega"].data, np.abs(result[f"{group}/response"].data)
+    span = f"{omega[0]:.4g} … {omega[-1]:.4g} rad/s"
+    yield f"  frequency response at {len(omega)} frequencies, {span}"
+    for k, output in enumerate(result[f"{group}/output"].data):
+        for m, source in enumerate(result[f"{group}/input"].data):
+            peak = int(np.argmax(response[:, k, m]))
+            yield f"    |{output} / {source}| is largest at {omega[peak]:.4g} rad/s: {response[peak, k, m]:.4g}"
+
+
+def _time(result: Result, group: str) -> Iterable[str]:
+    if f"{group}/time" not in result:
+        return
+    time, response = result[f"{group}/time"].data, result[f"{group}/response"].data
+    yield f"  time response at {len(time)} instants, to {time[-1]:.4g} s"
+    for k, output in enumerate(result[f"{group}/output"].data):
+        column = response[:, k]
+        yield f"    {output}: {column.min():.4g} … {column.max():.4g}, at the end {column[-1]:.4g}"
