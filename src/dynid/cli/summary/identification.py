@@ -85,7 +85,8 @@ def _verdict(result: Result) -> Iterable[str]:
     p = result.value(f"{group}/whiteness_p")
     ratio = 100 * result[f"{group}/residual_ratio"].data
     left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
-    yield f"  {converged} · {left} · white with p = {p:.2g} · condition {result.value(f'{group}/condition'):.2g}"
+    condition = result.value(f"{group}/condition")
+    yield f"  {converged} · {left} · white with p = {p:.2g} · condition {condition:.2g}"
     relative = (
         result["identification/parameters/standard_error"].data
         / result["identification/parameters/estimate"].data

@@ -24,7 +24,8 @@ def _frequency(result: Result, group: str) -> Iterable[str]:
     for k, output in enumerate(result[f"{group}/output"].data):
         for m, source in enumerate(result[f"{group}/input"].data):
             peak = int(np.argmax(response[:, k, m]))
-            yield f"    |{output} / {source}| is largest at {omega[peak]:.4g} rad/s: {response[peak, k, m]:.4g}"
+            top = f"{response[peak, k, m]:.4g} at {omega[peak]:.4g} rad/s"
+            yield f"    |{output} / {source}| is largest, {top}"
 
 
 def _time(result: Result, group: str) -> Iterable[str]:
