@@ -16,7 +16,8 @@ from dynid.bondgraph.algebra.bounded import Bounded
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.transfer import TransferFunction
 
-#: A point whose relative error bound exceeds this is computed again.
+#: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound adds
+#: up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
 _TOLERANCE = 1e-12
 _PRECISIONS = (128, 256, 512)
 
@@ -39,7 +40,8 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
         columns = [np.broadcast_to(run[register].value, omega.shape) for register in registers]
         bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
         response = np.stack(columns, axis=-1)
-        trusted = np.stack(bounds, axis=-1) <= _TOLERANCE * np.abs(response)
+        tolerance = _TOLERANCE * max(1.0, len(reduced.program.ops) / 10)
+        trusted = np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
     trusted &= np.isfinite(response)
     for point in np.flatnonzero(~trusted.all(axis=1)):
         response[point] = _certified(reduced, registers, float(omega[point]))
