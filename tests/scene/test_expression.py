@@ -191,7 +191,7 @@ def test_all_faulty_parameters_are_told_and_only_they():
     assert "did you mean 'fine'" in faults["h"]
     assert "function" in faults["sin"]
     assert "division by zero" in faults["z"]
-    assert "True" in faults["t"]
+    assert "true" in faults["t"]
 
 
 def test_a_parameter_downstream_of_a_cycle_is_not_blamed():

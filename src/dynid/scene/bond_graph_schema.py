@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, ValidationInfo, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
 
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
 from dynid.scene.common import FrequencyGrid, Part, SceneModel, TimeGrid
@@ -62,7 +71,9 @@ class NodeModel(Part):
     """One node: its type, and its value where it has one."""
 
     type: Annotated[
-        str, PlainValidator(_node_type), WithJsonSchema({"enum": [*NODE_TYPES, 0, 1], "description": "node type"})
+        str,
+        PlainValidator(_node_type),
+        WithJsonSchema({"enum": [*NODE_TYPES, 0, 1], "description": "node type"}),
     ]
     value: Value | None = None
 
@@ -86,19 +97,23 @@ def _bonds(raw: Any, info: ValidationInfo) -> tuple[Bond, ...]:
     if len(ends) < 2 or not all(ends):
         raise fault(f"'{raw}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'")
     nodes = names_of(info).nodes
-    unknown = [f"no node '{end}'{did_you_mean(end, nodes)}" for end in ends if end not in nodes]
+    unknown = [f"no node '{end}'{did_you_mean(end, nodes)}" for end in ends if nodes and end not in nodes]
     if unknown:
         raise fault(f"bond '{raw}': {'; '.join(unknown)}")
-    return tuple(Bond(tail, head) for tail, head in zip(ends, ends[1:], strict=False))
+    return tuple(Bond(tail, head) for tail, head in pairwise(ends))
 
 
 def _source_name(raw: Any, info: ValidationInfo) -> str:
+    if isinstance(raw, bool) or not isinstance(raw, str | int):
+        raise fault("an input is the name of a source")
     name, nodes = str(raw), names_of(info).nodes
     sources = [node for node, kind in nodes.items() if kind in SOURCES]
-    if name not in nodes:
+    if nodes and name not in nodes:
         raise fault(f"no node '{name}'{did_you_mean(name, sources)}")
-    if nodes[name] not in SOURCES:
-        raise fault(f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}")
+    if nodes and nodes[name] in NODE_TYPES and nodes[name] not in SOURCES:
+        raise fault(
+            f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}"
+        )
     return name
 
 
@@ -106,33 +121,46 @@ def _port(raw: Any, info: ValidationInfo) -> Port:
     nodes = names_of(info).nodes
     name, dot, quantity = raw.rpartition(".") if isinstance(raw, str) else ("", "", "")
     if not dot:
-        raise fault(f"an output is NODE.e, NODE.f, NODE.q or NODE.p, not {raw!r}")
-    if name not in nodes:
+        shown = f"'{raw}'" if isinstance(raw, str) else "something else"
+        raise fault(f"an output is NODE.e, NODE.f, NODE.q or NODE.p, not {shown}")
+    if nodes and name not in nodes:
         raise fault(f"'{raw}': no node '{name}'{did_you_mean(name, nodes)}")
     if quantity not in QUANTITIES:
         raise fault(f"'{raw}': '{quantity}' is not one of e, f, q, p")
     port = Port(name, quantity)
-    problem = port_fault(nodes, port) if nodes[name] in NODE_TYPES else ""
+    problem = port_fault(nodes, port) if nodes.get(name) in NODE_TYPES else ""
     if problem:
         raise fault(problem)
     return port
 
 
+def _listed_once(listed: list[Any]) -> list[Any]:
+    names = [str(item) for item in listed]
+    twice = [name for place, name in enumerate(names) if name in names[:place]]
+    if twice:
+        raise fault(f"'{twice[0]}' is listed twice")
+    return listed
+
+
 _TEXT = WithJsonSchema({"type": "string"})
+_ONCE = AfterValidator(_listed_once)
 
 
 class GraphModel(Part):
     """Nodes and bonds."""
 
-    nodes: dict[Annotated[str, AfterValidator(_node_name)], Annotated[NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | str | int)]] = Field(min_length=1)
+    nodes: dict[
+        Annotated[str, AfterValidator(_node_name)],
+        Annotated[NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | str | int)],
+    ] = Field(min_length=1)
     bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), _TEXT]] = Field(min_length=1)
 
 
 class AnalysisModel(Part):
     """What to compute."""
 
-    inputs: list[Annotated[str, PlainValidator(_source_name), _TEXT]] | None = None
-    outputs: list[Annotated[Port, PlainValidator(_port), _TEXT]] = Field(min_length=1)
+    inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], _ONCE] | None = None
+    outputs: Annotated[list[Annotated[Port, PlainValidator(_port), _TEXT]], _ONCE] = Field(min_length=1)
     results: list[ResultName] | None = None
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
@@ -142,10 +170,6 @@ class AnalysisModel(Part):
         for name, block in (("frequency_response", self.frequency), ("time_response", self.time)):
             if name in (self.results or ()) and block is None:
                 raise fault(f"'{name}' needs the block '{name.split('_')[0]}'")
-        for listed, what in ((self.inputs, "input"), (self.outputs, "output")):
-            twice = sorted({str(item) for item in listed or () if (listed or []).count(item) > 1})  # type: ignore[attr-defined]
-            if twice:
-                raise fault(f"{what} '{twice[0]}' is listed twice")
         return self
 
     def asked(self) -> frozenset[str]:

@@ -5,7 +5,17 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, PlainValidator, WithJsonSchema, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainValidator,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from dynid.scene.quantities import NotNegative, Positive, Quantity, Value, fault
 
@@ -13,7 +23,9 @@ from dynid.scene.quantities import NotNegative, Positive, Quantity, Value, fault
 class Part(BaseModel):
     """A mapping of a scene whose keys are all known."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=True
+    )
 
 
 class FrequencyGrid(Part):
@@ -127,6 +139,13 @@ class RandomSignal(SignalPart):
     seed: int = Field(default=0, ge=0, strict=True)
     band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
 
+    @field_validator("band")
+    @classmethod
+    def _is_a_band(cls, band: list[Quantity] | None) -> list[Quantity] | None:
+        if band and band[0].value >= band[1].value:
+            raise fault("a band is [low, high], and low is not below high")
+        return band
+
 
 class ImpactSignal(SignalPart):
     """Half a sine from t = 0."""
@@ -155,7 +174,6 @@ Signal = Annotated[
     | FileSignal,
     Discriminator("kind"),
 ]
-
 
 
 def _as_list(raw: Any) -> Any:
@@ -205,7 +223,7 @@ class Expectation(Part):
     """What a result must be for the run to end with exit code 0."""
 
     path: str
-    at: dict[str, str | int | float] | None = None
+    at: dict[str, str | float] | None = None
     value: Expected = None
     rtol: float | None = Field(default=None, ge=0)
     atol: float | None = Field(default=None, ge=0)
@@ -220,10 +238,14 @@ class Expectation(Part):
         return self
 
 
+def _as_written(raw: Any) -> Any:
+    return str(raw).lower() if isinstance(raw, bool) else raw  # in Python, true equals 1
+
+
 class SceneModel(Part):
     """What every scene says."""
 
-    dynid: Literal[1]
+    dynid: Annotated[Literal[1], BeforeValidator(_as_written)]
     title: str = ""
     parameters: dict[str, Any] = {}
     expect: list[Expectation] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import types
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal, Union, get_args, get_origin
 
@@ -25,6 +26,8 @@ _WANTED = {
     "model_type": "a mapping",
     "model_attributes_type": "a mapping",
 }
+_BOUNDS = {"greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:,.12g}"}
+_ENDS = {"too_short": "least", "too_long": "most"}
 
 
 def located_faults(source: Source, model: type[BaseModel], error: ValidationError) -> list[Fault]:
@@ -39,47 +42,86 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
     error
         What the validation found.
     """
-    return [_fault(source, model, dict(item)) for item in error.errors(include_url=False)]
+    errors: list[dict[str, Any]] = [dict(item) for item in error.errors(include_url=False)]
+    strange = [item["loc"] for item in errors if item["type"] == "extra_forbidden"]
+    places: dict[tuple[Any, ...], list[dict[str, Any]]] = defaultdict(list)
+    for item in errors:
+        if not _is_misspelt(item, strange):
+            places[data_path(source.data, item["loc"])].append(item)
+    return [_fault(source, model, item) for items in places.values() for item in _one_of_a_union(items)]
+
+
+def _one_of_a_union(errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Join what every member of a union says of one value: it must be one type or another."""
+    wanted = [_WANTED[item["type"]] for item in errors if item["type"] in _WANTED]
+    others = [item for item in errors if item["type"] not in _WANTED]
+    if others or not errors:
+        return others
+    return [{**errors[0], "wanted": " or ".join(dict.fromkeys(wanted))}]
+
+
+def _is_misspelt(error: dict[str, Any], strange: list[tuple[Any, ...]]) -> bool:
+    """Tell whether a missing key is there under a similar name, which is reported already."""
+    *holder, key = error["loc"] or ("",)
+    similar = (other[-1] for other in strange if list(other[:-1]) == holder)
+    return error["type"] == "missing" and any(did_you_mean(str(other), [key]) for other in similar)
 
 
 def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:
     loc, kind = tuple(error["loc"]), error["type"]
     path = data_path(source.data, loc)
     name = _dotted(path[:-1]) or "a scene"
-    if kind == "extra_forbidden":
+    if kind in ("extra_forbidden", "invalid_key"):
         holder = _model_at(model, loc[:-1])
         known = list(holder.model_fields) if holder else []
         message = f"'{loc[-1]}' is not a key of {name}{did_you_mean(str(loc[-1]), known)}"
         return source.fault(path, message, key=True)
     if kind == "missing":
-        return source.fault((*path, loc[-1]), f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'", key=True)
+        return source.fault(
+            (*path, loc[-1]), f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'", key=True
+        )
+    if kind == "union_tag_not_found":
+        for key in (other for other in error["input"] if did_you_mean(str(other), ["kind"])):
+            message = f"'{key}' is not a key of {_dotted(path)}; did you mean 'kind'?"
+            return source.fault((*path, key), message, key=True)
+        return source.fault((*path, "kind"), f"{_dotted(path)} needs the key 'kind'", key=True)
     message = _message(kind, error, path)
     return source.fault((*path, "kind") if kind == "union_tag_invalid" else path, message)
 
 
 def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
-    given, context = error.get("input"), error.get("ctx", {})
-    key = f"'{path[-1]}' " if path and isinstance(path[-1], str) else ""
+    given: Any = error.get("input")
+    context: dict[str, Any] = error.get("ctx", {})
     if kind == "dynid":
         return str(error["msg"])
+    key = f"'{path[-1]}'" if path and isinstance(path[-1], str) else "this entry"
     if kind in ("literal_error", "union_tag_invalid"):
         expected = str(context.get("expected") or context.get("expected_tags"))
         options = [option.strip(" '\"") for option in expected.replace(" or ", ", ").split(",")]
         if kind == "union_tag_invalid":
-            key, given = "'kind' ", context["tag"]
-        return f"{key}cannot be {given!r}; it is one of {', '.join(options)}{did_you_mean(str(given), options)}"
-    if kind == "union_tag_not_found":
-        return f"{key}needs its key 'kind'"
+            key, given = "'kind'", given["kind"]
+        choice = f"is one of {', '.join(options)}" if len(options) > 1 else f"can only be {options[0]}"
+        return f"{key} cannot be {_shown(given)}; it {choice}{did_you_mean(str(given), options)}"
     if kind in _WANTED:
-        return f"{key}must be {_WANTED[kind]}, not {_shown(given)}"
+        return f"{key} must be {error['wanted']}, not {_shown(given)}"
+    if kind in _BOUNDS:
+        return f"{key} must be {_BOUNDS[kind].format(**context)}, not {_shown(given)}"
     if kind == "too_short" and context.get("min_length") == 1:
-        return f"{key}is empty"
+        return f"{key} is empty"
+    if kind in ("too_short", "too_long"):
+        bound = context.get("min_length") or context.get("max_length")
+        return f"{key} has {context['actual_length']} entries; it takes at {_ENDS[kind]} {bound}"
     message = str(error["msg"])
-    return f"{key}is {_shown(given)}: {message[:1].lower()}{message[1:]}"
+    return f"{key} is {_shown(given)}: {message[:1].lower()}{message[1:]}"
 
 
 def _shown(given: Any) -> str:
-    kinds = {dict: "a mapping", list: "a list", type(None): "nothing"}
+    kinds: dict[type, str] = {
+        dict: "a mapping",
+        list: "a list",
+        type(None): "nothing",
+        bool: str(given).lower(),
+    }
     text = next((word for kind, word in kinds.items() if isinstance(given, kind)), repr(given))
     return text if len(text) < 60 else f"{text[:57]}…"
 

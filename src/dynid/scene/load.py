@@ -63,7 +63,12 @@ class Scene:
     def _find(self, name: str) -> tuple[Any, ...] | None:
         joint, _, part = name.rpartition(".")
         key = int(name) if name.isdigit() else name
-        candidates = [("graph", "nodes", name), ("graph", "nodes", key), ("joints", joint, part), ("joints", name)]
+        candidates = [
+            ("graph", "nodes", name),
+            ("graph", "nodes", key),
+            ("joints", joint, part),
+            ("joints", name),
+        ]
         candidates += [("parameters", name), (name,)]
         return next((path for path in candidates if path in self.source.marks), None)
 
@@ -122,8 +127,10 @@ def _model_of(source: Source) -> type[SceneModel]:
         raise SceneError([source.fault((), f"a scene needs the key 'kind': {', '.join(KINDS)}")])
     kind = data["kind"]
     if not isinstance(kind, str) or kind not in KINDS:
-        hint = did_you_mean(str(kind), KINDS)
-        raise SceneError([source.fault(("kind",), f"unknown kind '{kind}'; it is one of {', '.join(KINDS)}{hint}")])
+        name = f" '{kind}'" if isinstance(kind, str) else ""
+        hint = did_you_mean(str(kind), KINDS) if name else ""
+        message = f"unknown kind{name}; it is one of {', '.join(KINDS)}{hint}"
+        raise SceneError([source.fault(("kind",), message)])
     return kind_model(kind)
 
 

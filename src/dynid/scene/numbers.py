@@ -41,7 +41,9 @@ def to_fraction(value: float | Fraction, reading: Literal["decimal", "binary"] =
 def as_number(value: object) -> Number:
     """Check that a value is a finite real number, and give it as a `Fraction` or a float."""
     if isinstance(value, bool) or not isinstance(value, int | float | Fraction):
-        raise OutOfRangeError(f"{value!r} is not a number")
+        raise OutOfRangeError(
+            f"{str(value).lower() if isinstance(value, bool) else repr(value)} is not a number"
+        )
     return _checked(float(value) if isinstance(value, float) else Fraction(value))
 
 

@@ -6,10 +6,11 @@ scene that has others as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
 from typing import Any
 
-from dynid.bondgraph.graph import NODE_TYPES, Bond, graph_faults
+from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
 from dynid.errors import Fault
 from dynid.scene.expression import resolve_parameters
 from dynid.scene.quantities import Names
@@ -25,9 +26,10 @@ def read_names(source: Source) -> tuple[Names, list[Fault]]:
         The names, and what is wrong with the parameters.
     """
     raw = _mapping(source.data, "parameters")
+    complete = isinstance(source.data.get("parameters", {}), dict)
     values, problems = resolve_parameters({str(name): value for name, value in raw.items()})
     faults = [source.fault(("parameters", _key(raw, name)), text) for name, text in problems.items()]
-    return Names(values, frozenset(problems), _node_types(source)), faults
+    return Names(values, frozenset(problems), _node_types(source), complete), faults
 
 
 def whole_faults(source: Source) -> list[Fault]:
@@ -51,22 +53,33 @@ def _node_types(source: Source) -> dict[str, str]:
 
 
 def _bond_graph_faults(source: Source) -> list[Fault]:
-    """Check the number of bonds at every node."""
+    """Check the number of bonds at every node.
+
+    A bond that cannot be read is reported where it stands. A node that may only lack that bond is not
+    reported as well; one that has too many already is.
+    """
     nodes = _mapping(_mapping(source.data, "graph"), "nodes")
-    types, bonds, places = _node_types(source), [], []
+    types, bonds, places, complete = _node_types(source), [], [], True
     for index, text in enumerate(_list(_mapping(source.data, "graph"), "bonds")):
         ends = [part.strip() for part in text.split("->")] if isinstance(text, str) else []
-        if not all(end in types for end in ends):
-            return []  # reported where the bond stands; what hangs on it would be a second message
-        bonds += [Bond(tail, head) for tail, head in zip(ends, ends[1:], strict=False)]
-        places += [index] * max(0, len(ends) - 1)
+        read = len(ends) > 1 and all(end in types for end in ends)
+        complete = complete and read and all(a != b for a, b in pairwise(ends))
+        if read:
+            bonds += [Bond(tail, head) for tail, head in pairwise(ends)]
+            places += [index] * (len(ends) - 1)
     faults = []
     for fault in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
         if fault.bond is not None:
             faults.append(source.fault(("graph", "bonds", places[fault.bond]), fault.message))
-        elif bonds and fault.node is not None:
+        elif fault.node is not None and bonds and (complete or _is_crowded(fault.node, types, bonds)):
             faults.append(source.fault(("graph", "nodes", _key(nodes, fault.node)), fault.message, key=True))
     return faults
+
+
+def _is_crowded(name: str, types: Mapping[str, str], bonds: list[Bond]) -> bool:
+    """Tell whether a node has more bonds than ports, whatever bonds may be missing."""
+    ins, outs = sum(bond.head == name for bond in bonds), sum(bond.tail == name for bond in bonds)
+    return ins + outs > 1 if types[name] in ONE_PORTS else max(ins, outs) > 1
 
 
 def _initial_faults(source: Source) -> list[Fault]:
@@ -74,14 +87,20 @@ def _initial_faults(source: Source) -> list[Fault]:
     types, faults = _node_types(source), []
     for name, given in _mapping(source.data, "initial").items():
         kind, path = types.get(str(name)), ("initial", name)
-        if kind is None:
+        if kind is None and types:
             faults.append(source.fault(path, f"no node '{name}'{did_you_mean(str(name), types)}", key=True))
+        elif kind not in NODE_TYPES:
+            continue  # reported where the node stands
         elif kind not in ("I", "C"):
-            faults.append(source.fault(path, f"'{name}' is {kind} and stores no energy; only I and C do", key=True))
+            faults.append(
+                source.fault(path, f"'{name}' is {kind} and stores no energy; only I and C do", key=True)
+            )
         elif isinstance(given, dict):
             own, other = ("f", "e") if kind == "I" else ("e", "f")
             if other in given or own not in given:
-                message = f"the energy of {kind} '{name}' is given by its {'flow f' if own == 'f' else 'effort e'}"
+                message = (
+                    f"the energy of {kind} '{name}' is given by its {'flow f' if own == 'f' else 'effort e'}"
+                )
                 faults.append(source.fault(path, message))
     return faults
 
@@ -96,7 +115,9 @@ def _driving_faults(source: Source) -> list[Fault]:
     for path, signal in _signals(("analysis", "time", "input"), given):
         name = signal.get("source")
         if isinstance(name, str) and name not in inputs:
-            faults.append(source.fault((*path, "source"), f"'{name}' is not an input{did_you_mean(name, inputs)}"))
+            faults.append(
+                source.fault((*path, "source"), f"'{name}' is not an input{did_you_mean(name, inputs)}")
+            )
         if "dof" in signal:
             faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))
     return faults
@@ -117,7 +138,9 @@ def _dof_faults(source: Source) -> list[Fault]:
         if "dof" not in signal:
             faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
         if "source" in signal:
-            faults.append(source.fault((*path, "source"), "a structure has DOFs, not sources; write 'dof'", key=True))
+            faults.append(
+                source.fault((*path, "source"), "a structure has DOFs, not sources; write 'dof'", key=True)
+            )
     return [*faults, *_unknown_faults(source)]
 
 
@@ -145,7 +168,9 @@ def _dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
 
 def _excitations(data: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
     yield from _signals(("excitation",), data.get("excitation"))
-    yield from _signals(("analysis", "time", "input"), _mapping(_mapping(data, "analysis"), "time").get("input"))
+    yield from _signals(
+        ("analysis", "time", "input"), _mapping(_mapping(data, "analysis"), "time").get("input")
+    )
 
 
 def _unknown_faults(source: Source) -> list[Fault]:
@@ -153,19 +178,21 @@ def _unknown_faults(source: Source) -> list[Fault]:
     measurement = _mapping(source.data, "measurement")
     if not measurement:
         return []
-    unknowns = [
-        (("joints", name, part), joint[part])
+    given = [
+        (("joints", name, part), _mapping_of(joint)[part])
         for name, joint in _mapping(source.data, "joints").items()
         for part in ("k", "c")
-        if isinstance(joint, dict) and isinstance(joint.get(part), dict) and "start" in joint[part]
+        if part in _mapping_of(joint)
     ]
-    if not unknowns:
+    unknowns = [(path, _mapping_of(value)) for path, value in given if "start" in _mapping_of(value)]
+    known = all(not isinstance(value, dict) or value.keys() == {"value"} for _, value in given)
+    if not unknowns and known and _is_mapping_of_mappings(source.data.get("joints", {})):
         message = "there is nothing to identify: no joint parameter has a 'start'"
         return [source.fault(("measurement",), message, key=True)]
     if "simulate" not in measurement:
         return []
     message = "a simulated measurement needs the 'true' value of this parameter"
-    return [source.fault(path, message) for path, given in unknowns if "true" not in given]
+    return [source.fault(path, message, key=True) for path, value in unknowns if "true" not in value]
 
 
 # --- plain data ------------------------------------------------------------------------------------
@@ -175,11 +202,17 @@ def _signals(path: tuple[Any, ...], given: Any) -> Iterable[tuple[tuple[Any, ...
     if isinstance(given, dict):
         yield path, given
     elif isinstance(given, list):
-        yield from (((*path, place), signal) for place, signal in enumerate(given) if isinstance(signal, dict))
+        yield from (
+            ((*path, place), signal) for place, signal in enumerate(given) if isinstance(signal, dict)
+        )
 
 
 def _mapping_of(value: Any) -> dict[Any, Any]:
     return value if isinstance(value, dict) else {}
+
+
+def _is_mapping_of_mappings(value: Any) -> bool:
+    return isinstance(value, dict) and all(isinstance(entry, dict) for entry in value.values())
 
 
 def _mapping(holder: Any, key: str) -> dict[Any, Any]:

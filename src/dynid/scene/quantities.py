@@ -50,12 +50,15 @@ class Names:
     faulty
         Parameters that are defined but have no value; they are reported once, where they are defined.
     nodes
-        Node types by name (bond graphs).
+        Node types by name (bond graphs); empty where they could not be read, which is reported once.
+    complete
+        Whether the parameters could be read at all; else any name may be one.
     """
 
     parameters: Mapping[str, Number] = field(default_factory=dict)
     faulty: frozenset[str] = frozenset()
     nodes: Mapping[str, str] = field(default_factory=dict)
+    complete: bool = True
 
 
 def fault(message: str) -> PydanticCustomError:
@@ -76,21 +79,31 @@ def resolve(raw: Any, info: ValidationInfo) -> Quantity:
     if isinstance(raw, bool) or not isinstance(raw, int | float | str):
         raise fault(f"{_kind(raw)} where a number, a parameter or an expression belongs")
     if isinstance(raw, int | float):
-        if not math.isfinite(raw):
+        if isinstance(raw, float) and not math.isfinite(raw):
             raise fault(f"{raw} is not a finite number")
-        return Quantity(to_fraction(raw))
+        return _in_range(Quantity(to_fraction(raw)))
     names = names_of(info)
     try:
         expression = parse(raw)
         unknown = sorted(expression.names - set(names.parameters) - names.faulty)
-        if unknown:
+        if unknown and names.complete:
             known = [*names.parameters, *names.faulty]
             raise fault("; ".join(f"no parameter '{name}'{did_you_mean(name, known)}" for name in unknown))
-        if expression.names & names.faulty:
+        if unknown or expression.names & names.faulty:
             return Quantity(Fraction(1))  # reported where it is defined; any value lets the checks go on
-        return Quantity(expression.evaluate(names.parameters), expression)
+        return _in_range(Quantity(expression.evaluate(names.parameters), expression))
     except ExpressionError as error:
         raise fault(str(error)) from None
+
+
+def _in_range(quantity: Quantity) -> Quantity:
+    """Refuse what double precision would turn into infinity or zero: an exact value knows no such limits."""
+    try:
+        if float(quantity) == 0 != quantity.value:
+            raise fault("the value is too close to zero for double precision")
+    except OverflowError:
+        raise fault("the value is too large for double precision") from None
+    return quantity
 
 
 def _kind(raw: Any) -> str:
@@ -108,7 +121,9 @@ def _where(condition: Callable[[Number], bool], message: str) -> Callable[[Any, 
     return check
 
 
-_SCHEMA = WithJsonSchema({"type": ["number", "string"], "description": "a number, a parameter or an expression"})
+_SCHEMA = WithJsonSchema(
+    {"type": ["number", "string"], "description": "a number, a parameter or an expression"}
+)
 
 Value = Annotated[Quantity, PlainValidator(resolve), _SCHEMA]
 Positive = Annotated[Quantity, PlainValidator(_where(lambda v: v > 0, "is not positive")), _SCHEMA]

@@ -57,7 +57,7 @@ class _Frame:
         self.height = 1
         self.key: Any = _AWAITED
         self.key_place: Place = (1, 1)
-        self.seen: dict[Key, int] = {}
+        self.seen: dict[str, int] = {}
 
     def awaits_key(self) -> bool:
         return isinstance(self.container, dict) and self.key is _AWAITED
@@ -223,12 +223,11 @@ class _Builder:
             self._fault(place, "merge keys (<<) are not part of YAML 1.2; write the keys out")
         elif isinstance(key, bool) or not isinstance(key, str | int):
             self._fault(place, "a key is a text or a whole number; put any other word in quotes")
-        elif key in frame.seen:
-            self._fault(
-                place, f"the key '{shorten(str(key))}' is given twice, first on line {frame.seen[key]}"
-            )
+        elif str(key) in frame.seen:  # 1 and '1' name the same thing
+            first = frame.seen[str(key)]
+            self._fault(place, f"the key '{shorten(str(key))}' is given twice, first on line {first}")
         else:
-            frame.seen[key] = place[0]
+            frame.seen[str(key)] = place[0]
             frame.key = key
 
     def _locate(self, place: Place) -> Path | None:

@@ -1,0 +1,202 @@
+"""What every kind of scene has in common: all is checked, and each fault is said once, at its place."""
+
+import copy
+import json
+import math
+import re
+
+import jsonschema
+import pytest
+
+from dynid.errors import SceneError
+from dynid.scene.dump import dump
+from dynid.scene.load import KINDS, check_source, kind_model
+from dynid.scene.source import apply_overrides, parse_source
+from tests.scene.written import ISOLATOR, JOINTS, check, faults_of
+
+EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS}
+WRONG = [
+    None, True, -1, 0, 1.5, 10**399, 1e300, 5e-324, math.nan, math.inf, "", "x", "9**9**9", "1/0",
+    "on", "{message}",
+    "%s", [], [1], [[]], [None], {}, {"a": 1}, {1: 2}, {"kind": "step"}, {"kind": ["x"]}, {"type": "R"},
+]  # fmt: skip
+NOT_A_SENTENCE = re.compile(r"pydantic|[Ii]nput should|validation|None|True|False|\{'\w+':")
+
+
+def paths_in(data, path=()):
+    yield path
+    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in entries:
+        yield from paths_in(value, (*path, key))
+
+
+def replaced(data, path, value):
+    if not path:
+        return value
+    data = copy.deepcopy(data)
+    holder = data
+    for key in path[:-1]:
+        holder = holder[key]
+    holder[path[-1]] = value
+    return data
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+def test_the_documented_example_is_valid(kind):
+    assert check(EXAMPLES[kind]).kind == kind
+
+
+@pytest.mark.parametrize(
+    ("kind", "path"),
+    [(kind, path) for kind, text in EXAMPLES.items() for path in paths_in(parse_source(text).data)],
+    ids=lambda part: part if isinstance(part, str) else ".".join(map(str, part)) or "scene",
+)
+def test_any_wrong_value_anywhere_is_a_located_sentence_or_harmless(kind, path):
+    data = parse_source(EXAMPLES[kind]).data
+    for wrong in WRONG:
+        text = dump(replaced(data, path, wrong))
+        for fault in faults_of(text):
+            line, column, message = fault.split(":", 2)
+            assert 1 <= int(line) <= text.count("\n") + 1
+            assert int(column) >= 1
+            assert not NOT_A_SENTENCE.search(message), fault
+
+
+@pytest.mark.parametrize(
+    ("kind", "path"),
+    [
+        (kind, path)
+        for kind, text in EXAMPLES.items()
+        for path in paths_in(parse_source(text).data)
+        if path
+        and isinstance(path[-1], str)
+        and not {"parameters", "nodes", "joints", "initial"} & {*path[-2:-1]}
+    ],
+    ids=lambda part: part if isinstance(part, str) else ".".join(map(str, part)),
+)
+def test_a_misspelt_key_is_named_once_with_the_key_that_is_meant(kind, path):
+    if path == ("kind",):
+        return
+    data = parse_source(EXAMPLES[kind]).data
+    holder = data
+    for key in path[:-1]:
+        holder = holder[key]
+    misspelt = f"{path[-1]}x"
+    entries = [(misspelt if key == path[-1] else key, value) for key, value in holder.items()]
+    found = faults_of(dump(replaced(data, path[:-1], dict(entries))))
+    about_it = [fault for fault in found if f"'{misspelt}'" in fault]
+    assert len(about_it) == 1
+    if len(path[-1]) > 2:
+        assert f"did you mean '{path[-1]}'?" in about_it[0]
+    assert not any(f"needs the key '{path[-1]}'" in fault for fault in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("[]", "1:1: a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'"),
+        ("dynid: 1\n", "1:1: a scene needs the key 'kind': bond-graph, identification"),
+        (
+            "dynid: 1\nkind: bondgraph\n",
+            "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification; "
+            "did you mean 'bond-graph'?",
+        ),
+    ],
+)
+def test_what_is_no_scene_is_told_what_a_scene_is(text, fault):
+    assert faults_of(text) == [fault]
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ("dynid: 1", "dynid: 2", "1:8: 'dynid' cannot be 2; it can only be 1"),
+        ("dynid: 1", "dynid: true", "1:8: 'dynid' cannot be 'true'; it can only be 1"),
+        ("dynid: 1 ", "dynid: 1\ndynid: 1", "2:1: the key 'dynid' is given twice, first on line 1"),
+        ("title: Passive tuned isolator", "title: 12", "3:8: 'title' must be a text, not 12"),
+        ("b: 50", "b: 5O", "4:26: '5O' is neither a number nor a name"),
+        ("b: 50", "b: m_e, x: b + y", "4:34: no parameter 'y'"),
+        ("b: 50", "b: 9**9**9", "4:26: the exact value has more than 20,000 binary digits"),
+        ("b: 50", "b: .nan", "4:26: the value is not a number (nan)"),
+        ("b: 50", "b: .inf", "4:26: the value is infinite, or too large for double precision"),
+        ("b: 50", "b: yes", "4:26: no parameter 'yes'"),
+        ("b: 50", "b: true", "4:26: true is not a number"),
+        ("parameters: {", "parameters: {pi: 3, ", "4:18: 'pi' is the name of a constant; use another"),
+        ("value: b}", "value: 1e-200 * 1e-200}", "11:25: the value is too close to zero for double"),
+        ("value: b}", f"value: 1{'0' * 399}}}", "11:25: the value is too large for double precision"),
+        ("value: b}", "value: mass}", "11:25: no parameter 'mass'"),
+        ("rtol: 1.0e-9", "rtol: -1", "32:70: 'rtol' must be at least 0, not -1"),
+        (", value: 1, rtol: 1.0e-9", "", "32:5: an expectation needs a 'value', or a 'min', 'max' or"),
+        (", rtol: 1.0e-9", ", at: {omega: }", "32:76: 'omega' must be a text or a number, not nothing"),
+        ("dc_gain, value: 1", "dc_gain, value: {a: 1}", "32:61: an expected value is a number, a text,"),
+    ],
+)
+def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
+    found = faults_of(ISOLATOR.replace(right, wrong, 1))
+    assert len(found) == 1
+    assert found[0].startswith(fault)
+
+
+def test_parameters_that_define_each_other_are_each_told_the_circle():
+    found = faults_of(ISOLATOR.replace("m_s: 10, b: 50", "m_s: b, b: m_s"))
+    assert [fault.split(":")[1] for fault in found] == ["19", "25"]
+    assert all("is defined by itself: b -> m_s -> b" in fault for fault in found)
+
+
+def test_what_hangs_on_unreadable_parameters_or_nodes_is_not_reported_as_well():
+    unread = re.sub(r"parameters: .*", "parameters: [1]", ISOLATOR)
+    assert faults_of(unread) == ["4:13: 'parameters' must be a mapping, not a list"]
+    no_nodes = re.sub(r"  nodes:\n(    .*\n)*", "  nodes: 3\n", ISOLATOR)
+    assert faults_of(no_nodes) == ["6:10: 'nodes' must be a mapping, not 3"]
+
+
+def test_words_of_older_yaml_are_texts():
+    assert check(ISOLATOR.replace("Passive tuned isolator", "on")).title == "on"
+    assert check(ISOLATOR.replace("Passive tuned isolator", "yes")).title == "yes"
+
+
+def test_ten_mistakes_are_ten_sentences_in_the_order_of_the_file():
+    found = faults_of(TEN)
+    assert [fault.split(": ", 1)[0] for fault in found] == TEN_PLACES
+
+
+TEN = """\
+dynid: 1
+kind: bond-graph
+titel: Ten mistakes
+parameters: {m: 2, k: m +, x: 9**9**9}
+graph:
+  nodes:
+    F: Se
+    m: {type: I, value: mm}
+    b: {type: TR, value: 1}
+    one: {type: 1, value: 3}
+  bonds: [F -> one -> m, one -> bb]
+analysis:
+  inputs: [m]
+  outputs: [one.e]
+  frequency: {start: 0, stop: 10}
+"""
+TEN_PLACES = ["3:1", "4:23", "4:31", "8:25", "9:15", "10:10", "11:26", "13:12", "14:13", "15:14"]
+
+
+def test_the_command_line_sets_values_before_anything_is_checked():
+    source = parse_source(ISOLATOR, "s.yaml")
+    changed = apply_overrides(source, ["analysis.frequency.points=1e12", "graph.nodes.b.type=Q"])
+    with pytest.raises(SceneError) as caught:
+        check_source(changed)
+    assert [str(fault) for fault in caught.value.faults] == [
+        "--set analysis.frequency.points:1:1: 'points' must be a whole number, not 1000000000000.0",
+        "--set graph.nodes.b.type:1:1: unknown node type 'Q'",
+    ]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
+    schema = json.loads(json.dumps(kind_model(kind).model_json_schema()))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    data = parse_source(EXAMPLES[kind]).data
+    assert validator.is_valid(data)
+    assert not validator.is_valid({**data, "titel": "x"})
+    assert not validator.is_valid({**data, "kind": "other"})
