@@ -86,7 +86,8 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
             return source.fault((*path, key), message, key=True)
         return source.fault((*path, "kind"), f"{_dotted(path)} needs the key 'kind'", key=True)
     message = _message(kind, error, path)
-    return source.fault((*path, "kind") if kind == "union_tag_invalid" else path, message)
+    place = (*path, "kind") if kind == "union_tag_invalid" else path
+    return source.fault(place, message, key=loc[-1:] == ("[key]",))
 
 
 def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:

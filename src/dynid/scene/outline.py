@@ -133,7 +133,8 @@ def _dof_faults(source: Source) -> list[Fault]:
     faults = []
     for path, dof in _dofs(data):
         if size and isinstance(dof, int) and dof > size:
-            faults.append(source.fault(path, f"there is no DOF {dof}; the structure has {size}"))
+            message = f"there is no DOF {dof}; the structure has {size}"
+            faults.append(source.fault(path, message, key=path[0] == "initial"))
     for path, signal in _excitations(data):
         if "dof" not in signal:
             faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
@@ -192,7 +193,8 @@ def _unknown_faults(source: Source) -> list[Fault]:
     if "simulate" not in measurement:
         return []
     message = "a simulated measurement needs the 'true' value of this parameter"
-    return [source.fault(path, message, key=True) for path, value in unknowns if "true" not in value]
+    lacking = [path for path, value in unknowns if value.keys() <= {"start", "value"}]
+    return [source.fault(path, message, key=True) for path in lacking]
 
 
 # --- plain data ------------------------------------------------------------------------------------

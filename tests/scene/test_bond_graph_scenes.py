@@ -1,0 +1,199 @@
+"""Scenes of kind bond-graph: what is refused, where, and in which words."""
+
+import numpy as np
+import pytest
+
+from dynid.scene.grids import angular_frequencies
+from dynid.scene.run_bond_graph import build_graph
+from tests.scene.written import check, faults_of
+
+SCENE = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, m: {type: I, value: 2}, k: {type: C, value: 0.1}, n: {type: TF, value: 3}, one: 1, z: 0}
+  bonds: [F -> one -> m, one -> n -> z, z -> k]
+analysis:
+  outputs: [m.f]
+  frequency: {start: 1, stop: 10}
+  time: {stop: 1, step: 0.1, input: {kind: step}}
+"""
+
+
+def test_the_scene_of_these_tests_is_valid():
+    assert faults_of(SCENE) == []
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        # nodes
+        ("type: TF", "type: TR", "4:78: unknown node type 'TR'; did you mean 'TF'?"),
+        ("type: TF", "type: 1.5", "4:78: a node type is one of Se, Sf, I, C, R, TF, GY, 0, 1"),
+        (", value: 3", "", "4:71: TF needs its modulus n: write {type: TF, value: …}"),
+        ("value: 3", "value: 0", "4:71: the modulus of a TF cannot be zero"),
+        (", value: 2", "", "4:21: I needs its value: write {type: I, value: …}"),
+        ("value: 2", "value: on", "4:38: no parameter 'on'"),
+        ("value: 2", "value: .nan", "4:38: nan is not a finite number"),
+        ("value: 2", "value: -.inf", "4:38: -inf is not a finite number"),
+        ("F: Se", "F: {type: Se, value: 3}", "4:14: Se takes no value"),
+        ("one: 1", "one: {type: 1, value: 3}", "4:98: a junction takes no value"),
+        ("value: 3", "valeu: 3", "4:82: 'valeu' is not a key of graph.nodes.n; did you mean 'value'?"),
+        ("F: Se", "F: Se, F: Sf", "4:18: the key 'F' is given twice, first on line 4"),
+        ("one: 1", "one: 1, 7: 0, '7': 1", "4:107: the key '7' is given twice, first on line 4"),
+        # bonds
+        ("z -> k", "z -> K", "5:41: bond 'z -> K': no node 'K'; did you mean 'k'?"),
+        ("z -> k", "z > k", "5:41: 'z > k' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"),
+        ("z -> k", "z -> k ->", "5:41: 'z -> k ->' is not a bond; write 'a -> b', or a chain"),
+        ("z -> k", "[z, k]", "5:41: a bond is a text such as 'a -> b'"),
+        ("z -> k", "z -> k, k -> one", "4:42: C 'k' has 2 bonds but only one port; put a junction"),
+        ("z -> k", "z -> k, z -> z", "5:49: the bond 'z -> z' ends where it starts"),
+        ("n -> z", "n, z -> n", "4:68: TF 'n' needs one bond in and one bond out; it has 2 in and 0 out"),
+        (", z -> k", "", "4:42: C 'k' has no bond; connect it or drop it"),
+        # analysis
+        ("m.f", "n.f", "7:13: 'n.f': TF 'n' has two ports; name the junction or element beside it"),
+        ("m.f", "one.e", "7:13: 'one.e': a 1-junction has one flow only; ask for 'one.f' or an element's"),
+        ("m.f", "z.q", "7:13: 'z.q': a 0-junction has one effort only; ask for 'z.e' or an element's"),
+        ("m.f", "m.v", "7:13: 'm.v': 'v' is not one of e, f, q, p"),
+        ("m.f", "m", "7:13: an output is NODE.e, NODE.f, NODE.q or NODE.p, not 'm'"),
+        ("m.f", "mm.f", "7:13: 'mm.f': no node 'mm'; did you mean 'm'?"),
+        ("m.f", "m.f, m.f", "7:12: 'm.f' is listed twice"),
+        ("[m.f]", "[]", "7:12: 'outputs' is empty"),
+        (
+            "analysis:",
+            "analysis:\n  inputs: [m]",
+            "7:12: 'm' is no source (Se, Sf); only sources can be inputs",
+        ),
+        ("analysis:", "analysis:\n  inputs: [f]", "7:12: no node 'f'; did you mean 'F'?"),
+        ("analysis:", "analysis:\n  inputs: F", "7:11: 'inputs' must be a list, not 'F'"),
+        ("analysis:", "analysis:\n  results: [zero]", "7:13: this entry cannot be 'zero'; it is one of"),
+        # grids
+        ("start: 1", "start: 0", "8:14: a logarithmic scale cannot start at 0; start above it, or set"),
+        ("start: 1", "start: -1", "8:22: -1 is negative"),
+        ("stop: 10", "stop: 0.5", "8:14: 'stop' is below 'start'"),
+        ("stop: 10", "stop: 10, points: 1e12", "8:43: 'points' must be a whole number, not 1000000000000.0"),
+        ("stop: 10", f"stop: 10, points: 1{'0' * 12}", "8:43: 'points' must be at most 10,000,000, not"),
+        ("stop: 10", "stop: 10, points: 0", "8:43: 'points' must be at least 1, not 0"),
+        ("stop: 10", "stop: 10, unit: hz", "8:41: 'unit' cannot be 'hz'; it is one of rad/s, Hz; did you"),
+        ("step: 0.1", "step: 2", "9:9: 'step' is longer than 'stop'"),
+        ("step: 0.1", "step: 1e-12", "9:9: 1e+12 time steps are too many; 'step' is too short, or"),
+        ("step: 0.1", "step: 0", "9:25: 0 is not positive"),
+        # signals
+        ("kind: step", "kind: stp", "9:44: 'kind' cannot be 'stp'; it is one of step, impulse, sine,"),
+        (
+            "kind: step",
+            "knid: step",
+            "9:38: 'knid' is not a key of analysis.time.input; did you mean 'kind'?",
+        ),
+        ("kind: step", "amplitude: 1", "9:30: analysis.time.input needs the key 'kind'"),
+        ("kind: step", "kind: sine", "9:30: analysis.time.input needs the key 'frequency'"),
+        ("kind: step", "kind: impact", "9:30: analysis.time.input needs the key 'duration'"),
+        ("kind: step", "kind: chirp, start: 0", "9:30: analysis.time.input needs the key 'stop'"),
+        ("kind: step", "kind: file", "9:30: analysis.time.input needs the key 'path'"),
+        ("kind: step", "kind: step, frequency: 1", "9:50: 'frequency' is not a key of analysis.time.input"),
+        ("kind: step", "kind: step, source: G", "9:58: 'G' is not an input"),
+        ("kind: step", "kind: step, source: m", "9:58: 'm' is not an input"),
+        ("kind: step", "kind: step, dof: 1", "9:50: a bond graph has sources, not DOFs"),
+        (
+            "kind: step",
+            "kind: random, band: [2, 1]",
+            "9:58: a band is [low, high], and low is not below high",
+        ),
+        ("kind: step", "kind: random, band: [2]", "9:58: 'band' has 1 entries; it takes at least 2"),
+        (
+            "kind: step",
+            "kind: multisine, amplitude: [1, 2], frequency: [3]",
+            "9:37: 'amplitude', 'frequency' and 'phase' of a multisine differ in length",
+        ),
+        # stored energy
+        (
+            "analysis:",
+            "initial: {F: {f: 1}}\nanalysis:",
+            "6:11: 'F' is Se and stores no energy; only I and C do",
+        ),
+        ("analysis:", "initial: {M: {f: 1}}\nanalysis:", "6:11: no node 'M'; did you mean 'm'?"),
+        ("analysis:", "initial: {m: {e: 1}}\nanalysis:", "6:14: the energy of I 'm' is given by its flow f"),
+        (
+            "analysis:",
+            "initial: {k: {f: 1}}\nanalysis:",
+            "6:14: the energy of C 'k' is given by its effort e",
+        ),
+        ("analysis:", "initial: {m: 3}\nanalysis:", "6:14: 'm' must be a mapping, not 3"),
+    ],
+)
+def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
+    assert right in SCENE
+    found = faults_of(SCENE.replace(right, wrong, 1))
+    assert len(found) == 1, found
+    assert found[0].startswith(fault), found
+
+
+def test_a_response_that_is_asked_for_needs_its_block():
+    text = SCENE.replace("  frequency: {start: 1, stop: 10}\n", "  results: [frequency_response]\n")
+    assert faults_of(text) == ["7:3: 'frequency_response' needs the block 'frequency'"]
+
+
+def test_a_name_that_no_bond_could_write_is_refused():
+    found = faults_of(SCENE.replace("F: Se", "a b: Se, F: Se"))
+    assert found[0] == (
+        "4:11: 'a b' cannot name a node; use letters, digits, _ and -, starting with a letter"
+    )
+
+
+def test_an_unreadable_bond_hides_no_other_mistake():
+    text = SCENE.replace("z -> k", "z -> q, k -> z, k -> one")
+    assert [fault.split(": ", 1)[0] for fault in faults_of(text)] == ["4:42", "5:41"]
+
+
+def test_hertz_are_converted():
+    model = check(SCENE.replace("stop: 10}", "stop: 10, points: 3, unit: Hz}")).model
+    assert np.allclose(angular_frequencies(model.analysis.frequency), 2 * np.pi * np.array([1, 10**0.5, 10]))
+    plain = check(SCENE.replace("stop: 10}", "stop: 10, points: 2, scale: linear}")).model
+    assert angular_frequencies(plain.analysis.frequency).tolist() == [1, 10]
+
+
+def test_the_frequencies_of_signals_are_converted_too():
+    def parameters(signal):
+        return (
+            check(SCENE.replace("{kind: step}", f"{{{signal}, unit: Hz}}"))
+            .model.analysis.time.input[0]
+            .parameters()
+        )
+
+    assert parameters("kind: sine, frequency: 1, amplitude: 3") == {
+        "amplitude": 3,
+        "frequency": 2 * np.pi,
+        "phase": 0,
+    }
+    assert parameters("kind: multisine, amplitude: [1, 1], frequency: [1, 2]")["frequency"] == (
+        2 * np.pi,
+        4 * np.pi,
+    )
+    assert parameters("kind: chirp, start: 1, stop: 2") == {
+        "amplitude": 1,
+        "start": 2 * np.pi,
+        "stop": 4 * np.pi,
+    }
+    assert parameters("kind: random, band: [1, 2]")["band"] == (2 * np.pi, 4 * np.pi)
+    assert parameters("kind: step, start: 1")["start"] == 1
+
+
+def test_nodes_may_be_called_like_types_or_numbers():
+    text = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {Se: Se, 1: '1', 0: {type: 0}, I: {type: I, value: 2}, on: {type: R, value: 1}}
+  bonds: [Se -> 1 -> I, 1 -> 0, 0 -> on]
+analysis: {inputs: [Se], outputs: [1.f, 0.e, I.p, on.q]}
+initial: {I: {f: 1}}
+"""
+    scene = check(text)
+    graph = build_graph(scene.model)
+    assert [node.type for node in graph.nodes.values()] == ["Se", "1", "0", "I", "R"]
+    assert list(map(str, scene.model.analysis.outputs)) == ["1.f", "0.e", "I.p", "on.q"]
+
+
+def test_values_are_exact_decimals():
+    graph = build_graph(check(SCENE.replace("value: 0.1", "value: 1/3 + 0.1")).model)
+    assert graph.value("k") * 30 == 13

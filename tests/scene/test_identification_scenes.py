@@ -1,0 +1,137 @@
+"""Scenes of kind identification: what is refused, where, and in which words."""
+
+import pytest
+
+from tests.scene.written import check, faults_of
+
+SCENE = """\
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [2, 1], links: [{dofs: [1], k: 100, c: 1}]}
+joints:
+  j: {dofs: [1, 2], k: {start: 10, true: 20}, c: {start: 1, true: 2}}
+excitation: {dof: 2, kind: sine, frequency: 3}
+measurement:
+  step: 0.01
+  samples: 100
+  channels: [{dof: 2, quantity: velocity}]
+  simulate: {noise_ratio: 0.05, seed: 1}
+"""
+
+
+def test_the_scene_of_these_tests_is_valid():
+    assert faults_of(SCENE) == []
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        # structure
+        ("masses: [2, 1]", "masses: [2, 0]", "4:24: 0 is not positive"),
+        ("masses: [2, 1]", "masses: [2, yes]", "4:24: no parameter 'yes'"),
+        ("k: 100", "k: -1", "4:51: -1 is negative"),
+        ("k: 100", "kk: 100", "4:48: 'kk' is not a key of structure.lumped.links.0"),
+        ("dofs: [1],", "dofs: [3],", "4:44: there is no DOF 3; the structure has 2"),
+        ("dofs: [1],", "dofs: [0],", "4:44: this entry must be at least 1, not 0"),
+        ("dofs: [1],", "dofs: [1, 1],", "4:43: both ends are DOF 1"),
+        ("dofs: [1],", "dofs: [],", "4:43: 'dofs' is empty"),
+        ("dofs: [1],", "dofs: [1, 2, 2],", "4:43: 'dofs' has 3 entries; it takes at most 2"),
+        ("dofs: [1],", "dofs: 1,", "4:43: 'dofs' must be a list, not 1"),
+        ("lumped:", "lumpd:", "4:3: 'lumpd' is not a key of structure; did you mean 'lumped'?"),
+        # joints
+        ("dofs: [1, 2]", "dofs: [1, 5]", "6:17: there is no DOF 5; the structure has 2"),
+        ("dofs: [1, 2]", "dof: [1, 2]", "6:7: 'dof' is not a key of joints.j; did you mean 'dofs'?"),
+        ("start: 10, ", "start: 10, value: 3, ", "6:24: a joint parameter has either a 'start' (to be"),
+        ("start: 10, true: 20", "true: 20", "6:24: a joint parameter has either a 'start' (to be"),
+        ("start: 10, true: 20", "value: 3, true: 20", "6:24: a known parameter has its 'value'; 'true'"),
+        ("start: 10", "start: 0", "6:32: 0 is not positive"),
+        (", true: 20", "", "6:21: a simulated measurement needs the 'true' value of this parameter"),
+        (", true: 20", ", ture: 20", "6:36: 'ture' is not a key of joints.j.k; did you mean 'true'?"),
+        ("joints:", "joints:\n  i: {dofs: [1]}", "6:6: a joint has a stiffness 'k', a damping 'c', or both"),
+        # excitation
+        ("{dof: 2, kind: sine", "{dof: 3, kind: sine", "7:19: there is no DOF 3; the structure has 2"),
+        ("{dof: 2, kind: sine", "{kind: sine", "7:1: this signal needs the 'dof' that it drives"),
+        ("{dof: 2, kind: sine", "{dof: 2, source: F, kind: sine", "7:22: a structure has DOFs, not sources"),
+        (", frequency: 3", "", "7:1: excitation needs the key 'frequency'"),
+        # measurement
+        ("step: 0.01", "step: 0", "9:9: 0 is not positive"),
+        ("samples: 100", "samples: 1e2", "10:12: 'samples' must be a whole number, not 100.0"),
+        ("samples: 100", "samples: 0", "10:12: 'samples' must be at least 1, not 0"),
+        ("samples: 100", f"samples: 1{'0' * 12}", "10:12: 'samples' must be at most 100,000,000, not"),
+        ("[{dof: 2, quantity: velocity}]", "[]", "11:13: 'channels' is empty"),
+        ("quantity: velocity", "quantity: speed", "11:33: 'quantity' cannot be 'speed'; it is one of"),
+        (
+            "quantity: velocity",
+            "quantiy: velocity",
+            "11:23: 'quantiy' is not a key of measurement.channels.0",
+        ),
+        ("{dof: 2, quantity", "{dof: two, quantity", "11:20: 'dof' must be a whole number, not 'two'"),
+        ("{dof: 2, quantity", "{dof: 2.0, quantity", "11:20: 'dof' must be a whole number, not 2.0"),
+        ("{dof: 2, quantity", "{dof: 9, quantity", "11:20: there is no DOF 9; the structure has 2"),
+        ("noise_ratio: 0.05", "noise_ratio: -1", "12:27: -1 is negative"),
+        ("noise_ratio: 0.05", "noise_ratio: .inf", "12:27: inf is not a finite number"),
+        (
+            "noise_ratio: 0.05",
+            "noise_ration: 0.05",
+            "12:14: 'noise_ration' is not a key of measurement.simul",
+        ),
+        ("seed: 1", "seed: -1", "12:39: 'seed' must be at least 0, not -1"),
+        ("simulate:", "file: {path: a.csv}\n  simulate:", "9:3: a measurement is either 'simulate'd or read"),
+        (
+            "  simulate: {noise_ratio: 0.05, seed: 1}\n",
+            "",
+            "9:3: a measurement is either 'simulate'd or read",
+        ),
+        (
+            "simulate: {noise_ratio: 0.05, seed: 1}",
+            "file: {path: a.csv, columns: [1, 2]}",
+            "9:3: 2 columns for 1 channels",
+        ),
+        (
+            "simulate: {noise_ratio: 0.05, seed: 1}",
+            "file: {path: a.csv, columns: [0]}",
+            "12:33: this entry must be at least 1, not 0",
+        ),
+        # the whole
+        (
+            "k: {start: 10, true: 20}, c: {start: 1, true: 2}",
+            "k: 20",
+            "8:1: there is nothing to identify: no joint parameter has a 'start'",
+        ),
+        (
+            "measurement:",
+            "estimator: {method: fitler}\nmeasurement:",
+            "8:21: 'method' cannot be 'fitler'; it",
+        ),
+        (
+            "measurement:",
+            "initial: {3: {v: 1}}\nmeasurement:",
+            "8:11: there is no DOF 3; the structure has 2",
+        ),
+    ],
+)
+def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
+    assert right in SCENE
+    found = faults_of(SCENE.replace(right, wrong, 1))
+    assert len(found) == 1, found
+    assert found[0].startswith(fault), found
+
+
+def test_a_scene_without_a_question_is_told_so():
+    text = SCENE[: SCENE.index("measurement:")]
+    assert faults_of(text) == ["1:1: a scene needs a 'measurement' to identify from, or an 'analysis'"]
+
+
+def test_known_and_unknown_parameters_stand_side_by_side():
+    scene = check(SCENE.replace("c: {start: 1, true: 2}", "c: 2"))
+    joint = scene.model.joints["j"]
+    assert float(joint.k.start) == 10
+    assert float(joint.c.value) == 2
+
+
+def test_quantities_may_be_parameters_everywhere():
+    text = SCENE.replace("kind: identification\n", "kind: identification\nparameters: {k: 1e2, h: 1/k}\n")
+    scene = check(text.replace("k: 100", "k: k").replace("step: 0.01", "step: h"))
+    assert float(scene.model.measurement.step) == 0.01
+    assert float(scene.model.structure.lumped.links[0].k) == 100
