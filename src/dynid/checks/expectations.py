@@ -1,24 +1,18 @@
-"""What a scene expects of its result, and the outcome as JUnit XML."""
+"""What a scene expects of its result."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.comparison import RTOL, Difference, as_array, close, compare, word, words_of
+from dynid.checks.comparison import RTOL, as_array, close, word, words_of
 from dynid.result import Result, Scalar, Variable
 from dynid.scene.source import did_you_mean
-
-__all__ = ["CheckOutcome", "Difference", "check_expectations", "compare", "junit_xml"]
-
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True)
@@ -32,7 +26,7 @@ class CheckOutcome:
     message: str
 
 
-class _Unmet(Exception):  # noqa: N818 - not an error of the program
+class _Unmet(Exception):
     """Why an expectation is not met."""
 
 
@@ -56,42 +50,6 @@ def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]
         One for each expectation, in order. NaN meets none.
     """
     return [_check(result, expectation) for expectation in expectations]
-
-
-def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:
-    """Write outcomes as a JUnit XML document, one test case each.
-
-    Parameters
-    ----------
-    outcomes
-        The outcomes.
-    name
-        The test suite's name, such as the scene's.
-    """
-    cases = list(outcomes)
-    failures = sum(not case.passed for case in cases)
-    totals = {
-        "name": _xml(name),
-        "tests": str(len(cases)),
-        "failures": str(failures),
-        "errors": "0",
-        "time": "0",
-    }
-    root = ElementTree.Element("testsuites", totals)
-    suite = ElementTree.SubElement(root, "testsuite", totals | {"skipped": "0"})
-    for case in cases:
-        label = f"{case.path} {case.expected}"
-        item = {"classname": _xml(name), "name": _xml(label), "time": "0"}
-        element = ElementTree.SubElement(suite, "testcase", item)
-        if not case.passed:
-            failure = {"message": _xml(case.message), "type": "expectation"}
-            ElementTree.SubElement(element, "failure", failure).text = _xml(case.message)
-    ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
-
-
-def _xml(text: str) -> str:
-    return _NOT_XML.sub("�", text)
 
 
 def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:

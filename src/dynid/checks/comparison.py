@@ -21,6 +21,9 @@ class Difference:
     path: str
     message: str
 
+    def __str__(self) -> str:
+        return f"{self.path}: {self.message}"
+
 
 def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list[Difference]:
     """List where two results differ by more than tolerances; titles and provenance do not count.

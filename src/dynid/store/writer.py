@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from dynid.hdf5_read import OWN_ATTRS, SCALE_ATTRS
 from dynid.result import Result, Scalar, Variable
+from dynid.store.reader import OWN_ATTRS, SCALE_ATTRS
 
 _MAX_ATTACHED = 4000  # HDF5 lists what is attached to a scale in an attribute of at most 64 KiB
 

@@ -12,9 +12,9 @@ from typing import Any
 from dynid._version import __version__
 from dynid.atomic import replace_file
 from dynid.errors import FileError
-from dynid.hdf5_read import FORMAT, read_root
-from dynid.hdf5_write import ArrayWriter, write_attrs
 from dynid.result import Result, Scalar
+from dynid.store.reader import FORMAT, read_root
+from dynid.store.writer import ArrayWriter, write_attrs
 
 _PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "numba", "control")
 
