@@ -11,6 +11,54 @@ from flint import fmpq, fmpq_mat
 
 def transfer_at(types, values, bonds, inputs, output, s):
     """Return {input: T(s)} for output (node, quantity), or None where the tableau is singular."""
+    rows, rights = _equations(types, values, bonds, inputs, s)
+    try:
+        solution = _matrix(rows).solve(_matrix(rights))
+    except ZeroDivisionError:
+        return None
+    row, scale = _unknown(bonds, output, s)
+    return {name: _fraction(solution[row, k]) * scale for k, name in enumerate(inputs)}
+
+
+def determined_at(types, values, bonds, inputs, output, s):
+    """Return {input: T(s)} where the equations determine the output although they may be singular elsewhere.
+
+    None where they leave the output open; an input under which they have no solution is left out.
+    """
+    rows, rights = _equations(types, values, bonds, inputs, s)
+    unknown, scale = _unknown(bonds, output, s)
+    found = {}
+    for k, name in enumerate(inputs):
+        reduced, rank = _matrix([[*row, right[k]] for row, right in zip(rows, rights, strict=True)]).rref()
+        table = [[_fraction(reduced[r, c]) for c in range(len(rows[0]) + 1)] for r in range(rank)]
+        leading = [next(c for c, entry in enumerate(row) if entry) for row in table]
+        if len(rows[0]) in leading:
+            continue
+        if unknown not in leading:
+            return None
+        solved = table[leading.index(unknown)]
+        if any(solved[unknown + 1 : -1]):
+            return None
+        found[name] = solved[-1] * scale
+    return found
+
+
+def _unknown(bonds, output, s):
+    """Return the column of a variable, and what to multiply it by."""
+    node, quantity = output
+    bond = next(index for index, pair in enumerate(bonds) if node in pair)
+    return 2 * bond + (quantity in "fq"), 1 / s if quantity in "qp" else Fraction(1)
+
+
+def _matrix(table):
+    return fmpq_mat([[fmpq(x.numerator, x.denominator) for x in row] for row in table])
+
+
+def _fraction(number):
+    return Fraction(int(number.p), int(number.q))
+
+
+def _equations(types, values, bonds, inputs, s):
     unknowns = 2 * len(bonds)
     rows, rights = [], []
 
@@ -53,18 +101,4 @@ def transfer_at(types, values, bonds, inputs, output, s):
             else:
                 equation([(e(one), 1), (f(two), -values[name])])
                 equation([(e(two), 1), (f(one), -values[name])])
-
-    def matrix(table):
-        return fmpq_mat([[fmpq(x.numerator, x.denominator) for x in row] for row in table])
-
-    try:
-        solution = matrix(rows).solve(matrix(rights))
-    except ZeroDivisionError:
-        return None
-    node, quantity = output
-    bond = next(index for index, pair in enumerate(bonds) if node in pair)
-    row = e(bond) if quantity in "ep" else f(bond)
-    scale = 1 / s if quantity in "qp" else Fraction(1)
-    return {
-        name: Fraction(int(solution[row, k].p), int(solution[row, k].q)) * scale for k, name in enumerate(inputs)
-    }
+    return rows, rights
