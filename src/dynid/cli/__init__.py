@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from io import TextIOWrapper
 from typing import Any
 
 import click
@@ -63,6 +64,9 @@ def cli() -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 expectation failed, 2 usage or scene, 3 numerics, 4 files."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without ω still gets the rest
     sys.exit(_exit_code(args))
 
 
@@ -80,12 +84,27 @@ def _exit_code(args: list[str] | None) -> int:
         error.show()
         return 2
     except (KeyboardInterrupt, click.Abort):
-        click.echo("interrupted; nothing was written", err=True)
+        click.echo("interrupted; no file was left incomplete", err=True)
         return 130
     except MemoryError:
         click.echo("this needs more memory than there is; ask for fewer points, samples or results", err=True)
         return 3
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output has left: nothing more to say, and no complaint at exit
-        return 0
+    except SystemExit:
+        return 4  # click's way to say that the reader of our output has left, who needs no message
+    except OSError as error:
+        said = f"{error.filename or 'the output'} cannot be read or written: {error.strerror or error}"
+        click.echo(said, err=True)
+        return 4
+    except Exception as error:
+        click.echo(_unforeseen(error), err=True)
+        return 3
     return code if isinstance(code, int) else 0
+
+
+def _unforeseen(error: Exception) -> str:
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    where = f" in line {place.tb_lineno} of {place.tb_frame.f_code.co_filename}" if place else ""
+    said = " ".join(f"{type(error).__name__} {error}".split())
+    return f"this is a fault of dynid itself ({said}{where}). Please report it, with the scene."

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from dynid.errors import DynidError, FileError, NumericalError, UsageError
+from dynid.errors import DynidError, NumericalError, UsageError
 
 if TYPE_CHECKING:
     from dynid.checks import CheckOutcome
@@ -43,7 +44,7 @@ def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str |
     started = time.perf_counter()
     loaded = load_scene(scene, overrides)
     target = Path(output) if output else Path(Path(scene).stem + ".h5")
-    _refuse_overwriting(target, scene)
+    _refuse_overwriting(scene, str(target), junit)
     result = _compute(loaded)
 
     from dynid.store import write_result
@@ -57,6 +58,7 @@ def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str |
 
         click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
         click.echo(f"\n  wrote {target}")
+    _warn(result, scene)
     failed = [outcome for outcome in outcomes if not outcome.passed]
     if outcomes and not quiet:
         click.echo(f"  {len(outcomes) - len(failed)} of {len(outcomes)} expectations met")
@@ -83,14 +85,28 @@ def _check(scene: Scene, result: Result) -> list[CheckOutcome]:
 
 
 def _write_junit(path: str, outcomes: list[CheckOutcome], name: str) -> None:
+    from dynid.atomic import replace_file
     from dynid.checks import junit_xml
 
-    try:
-        Path(path).write_text(junit_xml(outcomes, name), encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror}") from error
+    replace_file(path, junit_xml(outcomes, name).encode())
 
 
-def _refuse_overwriting(target: Path, scene: str) -> None:
-    if target.exists() and Path(scene).exists() and target.samefile(scene):
+def _warn(result: Result, scene: str) -> None:
+    """Say on stderr what a script that reads no screen must not miss."""
+    path = "identification/diagnostics/converged"
+    if path in result and not result.value(path):
+        message = (
+            "warning: not converged; start nearer to the true values, add passes, or check model and units"
+        )
+        click.echo(f"{scene}: {message}", err=True)
+
+
+def _refuse_overwriting(scene: str, target: str, junit: str | None) -> None:
+    if _is_same(target, scene):
         raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
+    if junit and (_is_same(junit, scene) or _is_same(junit, target)):
+        raise UsageError(f"the JUnit file would overwrite {junit}", remedy="Name another file with --junit.")
+
+
+def _is_same(file: str, other: str) -> bool:
+    return os.path.realpath(file) == os.path.realpath(other)

@@ -1,0 +1,210 @@
+"""`dynid run`: what it writes, what it says, and with which exit code it leaves."""
+
+import os
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from dynid.store import read_result
+
+
+def test_a_run_writes_one_file_named_after_the_scene_in_the_current_folder(dynid, folder):
+    (folder / "scenes").mkdir()
+    (folder / "small.yaml").rename(folder / "scenes" / "small.yaml")
+    code, out, err = dynid("run", "scenes/small.yaml")
+    assert (code, err) == (0, "")
+    assert sorted(path.name for path in folder.iterdir()) == ["scenes", "small.h5"]
+    assert out.startswith("A mass on a damper")
+    assert "wrote small.h5" in out
+    assert "1 of 1 expectations met" in out
+    result = read_result("small.h5")
+    assert result.value("bond_graph/properties/m.f/F/dc_gain") == 1
+    assert result.attrs["scene"] == (folder / "scenes" / "small.yaml").read_text()
+
+
+def test_the_output_may_be_named_and_silence_asked_for(dynid, folder):
+    assert dynid("run", "small.yaml", "-o", "other.hdf5", "-q") == (0, "", "")
+    assert (folder / "other.hdf5").exists()
+    assert not (folder / "small.h5").exists()
+
+
+def test_set_changes_values_and_the_file_says_so(dynid, folder):
+    code, _, _ = dynid("run", "small.yaml", "--set", "parameters.m=4", "--set", "title=Heavier", "-q")
+    result = read_result("small.h5")
+    assert (code, result.title) == (0, "Heavier")
+    assert result["bond_graph/transfer_function/m.f/F/denominator"].data.tolist() == [1, 0.25]
+    (folder / "again.yaml").write_text(result.attrs["scene"])
+    assert dynid("run", "again.yaml", "-q")[0] == 0
+    assert read_result("again.h5").equals(result)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("parameters.m", "--set parameters.m:1:1: a value is missing; write --set PATH=VALUE"),
+        ("parameters.m=[", "--set parameters.m:2:1: this is not valid YAML"),
+        ("title.x=1", "--set title.x:1:1: title is a text, not a mapping; it has no 'x'"),
+        (
+            "analysis.outputs.3=m.f",
+            "--set analysis.outputs.3:1:1: analysis.outputs is a list of 1, counted from 0",
+        ),
+        ("graph.nodes.m.value=mm", "--set graph.nodes.m.value:1:1: no parameter 'mm'; did you mean 'm'?"),
+        (
+            "analysis.frequncy.points=3",
+            "--set analysis.frequncy.points:1:1: 'frequncy' is not a key of analysis",
+        ),
+        ("=1", "--set :1:1: an empty name in the path; write it as a.b.c"),
+    ],
+)
+def test_a_wrong_set_is_a_located_sentence(dynid, folder, assignment, message):
+    code, out, err = dynid("run", "small.yaml", "--set", assignment)
+    assert (code, out) == (2, "")
+    assert err.startswith(message)
+    assert not (folder / "small.h5").exists()
+
+
+def test_a_failed_expectation_is_exit_1_with_the_file_for_a_look(dynid, folder):
+    code, out, err = dynid("run", "small.yaml", "--set", "expect.0.value=2")
+    assert code == 1
+    assert err == (
+        "small.yaml: expectation failed: bond_graph/properties/m.f/F/dc_gain: dc_gain is 1, expected 2\n"
+    )
+    assert "0 of 1 expectations met" in out
+    assert (folder / "small.h5").exists()
+
+
+@pytest.mark.parametrize(("value", "failures"), [(1, "0"), (2, "1")])
+@pytest.mark.usefixtures("folder")
+def test_junit_counts_the_failures(dynid, value, failures):
+    code, _, _ = dynid("run", "small.yaml", "-q", "--set", f"expect.0.value={value}", "--junit", "j.xml")
+    root = ElementTree.parse("j.xml").getroot()
+    assert code == int(failures)
+    assert (root.get("tests"), root.get("failures")) == ("1", failures)
+    assert len(root.findall(".//testcase")) == 1
+    assert len(root.findall(".//failure")) == int(failures)
+
+
+def test_junit_is_written_for_a_scene_that_expects_nothing(dynid, folder):
+    (folder / "small.yaml").write_text((folder / "small.yaml").read_text().partition("expect:")[0])
+    assert dynid("run", "small.yaml", "-q", "--junit", "j.xml")[0] == 0
+    assert ElementTree.parse("j.xml").getroot().get("tests") == "0"
+
+
+@pytest.mark.parametrize("output", ["small.yaml", "./small.yaml", "link.h5"])
+def test_a_result_never_overwrites_its_scene(dynid, folder, output):
+    before = (folder / "small.yaml").read_text()
+    (folder / "link.h5").symlink_to("small.yaml")
+    code, _, err = dynid("run", "small.yaml", "-o", output)
+    assert code == 2
+    assert "the result would overwrite the scene small.yaml" in err
+    assert (folder / "small.yaml").read_text() == before
+
+
+@pytest.mark.parametrize("junit", ["small.yaml", "small.h5"])
+def test_junit_overwrites_neither_scene_nor_result(dynid, folder, junit):
+    before = (folder / "small.yaml").read_text()
+    code, _, err = dynid("run", "small.yaml", "--junit", junit)
+    assert code == 2
+    assert "would overwrite" in err
+    assert (folder / "small.yaml").read_text() == before
+    assert not (folder / "small.h5").exists()
+
+
+SINGULAR = {
+    "two efforts": (
+        "nodes: {V1: Se, V2: Se, bus: 0, r: {type: R, value: 1}}\n  bonds: [V1 -> bus, V2 -> bus, bus -> r]",
+        "r.f",
+        r"s.yaml:4:\d+: effort sources 'V1' and 'V2' both fix the effort of junction 'bus'",
+    ),
+    "two flows": (
+        "nodes: {V1: Sf, V2: Sf, bus: 1, r: {type: R, value: 1}}\n  bonds: [V1 -> bus, V2 -> bus, bus -> r]",
+        "r.f",
+        r"s.yaml:4:\d+: flow sources 'V1' and 'V2' both fix the flow of junction 'bus'",
+    ),
+    "a part that floats": (
+        "nodes: {V1: Se, bus: 0, r: {type: R, value: 1}, x: 0, y: 0}\n  bonds: [V1 -> bus -> r, x -> y]",
+        "r.f, x.e",
+        r"s.yaml:4:\d+: the effort of 'x' and 'y' is not determined",
+    ),
+    "a loop without a solution": (
+        "nodes: {V1: Se, a: 0, b: 1, c: 1, d: 0, r: {type: R, value: 1}, t: {type: TF, value: 2}}\n"
+        "  bonds: [V1 -> a -> b -> d, a -> t -> c -> d -> r]",
+        "r.f",
+        r"s.yaml:4:\d+: the flow of 'b' and 'c' is not determined",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SINGULAR)
+def test_a_graph_without_a_unique_solution_is_one_located_sentence_that_names_its_nodes(dynid, folder, case):
+    graph, outputs, message = SINGULAR[case]
+    text = (
+        f"dynid: 1\nkind: bond-graph\ngraph:\n  {graph}\nanalysis: {{inputs: [V1], outputs: [{outputs}]}}\n"
+    )
+    (folder / "s.yaml").write_text(text)
+    code, out, err = dynid("run", "s.yaml")
+    assert (code, out) == (3, "")
+    assert re.match(message, err)
+    assert err.count("\n") == 1
+    assert not (folder / "s.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["smal.yaml"], "smal.yaml: no such file; did you mean 'small.yaml'?"),
+        (["."], ". is a directory, not a scene file"),
+        (["small.yaml", "-o", "nowhere/x.h5"], "nowhere/x.h5 cannot be written: No such file or directory"),
+        (["small.yaml", "-o", "."], ". cannot be written: it is not a regular file"),
+        (["small.yaml", "-o", "small.yaml/x.h5"], "small.yaml/x.h5 cannot be written: Not a directory"),
+        (["small.yaml", "-o", "x" * 300], f"{'x' * 300} cannot be written: File name too long"),
+        (
+            ["small.yaml", "--junit", "nowhere/j.xml"],
+            "nowhere/j.xml cannot be written: No such file or directory",
+        ),
+    ],
+)
+def test_what_cannot_be_read_or_written_is_exit_4(dynid, folder, args, message):
+    code, out, err = dynid("run", *args)
+    assert (code, out, err) == (4, "", f"{message}\n")
+    assert "nowhere" not in {path.name for path in folder.iterdir()}
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is write-protected from root")
+def test_a_write_protected_result_stays(dynid, folder):
+    target = folder / "small.h5"
+    target.write_text("precious")
+    target.chmod(0o444)
+    code, _, err = dynid("run", "small.yaml")
+    assert code == 4
+    assert "write-protected" in err
+    assert target.read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(KeyboardInterrupt, 130), (MemoryError, 3), (RecursionError, 3), (ZeroDivisionError, 3)],
+)
+def test_whatever_happens_in_a_run_the_old_result_stays_and_no_traceback_is_shown(
+    dynid, folder, monkeypatch, error, code
+):
+    assert dynid("run", "small.yaml", "-q")[0] == 0
+    before = (folder / "small.h5").read_bytes()
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("dynid.scene.run_bond_graph.run", fail)
+    left, out, err = dynid("run", "small.yaml")
+    assert (left, out) == (code, "")
+    assert len(err.splitlines()) <= 2
+    assert (folder / "small.h5").read_bytes() == before
+    assert sorted(path.name for path in folder.iterdir()) == ["small.h5", "small.yaml"]
+
+
+@pytest.mark.parametrize("wrong", ["graph.nodes.b.type=Q", "graph.nodes.b.type=Se"])
+def test_a_failing_run_leaves_an_old_result_alone(dynid, folder, wrong):
+    (folder / "small.h5").write_text("old")
+    assert dynid("run", "small.yaml", "--set", wrong)[0] == 2
+    assert (folder / "small.h5").read_text() == "old"
