@@ -190,12 +190,12 @@ def test_noise_instead_of_a_record_diverges_and_names_the_parameters():
     assert set(caught.value.names) <= {"j2.k", "j2.c", "j3.k", "j3.c"}
 
 
-def test_a_record_in_wrong_units_runs_away_or_is_not_called_converged():
+def test_a_record_in_wrong_units_is_refused():
     y, loads = record_at_ten_seconds()
     with pytest.raises(Diverged, match="away from its start by a factor of more than 1e6"):
         run(measurement=Measurement(0.002, 800, VELOCITIES, y * 1e-6), loads=loads)
-    result = run(measurement=Measurement(0.002, 800, VELOCITIES, y * 1e6), loads=loads)
-    assert not diagnostic(result, "converged")
+    with pytest.raises(Diverged, match="ran away"):
+        run(measurement=Measurement(0.002, 800, VELOCITIES, y * 1e6), loads=loads)
 
 
 def test_a_wrong_model_is_never_called_converged():
@@ -247,3 +247,15 @@ def test_nonsense_is_refused():
 def test_measurements_must_make_sense(make):
     with pytest.raises(UsageError):
         make()
+
+
+@pytest.mark.parametrize("start", [1e-8, 1e14])
+def test_a_filter_that_runs_away_names_the_parameters_it_lost(start):
+    joints = [
+        Joint("j2", (2, 3), JointParameter(start=start, true=2e4), unknown(20.0)),
+        Joint("j3", (3, 4), unknown(2e4), unknown(20.0)),
+    ]
+    with pytest.raises(Diverged, match="ran away") as caught:
+        run(lumped(MASSES, LINKS, joints), simulated(noise_ratio=0.05))
+    assert caught.value.names
+    assert set(caught.value.names) <= {"j2.k", "j2.c", "j3.k", "j3.c"}

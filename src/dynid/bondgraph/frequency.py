@@ -16,8 +16,8 @@ from dynid.bondgraph.algebra.bounded import Bounded
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.transfer import TransferFunction
 
-#: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound adds
-#: up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
+#: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
+#: adds up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
 _TOLERANCE = 1e-12
 _PRECISIONS = (128, 256, 512)
 

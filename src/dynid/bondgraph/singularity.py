@@ -69,8 +69,10 @@ def _no_solution(structure: JunctionStructure, junctions: list[str], sources: li
     what = "sources" if len(sources) > 1 else "source"
     through = f" through {_quoted(members)}" if members else ""
     verb = "contradict each other" if len(sources) > 1 else "meets a balance without a solution"
+    cancelling = any(structure.junctions[name].elements for name in junctions)
+    reason = "the elements there cancel, nothing is left" if cancelling else "no element stands between"
     return Singular(
-        f"{what} {_quoted(sources)} {verb}{through}: no element stands between to take up the difference",
+        f"{what} {_quoted(sources)} {verb}{through}: {reason} to take up the difference",
         remedy="Put an element (a resistance, say) in between, or drop a source.",
         names=(*sources, *members),
     )

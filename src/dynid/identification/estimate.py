@@ -72,11 +72,22 @@ def identify(
     final = results[-1]
     _check_explained(final, values, joint)
     outcome = Outcome(fits, measurement, model.dofs, source_names(loads), histories, results)
+    _check_found(outcome)
     return outcome.result()
 
 
 def _check_visible(fits: Fitter, fit: Fit) -> None:
     fits.information(fit, fits.data.rms).check()
+
+
+def _check_found(outcome: Outcome) -> None:
+    lost = outcome.lost()
+    if lost:
+        raise Diverged(
+            f"the filter ran away: it ended where the record no longer tells {', '.join(lost)}",
+            remedy="Start nearer to the true values, add passes, or check model, units and excitation.",
+            names=lost,
+        )
 
 
 def _check_explained(final: Fit, values: Data, joint: AugmentedModel) -> None:

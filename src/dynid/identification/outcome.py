@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from dynid.identification.diagnostics import converged, root_mean_square, whiteness
 from dynid.identification.filter import Pass
 from dynid.identification.fit import Fit, Fitter
+from dynid.identification.information import Information
 from dynid.identification.measurement import Measurement
 from dynid.result import Result
 from dynid.structure.response import UNITS
@@ -18,6 +20,8 @@ from dynid.structure.response import UNITS
 Array = NDArray[np.float64]
 
 _UNIT = {"k": "N/m", "c": "N.s/m"}
+# An estimate that has not converged and whose standard error exceeds it this often says nothing any more.
+_LOST = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,35 @@ class Outcome:
         """Noise seen in the residuals; not below rounding, so that it can be divided by."""
         return np.maximum(self._final.noise, np.finfo(float).eps * self.fitter.data.rms)
 
+    @cached_property
+    def information(self) -> Information:
+        """The Fisher information at the estimate, for the noise seen in the residuals."""
+        return self.fitter.information(self._final, self._noise)
+
+    @cached_property
+    def whiteness_p(self) -> float:
+        """The p-value of the residuals' whiteness."""
+        return whiteness(self._final.residual)
+
+    @cached_property
+    def residual_rms(self) -> Array:
+        """RMS of the residuals (channels)."""
+        return root_mean_square(self._final.residual)
+
+    @cached_property
+    def converged(self) -> bool:
+        """Whether the estimate is at the optimum and its residuals are explained."""
+        step = self.information.step(self.fitter.weighted(self._final, self._noise))
+        deviations = self.information.deviations()
+        return converged(step, deviations, self.residual_rms, self.fitter.data.rms, self.whiteness_p)
+
+    def lost(self) -> list[str]:
+        """Name the parameters that ran to where the record no longer tells them."""
+        if self.converged:
+            return []
+        far = self.information.deviations() > _LOST
+        return [unknown.name for unknown, gone in zip(self.fitter.model.unknowns, far, strict=True) if gone]
+
     def result(self) -> Result:
         """Return everything under ``identification/``."""
         result = Result("identification")
@@ -71,14 +104,13 @@ class Outcome:
         names = [unknown.name for unknown in unknowns]
         estimate = np.exp(self._final.logs)
         true = np.array([np.nan if unknown.true is None else unknown.true for unknown in unknowns])
-        information = self.fitter.information(self._final, self._noise)
         result.add_axis(f"{group}/parameter", names)
         result.add(f"{group}/name", names, dims)
         result.add(f"{group}/unit", [_UNIT[unknown.letter] for unknown in unknowns], dims)
         result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims)
         result.add(f"{group}/true", true, dims)
         result.add(f"{group}/estimate", estimate, dims)
-        result.add(f"{group}/standard_error", estimate * information.deviations(), dims)
+        result.add(f"{group}/standard_error", estimate * self.information.deviations(), dims)
         result.add(f"{group}/cramer_rao", self._bound(true), dims)
         result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
 
@@ -128,18 +160,12 @@ class Outcome:
 
     def _add_diagnostics(self, result: Result) -> None:
         group = "identification/diagnostics"
-        final, data = self._final, self.fitter.data
-        residual_rms = root_mean_square(final.residual)
-        whiteness_p = whiteness(final.residual)
-        information = self.fitter.information(final, self._noise)
-        step = information.step(self.fitter.weighted(final, self._noise))
-        verdict = converged(step, information.deviations(), residual_rms, data.rms, whiteness_p)
-        result.add(f"{group}/converged", np.bool_(verdict))
+        result.add(f"{group}/converged", np.bool_(self.converged))
         result.add_axis(f"{group}/channel", [channel.name for channel in self.measurement.channels])
-        result.add(f"{group}/residual_rms", residual_rms, ("channel",))
-        result.add(f"{group}/residual_ratio", residual_rms / data.rms, ("channel",))
-        result.add(f"{group}/whiteness_p", whiteness_p)
-        result.add(f"{group}/condition", information.condition())
+        result.add(f"{group}/residual_rms", self.residual_rms, ("channel",))
+        result.add(f"{group}/residual_ratio", self.residual_rms / self.fitter.data.rms, ("channel",))
+        result.add(f"{group}/whiteness_p", self.whiteness_p)
+        result.add(f"{group}/condition", self.information.condition())
         result.add(f"{group}/passes", len(self.histories))
 
     def _times(self) -> Array:

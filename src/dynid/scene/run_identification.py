@@ -15,7 +15,7 @@ from dynid.structure.model import Joint, JointParameter, StructuralModel
 from dynid.structure.response import Channel, Load, frequency_response, time_response
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def _number(quantity: Quantity | None) -> float:
     return 0.0 if quantity is None else float(quantity)
 
 
-def _loads(scene: Scene, parts: list[SignalPart], record: Record) -> list[Load]:
+def _loads(scene: Scene, parts: Sequence[SignalPart], record: Record) -> list[Load]:
     return [Load(part.dof or 0, build_signal(part, record, scene.folder)) for part in parts]
 
 
