@@ -1,0 +1,72 @@
+"""dynid from Python: load, run, write, open; and its files in other hands."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import dynid
+from dynid.errors import FileError, SceneError
+from dynid.store import write_result
+
+ISOLATOR = Path(__file__).parents[1] / "configs" / "isolator.yaml"
+
+
+@pytest.fixture(scope="module")
+def result():
+    return dynid.run(dynid.load_scene(ISOLATOR))
+
+
+def test_a_scene_or_its_path_can_be_run(result):
+    assert dynid.run(ISOLATOR).equals(result)
+    assert dynid.run(str(ISOLATOR)).equals(result)
+    assert result.value("bond_graph/properties/m_s.f/v_in/dc_gain") == 1
+
+
+def test_values_can_be_overridden_while_loading():
+    scene = dynid.load_scene(ISOLATOR, ["parameters.b=100", "analysis.results=[poles]"])
+    result = dynid.run(scene)
+    assert np.allclose(result["bond_graph/transfer_function/m_s.f/v_in/poles"].data.real, -100 / 24)
+    assert "bond_graph/transfer_function/m_s.f/v_in/zeros" not in result
+
+
+def test_errors_are_those_of_the_package(tmp_path):
+    with pytest.raises(FileError, match="no such file"):
+        dynid.load_scene(tmp_path / "missing.yaml")
+    with pytest.raises(SceneError) as caught:
+        dynid.load_scene(ISOLATOR, ["parameters.b=x"])
+    assert caught.value.faults[0].message == "no parameter 'x'"
+    with pytest.raises(FileError):
+        dynid.open_result(ISOLATOR)
+
+
+def test_a_result_is_read_back_as_it_was_written(result, tmp_path):
+    write_result(result, tmp_path / "r.h5")
+    again = dynid.open_result(tmp_path / "r.h5")
+    assert again.equals(result)
+    assert again.attrs["scene"] == ISOLATOR.read_text()
+
+
+def test_the_same_scene_gives_the_same_bytes_of_data(result):
+    again = dynid.run(ISOLATOR)
+    assert list(again) == list(result)
+    for path, variable in again.items():
+        if variable.data.dtype.kind in "bifc":
+            assert variable.data.tobytes() == result[path].data.tobytes(), path
+
+
+def test_xarray_opens_every_group_with_named_coordinates_and_units(result, tmp_path):
+    write_result(result, tmp_path / "r.h5")
+    tree = xarray.open_datatree(tmp_path / "r.h5", engine="h5netcdf")
+    seen = {f"{group.path}/{name}".lstrip("/") for group in tree.subtree for name in group.variables}
+    assert set(result) <= seen
+    response = tree["bond_graph/frequency_response"].to_dataset()
+    assert response["response"].dims == ("omega", "output", "input")
+    assert response["omega"].attrs["units"] == "rad/s"
+    at_rest = response["response"].sel(output="m_s.f", input="v_in").sel(omega=0, method="nearest")
+    assert abs(complex(at_rest) - 1) < 1e-2
+    time = tree["bond_graph/time_response"].to_dataset()
+    assert time["response"].dims == ("time", "output")
+    assert time["time"].attrs["units"] == "s"
+    assert np.allclose(np.diff(time["time"]), 1e-3)

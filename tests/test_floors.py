@@ -1,0 +1,126 @@
+"""The house has floors: each package imports only what stands below it, function-level imports included."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import dynid
+
+ROOT = Path(dynid.__file__).parent
+
+# From the ground up; a package may import every floor below its own, and none beside it.
+FLOORS = [
+    {"_version", "errors", "atomic", "result"},
+    {"lti"},
+    {"bondgraph", "structure"},
+    {"identification"},
+    {"scene"},
+    {"store", "checks", "templates"},
+    {"cli", "__init__"},
+    {"__main__"},
+]
+# What is allowed besides, or forbidden although it stands below.
+BESIDES = {("result", "errors"), ("atomic", "errors"), ("__init__", "_version")}
+FORBIDDEN = {
+    ("identification", "bondgraph"),
+    *(("store", package) for package in ("lti", "bondgraph", "structure", "identification", "scene")),
+    *(("checks", package) for package in ("lti", "bondgraph", "structure", "identification")),
+    *(("cli", package) for package in ("lti", "bondgraph", "structure", "identification")),
+}
+# The store and the checks know nothing of scenes but how to suggest a name.
+SUGGESTIONS = "dynid.scene.source"
+
+# Who may import a library, and for what.
+LIBRARIES = {
+    "click": {"cli"},  # commands
+    "rich": {"cli"},  # tables on the screen
+    "h5py": {"store", "scene.tables"},  # results; measured data that a scene names
+    "yaml": {"scene"},
+    "pydantic": {"scene"},
+    "pydantic_core": {"scene"},
+    "sympy": {"bondgraph"},  # formulas
+    "flint": {"lti", "bondgraph"},  # exact numbers
+    "control": set(),
+    "matplotlib": set(),
+    "numba": {"lti", "identification"},
+}
+
+
+def imports_of(path):
+    """Yield every module that a file imports, wherever in it; a name imported from a package as a module."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute"
+            if node.module == "dynid":
+                yield from (f"dynid.{alias.name}" for alias in node.names)
+            else:
+                yield str(node.module)
+
+
+def module_of(path):
+    """Return a file's place in the house, such as `scene.tables`."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)
+
+
+MODULES = {module_of(path): sorted(set(imports_of(path))) for path in sorted(ROOT.rglob("*.py"))}
+EDGES = [
+    (module, name)
+    for module, names in MODULES.items()
+    for name in names
+    if name == "dynid" or name.startswith("dynid.")
+]
+
+
+def package_of(name):
+    return name.removeprefix("dynid.").partition(".")[0]
+
+
+def floor_of(package):
+    return next((number for number, floor in enumerate(FLOORS) if package in floor), None)
+
+
+def test_every_package_has_its_floor():
+    assert {package_of(module) for module in MODULES} <= set().union(*FLOORS)
+
+
+@pytest.mark.parametrize("package", sorted({package_of(module) for module in MODULES}))
+def test_a_package_imports_only_floors_below(package):
+    for module, name in EDGES:
+        other = package_of(name)
+        if package_of(module) != package or other == package or (package, other) in BESIDES:
+            continue
+        assert floor_of(other) is not None, f"{module} imports {name}"
+        assert floor_of(other) < floor_of(package), f"{module} imports {name}, which is no floor below"
+        assert (package, other) not in FORBIDDEN, f"{module} imports {name}"
+
+
+def test_checks_know_nothing_of_scenes_but_how_to_suggest_a_name():
+    known = {name for module, name in EDGES if package_of(module) == "checks" and package_of(name) == "scene"}
+    assert known <= {SUGGESTIONS}
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_library_is_imported_only_where_it_belongs(library):
+    users = {
+        module for module, names in MODULES.items() for name in names if name.partition(".")[0] == library
+    }
+    allowed = LIBRARIES[library]
+    assert {user for user in users if user not in allowed and package_of(user) not in allowed} == set()
+
+
+def test_packages_import_each_other_in_no_circle():
+    below = {package_of(module): set() for module in MODULES}
+    for module, name in EDGES:
+        below[package_of(module)].add(package_of(name))
+    order = []
+    while ready := [
+        package
+        for package, needs in below.items()
+        if needs - {package} <= set(order) and package not in order
+    ]:
+        order += ready
+    assert sorted(order) == sorted(below)

@@ -1,0 +1,66 @@
+"""What is not needed is not loaded: help and checks answer at once."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+SPY = """
+import sys
+from dynid.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit as left:
+    code = left.code
+print("LOADED", code, *{name.partition(".")[0] for name in sys.modules}, file=sys.stderr)
+"""
+
+
+def loaded_by(folder, *args):
+    """Return the top-level modules that a command loads."""
+    left = subprocess.run(
+        [sys.executable, "-c", SPY, *args], cwd=folder, capture_output=True, text=True, timeout=60, check=True
+    )
+    _, code, *names = left.stderr.split()
+    assert code == "0"
+    return set(names)
+
+
+@pytest.mark.parametrize("args", [["--help"], ["--version"], ["run", "--help"], ["check", "--help"]])
+def test_help_loads_no_library_but_click(tmp_path, args):
+    heavy = {
+        "numpy",
+        "scipy",
+        "pydantic",
+        "yaml",
+        "h5py",
+        "sympy",
+        "flint",
+        "rich",
+        "matplotlib",
+        "numba",
+        "control",
+    }
+    assert loaded_by(tmp_path, *args) & heavy == set()
+
+
+@pytest.mark.parametrize("scene", ["isolator", "suspension"])
+def test_checking_a_scene_loads_no_numerics(tmp_path, scene):
+    heavy = {"numpy", "scipy", "h5py", "sympy", "flint", "rich", "matplotlib", "numba", "control"}
+    assert loaded_by(tmp_path, "check", str(CONFIGS / f"{scene}.yaml")) & heavy == set()
+
+
+def test_running_the_isolator_loads_no_symbols_and_no_figures(tmp_path):
+    loaded = loaded_by(tmp_path, "run", str(CONFIGS / "isolator.yaml"))
+    assert {"numpy", "h5py", "pydantic"} <= loaded
+    assert loaded & {"sympy", "matplotlib", "numba", "control", "rich", "xarray"} == set()
+
+
+def test_importing_the_package_loads_nothing(tmp_path):
+    left = subprocess.run(
+        [sys.executable, "-c", "import sys, dynid; print(*sys.modules)"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True,
+    )  # fmt: skip
+    assert {"numpy", "yaml", "pydantic", "click"} & set(left.stdout.split()) == set()
