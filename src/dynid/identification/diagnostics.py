@@ -57,6 +57,11 @@ def whiteness(residual: Array) -> float:
     return float(chdtrc(lags * len(channels), float(np.sum(weights[:, None] * r**2))))
 
 
+def is_coloured(whiteness_p: float) -> bool:
+    """Tell whether residuals are clearly no white noise."""
+    return whiteness_p < _WHITE
+
+
 def converged(step: Array, deviations: Array, residual_rms: Array, rms: Array, whiteness_p: float) -> bool:
     """Tell whether an estimate is at the optimum and its residuals are explained.
 
@@ -72,5 +77,5 @@ def converged(step: Array, deviations: Array, residual_rms: Array, rms: Array, w
         p-value of the residuals' whiteness.
     """
     settled = np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP))
-    explained = np.all(residual_rms <= _EXPLAINED * rms) or whiteness_p >= _WHITE
+    explained = np.all(residual_rms <= _EXPLAINED * rms) or not is_coloured(whiteness_p)
     return bool(settled and explained)

@@ -72,7 +72,7 @@ def identify(
     final = results[-1]
     _check_explained(final, values, joint)
     outcome = Outcome(fits, measurement, model.dofs, source_names(loads), histories, results)
-    _check_found(outcome)
+    _check_not_void(outcome)
     return outcome.result()
 
 
@@ -80,13 +80,16 @@ def _check_visible(fits: Fitter, fit: Fit) -> None:
     fits.information(fit, fits.data.rms).check()
 
 
-def _check_found(outcome: Outcome) -> None:
-    lost = outcome.lost()
-    if lost:
+def _check_not_void(outcome: Outcome) -> None:
+    worst = outcome.unexplained()
+    if worst is not None:
+        names = [unknown.name for unknown in outcome.fitter.model.unknowns]
+        channel, left = worst
         raise Diverged(
-            f"the filter ran away: it ended where the record no longer tells {', '.join(lost)}",
+            f"the filter ran away: with {', '.join(names)} as it left them {100 * left:.0f} % of {channel} "
+            f"is unexplained, and what is left is no noise",
             remedy="Start nearer to the true values, add passes, or check model, units and excitation.",
-            names=lost,
+            names=names,
         )
 
 

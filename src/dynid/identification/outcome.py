@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import converged, root_mean_square, whiteness
+from dynid.identification.diagnostics import converged, is_coloured, root_mean_square, whiteness
 from dynid.identification.filter import Pass
 from dynid.identification.fit import Fit, Fitter
 from dynid.identification.information import Information
@@ -20,8 +20,8 @@ from dynid.structure.response import UNITS
 Array = NDArray[np.float64]
 
 _UNIT = {"k": "N/m", "c": "N.s/m"}
-# An estimate that has not converged and whose standard error exceeds it this often says nothing any more.
-_LOST = 10.0
+# Residuals above this part of a channel's RMS that are not noise void the estimates.
+_VOID = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +80,12 @@ class Outcome:
         deviations = self.information.deviations()
         return converged(step, deviations, self.residual_rms, self.fitter.data.rms, self.whiteness_p)
 
-    def lost(self) -> list[str]:
-        """Name the parameters that ran to where the record no longer tells them."""
-        if self.converged:
-            return []
-        far = self.information.deviations() > _LOST
-        return [unknown.name for unknown, gone in zip(self.fitter.model.unknowns, far, strict=True) if gone]
+    def unexplained(self) -> tuple[str, float] | None:
+        """Return the channel that is explained worst, and how much of it is not, if that voids the fit."""
+        left = self.residual_rms / self.fitter.data.rms
+        worst = int(np.argmax(left))
+        void = left[worst] > _VOID and is_coloured(self.whiteness_p)
+        return (self.measurement.channels[worst].name, float(left[worst])) if void else None
 
     def result(self) -> Result:
         """Return everything under ``identification/``."""
