@@ -1,6 +1,7 @@
 """Small ways to write a graph in a test, and to read exact results off it."""
 
 from fractions import Fraction
+from itertools import pairwise
 
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.reduced import ReducedGraph
@@ -22,7 +23,7 @@ def parse(nodes, bonds):
             values[name] = Fraction(value[0])
     for chain in bonds.split(","):
         ends = [end.strip() for end in chain.split("->")]
-        pairs += zip(ends, ends[1:], strict=False)
+        pairs += pairwise(ends)
     return types, values, pairs
 
 

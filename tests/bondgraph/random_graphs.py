@@ -1,6 +1,7 @@
 """Random linear bond graphs: trees and loops, TF and GY anywhere, any bond direction."""
 
 from fractions import Fraction
+from itertools import pairwise
 
 
 def random_graph(rng, junctions, extra):
@@ -26,7 +27,7 @@ def random_graph(rng, junctions, extra):
         if len(chain) == 2:
             directed(*chain)
         else:
-            bonds.extend(zip(chain, chain[1:], strict=False))
+            bonds.extend(pairwise(chain))
 
     names = [f"j{k}" for k in range(junctions)]
     for name in names:
@@ -76,7 +77,7 @@ def coincident_graph(rng, junctions):
         chain = [a, *two_ports, b]
         if rng.random() < 0.5:
             chain.reverse()
-        bonds.extend(zip(chain, chain[1:], strict=False))
+        bonds.extend(pairwise(chain))
 
     def one_port():
         kind = rng.choice(["R", "I", "C", "R", "I", "C", "Se", "Sf"])

@@ -2,9 +2,10 @@
 
 import random
 from fractions import Fraction
+from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.graph import Bond, BondGraph, Node, graph_faults
@@ -51,6 +52,7 @@ def test_graphs_full_of_numeric_coincidences_agree_exactly_with_the_tableau(firs
         assert_agrees(coincident_graph(rng, rng.randint(1, 6)))
 
 
+@settings(deadline=None)
 @given(seed=st.integers(), s=st.fractions(min_value=-50, max_value=50))
 def test_any_random_graph_agrees_at_any_point(seed, s):
     case = random_graph(rng := random.Random(seed), rng.randint(1, 6), rng.choice([0, 0, 1, 2]))
@@ -61,6 +63,7 @@ def test_any_random_graph_agrees_at_any_point(seed, s):
         assert found == whole
 
 
+@settings(deadline=None)
 @given(seed=st.integers())
 def test_reversing_the_bond_of_a_one_port_changes_signs_only(seed):
     rng = random.Random(seed)
@@ -78,6 +81,7 @@ def test_reversing_the_bond_of_a_one_port_changes_signs_only(seed):
         assert {k: abs(v) for k, v in before.items()} == {k: abs(v) for k, v in after.items()}
 
 
+@settings(deadline=None)
 @given(seed=st.integers())
 def test_several_outputs_give_what_each_gives_alone(seed):
     rng = random.Random(seed)
@@ -95,42 +99,93 @@ def test_several_outputs_give_what_each_gives_alone(seed):
 
 # Each: nodes, bonds, output, and what T(s) is at s = 2 for every input.
 BY_HAND = {
-    "a TF scales forwards": ("Se u, TF n 3, R r 2", "u -> n -> r", "r.e", {"u": Fraction(1, 3)}),
-    "a TF scales backwards": ("Se u, TF n 3, R r 2", "r -> n -> u", "r.e", {"u": 3}),
-    "a TF reflects by n squared": ("Se u, TF n 3, R r 2", "u -> n -> r", "u.f", {"u": Fraction(1, 18)}),
-    "a GY turns effort into flow": ("Se u, GY g 4, R r 2", "u -> g -> r", "r.f", {"u": Fraction(1, 4)}),
-    "a GY reflects by r squared": ("Se u, GY g 4, R r 2", "u -> g -> r", "u.f", {"u": Fraction(1, 8)}),
-    "a negative modulus": ("Se u, TF n -3, R r 2", "u -> n -> r", "r.e", {"u": Fraction(-1, 3)}),
-    "an element that drives its bond": ("Se u, R r 2", "r -> u", "r.f", {"u": Fraction(-1, 2)}),
-    "an element that faces a source": ("Sf u, I m 3", "u -> m", "m.e", {"u": 6}),
-    "a source's own variable": ("Sf u, I m 3", "u -> m", "u.f", {"u": 1}),
-    "a source's reaction": ("Sf u, I m 3", "u -> m", "u.e", {"u": 6}),
-    "a momentum": ("Sf u, I m 3", "u -> m", "m.p", {"u": 3}),
-    "a displacement": ("Sf u, I m 3", "u -> m", "m.q", {"u": Fraction(1, 2)}),
+    "a TF scales forwards": (
+        "Se u, TF n 3, R r 2", "u -> n -> r",
+        "r.e", {"u": Fraction(1, 3)},
+    ),
+    "a TF scales backwards": (
+        "Se u, TF n 3, R r 2", "r -> n -> u",
+        "r.e", {"u": 3},
+    ),
+    "a TF reflects by n squared": (
+        "Se u, TF n 3, R r 2", "u -> n -> r",
+        "u.f", {"u": Fraction(1, 18)},
+    ),
+    "a GY turns effort into flow": (
+        "Se u, GY g 4, R r 2", "u -> g -> r",
+        "r.f", {"u": Fraction(1, 4)},
+    ),
+    "a GY reflects by r squared": (
+        "Se u, GY g 4, R r 2", "u -> g -> r",
+        "u.f", {"u": Fraction(1, 8)},
+    ),
+    "a negative modulus": (
+        "Se u, TF n -3, R r 2", "u -> n -> r",
+        "r.e", {"u": Fraction(-1, 3)},
+    ),
+    "an element that drives its bond": (
+        "Se u, R r 2", "r -> u",
+        "r.f", {"u": Fraction(-1, 2)},
+    ),
+    "an element that faces a source": (
+        "Sf u, I m 3", "u -> m",
+        "m.e", {"u": 6},
+    ),
+    "a source's own variable": (
+        "Sf u, I m 3", "u -> m",
+        "u.f", {"u": 1},
+    ),
+    "a source's reaction": (
+        "Sf u, I m 3", "u -> m",
+        "u.e", {"u": 6},
+    ),
+    "a momentum": (
+        "Sf u, I m 3", "u -> m",
+        "m.p", {"u": 3},
+    ),
+    "a displacement": (
+        "Sf u, I m 3", "u -> m",
+        "m.q", {"u": Fraction(1, 2)},
+    ),
     "two GYs in a chain are a TF": (
-        "Se u, GY g 4, GY h 2, R r 5", "u -> g -> h -> r", "r.e", {"u": Fraction(1, 2)},
+        "Se u, GY g 4, GY h 2, R r 5", "u -> g -> h -> r",
+        "r.e", {"u": Fraction(1, 2)},
     ),
     "three two-ports in a chain": (
-        "Se u, TF n 2, GY g 4, TF m 5, R r 1", "u -> n -> g -> m -> r", "r.f", {"u": Fraction(5, 8)},
+        "Se u, TF n 2, GY g 4, TF m 5, R r 1", "u -> n -> g -> m -> r",
+        "r.f", {"u": Fraction(5, 8)},
     ),
     "a GY back onto its own junction": (
-        "Se u, 1 j, GY g 4, R r 2", "u -> j -> r, j -> g -> j", "r.f", {"u": Fraction(1, 2)},
+        "Se u, 1 j, GY g 4, R r 2", "u -> j -> r, j -> g -> j",
+        "r.f", {"u": Fraction(1, 2)},
     ),
     "a TF back onto its own junction holds it": (
-        "Se u, 1 j, TF n 2, R r 2", "u -> j -> r, j -> n -> j", "r.f", {"u": 0},
+        "Se u, 1 j, TF n 2, R r 2", "u -> j -> r, j -> n -> j",
+        "r.f", {"u": 0},
     ),
-    "no resistance on a 0-junction": ("Se u, 1 a, R q 2, 0 j, R r 0", "u -> a -> q, a -> j -> r", "r.f", {"u": Fraction(1, 2)}),
-    "no inertia on a 0-junction": ("Se u, 1 a, R q 2, 0 j, I m 0", "u -> a -> q, a -> j -> m", "m.e", {"u": 0}),
-    "no compliance on a 1-junction": ("Sf u, 0 a, R q 2, 1 j, C c 0", "u -> a -> q, a -> j -> c", "c.e", {"u": 2}),
+    "no resistance on a 0-junction": (
+        "Se u, 1 a, R q 2, 0 j, R r 0", "u -> a -> q, a -> j -> r",
+        "r.f", {"u": Fraction(1, 2)},
+    ),
+    "no inertia on a 0-junction": (
+        "Se u, 1 a, R q 2, 0 j, I m 0", "u -> a -> q, a -> j -> m",
+        "m.e", {"u": 0},
+    ),
+    "no compliance on a 1-junction": (
+        "Sf u, 0 a, R q 2, 1 j, C c 0", "u -> a -> q, a -> j -> c",
+        "c.e", {"u": 2},
+    ),
     "a resistance of 1 beside one of -1": (
-        "Se u, 1 a, R r 1, R q -1, 0 b, R z 3, 1 d, I m 5", "u -> a -> r, a -> q, a -> b -> z, b -> d -> m", "m.e", {"u": 1},
+        "Se u, 1 a, R r 1, R q -1, 0 b, R z 3, 1 d, I m 5", "u -> a -> r, a -> q, a -> b -> z, b -> d -> m",
+        "m.e", {"u": 1},
     ),
     "two sources superpose": (
-        "Se u, Sf w, 1 a, R r 2, 0 b, R q 3", "u -> a -> r, a -> b -> q, w -> b", "q.e",
-        {"u": Fraction(3, 5), "w": Fraction(6, 5)},
+        "Se u, Sf w, 1 a, R r 2, 0 b, R q 3", "u -> a -> r, a -> b -> q, w -> b",
+        "q.e", {"u": Fraction(3, 5), "w": Fraction(6, 5)},
     ),
     "a source that the output cannot see": (
-        "Se u, Se w, 0 j, R r 2, 1 k, R q 3", "u -> j -> r, j -> k -> q, w -> k", "r.f", {"u": Fraction(1, 2), "w": 0},
+        "Se u, Se w, 0 j, R r 2, 1 k, R q 3", "u -> j -> r, j -> k -> q, w -> k",
+        "r.f", {"u": Fraction(1, 2), "w": 0},
     ),
 }  # fmt: skip
 
@@ -242,7 +297,7 @@ def test_a_ladder_of_a_thousand_nodes_needs_no_recursion():
         types |= {name: "1" if name[0] == "a" else "0", f"r{name}": "R"}
         values[f"r{name}"] = Fraction(1)
         bonds.append((name, f"r{name}"))
-    bonds += [("u", "a0"), *zip(ends, ends[1:], strict=False)]
+    bonds += [("u", "a0"), *pairwise(ends)]
     channel = transfers(reduced(types, values, bonds, ["u"], "u.f"))["u.f", "u"]
     a, b = 1, 1
     for _ in range(2 * stages - 1):

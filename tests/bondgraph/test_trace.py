@@ -1,0 +1,219 @@
+"""The steps of a reduction are those of the paper, and their equations are true."""
+
+import random
+import re
+from fractions import Fraction
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sympy import Rational, sympify
+
+from dynid.bondgraph.analysis import Analysis, analyse
+from dynid.errors import Singular
+from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
+from tests.bondgraph.random_graphs import random_graph
+from tests.bondgraph.tableau import transfer_at
+
+S = Fraction(13, 7)
+
+
+def trace(graph):
+    """Return the steps of a reduced graph as (rule, nodes, equation, meaning), as a scene stores them."""
+    asked = frozenset({"reduction"})
+    result = analyse(graph.graph, Analysis(graph.inputs, graph.outputs, asked))
+    table = result.value("bond_graph/reduction/steps")
+    return [tuple(row[name] for name in ("rule", "nodes", "equation", "meaning")) for row in table]
+
+
+def evaluate(steps, values):
+    """Evaluate the definitions of all steps in order by SymPy, and return every name's last value."""
+    known = {name: Rational(value.numerator, value.denominator) for name, value in values.items()}
+    for _, _, equation, _ in steps:
+        for definition in equation.split("; "):
+            name, _, text = definition.partition(" = ")
+            known[name] = sympify(*_as_identifiers(text, known))
+    return known
+
+
+def _as_identifiers(text, known):
+    """Give every known name an identifier: names such as `k(a, b)` and `u|r` are not."""
+    names = sorted(known, key=len, reverse=True)
+    if names:
+        places = {name: f"known_{index}" for index, name in enumerate(names)}
+        pattern = r"(?<![\w|])(" + "|".join(re.escape(name) for name in names) + r")(?![\w|])"
+        text = re.sub(pattern, lambda match: places[match[0]], text)
+        return text, {places[name]: known[name] for name in names}
+    return text, {}
+
+
+def common_variable(steps, values, inputs, source):
+    """Return the driving variable that the last step's equation gives for one source alone."""
+    sources = {name: Fraction(int(name == source)) for name in inputs}
+    known = evaluate(steps, {**values, **sources, "s": S})
+    last = steps[-1][2].split("; ")[-1].partition(" = ")[0]
+    return last, known[last]
+
+
+def test_the_isolator_is_reduced_as_in_figures_6_to_8():
+    steps = trace(written(*ISOLATOR, "m_s.f"))
+    assert [(rule, nodes) for rule, nodes, _, _ in steps] == [
+        ("series", "fluid, I_f, C_a"),
+        ("reflection", "fluid, tuning"),
+        ("source swap", "v_in, base"),
+        ("merge", "base, body"),
+        ("series", "body, tuning, b"),
+        ("prototype", "body"),
+    ]
+    series, reflection, swap, merge, total, last = (equation for _, _, equation, _ in steps)
+    assert series == "Z_fluid = s*I_f + 1/(s*C_a)"
+    assert reflection == "Z_tuning = tuning**2*Z_fluid"
+    assert swap == "e_base = Z_tuning*v_in"
+    assert merge == "f_base = f_body"
+    assert total == "Z_A = Z_tuning + b"
+    assert last.startswith("Z_A = Z_tuning + b; Y_B = 1/(s*m_s)")
+
+
+def test_the_meanings_of_the_isolators_steps_name_the_papers_equations():
+    steps = trace(written(*ISOLATOR, "m_s.f"))
+    said = [meaning for _, _, _, meaning in steps]
+    for meaning, words in zip(
+        said,
+        [
+            ("I_f and C_a", "series", "eq 1"),
+            ("transformer tuning", "Z1 = n^2 Z2"),
+            ("v_in", "eq 15", "eq 16", "the 0-junction becomes a 1-junction"),
+            ("base and body", "merge"),
+            ("tuning and b", "series", "eq 1"),
+            ("prototype d", "effort source on 1-junction body", "feedback", "eq 4"),
+        ],
+        strict=True,
+    ):
+        assert all(word in meaning for word in words), meaning
+
+
+def test_the_isolators_equations_give_its_transfer_function():
+    types, values, bonds = parse(*ISOLATOR)
+    steps = trace(written(*ISOLATOR, "m_s.f"))
+    name, found = common_variable(steps, values, ["v_in"], "v_in")
+    assert name == "f_body"
+    assert found == transfer_at(types, values, bonds, ["v_in"], ("m_s", "f"), S)["v_in"]
+
+
+ONE_PORTS = "R r 2, I m 3, C c 5"
+PROTOTYPES = {
+    # letter: source, junction, the output, what it is driven by, and what the paper calls the relation
+    "a": (f"Sf u, 1 j, {ONE_PORTS}", "u.e", "Z = Z_A + Z_B"),
+    "b": (f"Se u, 0 j, {ONE_PORTS}", "u.f", "Y = Y_A + Y_B"),
+    "c": (f"Sf u, 0 j, {ONE_PORTS}", "u.e", "Z = Z_B/(1 + Z_B*Y_A)"),
+    "d": (f"Se u, 1 j, {ONE_PORTS}", "u.f", "Y = Y_B/(1 + Y_B*Z_A)"),
+}
+
+
+@pytest.mark.parametrize("letter", PROTOTYPES)
+def test_each_prototype_is_reached_and_its_equation_is_the_driving_point_relation(letter):
+    nodes, output, relation = PROTOTYPES[letter]
+    bonds = "u -> j, j -> r, j -> m, j -> c"
+    graph = written(nodes, bonds, output)
+    asked = Analysis(graph.inputs, graph.outputs, frozenset({"reduction", "prototype"}))
+    result = analyse(graph.graph, asked)
+    assert result.value("bond_graph/reduction/prototype") == letter
+    (equation,) = result.value("bond_graph/reduction/prototype_equation")
+    assert equation == relation
+    types, values, pairs = parse(nodes, bonds)
+    known = {name: Rational(v.numerator, v.denominator) for name, v in {**values, "s": S}.items()}
+    for part in ("system_a", "system_b"):
+        (text,) = result.value(f"bond_graph/reduction/{part}")
+        name, _, formula = text.partition(" = ")
+        known[name] = sympify(formula, known)
+    driving_point = sympify(equation.partition(" = ")[2], known)
+    assert driving_point == transfer_at(types, values, pairs, ["u"], (output[0], output[-1]), S)["u"]
+
+
+@pytest.mark.parametrize("letter", PROTOTYPES)
+def test_the_port_of_interest_is_system_b(letter):
+    nodes, _, _ = PROTOTYPES[letter]
+    for element, impedance in (("r", "r"), ("m", "s*m"), ("c", "1/(s*c)")):
+        graph = written(nodes, "u -> j, j -> r, j -> m, j -> c", f"{element}.e")
+        result = analyse(graph.graph, Analysis(graph.inputs, graph.outputs, frozenset({"prototype"})))
+        (text,) = result.value("bond_graph/reduction/system_b")
+        name, _, formula = text.partition(" = ")
+        known = dict(
+            zip(("s", "r", "m", "c"), (Rational(13, 7), Rational(2), Rational(3), Rational(5)), strict=True)
+        )
+        as_impedance = sympify(formula, known) if name == "Z_B" else 1 / sympify(formula, known)
+        assert as_impedance == sympify(impedance, known)
+
+
+def cases(first, count, junctions, loops):
+    """Yield random graphs whose output is the common variable of a junction that no source fixes."""
+    seed, found = first, 0
+    while found < count:
+        rng = random.Random(seed)
+        types, values, bonds, inputs, _ = random_graph(rng, junctions, loops)
+        seed += 1
+        drawn = [name for name, kind in types.items() if kind in "01"]
+        output = rng.choice(drawn)
+        quantity = "e" if types[output] == "0" else "f"
+        try:
+            graph = reduced(types, values, bonds, inputs, f"{output}.{quantity}")
+        except Singular:
+            continue
+        steps = trace(graph)
+        if steps[-1][2].split("; ")[-1].partition(" = ")[0][:2] not in ("e_", "f_"):
+            continue  # a or b: the source itself sets the common variable
+        expected = transfer_at(types, values, bonds, inputs, (output, quantity), S)
+        if expected is None:
+            continue
+        found += 1
+        yield values, inputs, steps, expected
+
+
+@pytest.mark.parametrize(
+    ("junctions", "loops", "count"), [(2, 0, 10), (4, 0, 15), (7, 0, 15), (4, 1, 10), (6, 3, 10)]
+)
+def test_the_equations_in_order_reproduce_the_transfer_function(junctions, loops, count):
+    for values, inputs, steps, expected in cases(1000 * junctions, count, junctions, loops):
+        for source in inputs:
+            _, found = common_variable(steps, values, inputs, source)
+            assert found == expected[source], steps
+
+
+@settings(deadline=None)
+@given(seed=st.integers(), kinds=st.lists(st.sampled_from("01"), min_size=2, max_size=7))
+def test_a_tree_with_an_element_on_every_junction_takes_the_papers_rules_only(seed, kinds):
+    rng = random.Random(seed)
+    types = {f"j{k}": kind for k, kind in enumerate(kinds)} | {"u": "Se", "w": "Sf"}
+    types |= {f"x{k}": rng.choice("RIC") for k in range(len(kinds))}
+    values = {f"x{k}": Fraction(k + 1) for k in range(len(kinds))}
+    bonds = [(f"j{rng.randrange(k)}", f"j{k}") for k in range(1, len(kinds))]
+    bonds += [(f"j{k}", f"x{k}") for k in range(len(kinds))]
+    for source, kind in (("u", "1"), ("w", "0")):  # where they feed, and fix nothing
+        bonds += [
+            (source, rng.choice([f"j{k}" for k, other in enumerate(kinds) if other == kind] or ["none"]))
+        ]
+    if any("none" in bond for bond in bonds):
+        return
+    steps = trace(reduced(types, values, bonds, ["u", "w"], "x0.e"))
+    assert {rule for rule, *_ in steps} <= {"series", "parallel", "source swap", "merge", "prototype"}
+    assert [rule for rule, *_ in steps].index("prototype") == len(steps) - 1
+
+
+def test_a_loop_is_eliminated_by_its_multiport_equivalent():
+    steps = trace(
+        written(
+            "Se u, 1 a, R r1 2, 0 b, R r2 3, 1 c, I m 5, 0 d, C k 7, 1 e, R r3 1",
+            "u -> a -> r1, a -> b -> r2, b -> c -> m, c -> d -> k, d -> e -> r3, e -> b",
+            "k.e",
+        )
+    )
+    meanings = [meaning for rule, _, _, meaning in steps if rule == "junction elimination"]
+    assert meanings
+    assert all("multiport equivalent" in meaning for meaning in meanings)
+
+
+def test_steps_are_the_same_on_every_run():
+    case = random_graph(random.Random(5), 6, 2)
+    types, values, bonds, inputs, (node, quantity) = case
+    first, second = (trace(reduced(types, values, bonds, inputs, f"{node}.{quantity}")) for _ in range(2))
+    assert first == second
