@@ -60,6 +60,7 @@ def test_the_scene_of_these_tests_is_valid():
         ("samples: 100", "samples: 0", "10:12: 'samples' must be at least 1, not 0"),
         ("samples: 100", f"samples: 1{'0' * 12}", "10:12: 'samples' must be at most 100,000,000, not"),
         ("[{dof: 2, quantity: velocity}]", "[]", "11:13: 'channels' is empty"),
+        ("velocity}]", "velocity}, {quantity: velocity, dof: 2}]", "11:44: this channel is listed twice"),
         ("quantity: velocity", "quantity: speed", "11:33: 'quantity' cannot be 'speed'; it is one of"),
         (
             "quantity: velocity",

@@ -142,7 +142,18 @@ def _dof_faults(source: Source) -> list[Fault]:
             faults.append(
                 source.fault((*path, "source"), "a structure has DOFs, not sources; write 'dof'", key=True)
             )
-    return [*faults, *_unknown_faults(source)]
+    return [*faults, *_channel_faults(source), *_unknown_faults(source)]
+
+
+def _channel_faults(source: Source) -> list[Fault]:
+    """Check that no sensor stands twice."""
+    channels = _list(_mapping(source.data, "measurement"), "channels")
+    path = ("measurement", "channels")
+    return [
+        source.fault((*path, place), "this channel is listed twice")
+        for place, channel in enumerate(channels)
+        if isinstance(channel, dict) and channel in channels[:place]
+    ]
 
 
 def _dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
