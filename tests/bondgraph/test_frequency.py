@@ -1,0 +1,180 @@
+"""The frequency response against exact evaluation, above all where pivots vanish."""
+
+import random
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynid.bondgraph.frequency import frequency_response
+from dynid.errors import Singular
+from tests.bondgraph.graphs import ISOLATOR, polynomial_at, reduced, transfers, written
+from tests.bondgraph.random_graphs import coincident_graph, random_graph
+
+
+class Gaussian:
+    """A Gaussian rational, just enough to evaluate polynomials with."""
+
+    def __init__(self, re, im=0):
+        self.re, self.im = Fraction(re), Fraction(im)
+
+    def __add__(self, other):
+        other = other if isinstance(other, Gaussian) else Gaussian(other)
+        return Gaussian(self.re + other.re, self.im + other.im)
+
+    def __mul__(self, other):
+        return Gaussian(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
+
+    __rmul__ = __mul__
+
+    def over(self, other):
+        """Return the quotient as a complex number, each part correctly rounded; inf at a pole."""
+        size = other.re**2 + other.im**2
+        if not size:
+            return complex(np.inf, 0)
+        product = self * Gaussian(other.re, -other.im)
+        return complex(float(product.re / size), float(product.im / size))
+
+
+def exact(channel, omega):
+    """Return T(j omega) correctly rounded, for the double omega."""
+    s = Gaussian(0, Fraction(float(omega)))
+    zero = Gaussian(0)
+    value = [zero + _horner(p, s) for p in (channel.numerator, channel.denominator)]
+    return value[0].over(value[1])
+
+
+def _horner(polynomial, s):
+    total = Gaussian(0)
+    for coefficient in reversed([int(c) for c in polynomial.coeffs()]):
+        total = total * s + coefficient
+    return total
+
+
+def assert_exact(graph, omega, tolerance=1e-12):
+    """Compare every channel; 1e-12 relative is what the response promises."""
+    omega = np.asarray(omega, dtype=float)
+    response = frequency_response(graph, omega)
+    assert response.shape == (len(omega), len(graph.outputs), len(graph.inputs))
+    assert not np.isnan(response).any()
+    found = transfers(graph)
+    for i, output in enumerate(graph.outputs):
+        for k, source in enumerate(graph.inputs):
+            channel = found[str(output), source]
+            for w, value in zip(omega, response[:, i, k], strict=True):
+                expected = exact(channel, w)
+                if np.isinf(expected):
+                    assert np.isinf(value)
+                else:
+                    assert abs(value - expected) <= tolerance * abs(expected), (w, value, expected)
+
+
+def test_the_oracle_agrees_with_an_evaluation_at_a_rational_point():
+    (channel,) = transfers(written(*ISOLATOR, "m_s.f")).values()
+    s = Gaussian(Fraction(3, 7))
+    expected = polynomial_at(channel.numerator, Fraction(3, 7))
+    assert _horner(channel.numerator, s).re == expected
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(), loops=st.sampled_from([0, 0, 1, 3]))
+def test_random_graphs(seed, loops):
+    rng = random.Random(seed)
+    types, values, bonds, inputs, (node, quantity) = random_graph(rng, rng.randint(1, 7), loops)
+    try:
+        graph = reduced(types, values, bonds, inputs, f"{node}.{quantity}")
+    except Singular:
+        return
+    assert_exact(graph, [0, 1e-9, 0.3, 1, 2, 17.5, 1e6])
+
+
+@pytest.mark.parametrize("seed", range(70_000, 70_060))
+def test_graphs_full_of_coincidences_where_poles_and_pivots_lie_on_the_axis(seed):
+    rng = random.Random(seed)
+    types, values, bonds, inputs, (node, quantity) = coincident_graph(rng, rng.randint(1, 4))
+    try:
+        graph = reduced(types, values, bonds, inputs, f"{node}.{quantity}")
+    except Singular:
+        return
+    assert_exact(graph, [0, 0.5, 1, 2, 2**0.5])
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.integers(1, 9), st.integers(-12, 12)), min_size=5, max_size=5))
+def test_parameters_over_24_decades(scales):
+    m, r, n, i, c = (Fraction(digit) * Fraction(10) ** exponent for digit, exponent in scales)
+    nodes = f"Sf v_in, 0 base, 1 body, I m_s {m}, R b {r}, TF tuning {n}, 1 fluid, I I_f {i}, C C_a {c}"
+    assert_exact(written(nodes, ISOLATOR[1], "m_s.f"), [0, 1e-12, 1e-6, 1, 1e6, 1e12])
+
+
+def test_the_isolators_zero():
+    """At omega_0 the tuning part's pivot vanishes; omega_0 is irrational, so T is tiny and not zero."""
+    root = np.sqrt(5000.0)
+    near = [root, np.nextafter(root, 0), np.nextafter(root, 1e9)]
+    graph = written(*ISOLATOR, "m_s.f")
+    assert_exact(graph, near)
+    assert (np.abs(frequency_response(graph, np.array(near))) < 1e-15).all()
+
+
+def test_a_zero_that_is_a_double_is_exactly_zero():
+    """Two unlike sections share omega = 2 as an antiresonance; nothing passes there."""
+    graph = written("Se u, 1 j, R r 3, 0 k, I m 1/4, C c 1", "u -> j -> r, j -> k -> m, k -> c", "r.f")
+    assert_exact(graph, [2.0])
+    assert frequency_response(graph, np.array([2.0])).item() == 0
+
+
+def test_a_pole_on_the_axis_is_infinite_and_never_nan():
+    graph = written("Sf u, 0 j, C c 1, I m 1/4", "u -> j -> c, j -> m", "c.e")
+    assert_exact(graph, [0.0, 1.0, 2.0, 3.0])
+    assert np.isinf(frequency_response(graph, np.array([2.0])).item())
+
+
+def test_an_integrator_at_zero_frequency_is_infinite():
+    graph = written("Se u, I m 3", "u -> m", "m.q", "m.f", "m.e")
+    response = frequency_response(graph, np.array([0.0]))[0, :, 0]
+    assert np.isinf(response[:2]).all()
+    assert response[2] == 1
+
+
+def test_zero_frequency_is_the_dc_gain_where_compliances_block():
+    graph = written("Se u, 1 j, R r 2, 0 k, C c 3, R q 6", "u -> j -> r, j -> k -> c, k -> q", "q.e", "c.f")
+    response = frequency_response(graph, np.array([0.0]))[0, :, 0]
+    assert response.tolist() == [0.75, 0]
+
+
+def test_a_pole_of_a_part_is_none_of_the_whole():
+    """At omega = 2 the branch beside the output is a short: T is finite, only a pivot is not."""
+    graph = written(
+        "Se u, 1 j, R r 3, 0 k, 1 b, I m 1/4, C c 1, R q 5, R z 0",
+        "u -> j -> r, j -> k -> b -> m, b -> c, k -> q, b -> z",
+        "q.e",
+        "q.f",
+        "b.f",
+        "r.f",
+    )
+    assert_exact(graph, [0.0, 2.0, np.nextafter(2.0, 3.0)])
+
+
+def test_channels_that_vanish_are_exactly_zero():
+    graph = written("Se u, Se w, 0 j, R r 2, C c 3", "u -> j -> r, w -> c", "r.f")
+    assert frequency_response(graph, np.array([0.0, 1.0]))[:, 0, 1].tolist() == [0, 0]
+
+
+def test_no_frequencies_give_an_empty_response():
+    assert frequency_response(written(*ISOLATOR, "m_s.f"), np.array([])).shape == (0, 1, 1)
+
+
+@pytest.mark.parametrize("damping", ["0", "1/1000000000000"])
+def test_a_long_chain_at_its_own_resonances(damping):
+    """Twelve equal masses and springs, hardly damped: every pivot goes through zero somewhere."""
+    stages = 12
+    nodes = "Sf u" + "".join(f", 0 a{k}, C c{k} 1, 1 b{k}, I m{k} 1, R d{k} {damping}" for k in range(stages))
+    bonds = "u -> a0" + "".join(
+        f", a{k} -> c{k}, a{k} -> b{k}, b{k} -> m{k}, b{k} -> d{k}" for k in range(stages)
+    )
+    bonds += "".join(f", b{k} -> a{k + 1}" for k in range(stages - 1))
+    graph = written(nodes, bonds, f"m{stages - 1}.f")
+    resonances = [2 * np.sin((2 * k + 1) * np.pi / (4 * stages + 2)) for k in range(stages)]
+    assert_exact(graph, [*resonances, 1.0, np.sqrt(2.0), 2.0, 30.0])
