@@ -21,7 +21,7 @@ def formulas(reduced: ReducedGraph) -> dict[Channel, str]:
     was given. Where that is ambiguous (a parameter called s, a node named like another's parameter), or
     the formula outgrows a page, there is none.
     """
-    from dynid.bondgraph.algebra.symbolic import TooLong, variables
+    from dynid.bondgraph.algebra.symbolic import TooLong, text, variables
 
     names = _names(reduced)
     if names is None:
@@ -31,13 +31,13 @@ def formulas(reduced: ReducedGraph) -> dict[Channel, str]:
     try:
         values = {name: _value(reduced, name, symbols, one) for name in reduced.valued}
         run = reduced.run(channels.values(), values, symbols["s"], one)
-        lowest = {channel: run[register].reduced() for channel, register in channels.items()}
+        lowest = {channel: run[register].lowest_terms() for channel, register in channels.items()}
     except (TooLong, KeyError, ZeroDivisionError):
         return {}
     return {
-        channel: str(formula)
-        for channel, formula in lowest.items()
-        if max(len(formula.numerator), len(formula.denominator)) <= _READABLE
+        channel: text(numerator, denominator)
+        for channel, (numerator, denominator) in lowest.items()
+        if max(len(numerator), len(denominator)) <= _READABLE
     }
 
 
@@ -61,7 +61,7 @@ def _value(reduced: ReducedGraph, name: str, symbols: dict[str, Formula], one: F
         return symbols[name]
 
     def leaf(item: Fraction | str) -> Formula:
-        return symbols[item] if isinstance(item, str) else one * item.numerator / (one * item.denominator)
+        return symbols[item] if isinstance(item, str) else one.constant(item)
 
     value: Formula = formula.fold(leaf, apply)
     return value

@@ -86,7 +86,7 @@ class ReducedGraph:
         return self.program.run(registers, values, laplace, one)
 
     def rational(self, registers: Iterable[int]) -> dict[int, Ratio]:
-        """Run the program on exact rational functions of s (not yet in lowest terms)."""
+        """Run the program on exact rational functions of s (factored, not yet in lowest terms)."""
         from flint import fmpz_poly
 
         from dynid.bondgraph.algebra.rational import Ratio
@@ -94,10 +94,10 @@ class ReducedGraph:
         bits = {name: 1 << index for index, name in enumerate(self.storages)}
 
         def constant(value: Fraction, storages: int = 0) -> Ratio:
-            return Ratio(fmpz_poly([value.numerator]), fmpz_poly([value.denominator]), storages)
+            return Ratio.of(fmpz_poly([value.numerator]), fmpz_poly([value.denominator]), storages)
 
         values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
-        s = Ratio(fmpz_poly([0, 1]), fmpz_poly([1]))
+        s = Ratio.of(fmpz_poly([0, 1]), fmpz_poly([1]))
         return self.run(registers, values, s, constant(Fraction(1)))
 
     def complex(self, registers: Iterable[int], s: NDArray[np.complex128]) -> dict[int, Any]:

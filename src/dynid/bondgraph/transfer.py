@@ -33,8 +33,7 @@ class TransferFunction:
     @classmethod
     def of(cls, ratio: Ratio) -> TransferFunction:
         """Bring a rational function into lowest terms."""
-        lowest = ratio.reduced()
-        return cls(lowest.numerator, lowest.denominator)
+        return cls(*ratio.lowest_terms())
 
     @property
     def vanishes(self) -> bool:

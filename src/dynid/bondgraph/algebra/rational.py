@@ -1,73 +1,60 @@
-"""Rational functions as fraction-free pairs of polynomials.
-
-A greatest common divisor at every step is what makes exact rational arithmetic slow. Along a reduction
-the immittance and the source of one junction share their denominator, and dividing one by the other
-cancels it without any search; common factors are looked for only where a degree exceeds what the
-storage elements behind the value can explain.
-"""
+"""Exact rational functions of s."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Self
+
+from dynid.bondgraph.algebra.quotient import Factor, Quotient
 
 #: Beyond the storages behind it, a value may carry one factor s (a momentum or displacement output).
 _SLACK = 1
 
 
-class Ratio:
-    """A quotient of two integer polynomials in s (flint `fmpz_poly`), not necessarily in lowest terms.
+class Ratio(Quotient):
+    """A quotient of integer polynomials in s (flint `fmpz_poly`).
+
+    Common factors are looked for only where a degree exceeds what the storage elements behind the value can
+    explain.
 
     Parameters
     ----------
-    numerator, denominator
-        Polynomials; the denominator is not zero.
+    factors, sign
+        As for any quotient.
     storages
         Bit mask of the storage elements behind the value.
     """
 
-    __slots__ = ("denominator", "numerator", "storages")
+    __slots__ = ("storages",)
 
-    def __init__(self, numerator: Any, denominator: Any, storages: int = 0) -> None:
-        self.numerator = numerator
-        self.denominator = denominator
+    def __init__(self, factors: Mapping[Factor, int] | None, sign: int = 1, storages: int = 0) -> None:
+        super().__init__(factors, sign)
         self.storages = storages
 
-    def reduced(self) -> Ratio:
-        """Return the same function in lowest terms (integer content included)."""
-        common = self.numerator.gcd(self.denominator)
-        if common.degree() <= 0 and common.is_one():
-            return self
-        return Ratio(self.numerator // common, self.denominator // common, self.storages)
+    @classmethod
+    def of(cls, numerator: Any, denominator: Any, storages: int = 0) -> Self:
+        """Return the quotient of two polynomials."""
+        if numerator == 0:
+            return cls(None, 1, storages)
+        given = ((numerator, 1), (denominator, -1))
+        return cls({Factor(part): power for part, power in given if part != 1}, 1, storages)
 
-    def _kept_small(self) -> Ratio:
-        degree = max(self.numerator.degree(), self.denominator.degree())
-        return self.reduced() if degree > self.storages.bit_count() + _SLACK else self
-
-    def __add__(self, other: Ratio) -> Ratio:
+    def _made(self, factors: Mapping[Factor, int] | None, sign: int, other: Self) -> Self:
         storages = self.storages | other.storages
-        if self.denominator == other.denominator:
-            return Ratio(self.numerator + other.numerator, self.denominator, storages)._kept_small()
-        numerator = self.numerator * other.denominator + other.numerator * self.denominator
-        return Ratio(numerator, self.denominator * other.denominator, storages)._kept_small()
+        made = type(self)(factors, sign, storages)
+        if made._degree() > storages.bit_count() + _SLACK:
+            return self.of(*made.lowest_terms(), storages)
+        return made
 
-    def __neg__(self) -> Ratio:
-        return Ratio(-self.numerator, self.denominator, self.storages)
+    def _degree(self) -> int:
+        """Return the larger degree of numerator and denominator, as they stand."""
+        above = below = 0
+        for factor, power in (self.factors or {}).items():
+            degree = factor.polynomial.degree() * power
+            above, below = (above + degree, below) if power > 0 else (above, below - degree)
+        return max(above, below)
 
-    def __sub__(self, other: Ratio) -> Ratio:
-        return self + (-other)
+    def _zero(self) -> Any:
+        from flint import fmpz_poly
 
-    def __mul__(self, other: Ratio | int) -> Ratio:
-        if isinstance(other, int):
-            return Ratio(self.numerator * other, self.denominator, self.storages)
-        storages = self.storages | other.storages
-        if self.denominator == other.numerator:
-            return Ratio(self.numerator, other.denominator, storages)
-        if self.numerator == other.denominator:
-            return Ratio(other.numerator, self.denominator, storages)
-        product = Ratio(self.numerator * other.numerator, self.denominator * other.denominator, storages)
-        return product._kept_small()
-
-    def __truediv__(self, other: Ratio) -> Ratio:
-        if other.numerator == 0:
-            raise ZeroDivisionError("a pivot is zero with these values")
-        return self * Ratio(other.denominator, other.numerator, other.storages)
+        return fmpz_poly()

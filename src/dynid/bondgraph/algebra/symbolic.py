@@ -2,87 +2,70 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Any, Self
+
+from dynid.bondgraph.algebra.quotient import Factor, Quotient
 
 
 class TooLong(ArithmeticError):
     """A formula has outgrown what a reader would read."""
 
 
-class Formula:
-    """A quotient of two multivariate integer polynomials (flint `fmpz_mpoly`).
+class Formula(Quotient):
+    """A quotient of multivariate integer polynomials (flint `fmpz_mpoly`).
 
     Parameters
     ----------
-    numerator, denominator
-        Polynomials of one context.
+    factors, sign
+        As for any quotient; all polynomials are of one context.
+    ring
+        That context.
     limit
-        Largest number of terms in either before `TooLong` is raised.
+        Largest number of terms of a polynomial before `TooLong` is raised.
     """
 
-    __slots__ = ("denominator", "limit", "numerator")
+    __slots__ = ("limit", "ring")
 
-    def __init__(self, numerator: Any, denominator: Any, limit: int) -> None:
-        self.numerator, self.denominator, self.limit = numerator, denominator, limit
+    def __init__(self, factors: Mapping[Factor, int] | None, sign: int, ring: Any, limit: int) -> None:
+        super().__init__(factors, sign)
+        self.ring, self.limit = ring, limit
 
-    def reduced(self) -> Formula:
-        """Return the same function in lowest terms."""
-        common = self.numerator.gcd(self.denominator)
-        numerator, denominator = self.numerator / common, self.denominator / common
-        if denominator.leading_coefficient() < 0:
-            numerator, denominator = -numerator, -denominator
-        return Formula(numerator, denominator, self.limit)
+    def _made(self, factors: Mapping[Factor, int] | None, sign: int, other: Self) -> Self:  # noqa: ARG002
+        if any(len(factor.polynomial) > self.limit for factor in factors or ()):
+            raise TooLong
+        return type(self)(factors, sign, self.ring, self.limit)
 
-    def _checked(self, numerator: Any, denominator: Any) -> Formula:
-        formula = Formula(numerator, denominator, self.limit)
-        if max(len(numerator), len(denominator)) > self.limit:
-            formula = formula.reduced()
-            if max(len(formula.numerator), len(formula.denominator)) > self.limit:
-                raise TooLong
-        return formula
+    def _zero(self) -> Any:
+        return self.ring.constant(0)
 
-    def __add__(self, other: Formula) -> Formula:
-        if self.denominator == other.denominator:
-            return self._checked(self.numerator + other.numerator, self.denominator)
-        numerator = self.numerator * other.denominator + other.numerator * self.denominator
-        return self._checked(numerator, self.denominator * other.denominator)
+    def constant(self, value: Fraction) -> Formula:
+        """Return a number as a formula of the same ring."""
+        if value == 0:
+            return Formula(None, 1, self.ring, self.limit)
+        parts = ((abs(value.numerator), 1), (value.denominator, -1))
+        factors = {Factor(self.ring.constant(part)): power for part, power in parts if part != 1}
+        return Formula(factors, 1 if value > 0 else -1, self.ring, self.limit)
 
-    def __neg__(self) -> Formula:
-        return Formula(-self.numerator, self.denominator, self.limit)
-
-    def __sub__(self, other: Formula) -> Formula:
-        return self + (-other)
-
-    def __mul__(self, other: Formula | int) -> Formula:
-        if isinstance(other, int):
-            return Formula(self.numerator * other, self.denominator, self.limit)
-        if self.denominator == other.numerator:
-            return Formula(self.numerator, other.denominator, self.limit)
-        if self.numerator == other.denominator:
-            return Formula(other.numerator, self.denominator, self.limit)
-        return self._checked(self.numerator * other.numerator, self.denominator * other.denominator)
-
-    def __truediv__(self, other: Formula) -> Formula:
-        if other.numerator == 0:
-            raise ZeroDivisionError("a pivot is zero")
-        return self * Formula(other.denominator, other.numerator, self.limit)
-
-    def __str__(self) -> str:
-        numerator, denominator = _text(self.numerator), _text(self.denominator)
-        if self.denominator == 1:
-            return numerator
-        return f"({numerator})/({denominator})"
+    def as_integer(self) -> int | None:
+        """Return the value where it is an integer."""
+        numerator, denominator = self.lowest_terms()
+        if denominator != 1 or not numerator.is_constant():
+            return None
+        return int(numerator.leading_coefficient()) if numerator != 0 else 0
 
 
 def variables(names: list[str], limit: int) -> tuple[dict[str, Formula], Formula]:
     """Return a formula for every name, and the number 1; terms are ordered by powers of the first name."""
     from flint import fmpz_mpoly_ctx
 
-    context = fmpz_mpoly_ctx.get(names, "lex")
-    one = context.constant(1)
-    return {name: Formula(gen, one, limit) for name, gen in zip(names, context.gens(), strict=True)}, Formula(
-        one, one, limit
-    )
+    ring = fmpz_mpoly_ctx.get(names, "lex")
+    named = {
+        name: Formula({Factor(generator): 1}, 1, ring, limit)
+        for name, generator in zip(names, ring.gens(), strict=True)
+    }
+    return named, Formula({}, 1, ring, limit)
 
 
 def apply(operation: str, operands: list[Formula]) -> Formula:
@@ -106,16 +89,23 @@ def apply(operation: str, operands: list[Formula]) -> Formula:
             return -a
         case "pos", [a]:
             return a
-        case "**", [a, b] if b.numerator.is_constant() and b.denominator == 1:
-            return _power(a, int(b.numerator.leading_coefficient() if b.numerator != 0 else 0))
+        case "**", [a, b]:
+            power = b.as_integer()
+            if power is not None and abs(power) <= 8:
+                return _power(a, power)
     raise KeyError(operation)
 
 
 def _power(base: Formula, exponent: int) -> Formula:
-    if not 0 <= exponent <= 8:
-        raise KeyError("**")
-    return Formula(base.numerator**exponent, base.denominator**exponent, base.limit)
+    result = base.constant(Fraction(1))
+    for _ in range(abs(exponent)):
+        result = result * base
+    return result if exponent >= 0 else base.constant(Fraction(1)) / result
 
 
-def _text(polynomial: Any) -> str:
-    return str(polynomial).replace("^", "**")
+def text(numerator: Any, denominator: Any) -> str:
+    """Write a quotient of polynomials as SymPy would read it, the denominator's first term positive."""
+    if denominator.leading_coefficient() < 0:
+        numerator, denominator = -numerator, -denominator
+    top, bottom = (str(polynomial).replace("^", "**") for polynomial in (numerator, denominator))
+    return top if denominator == 1 else f"({top})/({bottom})"

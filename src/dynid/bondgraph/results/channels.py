@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.bondgraph.graph import Port
+from dynid.bondgraph.natural import characteristic_polynomials
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.reduction import Reduction
 from dynid.bondgraph.transfer import TransferFunction
@@ -23,7 +23,7 @@ def add_channels(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -
     ratios = reduced.rational(channels.values())
     transfers = {channel: TransferFunction.of(ratios[register]) for channel, register in channels.items()}
     readable = formulas(reduced) if "transfer_function" in asked else {}
-    natural = _characteristic_polynomials(reduced) if asked & {"properties", "hidden_modes"} else {}
+    natural = characteristic_polynomials(reduced) if asked & {"properties", "hidden_modes"} else {}
     for channel, transfer in transfers.items():
         _add_transfer_function(result, channel, transfer, asked, readable.get(channel))
         if "properties" in asked:
@@ -79,33 +79,3 @@ def _add_hidden_modes(result: Result, channel: Channel, transfer: TransferFuncti
     hidden = repeated(certified_roots(natural // natural.gcd(transfer.denominator)))
     result.add_axis(f"{group}/hidden_mode", np.arange(1, len(hidden) + 1))
     result.add(f"{group}/hidden_modes", hidden, ("hidden_mode",), "rad/s")
-
-
-def _characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
-    """Return, for every output, the polynomial of all natural modes of the part behind it.
-
-    It is the determinant of the nodal form (the product of the pivots) times s for every storage that
-    integrates there (its immittance has s in the denominator).
-    """
-    from flint import fmpz_poly
-
-    structure = reduced.structure
-    ratios = reduced.rational({pivot for red in reduced.reductions.values() for pivot in red.pivots})
-    polynomials = {}
-    for port, reduction in reduced.reductions.items():
-        numerator, denominator = fmpz_poly([1]), fmpz_poly([1])
-        for pivot in reduction.pivots:
-            numerator, denominator = (
-                numerator * ratios[pivot].numerator,
-                denominator * ratios[pivot].denominator,
-            )
-            common = numerator.gcd(denominator)
-            numerator, denominator = numerator // common, denominator // common
-        for junction in reduction.junctions:
-            for name in structure.junctions[junction].elements:
-                integrates = reduced.graph.nodes[name].type == (
-                    "C" if structure.junctions[junction].kind == "1" else "I"
-                )
-                numerator = numerator * fmpz_poly([0, 1]) if integrates else numerator
-        polynomials[port] = numerator // numerator.gcd(denominator)
-    return polynomials

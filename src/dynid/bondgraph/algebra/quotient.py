@@ -1,0 +1,122 @@
+"""Quotients of polynomials that stay factored.
+
+A greatest common divisor at every step is what makes exact rational arithmetic slow. Along a reduction
+the same polynomials (the pivots) come back as numerators and denominators again and again, so a value is
+kept as a product of powers of factors: products and quotients only add exponents, and what meets its own
+inverse is gone without any search. Only a sum multiplies out, and only what its terms do not share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Self
+
+
+class Factor:
+    """A polynomial (of any ring type of flint); two factors are the same only if they are one object."""
+
+    __slots__ = ("polynomial",)
+
+    def __init__(self, polynomial: Any) -> None:
+        self.polynomial = polynomial
+
+
+class Quotient:
+    """A product of powers of polynomials, not necessarily in lowest terms.
+
+    Parameters
+    ----------
+    factors
+        Exponent by factor, negative below the fraction bar; empty for 1, and None for 0.
+    sign
+        1 or -1.
+    """
+
+    __slots__ = ("factors", "sign")
+
+    def __init__(self, factors: Mapping[Factor, int] | None, sign: int = 1) -> None:
+        self.factors = factors
+        self.sign = sign
+
+    def _made(self, factors: Mapping[Factor, int] | None, sign: int, other: Self) -> Self:
+        """Return the result of an operation with `other`; each kind of number keeps it small in its way."""
+        raise NotImplementedError(type(self).__name__)
+
+    def _zero(self) -> Any:
+        """Return the polynomial 0."""
+        raise NotImplementedError(type(self).__name__)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the value is 0."""
+        return self.factors is None
+
+    def lowest_terms(self) -> tuple[Any, Any]:
+        """Return numerator and denominator as polynomials without a common factor."""
+        one = self._zero() ** 0
+        if self.factors is None:
+            return self._zero(), one
+        numerator = _product(one * self.sign, ((f, power) for f, power in self.factors.items() if power > 0))
+        denominator = _product(one, ((f, -power) for f, power in self.factors.items() if power < 0))
+        common = numerator.gcd(denominator)
+        return numerator // common, denominator // common
+
+    def __neg__(self) -> Self:
+        return self._made(self.factors, -self.sign, self)
+
+    def __mul__(self, other: Self | int) -> Self:
+        if isinstance(other, int):
+            return self._times_integer(other)
+        if self.factors is None or other.factors is None:
+            return self._made(None, 1, other)
+        return self._made(_combined(self.factors, other.factors, 1), self.sign * other.sign, other)
+
+    def _times_integer(self, integer: int) -> Self:
+        """Multiply by a constant of a program: -1, 0 or 1."""
+        return self._made(self.factors if integer else None, self.sign if integer > 0 else -self.sign, self)
+
+    def __truediv__(self, other: Self) -> Self:
+        if other.factors is None:
+            raise ZeroDivisionError("a pivot is zero with these values")
+        if self.factors is None:
+            return self._made(None, 1, other)
+        return self._made(_combined(self.factors, other.factors, -1), self.sign * other.sign, other)
+
+    def __sub__(self, other: Self) -> Self:
+        return self + (-other)
+
+    def __add__(self, other: Self) -> Self:
+        if self.factors is None or other.factors is None:
+            return self if other.factors is None else other
+        shared = {
+            factor: power
+            for factor in {**self.factors, **other.factors}
+            if (power := min(self.factors.get(factor, 0), other.factors.get(factor, 0)))
+        }
+        one = self._zero() ** 0
+        left, right = (
+            _product(one * value.sign, _combined(value.factors or {}, shared, -1).items())
+            for value in (self, other)
+        )
+        total = left + right
+        if total == 0:
+            return self._made(None, 1, other)
+        return self._made(shared if total == 1 else {Factor(total): 1, **shared}, 1, other)
+
+
+def _combined(a: Mapping[Factor, int], b: Mapping[Factor, int], times: int) -> dict[Factor, int]:
+    """Add the exponents of two products, those of the second multiplied by `times`."""
+    result = dict(a)
+    for factor, power in b.items():
+        total = result.get(factor, 0) + times * power
+        if total:
+            result[factor] = total
+        else:
+            del result[factor]
+    return result
+
+
+def _product(start: Any, factors: Iterable[tuple[Factor, int]]) -> Any:
+    for factor, power in factors:
+        start = start * (factor.polynomial if power == 1 else factor.polynomial**power)
+    return start
