@@ -208,3 +208,13 @@ def test_a_failing_run_leaves_an_old_result_alone(dynid, folder, wrong):
     (folder / "small.h5").write_text("old")
     assert dynid("run", "small.yaml", "--set", wrong)[0] == 2
     assert (folder / "small.h5").read_text() == "old"
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_error_that_nobody_thought_of_says_where_it_happened(dynid, monkeypatch):
+    monkeypatch.setattr("dynid.scene.run_bond_graph.build_graph", lambda _: 1 / 0)
+    code, _, err = dynid("run", "small.yaml")
+    assert code == 3
+    assert re.match(
+        r"this is a fault of dynid itself \(ZeroDivisionError division by zero, dynid\.scene\.", err
+    )

@@ -102,9 +102,11 @@ def _exit_code(args: list[str] | None) -> int:
 
 
 def _unforeseen(error: Exception) -> str:
-    place = error.__traceback__
-    while place is not None and place.tb_next is not None:
-        place = place.tb_next
-    where = f" in line {place.tb_lineno} of {place.tb_frame.f_code.co_filename}" if place else ""
+    places = []
+    trace = error.__traceback__
+    while trace is not None:
+        places.append((str(trace.tb_frame.f_globals.get("__name__")), trace.tb_lineno))
+        trace = trace.tb_next
+    module, line = next(place for place in reversed(places) if place[0].startswith("dynid"))
     said = " ".join(f"{type(error).__name__} {error}".split())
-    return f"this is a fault of dynid itself ({said}{where}). Please report it, with the scene."
+    return f"this is a fault of dynid itself ({said}, {module}:{line}). Please report it, with the scene."
