@@ -66,7 +66,9 @@ def _plain_is_known(raw: Any) -> Any:
     return raw if isinstance(raw, dict) else {"value": raw}
 
 
-JointValue = Annotated[ParameterModel, BeforeValidator(_plain_is_known, json_schema_input_type=ParameterModel | float | str)]
+JointValue = Annotated[
+    ParameterModel, BeforeValidator(_plain_is_known, json_schema_input_type=ParameterModel | float | str)
+]
 
 
 class JointModel(LinkModel):

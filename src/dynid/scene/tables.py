@@ -36,7 +36,11 @@ def read_columns(path: Path, columns: Sequence[str | int] | None) -> NDArray[np.
         Where the file cannot be read or a column is missing.
     """
     if not path.is_file():
-        raise FileError(f"{path} is no file", remedy="Paths in a scene are relative to the scene's folder.", names=[str(path)])
+        raise FileError(
+            f"{path} is no file",
+            remedy="Paths in a scene are relative to the scene's folder.",
+            names=[str(path)],
+        )
     if path.suffix.lower() in (".h5", ".hdf5"):
         return _read_hdf5(path, columns)
     return _read_text(path, columns)
@@ -53,10 +57,14 @@ def _read_text(path: Path, columns: Sequence[str | int] | None) -> NDArray[np.fl
     separator = next((mark for mark in ",;\t" if mark in rows[0][1]), None)
     first = [field.strip().strip('"') for field in rows[0][1].split(separator)]
     header = [] if all(_is_number(field) for field in first) else first
-    numbers = [_numbers(path, number, line.split(separator), len(first)) for number, line in rows[bool(header) :]]
+    numbers = [
+        _numbers(path, number, line.split(separator), len(first)) for number, line in rows[bool(header) :]
+    ]
     table = np.array(numbers).reshape(len(numbers), len(first))
     if columns is None:
-        columns = [k for k in range(1, len(first) + 1) if not header or header[k - 1].lower() not in ("time", "t")]
+        columns = [
+            k for k in range(1, len(first) + 1) if not header or header[k - 1].lower() not in ("time", "t")
+        ]
     return table[:, [_column(path, header, len(first), name) for name in columns]]
 
 
