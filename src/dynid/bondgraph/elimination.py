@@ -11,6 +11,9 @@ from dynid.bondgraph.network import Network, Term
 from dynid.bondgraph.program import Program, Register
 from dynid.bondgraph.steps import Definition, Step, listed
 
+#: Letter of the common variable of a junction.
+_COMMON = {"0": "e", "1": "f"}
+
 
 class Elimination:
     """A network under elimination, with the steps taken and the pivots met so far.
@@ -110,7 +113,7 @@ class Elimination:
         """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
         net, program = self.net, self.program
         scale = program.neg(net.entry(into, leaf))
-        letter = "e" if net.kind[into] == "1" else "f"
+        letter = "e" if net.kind[into] == "1" else "f"  # what a source feeds into a junction's balance
         label = f"{letter}_{leaf}"
 
         def swapped(row: dict[str, Register]) -> dict[str, Register]:
@@ -143,7 +146,7 @@ class Elimination:
     def _merge(self, leaf: str, into: str) -> None:
         """Note that a swapped junction is now of its neighbour's kind, and one with it."""
         kind = self.net.kind[into]
-        common = "f" if kind == "1" else "e"
+        common = _COMMON[kind]
         meaning = f"{leaf} and {into} are {kind}-junctions now, joined by a bond: they merge"
         nodes = (*self.names(leaf), *self.names(into))
         self.steps.append(Step("merge", nodes, (), meaning, f"{common}_{leaf} = {common}_{into}"))
@@ -207,16 +210,25 @@ class Elimination:
         entry = net.matrix[name][self.root]
         self.held = {source: program.div(amount, entry) for source, amount in net.sources[name].items()}
         self.pivots.append(program.mul(entry, net.matrix[self.root][name]))
-        self._state_constraint(name, self.root, self.held)
+        self._state_constraint(name, self.root)
         net.remove(name)
 
-    def _state_constraint(self, name: str, fixed: str, value: dict[str, Register]) -> None:
-        what = "effort" if self.net.kind[fixed] == "0" else "flow"
-        meaning = f"no element stands on {name}, so its balance alone fixes the {what} of {fixed}"
-        label = f"{what[0]}_{fixed}"
-        parts = tuple((register, source) for source, register in value.items()) or ((self.program.zero, ""),)
-        nodes = (*self.names(name), *self.names(fixed))
-        self.steps.append(Step("constraint", nodes, ((label, parts),), meaning))
+    def _state_constraint(self, bare: str, fixed: str) -> None:
+        """Write down what the balance of a bare junction says of a neighbour."""
+        net, program = self.net, self.program
+        own = net.entry(bare, fixed)
+        parts = [(program.div(amount, own), by) for by, amount in net.drives[bare].items()]
+        others = [other for other in net.neighbours(bare) if other != fixed]
+        for other in others:
+            tie = program.neg(program.div(net.entry(bare, other), own))
+            parts.append((tie, f"{_COMMON[net.kind[other]]}_{other}"))
+        common = _COMMON[net.kind[fixed]]
+        what = {"e": "effort", "f": "flow"}[common]
+        tied = f"ties the {what} of {fixed} to {listed(others)}" if others else f"fixes the {what} of {fixed}"
+        meaning = f"no element stands on {bare}, so its balance alone {tied}"
+        nodes = (*self.names(bare), *self.names(fixed))
+        definition = (f"{common}_{fixed}", tuple(parts) or ((program.zero, ""),))
+        self.steps.append(Step("constraint", nodes, (definition,), meaning))
 
     def eliminate_pair(self, partner: str, bare: str) -> None:
         """Eliminate a bare junction together with a neighbour: a 2 x 2 pivot [[d, a], [b, 0]]."""
@@ -247,7 +259,7 @@ class Elimination:
             for source, solved in sides.items():
                 self._add_source(row, source, program.neg(_dot(program, left, solved)))
             net.drives[row] = dict(net.sources[row])
-        self._state_constraint(bare, partner, {source: solved[0] for source, solved in sides.items()})
+        self._state_constraint(bare, partner)
         net.remove(bare)
         net.remove(partner)
 

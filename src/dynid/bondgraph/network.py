@@ -99,6 +99,7 @@ class Network:
     def add_entry(self, row: str, column: str, entry: Register) -> None:
         """Add to a matrix entry off the diagonal."""
         self.matrix[row][column] = self.program.add(self.entry(row, column), entry)
+        self.matrix[column].setdefault(row, self.program.zero)  # a coupling is known from both sides
 
     def entry(self, row: str, column: str) -> Register:
         """Return a matrix entry off the diagonal."""

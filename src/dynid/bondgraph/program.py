@@ -8,14 +8,10 @@ written twice.
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Protocol, Self, TypeVar
-
-#: A large prime; a register that is identically zero as a function vanishes at a random point modulo it,
-#: one that is not does so with probability about (degree / PRIME).
-PRIME = (1 << 61) - 1
 
 
 class Number(Protocol):
@@ -47,38 +43,45 @@ class Op(IntEnum):
 Register = int
 
 
+@dataclass(frozen=True)
+class Point:
+    """A point modulo a prime: values of the parameters, and of s."""
+
+    prime: int
+    values: Mapping[str, int]
+    laplace: int
+
+
 class Program:
     """A growing list of operations; equal operations share a register.
 
     Parameters
     ----------
     point
-        Values of the parameters modulo `PRIME`, at which every register is evaluated as it is written,
-        so that "identically zero" is known without numbers.
-    laplace
-        The value of s modulo `PRIME`.
+        A point modulo a large prime at which every register is evaluated as it is written. One that is
+        identically zero vanishes at a random point; one that is not does so with a probability of about
+        its degree over the prime. So "identically zero" is known without numbers.
     """
 
-    def __init__(self, point: Mapping[str, int], laplace: int) -> None:
+    def __init__(self, point: Point) -> None:
         self.ops: list[tuple[Op, Any, int]] = []
         self.labels: dict[Register, str] = {}
         self._images: list[int] = []
         self._known: dict[tuple[Op, Any, int], Register] = {}
-        self._point = dict(point)
-        self._laplace = laplace
+        self._point = point
         self.zero = self.constant(0)
         self.one = self.constant(1)
-        self.s = self._emit(Op.LAPLACE, None, 0, laplace)
+        self.s = self._emit(Op.LAPLACE, None, 0, point.laplace)
 
     # --- writing -------------------------------------------------------------------------------
 
     def constant(self, value: int) -> Register:
         """Write an integer."""
-        return self._emit(Op.CONSTANT, value, 0, value % PRIME)
+        return self._emit(Op.CONSTANT, value, 0, value)
 
     def parameter(self, name: str) -> Register:
         """Write the value of a node."""
-        return self._emit(Op.PARAMETER, name, 0, self._point[name])
+        return self._emit(Op.PARAMETER, name, 0, self._point.values[name])
 
     def add(self, a: Register, b: Register) -> Register:
         """Write a + b."""
@@ -142,7 +145,7 @@ class Program:
             if numerator == self.one:
                 return self.mul(a, denominator)
             return self.div(self.mul(a, denominator), numerator)
-        image = self._images[a] * pow(self._images[b], -1, PRIME)
+        image = self._images[a] * pow(self._images[b], -1, self._point.prime)
         return self._emit(Op.DIV, a, b, image)
 
     def inv(self, a: Register) -> Register:
@@ -160,8 +163,13 @@ class Program:
         """Tell whether a register is identically zero (as far as the random point shows)."""
         return self._images[a] == 0
 
+    @property
+    def prime(self) -> int:
+        """The prime that images are taken modulo."""
+        return self._point.prime
+
     def image(self, a: Register) -> int:
-        """Return the value of a register at the random point, modulo `PRIME`."""
+        """Return the value of a register at the point, modulo its prime."""
         return self._images[a]
 
     def label(self, register: Register, name: str) -> Register:
@@ -176,7 +184,7 @@ class Program:
         if register is None:
             register = len(self.ops)
             self.ops.append((op, a, b))
-            self._images.append(image % PRIME)
+            self._images.append(image % self._point.prime)
             self._known[key] = register
         return register
 
@@ -249,10 +257,3 @@ def _execute(
             return memory[a] / memory[b]
         case Op.NEG:
             return -memory[a]
-
-
-def random_point(names: Iterable[str]) -> tuple[dict[str, int], int]:
-    """Return a fixed random point modulo `PRIME`: values for the names, and one for s."""
-    source = random.Random(0x5EED)
-    laplace = source.randrange(1, PRIME)
-    return {name: source.randrange(1, PRIME) for name in names}, laplace

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from dynid.bondgraph.algebra.modular import Modular
+from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
 from dynid.bondgraph.graph import STORAGES, BondGraph, Port
 from dynid.bondgraph.junctions import JunctionStructure
-from dynid.bondgraph.program import PRIME, Program, random_point
+from dynid.bondgraph.program import Point, Program
 from dynid.bondgraph.reduction import Reduction, reduce_graph
 
 if TYPE_CHECKING:
@@ -47,31 +46,31 @@ class ReducedGraph:
         self.graph, self.inputs, self.outputs = graph, tuple(inputs), tuple(outputs)
         self.structure = JunctionStructure(graph)
         self.valued = [name for name, node in graph.nodes.items() if node.value is not None]
+        self._values = {name: graph.value(name) for name in self.valued}
+        self._prime = prime_for(self._values.values())
         self.storages = [name for name in self.valued if graph.nodes[name].type in STORAGES]
-        self._plan(*random_point(self.valued))
+        self._plan(random_point(self.valued, self._prime))
         if not self._holds_with_numbers():
-            self._plan(self._numbers(), random.Random(0xF10A7).randrange(1, PRIME))
+            self._plan(numeric_point(self._values, self._prime))
 
-    def _plan(self, point: dict[str, int], laplace: int) -> None:
-        self.program = Program(point, laplace)
+    def _plan(self, point: Point) -> None:
+        self.program = Program(point)
         self.reductions: dict[Port, Reduction] = {
             port: reduce_graph(self.structure, self.program, port, self.inputs) for port in self.outputs
         }
 
-    def _numbers(self) -> dict[str, int]:
-        values = {name: self.graph.value(name) for name in self.valued}
-        return {name: v.numerator * pow(v.denominator, -1, PRIME) % PRIME for name, v in values.items()}
-
     def _holds_with_numbers(self) -> bool:
         """Tell whether every divisor stays nonzero with the graph's values, at a random s."""
-        laplace = random.Random(0xD1F1D).randrange(1, PRIME)
-        point = {name: Modular(image) for name, image in self._numbers().items()}
+        from flint import nmod
+
+        point = numeric_point(self._values, self._prime)
+        values = {name: nmod(image, point.prime) for name, image in point.values.items()}
         wanted = [r for red in self.reductions.values() for r in (*red.channels.values(), *red.pivots)]
         try:
-            images = self.program.run(wanted, point, Modular(laplace), Modular(1))
+            images = self.run(wanted, values, nmod(point.laplace, point.prime), nmod(1, point.prime))
         except ZeroDivisionError:
             return False
-        return all(images[pivot].image for red in self.reductions.values() for pivot in red.pivots)
+        return all(images[pivot] != 0 for red in self.reductions.values() for pivot in red.pivots)
 
     def channels(self) -> dict[Channel, int]:
         """Return the register of every channel (output, input)."""

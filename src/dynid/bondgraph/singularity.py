@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from dynid.bondgraph.junctions import JunctionStructure
 from dynid.bondgraph.network import Network
-from dynid.bondgraph.program import PRIME, Program, Register
+from dynid.bondgraph.program import Program, Register
 from dynid.errors import Singular
 
 
@@ -55,8 +55,8 @@ def explain_singularity(structure: JunctionStructure, program: Program, form: No
     for row, name in enumerate(names):
         if structure.junctions[name].fixing is not None:  # the root, whose unknown is known
             dense[row] = [int(row == column) for column in range(len(names))]
-    contradicting = _null_support([list(column) for column in zip(*dense, strict=True)], names)
-    undetermined = _null_support(dense, names)
+    contradicting = _null_support([list(column) for column in zip(*dense, strict=True)], names, program.prime)
+    undetermined = _null_support(dense, names, program.prime)
     fixed = _neighbouring_sources(structure, contradicting)
     driving = fixed or [source for name in contradicting for source, _ in structure.junctions[name].feeding]
     if len(driving) > 1 or (driving and not fixed):
@@ -108,28 +108,17 @@ def _neighbouring_sources(structure: JunctionStructure, junctions: list[str]) ->
     return list(dict.fromkeys(found))
 
 
-def _null_support(matrix: list[list[int]], names: list[str]) -> list[str]:
+def _null_support(matrix: list[list[int]], names: list[str], prime: int) -> list[str]:
     """Return the names with a nonzero entry in a null vector of a square matrix modulo the prime."""
-    rows = [list(row) for row in matrix]
-    size, pivots = len(rows), list[int]()
-    for column in range(size):
-        found = next((r for r in range(len(pivots), size) if rows[r][column] % PRIME), None)
-        if found is None:
-            return [names[i] for i in [*_column_support(rows, column, pivots), column]]
-        top = len(pivots)
-        rows[top], rows[found] = rows[found], rows[top]
-        inverse = pow(rows[top][column], -1, PRIME)
-        rows[top] = [entry * inverse % PRIME for entry in rows[top]]
-        for r in range(size):
-            if r != top and rows[r][column] % PRIME:
-                factor = rows[r][column]
-                rows[r] = [(x - factor * y) % PRIME for x, y in zip(rows[r], rows[top], strict=True)]
-        pivots.append(column)
-    return []
+    from flint import nmod_mat
 
-
-def _column_support(rows: list[list[int]], free: int, pivots: list[int]) -> list[int]:
-    return [column for r, column in enumerate(pivots) if rows[r][free] % PRIME]
+    size = len(names)
+    reduced, rank = nmod_mat(size, size, [entry for row in matrix for entry in row], prime).rref()
+    pivots = [next(column for column in range(size) if int(reduced[row, column])) for row in range(rank)]
+    free = next((column for column in range(size) if column not in pivots), None)
+    if free is None:
+        return []
+    return [names[pivot] for row, pivot in enumerate(pivots) if int(reduced[row, free])] + [names[free]]
 
 
 def _quoted(names: Iterable[str]) -> str:

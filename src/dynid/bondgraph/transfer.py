@@ -148,7 +148,7 @@ def _limit(numerator: list[Any], denominator: list[Any]) -> float:
     quotient = Fraction(int(numerator[n]), int(denominator[d]))
     if n == d:
         return _as_float(quotient)
-    return 0.0 if n > d else math.copysign(math.inf, quotient)
+    return 0.0 if n > d else math.inf if quotient > 0 else -math.inf
 
 
 def _as_float(value: Fraction) -> float:
@@ -156,4 +156,4 @@ def _as_float(value: Fraction) -> float:
     try:
         return float(value)
     except OverflowError:
-        return math.copysign(math.inf, value.numerator)
+        return math.inf if value > 0 else -math.inf

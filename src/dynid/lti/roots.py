@@ -7,6 +7,7 @@ is refined until its enclosing disc (Arb ball arithmetic, through python-flint) 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -155,4 +156,5 @@ def _rounded(ball: Any, multiplicity: int, side: int) -> Root:
     from flint import acb
 
     value = complex(float(ball.real.mid()), float(ball.imag.mid()))
-    return Root(value, multiplicity, float((ball - acb(value.real, value.imag)).abs_upper()), side)
+    distance = float((ball - acb(value.real, value.imag)).abs_upper())
+    return Root(value, multiplicity, math.nextafter(distance, math.inf) if distance else 0.0, side)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 _UNIT = 2.0**-53
 #: Relative rounding error of one complex sum, product and quotient, in units of 2^-53 (Higham 2002, 3.6).
 _SUM, _PRODUCT, _QUOTIENT = 1 * _UNIT, 3 * _UNIT, 8 * _UNIT
+#: Absolute error of a product or quotient that falls below the range of doubles.
+_UNDERFLOW = 2.0**-1070
 
 
 class Bounded:
@@ -55,10 +57,10 @@ class Bounded:
             return Bounded(self.value * other, self.error * abs(other))
         value = self.value * other.value
         error = np.abs(self.value) * other.error + self.error * (np.abs(other.value) + other.error)
-        return Bounded(value, error + _PRODUCT * np.abs(value))
+        return Bounded(value, error + _PRODUCT * np.abs(value) + _UNDERFLOW)
 
     def __truediv__(self, other: Bounded) -> Bounded:
         value = self.value / other.value
         size = np.abs(other.value) - other.error
         error = (self.error + np.abs(value) * other.error) / np.where(size > 0, size, 0.0)
-        return Bounded(value, error + _QUOTIENT * np.abs(value))
+        return Bounded(value, error + _QUOTIENT * np.abs(value) + _UNDERFLOW)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid.bondgraph.graph import Port
 from dynid.bondgraph.natural import characteristic_polynomials
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.reduction import Reduction
@@ -73,9 +74,22 @@ def _add_properties(
     result.add(f"{group}/zero_stability", transfer.zero_stability)
 
 
+def _shown(port: Port, transfer: TransferFunction) -> Any:
+    """Return the polynomial of the natural modes that a channel shows.
+
+    The integrator of a displacement or momentum output is no mode of the graph.
+    """
+    from flint import fmpz_poly
+
+    integrator = fmpz_poly([0, 1])
+    if port.quantity in "ef" or transfer.denominator.gcd(integrator) != integrator:
+        return transfer.denominator
+    return transfer.denominator // integrator
+
+
 def _add_hidden_modes(result: Result, channel: Channel, transfer: TransferFunction, natural: Any) -> None:
     """Add the natural modes that cancel in the channel: uncontrollable, unobservable, or both."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-    hidden = repeated(certified_roots(natural // natural.gcd(transfer.denominator)))
+    hidden = repeated(certified_roots(natural // natural.gcd(_shown(channel[0], transfer))))
     result.add_axis(f"{group}/hidden_mode", np.arange(1, len(hidden) + 1))
     result.add(f"{group}/hidden_modes", hidden, ("hidden_mode",), "rad/s")
