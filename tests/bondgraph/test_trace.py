@@ -217,3 +217,21 @@ def test_steps_are_the_same_on_every_run():
     types, values, bonds, inputs, (node, quantity) = case
     first, second = (trace(reduced(types, values, bonds, inputs, f"{node}.{quantity}")) for _ in range(2))
     assert first == second
+
+
+def test_what_a_constraint_states_is_true():
+    """Two levers in a row: the bare junction between ties the flows together, it does not fix one."""
+    nodes = "Se u, Se w, 1 a, 0 b, 1 c, TF n 2, TF m 3, I i 1"
+    bonds = "w -> a -> n -> b -> m -> c -> i, u -> c"
+    types, values, pairs = parse(nodes, bonds)
+    steps = trace(written(nodes, bonds, "c.f"))
+    assert [rule for rule, *_ in steps] == ["constraint", "prototype"]
+    left, _, right = steps[0][2].split("; ")[0].partition(" = ")
+    for source in ("u", "w"):
+        flows = {
+            f"f_{junction}": transfer_at(types, values, pairs, ["u", "w"], (junction, "f"), S)[source]
+            for junction in ("a", "c")
+        }
+        known = {**values, **flows, "u": Fraction(source == "u"), "w": Fraction(source == "w"), "s": S}
+        known = {name: Rational(v.numerator, v.denominator) for name, v in known.items()}
+        assert sympify(right, known) == known[left]
