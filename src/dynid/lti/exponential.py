@@ -17,6 +17,8 @@ _LARGEST_NORM = 0.8
 _COEFFICIENTS = np.array([1 / math.factorial(k) for k in range(_DEGREE + 1)])
 _BLOCKS = _COEFFICIENTS[:_DEGREE].reshape(4, 4).copy()
 _BLOCKS[0, 0] = 0.0  # exp - 1
+# Largest power of two that a state is scaled by: quotients of two stay in range.
+_FARTHEST = 400
 
 
 def exponential_with_derivatives(A: Array, dA: Array, h: float) -> tuple[Array, Array]:
@@ -98,27 +100,38 @@ def balance(A: Array) -> Array:
     Parameters
     ----------
     A
-        Matrix (n x n).
+        Matrix (n x n), finite.
 
     Returns
     -------
     Array
-        The scale of each state (n); scaling by it commits no rounding.
+        The scale of each state (n), between 2^-400 and 2^400; scaling by it commits no rounding.
     """
     size = np.abs(A) * (1.0 - np.eye(len(A)))
-    d = np.ones(len(A))
-    for _ in range(30):
-        changed = False
-        for i in range(len(A)):
-            column, row = size[:, i].sum(), size[i].sum()
-            if column == 0 or row == 0:
-                continue
-            f = 2.0 ** round(math.log2(row / column) / 2)
-            if f != 1 and column * f + row / f < 0.95 * (column + row):
-                size[:, i] *= f
-                size[i] /= f
-                d[i] *= f
-                changed = True
-        if not changed:
-            break
-    return d
+    exponents = np.zeros(len(A), dtype=int)
+    with np.errstate(over="ignore", divide="ignore"):
+        for _ in range(30):
+            if not sum(_balanced_one(size, exponents, i) for i in range(len(A))):  # all, not the first
+                break
+    return np.ldexp(1.0, exponents)
+
+
+def _balanced_one(size: Array, exponents: NDArray[np.int_], i: int) -> bool:
+    """Scale one state where that makes its row and column smaller; tell whether it did."""
+    column, row = float(size[:, i].sum()), float(size[i].sum())
+    if not (0 < column < math.inf and 0 < row < math.inf):
+        return False
+    e = round((math.log2(row) - math.log2(column)) / 2)  # never a quotient: it may overflow
+    so_far = int(exponents[i])
+    e = max(-_FARTHEST - so_far, min(_FARTHEST - so_far, e))
+    if e == 0 or not math.ldexp(column, e) + math.ldexp(row, -e) < 0.95 * (column + row):
+        return False
+    size[:, i] = np.ldexp(size[:, i], e)
+    size[i] = np.ldexp(size[i], -e)
+    exponents[i] += e
+    return True
+
+
+def rescaled(A: Array, d: Array) -> Array:
+    """Return ``A_ij d_j / d_i`` (… x n x n) without an overflow on the way."""
+    return np.asarray(A * (d / d[:, None]))

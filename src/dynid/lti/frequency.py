@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import Singular, UsageError
-from dynid.lti.exponential import balance
+from dynid.lti.exponential import balance, rescaled
+from dynid.lti.floating import guarded
 from dynid.lti.model import StateSpace
 
 Array = NDArray[np.float64]
@@ -22,6 +23,7 @@ _WORST_CONDITION = 1e14
 _RESIDUAL = 1e-12
 
 
+@guarded("the frequency response")
 def frequency_response(system: StateSpace, omega: ArrayLike) -> ComplexArray:
     """Evaluate ``C (i omega - A)^-1 B + D + i omega D1 + …``.
 
@@ -47,7 +49,7 @@ def frequency_response(system: StateSpace, omega: ArrayLike) -> ComplexArray:
     w = _frequencies(omega)
     n = len(system.A)
     d = balance(system.A)
-    A, B = system.A * d / d[:, None], system.B / d[:, None]
+    A, B = rescaled(system.A, d), system.B / d[:, None]
     row_size = np.abs(A).sum(axis=1)
 
     def matrices(part: Array) -> tuple[ComplexArray, Array]:
@@ -61,6 +63,7 @@ def frequency_response(system: StateSpace, omega: ArrayLike) -> ComplexArray:
     return out
 
 
+@guarded("the frequency response")
 def second_order_response(
     M: Array, C: Array, K: Array, forces: Array, outputs: Array, powers: ArrayLike, omega: ArrayLike
 ) -> ComplexArray:

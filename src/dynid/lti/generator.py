@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,9 +40,16 @@ class Record:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        require(self.step > 0 and math.isfinite(self.step), "a record's step must be positive")
-        require(self.samples >= 1, "a record needs at least one sample")
-        require(self.start >= 0 and math.isfinite(self.start), "a record cannot start before t = 0")
+        require(0 < self.step < math.inf, "a record's step must be positive and finite", names=("step",))
+        require(self.samples >= 1, "a record needs at least one sample", names=("samples",))
+        require(0 <= self.start < math.inf, "a record cannot start before t = 0", names=("settle",))
+        last = self.start + self.step * self.samples
+        require(
+            math.isfinite(last) and self.start + self.step > self.start and last > last - self.step,
+            f"the samples of a record cannot be told apart: {self.step:g} s is lost beside {last:g} s",
+            "Lengthen the step, or settle for a shorter time.",
+            names=("step",),
+        )
 
     @property
     def duration(self) -> float:
@@ -55,7 +63,13 @@ class Record:
 
 
 class Signal(Protocol):
-    """What propagation asks of a signal."""
+    """What propagation asks of a signal.
+
+    `kind` is its name in scenes, `pace` the key of it that sets `longest_step`: errors are placed with both.
+    """
+
+    kind: ClassVar[str]
+    pace: ClassVar[str]
 
     @property
     def jump(self) -> float:
@@ -80,6 +94,9 @@ class Signal(Protocol):
 
 class Smooth(ABC):
     """Defaults of a signal without jump, breakpoint or limit on the step."""
+
+    kind: ClassVar[str] = "signal"
+    pace: ClassVar[str] = "frequency"
 
     @property
     def jump(self) -> float:
@@ -115,14 +132,14 @@ def inside(points: Array, start: float, stop: float) -> Array:
     return points[(points >= start) & (points <= stop)]
 
 
-def require(condition: bool, problem: str, remedy: str = "") -> None:
+def require(condition: bool, problem: str, remedy: str = "", names: Iterable[str] = ()) -> None:
     """Raise a `UsageError` unless the condition holds."""
     if not condition:
-        raise UsageError(problem, remedy=remedy)
+        raise UsageError(problem, remedy=remedy, names=names)
 
 
-def require_finite(what: str, **numbers: ArrayLike) -> None:
-    """Raise a `UsageError` unless all numbers of a signal are finite."""
+def require_finite(kind: str, **numbers: ArrayLike) -> None:
+    """Raise a `UsageError` unless all numbers of a signal are finite; it names the kind and the key."""
     for name, value in numbers.items():
         if not np.all(np.isfinite(np.asarray(value, dtype=float))):
-            raise UsageError(f"the {name} of a {what} must be finite numbers", names=(name,))
+            raise UsageError(f"the {name} of a signal of kind {kind} must be finite", names=(kind, name))

@@ -1,4 +1,4 @@
-"""Polynomial pieces of signals: holds between samples, Taylor polynomials of many lines."""
+"""Polynomial pieces of signals: holds between samples, and the shift of a polynomial."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 HOLDS = ("spline", "linear", "zero")
 
@@ -62,8 +61,9 @@ def _spline_slopes(y: Array) -> Array:
 
 
 def time_scale(omega: Array) -> float:
-    """Return the step over which the fastest line turns by one radian, s."""
-    return float(1 / np.max(np.abs(omega)))
+    """Return the step over which the fastest line turns by one radian, s (1 s of a constant)."""
+    fastest = float(np.max(np.abs(omega), initial=0.0))
+    return 1 / fastest if fastest > 0 else 1.0
 
 
 def factorials() -> Array:
@@ -86,44 +86,3 @@ def shifted_polynomials(c: Array, s: Array) -> Array:
         for power in range(degree, order - 1, -1):
             out[:, order] = out[:, order] * s + c[:, power] * math.perm(power, order)
     return out
-
-
-def sum_lines(omega: Array, weights: NDArray[np.complex128], times: Array) -> Array:
-    """Sum ``Re weights exp(i omega t)`` over lines.
-
-    Parameters
-    ----------
-    omega
-        Frequencies (lines), rad/s.
-    weights
-        Complex amplitudes (lines x columns).
-    times
-        Times, s.
-
-    Returns
-    -------
-    Array
-        The sums (times x columns).
-    """
-    out = np.empty((len(times), weights.shape[1]))
-    chunk = max(1, min(len(times), 2_000_000 // max(1, len(omega))))  # keeps the table at 32 MB
-    steps = np.diff(times)
-    step = float(steps.mean()) if len(steps) else 0.0
-    if np.all(np.abs(steps - step) <= 4 * np.finfo(float).eps * np.abs(times).max(initial=0.0)):
-        chunk = min(chunk, 64)  # one table serves all chunks of equidistant times
-        table = np.exp(1j * np.outer(np.arange(chunk) * step, omega))
-        for first in range(0, len(times), chunk):
-            part = slice(first, first + chunk)
-            rows = table[: len(times[part])]
-            out[part] = (rows @ (weights * np.exp(1j * omega * times[first])[:, None])).real
-        return out
-    for first in range(0, len(times), chunk):
-        part = slice(first, first + chunk)
-        out[part] = (np.exp(1j * np.outer(times[part], omega)) @ weights).real
-    return out
-
-
-def line_derivatives(omega: Array, c: NDArray[np.complex128], times: Array, tau: float) -> Array:
-    """Return ``tau^j u^(j)`` (times x orders 0 … 18) of a sum of lines."""
-    orders = np.arange(TAYLOR_DEGREE + 1)
-    return sum_lines(omega, c[:, None] * (1j * omega[:, None] * tau) ** orders, times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NumericalError, UsageError
-from dynid.lti.exponential import balance, exponential
+from dynid.lti.exponential import balance, exponential, rescaled
+from dynid.lti.floating import guarded
 from dynid.lti.generator import Signal
+from dynid.lti.lines import sum_lines
 from dynid.lti.model import StateSpace
-from dynid.lti.polynomials import sum_lines
 from dynid.lti.signals import Impulse, Multisine, Random
 from dynid.lti.timeline import Timeline, timeline
 
@@ -24,6 +26,19 @@ ComplexArray = NDArray[np.complex128]
 _NEAR_POLE = 1e-4
 
 
+# Phase, rad, beyond which double precision keeps less than three digits of a motion.
+_FARTHEST_PHASE = 1e-3 / float(np.finfo(float).eps)
+# A motion that has decayed by this exponent has no phase that matters.
+_DECAYED = 40.0
+
+
+class _NearLines(Multisine):
+    """The lines of a random signal beside a pole."""
+
+    kind = "random"
+    pace = "band"
+
+
 class Response(NamedTuple):
     """A time response: `outputs` (times x outputs), `states` (times x states), `inputs` (times x inputs)."""
 
@@ -32,6 +47,7 @@ class Response(NamedTuple):
     inputs: Array
 
 
+@guarded("the time response")
 def response(
     system: StateSpace,
     signals: Sequence[Signal],
@@ -64,23 +80,25 @@ def response(
     UsageError
         If shapes or times make no sense.
     NumericalError
-        If the response overflows.
+        If the response overflows, or turns so often that double precision knows no phase of it.
     """
     t = np.asarray(times, dtype=float)
     _check(system, signals, x0)
     if start is None:
         start = min(0.0, float(t.flat[0])) if t.size else 0.0
     initial = np.zeros(len(system.A)) if x0 is None else np.asarray(x0, dtype=float)
-    generated, spread = _split(system.A, signals)
+    poles = np.linalg.eigvals(rescaled(system.A, balance(system.A))).astype(complex)
+    generated, spread = _split(poles, signals)
     line = timeline(generated, t, start)
+    check_phase(poles, float(t[-1]) - start)
     highest = len(system.higher)
     inputs = np.stack([line.inputs(order) for order in range(highest + 1)])
     states = np.zeros((len(t), len(initial)))
-    for column, omega, c in spread:
+    for column, omega, c, period in spread:
         X = _particular(system.A, system.B[:, column], omega) * c[:, None]
         initial = initial - sum_lines(omega, X, np.array([start]))[0]
         orders = c[:, None] * (1j * omega[:, None]) ** np.arange(highest + 1)
-        sums = sum_lines(omega, np.concatenate([X, orders], axis=1), t)
+        sums = sum_lines(omega, np.concatenate([X, orders], axis=1), t, period)
         states += sums[:, : len(initial)]
         inputs[:, :, column] += sums[:, len(initial) :].T
     states += _propagated(system, line, initial)
@@ -103,22 +121,49 @@ def _check(system: StateSpace, signals: Sequence[Signal], x0: ArrayLike | None) 
         raise UsageError("the initial state must be finite numbers")
 
 
-def _split(A: Array, signals: Sequence[Signal]) -> tuple[list[Signal], list[tuple[int, Array, ComplexArray]]]:
+def _split(
+    poles: ComplexArray, signals: Sequence[Signal]
+) -> tuple[list[Signal], list[tuple[int, Array, ComplexArray, float]]]:
     """Take the lines of random signals out of the generators, except those beside a pole."""
     generated, spread = list(signals), []
     for column, signal in enumerate(signals):
         if not isinstance(signal, Random):
             continue
         omega, c = signal.lines
-        poles = np.linalg.eigvals(A)
-        distance = np.abs(1j * omega[:, None] - poles).min(axis=1, initial=np.inf)
-        near = distance < _NEAR_POLE * omega
-        spread.append((column, omega[~near], c[~near]))
+        near = np.zeros(len(omega), dtype=bool)
+        for pole in poles:
+            near |= np.abs(1j * omega - pole) < _NEAR_POLE * omega
+        spread.append((column, omega[~near], c[~near], signal.period))
         generated[column] = Impulse(0.0)
         if near.any():  # c = -i a exp(i phase)
             sines = (np.abs(c[near]), omega[near], np.angle(1j * c[near]))
-            generated[column] = Multisine(*(tuple(part.tolist()) for part in sines))
+            generated[column] = _NearLines(*(tuple(part.tolist()) for part in sines))
     return generated, spread
+
+
+def check_phase(poles: ComplexArray, duration: float) -> None:
+    """Refuse motions of which double precision knows no phase any more.
+
+    Parameters
+    ----------
+    poles
+        The poles, rad/s.
+    duration
+        Time that they are propagated over, s.
+
+    Raises
+    ------
+    NumericalError
+        If an oscillation that has not decayed turns by more than some 4e12 rad.
+    """
+    living = duration * np.maximum(-poles.real, 0.0) < _DECAYED
+    phase = float(np.abs(poles.imag[living]).max(initial=0.0)) * duration
+    if phase > _FARTHEST_PHASE:
+        raise NumericalError(
+            f"a natural motion turns by {phase:.1g} rad in {duration:g} s, and double precision knows no "
+            "phase of it",
+            remedy="Make what is that stiff rigid, or shorten the time.",
+        )
 
 
 def _particular(A: Array, b: Array, omega: Array) -> ComplexArray:
@@ -126,7 +171,7 @@ def _particular(A: Array, b: Array, omega: Array) -> ComplexArray:
     n = len(b)
     X = np.empty((len(omega), n), dtype=complex)
     d = balance(A)
-    scaled = A * d / d[:, None]
+    scaled = rescaled(A, d)
     chunk = max(1, 2_000_000 // max(1, n * n))
     for first in range(0, len(omega), chunk):
         part = slice(first, first + chunk)
@@ -139,7 +184,7 @@ def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
     """Return the states at the wanted times, from `initial` at the first node on."""
     n = len(initial)
     d = balance(system.A)
-    A, drive = system.A * d / d[:, None], system.B @ line.H / d[:, None]
+    A, drive = rescaled(system.A, d), system.B @ line.H / d[:, None]
     steps = [joint_step(A, drive, line.G, h) for h in line.lengths]
     x = initial / d
     jump = system.B @ line.jumps / d
@@ -187,6 +232,7 @@ def joint_generator(A: Array, drive: Array, G: Array) -> Array:
 def drive_scale(A: Array, drive: Array) -> float:
     """Return the power of two that keeps the drive from raising the norm of the joint generator."""
     size, reference = (float(np.abs(part).sum(axis=0).max(initial=0.0)) for part in (drive, A))
-    if size == 0 or reference == 0:
+    if not (0 < size < np.inf and 0 < reference < np.inf):
         return 1.0
-    return float(2.0 ** -np.ceil(np.log2(size / reference)))
+    exponent = math.ceil(math.log2(size) - math.log2(reference))
+    return math.ldexp(1.0, max(-1000, min(1000, -exponent)))

@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import UsageError
 from dynid.lti.generator import Array, Record, Smooth, require, require_finite
+from dynid.lti.lines import MOST_LINES, line_derivatives, sum_lines
 from dynid.lti.polynomials import (
     HOLDS,
     TAYLOR_DEGREE,
     hold_coefficients,
-    line_derivatives,
     shift,
     shifted_polynomials,
-    sum_lines,
     time_scale,
 )
 
@@ -39,6 +39,8 @@ class Sampled(Smooth):
         Time of the first sample, s.
     """
 
+    kind: ClassVar[str] = "file"
+
     values: ArrayLike
     step: float
     hold: str = "spline"
@@ -46,13 +48,20 @@ class Sampled(Smooth):
 
     def __post_init__(self) -> None:
         values = np.array(self.values, dtype=float)
-        require(values.ndim == 1, "a sampled signal needs one column of values")
-        require(self.hold in HOLDS, f"a sampled signal has no hold {self.hold!r}", f"Use one of {HOLDS}.")
+        require(values.ndim == 1, "a sampled signal needs one column of values", names=("file", "column"))
         require(
-            len(values) >= (1 if self.hold == "zero" else 2), "a sampled signal needs two samples or more"
+            self.hold in HOLDS,
+            f"a sampled signal has no hold {self.hold!r}",
+            f"Use one of {', '.join(HOLDS)}.",
+            ("file", "hold"),
         )
-        require(self.step > 0 and math.isfinite(self.step), "a sampled signal's step must be positive")
-        require_finite("sampled signal", start=self.start, values=values)
+        require(
+            len(values) >= (1 if self.hold == "zero" else 2),
+            "a sampled signal needs two samples or more",
+            names=("file", "path"),
+        )
+        require(0 < self.step < math.inf, "a sampled signal's step must be positive", names=("file", "step"))
+        require_finite("file", start=self.start, values=values)
         object.__setattr__(self, "values", values)
 
     @cached_property
@@ -76,6 +85,7 @@ class Sampled(Smooth):
             raise UsageError(
                 f"a sampled signal is known from {self.start:g} s to {self.stop:g} s only",
                 remedy="Give samples for the whole response, or end it earlier.",
+                names=("file", "path"),
             )
         piece = np.clip(np.floor(place + 1e-9).astype(int), 0, len(c) - 1)
         s = (times - self.start) / self.step - piece
@@ -110,6 +120,9 @@ class Random(Smooth):
         Number of steps in one period, from t = 0 on (set by the record, not a key of scenes).
     """
 
+    kind: ClassVar[str] = "random"
+    pace: ClassVar[str] = "band"
+
     amplitude: float
     seed: int
     step: float
@@ -117,26 +130,54 @@ class Random(Smooth):
     band: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        require_finite("random signal", amplitude=self.amplitude)
-        require(self.step > 0 and math.isfinite(self.step), "a random signal's step must be positive")
+        require_finite("random", amplitude=self.amplitude)
+        require(self.seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
         require(
-            len(self._line_numbers) > 0,
+            0 < self.step < math.inf and 0 < self.period < math.inf,
+            "a random signal needs a positive step, and one sample or more",
+            names=("random", "step"),
+        )
+        first, last = self._range
+        require(
+            last >= first,
             "a random signal's band holds no Fourier line of the record",
             f"Lines lie {self._spacing:g} rad/s apart: widen the band or lengthen the record.",
+            ("random", "band"),
+        )
+        require(
+            last - first < MOST_LINES,
+            f"a random signal of {last - first + 1:.3g} lines is too much, {MOST_LINES:,} are allowed",
+            f"Lines lie {self._spacing:g} rad/s apart: narrow the band or shorten the record.",
+            ("random", "band"),
         )
 
     @property
-    def _spacing(self) -> float:
-        return 2 * math.pi / (self.samples * self.step)
+    def period(self) -> float:
+        """The period of all lines, s."""
+        return self.samples * self.step
 
-    @cached_property
-    def _line_numbers(self) -> NDArray[np.int64]:
+    @property
+    def _spacing(self) -> float:
+        return 2 * math.pi / self.period
+
+    @property
+    def _range(self) -> tuple[float, float]:
+        """First and last line number."""
         if self.band is None:
-            return np.arange(1, (self.samples + 1) // 2)
+            return 1.0, (self.samples + 1) // 2 - 1.0
         low, high = self.band
-        require(0 <= low < high < math.inf, "a random signal's band must run from low to high")
-        first = max(1, math.ceil(low / self._spacing * (1 - 1e-12)))
-        return np.arange(first, math.floor(high / self._spacing * (1 + 1e-12)) + 1)
+        require(
+            0 <= low < high < math.inf,
+            "a random signal's band must run from low to high",
+            names=("random", "band"),
+        )
+        first = max(1.0, float(np.ceil(low / self._spacing * (1 - 1e-12))))
+        return first, float(np.floor(high / self._spacing * (1 + 1e-12)))
+
+    @property
+    def _line_numbers(self) -> Array:
+        first, last = self._range
+        return np.asarray(first + np.arange(int(last - first) + 1))
 
     @cached_property
     def lines(self) -> tuple[Array, NDArray[np.complex128]]:
@@ -163,7 +204,7 @@ class Random(Smooth):
         """Return the sum of lines at `times`."""
         t = np.asarray(times, dtype=float)
         omega, c = self.lines
-        return sum_lines(omega, c[:, None], t.ravel())[:, 0].reshape(t.shape)
+        return sum_lines(omega, c[:, None], t.ravel(), self.period)[:, 0].reshape(t.shape)
 
     def sampled(self, record: Record) -> Sampled:
         """Return what an estimator may see: the samples of `record`, with a cubic-spline hold."""

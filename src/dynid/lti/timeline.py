@@ -15,6 +15,11 @@ from dynid.lti.generator import Signal
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+# Most substeps that a signal may demand: seconds of a response, minutes of a filter.
+_MOST_SUBSTEPS = 1_000_000
+# Most numbers in the table of generator states (800 MB with what is needed to make it).
+_MOST_STATES = 50_000_000
+
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
@@ -71,13 +76,19 @@ def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
     Raises
     ------
     UsageError
-        If the times do not increase or `start` lies after the first.
+        If the times do not increase, `start` lies after the first, or a signal is too fast for their span.
     """
     _check_times(times, start)
     jumps = np.array([signal.jump for signal in signals], dtype=float)
     nodes = _nodes(signals, times, start, bool(np.any(jumps)))
     lengths, which = _distinct(np.diff(nodes), float(np.max(np.abs(nodes))))
     G, H = _joined(signals)
+    if len(nodes) * len(G) > _MOST_STATES:
+        raise UsageError(
+            f"{len(nodes):,} times are too many for signals of {len(G)} generator states",
+            remedy="Ask for fewer times, or for a signal of fewer sines.",
+            names=_names(signals),
+        )
     middles = np.append((nodes[:-1] + nodes[1:]) / 2, nodes[-1])
     W = np.concatenate([np.empty((len(nodes), 0)), *(s.states(nodes, middles) for s in signals)], axis=1)
     zero = np.flatnonzero(nodes == 0.0) if np.any(jumps) else np.empty(0, dtype=np.int64)
@@ -104,8 +115,10 @@ def _nodes(signals: Sequence[Signal], times: Array, start: float, impulse: bool)
     nearest = base[_nearest(base, extra)]
     tolerance = 1e-9 * spacing if math.isfinite(spacing) else 0.0
     nodes = np.union1d(base, extra[np.abs(extra - nearest) > tolerance])
-    longest = min((signal.longest_step for signal in signals), default=math.inf)
-    return _subdivided(nodes, longest)
+    if not signals:
+        return nodes
+    fastest = min(signals, key=lambda signal: signal.longest_step)
+    return _subdivided(nodes, fastest)
 
 
 def _nearest(base: Array, points: Array) -> Indices:
@@ -115,16 +128,31 @@ def _nearest(base: Array, points: Array) -> Indices:
     return np.where(np.abs(points - base[left]) <= np.abs(base[right] - points), left, right)
 
 
-def _subdivided(nodes: Array, longest: float) -> Array:
-    """Return the nodes with every interval longer than `longest` cut into equal parts."""
-    gaps = np.diff(nodes)
+def _subdivided(nodes: Array, fastest: Signal) -> Array:
+    """Return the nodes with every interval longer than the fastest signal allows cut into equal parts."""
+    gaps, longest = np.diff(nodes), fastest.longest_step
     if not len(gaps) or gaps.max() <= longest:
         return nodes
-    parts = np.maximum(1, np.ceil(gaps / longest * (1 - 1e-12))).astype(int)
-    first = np.repeat(np.cumsum(parts) - parts, parts)
-    fraction = (np.arange(parts.sum()) - first) / np.repeat(parts, parts)
-    inner = np.repeat(nodes[:-1], parts) + fraction * np.repeat(gaps, parts)
+    with np.errstate(over="ignore", divide="ignore"):
+        parts = np.maximum(1.0, np.ceil(gaps / longest * (1 - 1e-12)))
+    if not parts.sum() - len(parts) <= _MOST_SUBSTEPS:
+        raise UsageError(
+            f"the {fastest.kind} is too fast for the time it lasts: it takes {parts.sum():.2g} substeps of "
+            f"{longest:.2g} s, and {_MOST_SUBSTEPS:,} are the most",
+            remedy="Shorten the time, or lower the frequencies.",
+            names=(fastest.kind, fastest.pace),
+        )
+    repeats = parts.astype(int)
+    first = np.repeat(np.cumsum(repeats) - repeats, repeats)
+    fraction = (np.arange(repeats.sum()) - first) / np.repeat(repeats, repeats)
+    inner = np.repeat(nodes[:-1], repeats) + fraction * np.repeat(gaps, repeats)
     return np.append(inner, nodes[-1])
+
+
+def _names(signals: Sequence[Signal]) -> list[str]:
+    """Return the kind of the signal with most generator states, and the key that gives it these."""
+    largest = max(signals, key=lambda signal: len(signal.generator()[1]))
+    return [largest.kind, largest.pace]
 
 
 def _distinct(gaps: Array, latest: float) -> tuple[Array, Indices]:

@@ -1,0 +1,48 @@
+"""Where floating-point arithmetic ends: anomalies become errors in words, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from dynid.errors import DynidError, NumericalError
+
+REMEDY = "Check the units, and bring the values nearer to each other and to 1."
+
+
+@contextmanager
+def guarded(
+    what: str, kind: type[DynidError] = NumericalError, *, remedy: str = REMEDY, names: Iterable[str] = ()
+) -> Iterator[None]:
+    """Turn overflow, invalid operations and failed factorisations into an error of dynid; also a decorator.
+
+    Underflow is no anomaly. What a thread of the linear algebra library computes is not seen here: results
+    that come out of products are checked with `finite` before they are factorised.
+
+    Parameters
+    ----------
+    what
+        What is being computed, the subject of the error's sentence.
+    kind
+        The error to raise.
+    remedy, names
+        As of `DynidError`.
+
+    Raises
+    ------
+    NumericalError
+        Or `kind`: where a number leaves the range of double precision.
+    """
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise", under="ignore"):
+            yield
+    except (FloatingPointError, OverflowError, np.linalg.LinAlgError):
+        raise kind(f"{what} is beyond double precision", remedy=remedy, names=names) from None
+
+
+def finite(what: str, *arrays: np.ndarray, remedy: str = REMEDY) -> None:
+    """Raise a `NumericalError` unless all numbers are finite."""
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise NumericalError(f"{what} is beyond double precision", remedy=remedy)
