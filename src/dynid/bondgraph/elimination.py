@@ -7,12 +7,13 @@ junction states a constraint.
 
 from __future__ import annotations
 
+from dynid.bondgraph.junctions import unique
 from dynid.bondgraph.network import Network, Term
-from dynid.bondgraph.program import Program, Register
+from dynid.bondgraph.program import Op, Program, Register
 from dynid.bondgraph.steps import Definition, Step, listed
 
 #: Letter of the common variable of a junction.
-_COMMON = {"0": "e", "1": "f"}
+COMMON = {"0": "e", "1": "f"}
 
 
 class Elimination:
@@ -22,6 +23,13 @@ class Elimination:
     ----------
     network
         The network; it shrinks.
+
+    Attributes
+    ----------
+    steps, pivots
+        What was done, and the registers divided by.
+    labels
+        Names of registers in the equations of the steps.
     """
 
     def __init__(self, network: Network) -> None:
@@ -29,6 +37,9 @@ class Elimination:
         self.steps: list[Step] = []
         self.pivots: list[Register] = []
         self.held: dict[str, Register] | None = None  # the root's unknown, where a bare neighbour fixes it
+        self.held_by: tuple[tuple[Register, str], ...] = ()  # the same in terms of equivalent sources
+        self.labels: dict[Register, str] = {}
+        self._taken = _taken_names(network)
 
     def eliminate(self, name: str) -> list[str]:
         """Eliminate a junction on which something stands; return its former neighbours."""
@@ -47,6 +58,12 @@ class Elimination:
         members = self.net.structure.junctions[junction].members
         return tuple(members) if members else (junction,)
 
+    def _fresh(self, wanted: str) -> str:
+        """Return a name for something new, so that no two things in a trace are called the same."""
+        name = unique(wanted, self._taken)
+        self._taken.add(name)
+        return name
+
     def superpose(self, junction: str, terms: list[Term], name: str | None) -> Register:
         """Series on a 1-junction, parallel on a 0-junction (eqs 1, 2)."""
         total = self.program.sum(term.register for term in terms)
@@ -54,7 +71,7 @@ class Elimination:
             return total
         series = self.net.kind[junction] == "1"
         letter = "Z" if series else "Y"
-        label = name or f"{letter}_{junction}"
+        label = name or self._fresh(f"{letter}_{junction}")
         parts = tuple((term.register, "") for term in terms)
         what, common, law = (
             ("impedances", "flow", "series, eq 1") if series else ("admittances", "effort", "parallel, eq 2")
@@ -65,8 +82,13 @@ class Elimination:
         )
         nodes = tuple(dict.fromkeys([*self.names(junction), *(term.name for term in terms)]))
         self.steps.append(Step("series" if series else "parallel", nodes, ((label, parts),), meaning))
-        self.program.label(total, label)
+        self._name(total, label)
         return total
+
+    def _name(self, register: Register, label: str) -> None:
+        """Let the equations of later steps call a register by a name, unless it is as short itself."""
+        if self.program.ops[register][0] not in (Op.CONSTANT, Op.PARAMETER, Op.LAPLACE):
+            self.labels.setdefault(register, label)
 
     def _absorb_leaf(self, leaf: str, into: str, own: Register) -> None:
         program, net = self.program, self.net
@@ -97,7 +119,7 @@ class Elimination:
         square = program.mul(modulus, modulus)
         seen = program.inv(program.mul(square, own)) if inverse else program.mul(square, program.inv(own))
         impedance = seen if self.net.kind[into] == "1" else program.inv(seen)
-        label = f"Z_{two_port}"
+        label = self._fresh(f"Z_{two_port}")
         transformer = self.net.structure.graph.nodes[two_port].type == "TF"
         law = "Z1 = n^2 Z2" if transformer else "Z1 = r^2/Z2"
         meaning = (
@@ -106,7 +128,7 @@ class Elimination:
         )
         nodes = (*self.names(leaf), two_port)
         self.steps.append(Step("reflection", nodes, ((label, ((impedance, ""),)),), meaning))
-        program.label(impedance, label)
+        self._name(impedance, label)
         return seen, two_port
 
     def _swap(self, leaf: str, into: str, own: Register, two_port: str | None) -> None:
@@ -114,7 +136,7 @@ class Elimination:
         net, program = self.net, self.program
         scale = program.neg(net.entry(into, leaf))
         letter = "e" if net.kind[into] == "1" else "f"  # what a source feeds into a junction's balance
-        label = f"{letter}_{leaf}"
+        label = self._fresh(f"{letter}_eq_{leaf}")
 
         def swapped(row: dict[str, Register]) -> dict[str, Register]:
             factor = program.mul(scale, program.inv(own))
@@ -127,9 +149,11 @@ class Elimination:
         sources = tuple(net.drives[leaf])
         forms = {"0": ("flow", "Norton, eq 15"), "1": ("effort", "Thévenin, eq 16")}
         (have, old), (want, new) = forms[net.kind[leaf]], forms[net.kind[into]]
+        plural = "" if len(sources) == 1 else "s"
         meaning = (
-            f"the {have} source {listed(sources)} with {self._origin(leaf)} on {net.kind[leaf]}-junction "
-            f"{leaf} ({old}) is, for {into}, the {want} source {label} ({new})"
+            f"the {have} source{plural} {listed(sources)} with {self._origin(leaf)} on "
+            f"{net.kind[leaf]}-junction "
+            f"{leaf} ({old}) is, for {into}, the equivalent {want} source {label} ({new})"
         )
         if two_port is not None:
             meaning += f", seen through {two_port}"
@@ -146,10 +170,10 @@ class Elimination:
     def _merge(self, leaf: str, into: str) -> None:
         """Note that a swapped junction is now of its neighbour's kind, and one with it."""
         kind = self.net.kind[into]
-        common = _COMMON[kind]
+        common = COMMON[kind]
         meaning = f"{leaf} and {into} are {kind}-junctions now, joined by a bond: they merge"
         nodes = (*self.names(leaf), *self.names(into))
-        self.steps.append(Step("merge", nodes, (), meaning, f"{common}_{leaf} = {common}_{into}"))
+        self.steps.append(Step("merge", nodes, ((f"{common}_{leaf}", f"{common}_{into}"),), meaning))
 
     def _add_source(self, junction: str, source: str, amount: Register) -> None:
         row = self.net.sources[junction]
@@ -168,14 +192,17 @@ class Elimination:
             self._add(row, column, change, name)
             net.single[frozenset((row, column))] = None
         definitions: list[Definition] = [
-            (f"k({row}, {column})", ((change, ""),)) for (row, column), change in changes.items()
+            (self._fresh(f"k_{row}_{column}"), ((change, ""),)) for (row, column), change in changes.items()
         ]
         for row, factor in factors.items():
             definitions += self._pass_on(name, row, program.neg(factor))
-        meaning = (
-            f"{name} lies between {listed(neighbours)}: what it passes on to them is their multiport "
-            f"equivalent (Schur complement of the nodal form, as star to mesh)"
-        )
+        if len(neighbours) == 1:
+            meaning = f"{name} acts on {neighbours[0]} through more than a bond: what it passes on is its"
+        else:
+            meaning = (
+                f"{name} lies between {listed(neighbours)}: what it passes on to them is their multiport"
+            )
+        meaning += " equivalent (Schur complement of the nodal form, as star to mesh)"
         self.steps.append(Step("junction elimination", self.names(name), tuple(definitions), meaning))
 
     def _pass_on(self, name: str, row: str, factor: Register) -> list[Definition]:
@@ -185,7 +212,7 @@ class Elimination:
             self._add_source(row, source, program.mul(factor, amount))
         if not net.drives[name]:
             return []
-        label = f"b({row}, {name})"
+        label = self._fresh(f"b_{row}_{name}")
         net.drives[row][label] = program.one
         return [(label, tuple((program.mul(factor, drive), by) for by, drive in net.drives[name].items()))]
 
@@ -210,28 +237,29 @@ class Elimination:
         entry = net.matrix[name][self.root]
         self.held = {source: program.div(amount, entry) for source, amount in net.sources[name].items()}
         self.pivots.append(program.mul(entry, net.matrix[self.root][name]))
-        self._state_constraint(name, self.root)
+        self.held_by = self._state_constraint(name, self.root)
         net.remove(name)
 
-    def _state_constraint(self, bare: str, fixed: str) -> None:
-        """Write down what the balance of a bare junction says of a neighbour."""
+    def _state_constraint(self, bare: str, fixed: str) -> tuple[tuple[Register, str], ...]:
+        """Write down and return what the balance of a bare junction says of a neighbour."""
         net, program = self.net, self.program
         own = net.entry(bare, fixed)
         parts = [(program.div(amount, own), by) for by, amount in net.drives[bare].items()]
         others = [other for other in net.neighbours(bare) if other != fixed]
         for other in others:
             tie = program.neg(program.div(net.entry(bare, other), own))
-            parts.append((tie, f"{_COMMON[net.kind[other]]}_{other}"))
-        common = _COMMON[net.kind[fixed]]
+            parts.append((tie, f"{COMMON[net.kind[other]]}_{other}"))
+        common = COMMON[net.kind[fixed]]
         what = {"e": "effort", "f": "flow"}[common]
         tied = f"ties the {what} of {fixed} to {listed(others)}" if others else f"fixes the {what} of {fixed}"
         meaning = f"no element stands on {bare}, so its balance alone {tied}"
         nodes = (*self.names(bare), *self.names(fixed))
-        definition = (f"{common}_{fixed}", tuple(parts) or ((program.zero, ""),))
+        definition = (f"{common}_{fixed}", tuple(parts))
         self.steps.append(Step("constraint", nodes, (definition,), meaning))
+        return tuple(parts)
 
-    def eliminate_pair(self, partner: str, bare: str) -> None:
-        """Eliminate a bare junction together with a neighbour: a 2 x 2 pivot [[d, a], [b, 0]]."""
+    def eliminate_pair(self, partner: str, bare: str) -> list[str]:
+        """Eliminate a bare junction with a neighbour, a 2 x 2 pivot [[d, a], [b, 0]]; return those around."""
         net, program = self.net, self.program
         a, b = net.matrix[partner][bare], net.matrix[bare][partner]
         d = net.diagonal(partner)
@@ -262,6 +290,14 @@ class Elimination:
         self._state_constraint(bare, partner)
         net.remove(bare)
         net.remove(partner)
+        return rows
+
+
+def _taken_names(network: Network) -> set[str]:
+    """Collect what a label must not be called: nodes, parameters, and the prototype's own letters."""
+    nodes = network.structure.graph.nodes
+    parameters = {name for node in nodes.values() if node.formula for name in node.formula.names}
+    return {*nodes, *parameters, "s", "Z_A", "Z_B", "Y_A", "Y_B", "e_eq", "f_eq", "Z", "Y"}
 
 
 def _dot(program: Program, left: tuple[Register, Register], right: tuple[Register, Register]) -> Register:

@@ -145,9 +145,18 @@ class BondGraph:
             raise UsageError(f"'{name}' has no value")
         return value
 
+    def is_state(self, port: Port) -> bool:
+        """Tell whether an output is the state of a storage: the q of a C, the p of an I."""
+        return (self.nodes[port.node].type, port.quantity) in (("C", "q"), ("I", "p"))
+
     def bonds_of(self, name: str) -> list[Bond]:
         """Return the bonds at a node, in the user's order."""
         return [bond for bond in self.bonds if name in (bond.tail, bond.head)]
+
+
+def bond_sign(graph: BondGraph, name: str) -> int:
+    """Return 1 where the arrow of a one-port's bond points at it, else -1."""
+    return 1 if graph.bonds_of(name)[0].head == name else -1
 
 
 def graph_faults(types: Mapping[str, str], bonds: Iterable[Bond]) -> list[GraphFault]:

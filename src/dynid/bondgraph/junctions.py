@@ -11,7 +11,9 @@ user did not draw, a bare one is put in. Neither changes the physics.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
+from itertools import count
 
 from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, BondGraph
 from dynid.errors import Singular
@@ -27,11 +29,13 @@ class Junction:
     Parameters
     ----------
     name
-        The name of the first user's junction in it, or a made-up one (`a|b`) for a bare junction.
+        The name of the first user's junction in it, or a made-up one (`a_b`) for a bare junction.
     kind
         '0' or '1'.
     members
         The user's junctions in it; empty for a bare one.
+    between
+        The user's nodes that a bare junction was put between.
     elements
         Names of the passive one-ports on it.
     feeding
@@ -43,6 +47,7 @@ class Junction:
     name: str
     kind: str
     members: list[str] = field(default_factory=list)
+    between: tuple[str, ...] = ()
     elements: list[str] = field(default_factory=list)
     feeding: list[tuple[str, int]] = field(default_factory=list)
     fixing: str | None = None
@@ -100,7 +105,7 @@ class JunctionStructure:
             self._attach(head if on_junction[0] else tail, junction, incoming=on_junction[1])
         else:  # two one-ports face to face
             kind = "0" if "Sf" in (self.graph.nodes[tail].type, self.graph.nodes[head].type) else "1"
-            bare = self._bare(f"{tail}|{head}", kind)
+            bare = self._bare((tail, head), kind)
             self._attach(tail, bare, incoming=True)
             self._attach(head, bare, incoming=False)
 
@@ -111,7 +116,7 @@ class JunctionStructure:
         if node.type not in SOURCES:
             if node.value == 0 and (junction.kind, node.type) in {("0", "R"), ("0", "I"), ("1", "C")}:
                 # its immittance here would be infinite; on a junction of the other kind it is zero
-                bare = self._bare(f"{at}|{name}", "1" if junction.kind == "0" else "0")
+                bare = self._bare((at, name), "1" if junction.kind == "0" else "0")
                 self.couplings.append(Coupling(bare, at) if incoming else Coupling(at, bare))
                 self.place[name] = bare
                 junction = self.junctions[bare]
@@ -132,7 +137,7 @@ class JunctionStructure:
         alike = self.junctions[primary].kind == self.junctions[secondary].kind
         if alike is (node.type == "TF"):
             kind = "1" if self.junctions[primary].kind == "0" else "0"
-            bare = self._bare(f"{inward}|{name}", kind)
+            bare = self._bare((inward, name), kind)
             self.couplings.append(Coupling(primary, bare))
             primary = bare
         inverse = self.junctions[primary].kind == "0"
@@ -146,16 +151,22 @@ class JunctionStructure:
         bond = (neighbour, two_port) if incoming else (two_port, neighbour)
         if bond not in self._between:
             kind = "0" if self.graph.nodes[neighbour].type == "Sf" else "1"
-            self._between[bond] = self._bare("|".join(bond), kind)
+            self._between[bond] = self._bare(bond, kind)
             if self.graph.nodes[neighbour].type not in TWO_PORTS:
                 self._attach(neighbour, self._between[bond], incoming=incoming)
         return self._between[bond]
 
-    def _bare(self, name: str, kind: str) -> str:
-        while name in self.junctions or name in self.graph.nodes:
-            name += "'"
-        self.junctions[name] = Junction(name, kind)
+    def _bare(self, between: tuple[str, str], kind: str) -> str:
+        name = unique("_".join(between), {*self.junctions, *self.graph.nodes})
+        self.junctions[name] = Junction(name, kind, between=between)
         return name
+
+
+def unique(name: str, taken: Collection[str]) -> str:
+    """Return a name that is not taken: itself, or with a number behind."""
+    if name not in taken:
+        return name
+    return next(other for number in count(2) if (other := f"{name}_{number}") not in taken)
 
 
 def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:

@@ -50,7 +50,7 @@ class Network:
         self.single: dict[frozenset[str], Coupling | None] = {}  # None where several bonds run in parallel
         for name in self.depth:
             for source, sign in structure.junctions[name].feeding:
-                self._feed(name, source, program.constant(sign))
+                self._feed(name, source, program.one if sign > 0 else program.neg(program.one))
         for coupling in structure.couplings:
             self._couple(coupling)
         # the same right-hand side in terms of equivalent sources, as the steps name them

@@ -9,7 +9,9 @@ from dynid.bondgraph.program import Op, Program, Register
 _SUM, _SIGN, _PRODUCT, _POWER, _ATOM = range(5)
 
 
-def express(program: Program, register: Register, symbols: Mapping[str, str], *, nested: bool = False) -> str:
+def express(
+    program: Program, register: Register, symbols: Mapping[str, str], labels: Mapping[Register, str]
+) -> str:
     """Return a register as a formula that SymPy could read.
 
     Parameters
@@ -20,9 +22,9 @@ def express(program: Program, register: Register, symbols: Mapping[str, str], *,
         What to print.
     symbols
         What stands for the value of each node.
-    nested
-        Write everything in terms of the elements; otherwise stop at named intermediate results (but
-        spell out the register itself).
+    labels
+        Names of intermediate results, at which to stop (but the register itself is spelled out); none: write
+        everything in terms of the elements.
     """
     known: dict[Register, tuple[str, int]] = {}
     stack = [register]
@@ -31,8 +33,8 @@ def express(program: Program, register: Register, symbols: Mapping[str, str], *,
         if current in known:
             stack.pop()
             continue
-        if current != register and not nested and current in program.labels:
-            known[current] = program.labels[current], _ATOM
+        if current != register and current in labels:
+            known[current] = labels[current], _ATOM
             continue
         op, a, b = program.ops[current]
         operands = [] if op <= Op.LAPLACE else [a] if op is Op.NEG else [a, b]

@@ -2,15 +2,38 @@
 
 from __future__ import annotations
 
-from dynid.bondgraph.graph import Port
+from dataclasses import dataclass
+
+from dynid.bondgraph.graph import JUNCTIONS, SOURCES, Port, bond_sign
 from dynid.bondgraph.network import Network
-from dynid.bondgraph.program import Register
+from dynid.bondgraph.program import Program, Register
 
 
-def channel(
-    net: Network, port: Port, source: str, total: Register, held: dict[str, Register] | None
-) -> Register:
-    """Write the transfer function from a source to the port, by the prototype's equation.
+@dataclass(frozen=True)
+class PortForm:
+    """An output as a linear form: of the root's common variable, of what drives the root, and of itself.
+
+    Parameters
+    ----------
+    common, drive, own
+        Coefficients; `own` is that of the output's node, where it is a source.
+    """
+
+    common: Register
+    drive: Register
+    own: Register
+
+    def scaled(self, program: Program, factor: Register) -> PortForm:
+        """Return the form times a factor."""
+        common, drive, own = (program.mul(factor, part) for part in (self.common, self.drive, self.own))
+        return PortForm(common, drive, own)
+
+
+def port_form(net: Network, port: Port, total: Register) -> PortForm:
+    """Write an output in terms of the root's common variable.
+
+    The displacement of a C and the momentum of an I are its state, q = C e and p = I f; any other
+    displacement or momentum is the integral of flow or effort.
 
     Parameters
     ----------
@@ -18,39 +41,51 @@ def channel(
         The network, reduced to its root.
     port
         The output.
-    source
-        The input.
     total
         What stands on the root: Z_A + Z_B on a 1-junction, Y_A + Y_B on a 0-junction.
-    held
-        The root's unknown by source, where a constraint fixes it.
+    """
+    program, graph = net.program, net.structure.graph
+    if graph.is_state(port):
+        form = _form(net, port.node, "e" if port.quantity == "q" else "f", total)
+        value = program.parameter(port.node)
+        return form.scaled(program, value if bond_sign(graph, port.node) > 0 else program.neg(value))
+    form = _form(net, port.node, "e" if port.quantity in "ep" else "f", total)
+    return form.scaled(program, program.inv(program.s)) if port.quantity in "qp" else form
+
+
+def _form(net: Network, name: str, quantity: str, total: Register) -> PortForm:
+    """Write an effort or flow: common to the junction, set by a source, or the answer of what is asked."""
+    program, kind = net.program, net.structure.graph.nodes[name].type
+    zero, one = program.zero, program.one
+    if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
+        return PortForm(zero, zero, one)
+    if kind in JUNCTIONS or quantity == ("f" if net.kind[net.root] == "1" else "e"):
+        return PortForm(one, zero, zero)
+    if kind in SOURCES:  # it fixes the common variable; its reaction balances the junction
+        form = PortForm(program.neg(total), one, zero)
+    else:
+        form = PortForm(net.immittance(name, net.root), zero, zero)
+    outward = bond_sign(net.structure.graph, name) > 0
+    return form if outward else form.scaled(program, program.neg(one))
+
+
+def channel(net: Network, form: PortForm, port: Port, source: str, common: Register) -> Register:
+    """Write the transfer function from a source to an output.
+
+    Parameters
+    ----------
+    net
+        The network, reduced to its root.
+    form
+        The output in terms of the root's common variable.
+    port
+        The output.
+    source
+        The input.
+    common
+        The transfer function from the source to the common variable.
     """
     program = net.program
-    junction = net.structure.junctions[net.root]
-    node = net.structure.graph.nodes[port.node]
     drive = net.sources[net.root].get(source, program.zero)
-    if held is not None:
-        common = held.get(source, program.zero)
-    elif junction.fixing is not None:
-        common = program.one if source == junction.fixing else program.zero
-    else:
-        common = program.div(drive, total)
-    of_common = port.quantity in (("f", "q") if junction.kind == "1" else ("e", "p"))
-    own = program.one if source == port.node else program.zero
-    bond = net.structure.graph.bonds_of(port.node)[0]
-    outward = bond.head == port.node  # the arrow points at the node
-    if node.type in ("Se", "Sf"):
-        sets = "e" if node.type == "Se" else "f"
-        if port.quantity in ((sets, "p") if sets == "e" else (sets, "q")):
-            value = own
-        elif port.node == junction.fixing:
-            reaction = program.sub(program.mul(total, common), drive)
-            value = program.neg(reaction) if outward else reaction
-        else:
-            value = common
-    elif of_common:
-        value = common
-    else:
-        value = program.mul(net.immittance(port.node, net.root), common)
-        value = value if outward else program.neg(value)
-    return program.div(value, program.s) if port.quantity in "qp" else value
+    value = program.add(program.mul(form.common, common), program.mul(form.drive, drive))
+    return program.add(value, form.own) if source == port.node else value

@@ -65,7 +65,6 @@ class Program:
 
     def __init__(self, point: Point) -> None:
         self.ops: list[tuple[Op, Any, int]] = []
-        self.labels: dict[Register, str] = {}
         self._images: list[int] = []
         self._known: dict[tuple[Op, Any, int], Register] = {}
         self._point = point
@@ -171,12 +170,6 @@ class Program:
     def image(self, a: Register) -> int:
         """Return the value of a register at the point, modulo its prime."""
         return self._images[a]
-
-    def label(self, register: Register, name: str) -> Register:
-        """Name a register for equations; constants and parameters keep their own names."""
-        if self.ops[register][0] not in (Op.CONSTANT, Op.PARAMETER, Op.LAPLACE):
-            self.labels.setdefault(register, name)
-        return register
 
     def _emit(self, op: Op, a: Any, b: int, image: int) -> Register:
         key = (op, b, a) if op in (Op.ADD, Op.MUL) and b < a else (op, a, b)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from dynid.bondgraph.graph import SOURCES, STORAGES, Port
 from dynid.bondgraph.network import Network, Term
 from dynid.bondgraph.program import Program, Register
-from dynid.bondgraph.steps import Definition
 
 
 @dataclass(frozen=True)
@@ -59,20 +58,22 @@ class Prototype:
         }[self.letter]
 
     @property
-    def definitions(self) -> tuple[Definition, Definition]:
-        """The two systems: B by its inverse where it sets the common variable (c, d)."""
+    def systems(self) -> tuple[tuple[str, Register], tuple[str, Register]]:
+        """Names and registers of A and B: B by its inverse where it sets the common variable (c, d)."""
         a, b = ("Z_A", "Z_B") if self.kind == "1" else ("Y_A", "Y_B")
         register_b = self.part_b
         if not self.fixed and not self.program.is_zero(self.part_b):
             b = "Y_B" if self.kind == "1" else "Z_B"
             register_b = self.program.inv(self.part_b)
-        return (a, ((self.part_a, ""),)), (b, ((register_b, ""),))
+        return (a, self.part_a), (b, register_b)
 
     def describe(self, root: str) -> str:
         """Say in a sentence what was reached."""
         source = {"a": "flow", "b": "effort", "c": "flow", "d": "effort"}[self.letter]
         number = {"a": 1, "b": 2, "c": 3, "d": 4}[self.letter]
-        if self.fixed:
+        if self.program.is_zero(self.part_a):
+            how = f"B ({self.name_b}) is alone on it, there is no A"
+        elif self.fixed:
             how = f"the {source} source drives A ({self.name_a}) and B ({self.name_b}) alike (feedforward)"
         else:
             sets = "flow" if self.kind == "1" else "effort"

@@ -13,11 +13,11 @@ import heapq
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dynid.bondgraph.elimination import Elimination
+from dynid.bondgraph.elimination import COMMON, Elimination
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.junctions import JunctionStructure
 from dynid.bondgraph.network import Network
-from dynid.bondgraph.port import channel
+from dynid.bondgraph.port import PortForm, channel, port_form
 from dynid.bondgraph.program import Program, Register
 from dynid.bondgraph.prototypes import Prototype, split_root
 from dynid.bondgraph.singularity import NodalForm, explain_singularity
@@ -48,6 +48,8 @@ class Reduction:
         The other nodes: behind an ideal source, or not connected.
     junctions
         The junctions of the structure that were reduced.
+    labels
+        Names of registers in the equations of the steps.
     """
 
     port: Port
@@ -59,6 +61,7 @@ class Reduction:
     modelled: tuple[str, ...]
     dropped: tuple[str, ...]
     junctions: tuple[str, ...]
+    labels: dict[Register, str]
 
 
 def reduce_graph(
@@ -101,7 +104,8 @@ class _Reducer:
             if self.program.is_zero(total):
                 raise self._singular()
             self.work.pivots.append(total)
-        self.work.steps.append(self._last_step(prototype))
+        form = port_form(self.net, port, total)
+        self.work.steps.append(self._last_step(prototype, port, form))
         modelled = self._modelled()
         return Reduction(
             port=port,
@@ -109,25 +113,49 @@ class _Reducer:
             steps=tuple(self.work.steps),
             prototype=prototype,
             channels={
-                source: channel(self.net, port, source, total, self.work.held) for source in self.net.inputs
+                source: channel(self.net, form, port, source, self._common(source, total))
+                for source in self.net.inputs
             },
             pivots=tuple(self.work.pivots),
             modelled=modelled,
             dropped=tuple(name for name in self.net.structure.graph.nodes if name not in set(modelled)),
             junctions=tuple(self.nodal_form.matrix),
+            labels=self.work.labels,
         )
 
-    def _last_step(self, prototype: Prototype) -> Step:
-        """Name the prototype, its systems, and what drives them."""
-        source, common = ("e", "f") if prototype.kind == "1" else ("f", "e")
-        definitions: tuple[Definition, ...] = prototype.definitions
-        relation = ""
-        if not prototype.fixed:
-            drives = tuple((amount, by) for by, amount in self.net.drives[self.root].items())
-            definitions += ((f"{source}_eq", drives or ((self.program.zero, ""),)),)
-            relation = f"{common}_{self.root} = {prototype.equation.partition(' = ')[2]}*{source}_eq"
+    def _common(self, source: str, total: Register) -> Register:
+        """Write the transfer function from a source to the root's common variable (eqs 1 to 4)."""
+        program, fixing = self.program, self.net.structure.junctions[self.root].fixing
+        if self.work.held is not None:
+            return self.work.held.get(source, program.zero)
+        if fixing is not None:
+            return program.one if source == fixing else program.zero
+        return program.div(self.net.sources[self.root].get(source, program.zero), total)
+
+    def _last_step(self, prototype: Prototype, port: Port, form: PortForm) -> Step:
+        """Name the prototype, its systems, what drives them, and the output in these terms."""
+        letter = COMMON[prototype.kind]
+        common, source = f"{letter}_{self.root}", {"e": "f_eq", "f": "e_eq"}[letter]
+        drives = tuple((amount, by) for by, amount in self.net.drives[self.root].items())
+        definitions: list[Definition] = [(name, ((register, ""),)) for name, register in prototype.systems]
+        if not prototype.fixed or not self.program.is_zero(form.drive):
+            definitions.append((source, drives))
+        definitions.append((common, self._common_in_words(prototype, source)))
+        if (port.node, port.quantity) != (self.root, letter):
+            output = ((form.common, common), (form.drive, source), (form.own, port.node))
+            parts = tuple((register, by) for register, by in output if not self.program.is_zero(register))
+            definitions.append((f"{port.quantity}_{port.node}", parts))
         names = self.work.names(self.root)
-        return Step("prototype", names, definitions, prototype.describe(self.root), relation)
+        return Step("prototype", names, tuple(definitions), prototype.describe(self.root))
+
+    def _common_in_words(self, prototype: Prototype, source: str) -> tuple[tuple[Register, str], ...] | str:
+        """Return what the root's common variable equals: what fixes it, or the prototype's relation."""
+        fixing = self.net.structure.junctions[self.root].fixing
+        if self.work.held is not None:
+            return self.work.held_by
+        if fixing is not None:
+            return ((self.program.one, fixing),) if fixing in self.net.inputs else ()
+        return prototype.equation.partition(" = ")[2] + f"*{source}"
 
     def _prototype(self, port: Port) -> Prototype:
         element, rest = split_root(self.net, port, self._root_known())
@@ -170,12 +198,19 @@ class _Reducer:
             name = entry[-1]
             if name not in self.net.matrix or entry != priority(name):
                 continue  # eliminated already, or queued again with its new neighbours
-            if self.program.is_zero(self.net.diagonal(name)):
-                continue  # nothing stands on it yet; it is queued again when a neighbour is eliminated
-            for other in self.work.eliminate(name):
+            for other in self._eliminate_next(name):
                 if other != self.root:
                     heapq.heappush(heap, priority(other))
         self._eliminate_bare([name for name in order if name in self.net.matrix and name != self.root])
+
+    def _eliminate_next(self, name: str) -> list[str]:
+        """Eliminate a junction if something stands on it, or if it is bare and a dead end."""
+        if not self.program.is_zero(self.net.diagonal(name)):
+            return self.work.eliminate(name)
+        neighbours = self.net.neighbours(name)
+        if len(neighbours) == 1 and neighbours[0] != self.root and self.work.paired(name, neighbours[0]):
+            return self.work.eliminate_pair(neighbours[0], name)
+        return []  # nothing stands on it yet; it is queued again when a neighbour is eliminated
 
     def _eliminate_bare(self, names: list[str]) -> None:
         """Eliminate junctions on which nothing stands, each with a neighbour that its balance fixes."""

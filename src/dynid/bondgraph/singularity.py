@@ -93,7 +93,7 @@ def _not_determined(structure: JunctionStructure, junctions: list[str]) -> Singu
 def _user_names(structure: JunctionStructure, junctions: Iterable[str]) -> list[str]:
     names: list[str] = []
     for name in junctions:
-        names += structure.junctions[name].members or name.rstrip("'").split("|")
+        names += structure.junctions[name].members or structure.junctions[name].between
     return list(dict.fromkeys(names))
 
 

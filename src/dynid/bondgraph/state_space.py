@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.graph import SOURCES, Port
+from dynid.bondgraph.graph import SOURCES, Port, bond_sign
 from dynid.bondgraph.junctions import Coupling, JunctionStructure
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.errors import Singular
@@ -118,7 +118,11 @@ class _Descriptor:
         return {("w", element): Fraction(1)}
 
     def output(self, port: Port) -> Form:
-        """Return a variable of the graph as a form; displacements and momenta integrate one more time."""
+        """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
+        if self.graph.is_state(port):
+            sign = bond_sign(self.graph, port.node)
+            form = self._variable(port.node, "e" if port.quantity == "q" else "f")
+            return _scaled(form, sign * self.graph.value(port.node))
         form = self._variable(port.node, "f" if port.quantity in "fq" else "e")
         if port.quantity in "ef":
             return form
@@ -129,12 +133,11 @@ class _Descriptor:
     def _variable(self, name: str, quantity: str) -> Form:
         node, place = self.graph.nodes[name], self.structure.place[name]
         junction = self.structure.junctions[place]
-        outward = self.graph.bonds_of(name)[0].head == name
         if node.type in SOURCES and quantity == ("e" if node.type == "Se" else "f"):
             return self._input(name)
         if quantity == ("f" if junction.kind == "1" else "e"):
             return self._common(place)
-        sign = Fraction(1 if outward else -1)
+        sign = Fraction(bond_sign(self.graph, name))
         if node.type in SOURCES:  # the reaction of a source that fixes the junction
             return _scaled(self.balance[place], -sign)
         return _scaled(self.responses[name], sign)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from dynid.bondgraph.program import Register
 
-#: A name, and the registers that sum up to it, each with the source that it multiplies (empty: none).
-Definition = tuple[str, tuple[tuple[Register, str], ...]]
+#: A name, and the registers that sum up to it, each with the variable that it multiplies (empty: none); or
+#: a formula in names that were defined before.
+Definition = tuple[str, tuple[tuple[Register, str], ...] | str]
 
 
 @dataclass(frozen=True)
@@ -25,15 +26,12 @@ class Step:
         What it defines, in order.
     meaning
         What happens, physically, in one sentence.
-    relation
-        A further equation, between what was defined before.
     """
 
     rule: str
     nodes: tuple[str, ...]
     definitions: tuple[Definition, ...]
     meaning: str
-    relation: str = ""
 
 
 def listed(names: Iterable[str]) -> str:

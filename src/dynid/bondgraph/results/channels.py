@@ -30,7 +30,7 @@ def add_channels(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -
         if "properties" in asked:
             _add_properties(result, channel, transfer, reduced.reductions[channel[0]])
         if natural:
-            _add_hidden_modes(result, channel, transfer, natural[channel[0]])
+            _add_hidden_modes(result, reduced, channel, transfer, natural[channel[0]])
 
 
 def _add_transfer_function(
@@ -74,22 +74,24 @@ def _add_properties(
     result.add(f"{group}/zero_stability", transfer.zero_stability)
 
 
-def _shown(port: Port, transfer: TransferFunction) -> Any:
+def _shown(reduced: ReducedGraph, port: Port, transfer: TransferFunction) -> Any:
     """Return the polynomial of the natural modes that a channel shows.
 
-    The integrator of a displacement or momentum output is no mode of the graph.
+    The integrator of a displacement or momentum output is no mode of the graph (a storage's own is).
     """
     from flint import fmpz_poly
 
-    integrator = fmpz_poly([0, 1])
-    if port.quantity in "ef" or transfer.denominator.gcd(integrator) != integrator:
+    integrates = port.quantity in "qp" and not reduced.graph.is_state(port)
+    if not integrates or transfer.denominator[0] != 0:
         return transfer.denominator
-    return transfer.denominator // integrator
+    return transfer.denominator // fmpz_poly([0, 1])
 
 
-def _add_hidden_modes(result: Result, channel: Channel, transfer: TransferFunction, natural: Any) -> None:
+def _add_hidden_modes(
+    result: Result, reduced: ReducedGraph, channel: Channel, transfer: TransferFunction, natural: Any
+) -> None:
     """Add the natural modes that cancel in the channel: uncontrollable, unobservable, or both."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-    hidden = repeated(certified_roots(natural // natural.gcd(_shown(channel[0], transfer))))
+    hidden = repeated(certified_roots(natural // natural.gcd(_shown(reduced, channel[0], transfer))))
     result.add_axis(f"{group}/hidden_mode", np.arange(1, len(hidden) + 1))
     result.add(f"{group}/hidden_modes", hidden, ("hidden_mode",), "rad/s")

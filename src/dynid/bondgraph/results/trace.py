@@ -8,6 +8,7 @@ import numpy as np
 
 from dynid.bondgraph.notation import express, length
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduction import Reduction
 from dynid.bondgraph.steps import Step
 from dynid.result import Result
 
@@ -18,11 +19,11 @@ _READABLE = 40
 def add_steps(result: Result, reduced: ReducedGraph) -> None:
     """Add the steps to every output, in order: rule, nodes, equation and meaning."""
     symbols = {name: node.symbol for name, node in reduced.graph.nodes.items()}
-    rows = [
-        (str(port), step.rule, ", ".join(step.nodes), _equation(reduced, step, symbols), step.meaning)
-        for port, reduction in reduced.reductions.items()
-        for step in reduction.steps
-    ]
+    rows = []
+    for port, reduction in reduced.reductions.items():
+        for step in reduction.steps:
+            equations = _equations(reduced, reduction, step, symbols)
+            rows.append((str(port), step.rule, ", ".join(step.nodes), equations, step.meaning))
     names = ("output", "rule", "nodes", "equation", "meaning")
     table = np.array(rows, dtype=[(name, object) for name in names])
     result.add_axis("bond_graph/reduction/step", np.arange(1, len(rows) + 1))
@@ -43,25 +44,36 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
     result.add("bond_graph/reduction/prototype_equation", [p.equation for p in prototypes], ("output",))
     for part, index in (("system_a", 0), ("system_b", 1)):
         texts = []
-        for prototype in prototypes:
-            name, ((register, _),) = prototype.definitions[index]
+        for port, prototype in zip(ports, prototypes, strict=True):
+            name, register = prototype.systems[index]
             nested = length(reduced.program, register, _READABLE) < _READABLE
-            texts.append(f"{name} = {express(reduced.program, register, symbols, nested=nested)}")
+            labels = {} if nested else reduced.reductions[port].labels
+            texts.append(f"{name} = {express(reduced.program, register, symbols, labels)}")
         result.add(f"bond_graph/reduction/{part}", texts, ("output",))
 
 
-def _equation(reduced: ReducedGraph, step: Step, symbols: Mapping[str, str]) -> str:
+def _equations(reduced: ReducedGraph, reduction: Reduction, step: Step, symbols: Mapping[str, str]) -> str:
     """Write the equations of a step, in terms of what earlier steps have named."""
-    program, lines = reduced.program, []
+    lines = []
     for name, parts in step.definitions:
-        terms = []
-        for register, source in parts:
-            label = program.labels.get(register)
-            text = label if label and label != name else express(program, register, symbols)
-            if source and text in ("1", "-1"):
-                text = text.replace("1", source)
-            elif source:
-                text = f"({text})*{source}" if (" + " in text or " - " in text) else f"{text}*{source}"
-            terms.append(text)
-        lines.append(f"{name} = {' + '.join(terms)}")
-    return "; ".join([*lines, step.relation] if step.relation else lines)
+        if isinstance(parts, str):
+            lines.append(f"{name} = {parts}")
+            continue
+        total = ""
+        for register, variable in parts:
+            label = reduction.labels.get(register)
+            named = label is not None and label != name
+            text = label if named else express(reduced.program, register, symbols, reduction.labels)
+            term = _times(str(text), variable)
+            total += f" - {term[1:]}" if total and term.startswith("-") else f" + {term}" if total else term
+        lines.append(f"{name} = {total or '0'}")
+    return "; ".join(lines)
+
+
+def _times(coefficient: str, variable: str) -> str:
+    """Write a coefficient times a variable, where there is one."""
+    if not variable:
+        return coefficient
+    if coefficient in ("1", "-1"):
+        return coefficient.replace("1", variable)
+    return f"({coefficient})*{variable}" if " " in coefficient else f"{coefficient}*{variable}"
