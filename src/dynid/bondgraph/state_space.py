@@ -18,7 +18,7 @@ import numpy as np
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
 from dynid.bondgraph.junctions import Coupling, JunctionStructure
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.errors import Singular
+from dynid.errors import NumericalError, Singular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -243,33 +243,42 @@ def _as_state_space(
     from dynid.lti.model import StateSpace
 
     states = [symbol[1] for symbol in rates]
-    scale = [float(energy.get(name, Fraction(1))) ** 0.5 or 1.0 for name in states]
+    weight = np.sqrt(_floats([energy.get(name, Fraction(1)) or Fraction(1) for name in states]))
     highest = max((s[2] for form in [*rates.values(), *outputs] for s in form if s[0] == "u"), default=0)  # type: ignore[misc]
-
-    def matrix(forms: list[Form], columns: list[Symbol]) -> NDArray[np.object_]:
-        entries = [form.get(column, Fraction(0)) for form in forms for column in columns]
-        return np.array(entries, dtype=object).reshape(len(forms), len(columns))
-
-    dynamic = list(rates.values())
-    a = matrix(dynamic, [("w", name) for name in states])
-    c = matrix(outputs, [("w", name) for name in states])
-    b = [matrix(dynamic, [("u", name, k) for name in inputs]) for k in range(highest + 1)]
-    d = [matrix(outputs, [("u", name, k) for name in inputs]) for k in range(highest + 1)]
-    for k in range(highest if states else 0, 0, -1):  # w = v + B_k u^(k-1) takes u^(k) out of w'
+    dynamic, orders = list(rates.values()), range(highest + 1)
+    a = _matrix(dynamic, [("w", name) for name in states])
+    c = _matrix(outputs, [("w", name) for name in states])
+    b = [_matrix(dynamic, [("u", name, k) for name in inputs]) for k in orders]
+    d = [_matrix(outputs, [("u", name, k) for name in inputs]) for k in orders]
+    for k in reversed(orders[1:] if states else ()):  # w = v + B_k u^(k-1) takes u^(k) out of w'
         b[k - 1] = b[k - 1] + a @ b[k]
         d[k - 1] = d[k - 1] + c @ b[k]
-    weight = np.array(scale)
-
-    feedthrough = [table.astype(float) for table in d]
+    feedthrough = [_floats(table) for table in d]
     while len(feedthrough) > 1 and not feedthrough[-1].any():
         feedthrough.pop()
     return StateSpace(
-        A=weight[:, None] * a.astype(float) / weight,
-        B=weight[:, None] * b[0].astype(float),
-        C=c.astype(float) / weight,
+        A=weight[:, None] * _floats(a) / weight,
+        B=weight[:, None] * _floats(b[0]),
+        C=_floats(c) / weight,
         D=feedthrough[0],
         higher=tuple(feedthrough[1:]),
         inputs=tuple(inputs),
         outputs=tuple(names),
         states=tuple(states),
     )
+
+
+def _matrix(forms: list[Form], columns: list[Symbol]) -> NDArray[np.object_]:
+    entries = [form.get(column, Fraction(0)) for form in forms for column in columns]
+    return np.array(entries, dtype=object).reshape(len(forms), len(columns))
+
+
+def _floats(table: NDArray[np.object_] | list[Fraction]) -> NDArray[np.float64]:
+    """Round exact numbers to doubles."""
+    try:
+        return np.asarray(table, dtype=float)
+    except OverflowError:
+        raise NumericalError(
+            "a coefficient of the state equations is beyond the range of numbers",
+            remedy="Choose units that bring the parameters nearer to 1.",
+        ) from None

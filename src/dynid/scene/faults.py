@@ -144,7 +144,7 @@ def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _as_int_key(data: dict[Any, Any], part: Any) -> int | None:
-    return int(part) if isinstance(part, str) and part.isdigit() and int(part) in data else None
+    return int(part) if isinstance(part, str) and part.isdecimal() and int(part) in data else None
 
 
 def _dotted(path: Iterable[Any]) -> str:

@@ -19,6 +19,7 @@ MAX_PARENTHESES = 100
 FUNCTIONS = {"sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "abs": 1, "min": 2, "max": 2}
 _ALLOWED = f"an expression is numbers, names, + - * / ** ( ), pi, and {' '.join(FUNCTIONS)}"
 
+_BLANKS = str.maketrans("\t\n\r\f", "    ")
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|\*\*|[-+*/(),]|\s+"
 )
@@ -66,8 +67,8 @@ def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
         raise ExpressionError("an expression is missing", text, 1)
     _check_tokens(text)
     try:
-        # In parentheses, blanks and line breaks mean nothing; places come out shifted by one.
-        tree = ast.parse(f"({text})", mode="eval").body
+        # On one line and in parentheses blanks mean nothing; places come out shifted by one.
+        tree = ast.parse(f"({text.translate(_BLANKS)})", mode="eval").body
     except (SyntaxError, RecursionError, MemoryError) as error:
         column = min(max((getattr(error, "offset", None) or 2) - 1, 1), len(text))
         raise ExpressionError(
@@ -78,8 +79,7 @@ def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
 
 def column_of(text: str, node: ast.expr) -> int:
     """Give the place of a node in its expression, from 1."""
-    lines = f"({text})".encode().split(b"\n")
-    before = b"\n".join([*lines[: node.lineno - 1], lines[node.lineno - 1][: node.col_offset]])
+    before = f"({text})".encode()[: node.col_offset]
     return max(len(before.decode()), 1)
 
 

@@ -6,14 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.errors import UsageError
 from dynid.scene.common import FileSignal, FrequencyGrid, SignalPart, TimeGrid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from dynid.lti.generator import Record, Signal
+    from dynid.scene.load import Scene
 
 
 def angular_frequencies(grid: FrequencyGrid) -> NDArray[np.float64]:
@@ -30,20 +33,45 @@ def record_of(grid: TimeGrid) -> Record:
     return Record(float(grid.step), grid.samples)
 
 
-def build_signal(part: SignalPart, record: Record, folder: Path) -> Signal:
-    """Build a signal; samples in a file are read now.
+def build_signals(
+    scene: Scene, where: str, parts: Sequence[SignalPart], record: Record
+) -> list[tuple[SignalPart, Signal]]:
+    """Build signals, each beside the part of the scene that describes it.
+
+    Parameters
+    ----------
+    scene
+        The scene, whose folder files are relative to.
+    where
+        The dotted path of the signals in the scene.
+    parts
+        The signals there.
+    record
+        The record that they belong to.
 
     Raises
     ------
     FileError
-        Where the file of a signal cannot be read, or is too short for the record.
+        Where the file of a signal cannot be read.
+    UsageError
+        Where a signal makes no sense for this record; it names the place.
     """
+    built = []
+    for index, part in enumerate(parts):
+        try:
+            built.append((part, _build_signal(part, record, scene.folder)))
+        except UsageError as error:
+            place = f"{where}.{index}"
+            raise UsageError(error.problem, remedy=error.remedy, names=(place,)) from error
+    return built
+
+
+def _build_signal(part: SignalPart, record: Record, folder: Path) -> Signal:
     from dynid.lti.signals import signal
 
     parameters = part.parameters()
     if isinstance(part, FileSignal):
         from dynid.scene.tables import read_columns
 
-        values = read_columns(folder / part.path, [part.column])[:, 0]
-        parameters = {"values": values}
+        parameters = {"values": read_columns(folder / part.path, [part.column])[:, 0]}
     return signal(str(getattr(part, "kind")), parameters, record)  # noqa: B009 - every member has a kind

@@ -121,7 +121,7 @@ class MeasurementModel(Part):
         if (self.simulate is None) == (self.file is None):
             raise fault("a measurement is either 'simulate'd or read from a 'file'")
         if self.file and self.file.columns and len(self.file.columns) != len(self.channels):
-            raise fault(f"{len(self.file.columns)} columns for {len(self.channels)} channels")
+            raise fault(f"'columns' names {len(self.file.columns)}, but 'channels' has {len(self.channels)}")
         return self
 
 

@@ -62,7 +62,7 @@ class Scene:
 
     def _find(self, name: str) -> tuple[Any, ...] | None:
         joint, _, part = name.rpartition(".")
-        key = int(name) if name.isdigit() else name
+        key = int(name) if name.isdecimal() else name
         candidates = [
             ("graph", "nodes", name),
             ("graph", "nodes", key),
@@ -70,7 +70,9 @@ class Scene:
             ("joints", name),
         ]
         candidates += [("parameters", name), (name,)]
-        return next((path for path in candidates if path in self.source.marks), None)
+        found = next((path for path in candidates if path in self.source.marks), None)
+        place = tuple(int(part) if part.isdecimal() else part for part in name.split("."))
+        return place if found is None and place[0] in self.source.data else found
 
 
 def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Scene:

@@ -8,7 +8,7 @@ from dynid.bondgraph.analysis import Analysis, analyse
 from dynid.bondgraph.graph import BondGraph, Node, NodeType
 from dynid.scene.bond_graph_schema import BondGraphScene
 from dynid.scene.common import StepSignal
-from dynid.scene.grids import angular_frequencies, build_signal, record_of
+from dynid.scene.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _signals(scene: Scene, model: BondGraphScene, inputs: tuple[str, ...]) -> tu
     record = record_of(grid)
     parts = list(grid.input) or ([] if model.initial else [StepSignal(kind="step")])
     return tuple(
-        (name, build_signal(part, record, scene.folder))
-        for part in parts
+        (name, signal)
+        for part, signal in build_signals(scene, "analysis.time.input", parts, record)
         for name in ([part.source] if part.source is not None else inputs)
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 from dynid.errors import FileError
 from dynid.result import Result
-from dynid.scene.grids import angular_frequencies, build_signal, record_of
+from dynid.scene.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.identification_schema import IdentificationScene, JointModel, ParameterModel
 from dynid.scene.load import Scene
 from dynid.scene.quantities import Quantity
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from dynid.identification.measurement import Measurement
     from dynid.lti.generator import Record
-    from dynid.scene.common import SignalPart
+    from dynid.scene.common import SignalPart, TimeGrid
 
 
 def run(scene: Scene) -> Result:
@@ -47,7 +47,7 @@ def run(scene: Scene) -> Result:
         from dynid.identification.passes import Filter
 
         measurement = _measurement(scene, model)
-        loads = _loads(scene, model.excitation, measurement.record)
+        loads = _loads(scene, "excitation", model.excitation, measurement.record)
         result.merge(identify(structure, loads, measurement, Filter(passes=model.estimator.passes)))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
@@ -84,8 +84,8 @@ def _number(quantity: Quantity | None) -> float:
     return 0.0 if quantity is None else float(quantity)
 
 
-def _loads(scene: Scene, parts: Sequence[SignalPart], record: Record) -> list[Load]:
-    return [Load(part.dof or 0, build_signal(part, record, scene.folder)) for part in parts]
+def _loads(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:
+    return [Load(part.dof or 0, signal) for part, signal in build_signals(scene, where, parts, record)]
 
 
 def _measurement(scene: Scene, model: IdentificationScene) -> Measurement:
@@ -113,12 +113,19 @@ def _measured(scene: Scene, model: IdentificationScene) -> NDArray[np.float64]:
     table = read_columns(path, given.file.columns)
     if table.shape[1] != len(given.channels):
         raise FileError(
-            f"{path} has {table.shape[1]} columns for {len(given.channels)} channels",
+            f"{path} has {table.shape[1]} columns of numbers, 'channels' has {len(given.channels)}",
             remedy="Name the columns: file: {path: …, columns: […]}.",
         )
     if len(table) < given.samples:
         raise FileError(f"{path} has {len(table)} samples, but the scene asks for {given.samples}")
     return table[: given.samples]
+
+
+def _response_loads(scene: Scene, model: IdentificationScene, grid: TimeGrid, record: Record) -> list[Load]:
+    """Return what drives a time response: its own input; nothing, with an initial motion; the excitation."""
+    if grid.input or model.initial:
+        return _loads(scene, "analysis.time.input", grid.input, record)
+    return _loads(scene, "excitation", model.excitation, record)
 
 
 def _responses(
@@ -142,7 +149,7 @@ def _responses(
         result.merge(
             time_response(
                 structure,
-                _loads(scene, list(wanted.time.input or ([] if model.initial else model.excitation)), record),
+                _response_loads(scene, model, wanted.time, record),
                 outputs,
                 record.times,
                 values=values,

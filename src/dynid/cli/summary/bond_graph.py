@@ -43,7 +43,9 @@ def _reduction(result: Result) -> Iterable[str]:
     for place, output in enumerate(result[f"{group}/output"].data):
         reached = f"prototype {letters[place]}:  {result[f'{group}/prototype_equation'].data[place]}"
         own = [] if steps is None else [row for row in steps if row["output"] == output]
-        yield f"  {output}: {f'reduced in {len(own) - 1} steps to ' if own else ''}{reached}"
+        count = len(own) - 1
+        how = f"reduced in {count} step{'' if count == 1 else 's'} to " if count > 0 else ""
+        yield f"  {output}: {how}{reached}"
         for part in ("system_a", "system_b"):
             yield f"      {result[f'{group}/{part}'].data[place]}"
         for number, row in enumerate(own[:_MOST] if place == 0 else [], 1):
@@ -80,10 +82,12 @@ def _formula(result: Result, group: str) -> Iterable[str]:
     if f"{group}/numerator" not in result:
         return
     numerator, denominator = result[f"{group}/numerator"].data, result[f"{group}/denominator"].data
-    if len(numerator) + len(denominator) <= 12:
+    if not numerator.any():
+        yield "    T(s) = 0"
+    elif len(numerator) + len(denominator) <= 12:
         yield f"    T(s) = ({_polynomial(numerator)}) / ({_polynomial(denominator)})"
     formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
-    if formula:
+    if formula and numerator.any():
         yield f"         = {formula}" if len(formula) < 160 else "         (its formula is in the file)"
 
 
