@@ -194,7 +194,7 @@ def test_a_record_in_wrong_units_is_refused():
     y, loads = record_at_ten_seconds()
     with pytest.raises(Diverged, match="away from its start by a factor of more than 1e6"):
         run(measurement=Measurement(0.002, 800, VELOCITIES, y * 1e-6), loads=loads)
-    with pytest.raises(Diverged, match="ran away"):
+    with pytest.raises(Diverged, match="are void"):
         run(measurement=Measurement(0.002, 800, VELOCITIES, y * 1e6), loads=loads)
 
 
@@ -254,7 +254,7 @@ def test_a_filter_that_runs_away_names_the_parameters_it_lost(start):
         Joint("j2", (2, 3), JointParameter(start=start, true=2e4), unknown(20.0)),
         Joint("j3", (3, 4), unknown(2e4), unknown(20.0)),
     ]
-    with pytest.raises(Diverged, match="ran away") as caught:
+    with pytest.raises(Diverged, match=r"are void|away from") as caught:
         run(lumped(MASSES, LINKS, joints), simulated(noise_ratio=0.05))
     assert caught.value.names
     assert set(caught.value.names) <= {"j2.k", "j2.c", "j3.k", "j3.c"}

@@ -123,7 +123,8 @@ def test_the_filter_is_the_extended_kalman_filter_of_the_augmented_state():
     y = oracle(np.log([K, C]), [0.0, 0.0])[:count, 1:] + 0.01 * np.sin(np.arange(2 * count)).reshape(count, 2)
     z, P = np.array([0.001, 0.02, np.log(0.8 * K), np.log(1.3 * C)]), np.diag([1e-4, 1e-2, 0.04, 0.09])
     S = np.concatenate([joint.scale, np.ones(2)])
-    walked = filter_pass(joint, y, Prior(z[:2] / joint.scale, z[2:], P / np.outer(S, S)), sigma, z[2:].copy())
+    prior = Prior(z[:2] / joint.scale, z[2:], np.linalg.cholesky(P) / S[:, None])
+    walked = filter_pass(joint, y, prior, sigma, z[2:].copy())
 
     def acceleration(t, z):
         return (5 * np.sin(17 * t + 0.3) - np.exp(z[2]) * z[0] - np.exp(z[3]) * z[1]) / M

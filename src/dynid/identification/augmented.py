@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.lti.exponential import balance, exponential_with_derivatives
-from dynid.lti.propagate import drive_scale, joint_generator
+from dynid.lti.exponential import balance, exponential_with_derivatives, rescaled
+from dynid.lti.propagate import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
 from dynid.structure.model import StructuralModel, Unknown, state_space
 from dynid.structure.response import Channel, Load
@@ -135,14 +135,16 @@ def augmented(
     C_slopes = np.where(orders[:, None] == 2, rows @ A_slopes[:, model.size :], 0.0)
     started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
     d = balance(started)
+    poles = np.linalg.eigvals(rescaled(started, d)).astype(complex)
+    check_phase(poles, float(times[-1] - times[0]))
     line = timeline([load.signal for load in loads], times, float(times[0]))
     drive = system.B @ line.H / d[:, None]
-    w_scale = drive_scale(started * d / d[:, None], drive)
+    w_scale = drive_scale(rescaled(started, d), drive)
     return AugmentedModel(
         unknowns=unknowns,
         scale=d,
-        A=system.A * d / d[:, None],
-        A_slopes=A_slopes * d / d[:, None],
+        A=rescaled(system.A, d),
+        A_slopes=rescaled(A_slopes, d),
         drive=drive * w_scale,
         C=system.C * d,
         C_slopes=C_slopes * d,

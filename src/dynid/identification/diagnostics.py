@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,8 +20,10 @@ _STEP = 1e-4
 
 
 def root_mean_square(residual: Array) -> Array:
-    """Return the RMS of each channel (times x channels, NaN where missing)."""
-    return np.asarray(np.sqrt(np.nanmean(residual**2, axis=0)))
+    """Return the RMS of each channel (times x channels, NaN where missing), however large or small."""
+    size = np.nanmax(np.abs(residual), axis=0)
+    unit = np.where(size > 0, size, 1.0)
+    return np.asarray(np.sqrt(np.nanmean((residual / unit) ** 2, axis=0)) * unit)
 
 
 def whiteness(residual: Array) -> float:
@@ -44,9 +48,9 @@ def whiteness(residual: Array) -> float:
     lags = min(20, n // 4)
     if lags == 0:
         return 1.0
-    from scipy.special import chdtrc  # heavy import, needed here only
-
-    centred = np.nan_to_num(residual - np.nanmean(residual, axis=0))
+    size = root_mean_square(residual)
+    scaled = residual / np.where(size > 0, size, 1.0)
+    centred = np.nan_to_num(scaled - np.nanmean(scaled, axis=0))
     power = np.sum(centred**2, axis=0)
     channels = np.flatnonzero(power > 0)
     if not len(channels):
@@ -54,7 +58,25 @@ def whiteness(residual: Array) -> float:
     r = np.array([np.sum(centred[lag:] * centred[:-lag], axis=0)[channels] for lag in range(1, lags + 1)])
     r = r / power[channels]
     weights = n * (n + 2) / (n - np.arange(1, lags + 1))
-    return float(chdtrc(lags * len(channels), float(np.sum(weights[:, None] * r**2))))
+    return chi_squared_tail(lags * len(channels), float(np.sum(weights[:, None] * r**2)))
+
+
+def chi_squared_tail(degrees: int, x: float) -> float:
+    """Return the probability that chi-squared of `degrees` (1, 2, …) exceeds x >= 0.
+
+    Notes
+    -----
+    Q(degrees / 2, y), y = x / 2, is the finite sum of ``y^a e^-y / Gamma(a + 1)`` over a = degrees / 2 - 1,
+    degrees / 2 - 2, … > -1/2, and of erfc(sqrt y) where the degrees are odd. All terms are positive, and
+    taken in logarithms: the relative error is some roundings times y. DLMF 8.4.6, 8.8.2.
+    """
+    y = x / 2
+    if y == 0:
+        return 1.0
+    tail = math.erfc(math.sqrt(y)) if degrees % 2 else 0.0
+    powers = (degrees / 2 - 1 - k for k in range(degrees // 2))
+    terms = (math.exp(a * math.log(y) - y - math.lgamma(a + 1)) for a in powers)
+    return min(1.0, math.fsum([tail, *terms]))
 
 
 def is_coloured(whiteness_p: float) -> bool:

@@ -10,16 +10,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynid.errors import Diverged
-from dynid.identification.augmented import AugmentedModel, augmented
+from dynid.identification.augmented import augmented
 from dynid.identification.fit import Fit, Fitter, fitter
-from dynid.identification.measurement import Data, Measurement, as_estimated, data
+from dynid.identification.measurement import Measurement, as_estimated, data
 from dynid.identification.outcome import Outcome
 from dynid.identification.passes import Filter, run_passes
+from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Load, source_names
 
+_ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
 
+
+@guarded("the identification")
 def identify(
     model: StructuralModel,
     loads: Sequence[Load],
@@ -57,8 +61,10 @@ def identify(
         If the record cannot see parameters or tell them apart, or a channel is dead.
     Diverged
         If estimates run away, or the prediction explains nothing of the record.
+    NumericalError
+        If a number leaves the range of double precision.
     UsageError
-        If the call makes no sense.
+        If the call makes no sense, or the record is too large to be worked on.
     """
     record = measurement.record
     estimator = estimator or Filter()
@@ -68,37 +74,13 @@ def identify(
     fits = fitter(joint, model, measurement.channels, values)
     origin = np.log([unknown.start for unknown in joint.unknowns])
     _check_visible(fits, fits.fit(origin, values.values))
-    histories, results = run_passes(fits, estimator, origin)
-    final = results[-1]
-    _check_explained(final, values, joint)
+    names = [unknown.name for unknown in joint.unknowns]
+    with guarded("the filter", Diverged, remedy=_ASTRAY, names=names):
+        histories, results = run_passes(fits, estimator, origin)
     outcome = Outcome(fits, measurement, model.dofs, source_names(loads), histories, results)
-    _check_not_void(outcome)
+    outcome.check()
     return outcome.result()
 
 
 def _check_visible(fits: Fitter, fit: Fit) -> None:
     fits.information(fit, fits.data.rms).check()
-
-
-def _check_not_void(outcome: Outcome) -> None:
-    worst = outcome.unexplained()
-    if worst is not None:
-        names = [unknown.name for unknown in outcome.fitter.model.unknowns]
-        channel, left = worst
-        raise Diverged(
-            f"the filter ran away: with {', '.join(names)} as it left them {100 * left:.0f} % of {channel} "
-            f"is unexplained, and what is left is no noise",
-            remedy="Start nearer to the true values, add passes, or check model, units and excitation.",
-            names=names,
-        )
-
-
-def _check_explained(final: Fit, values: Data, joint: AugmentedModel) -> None:
-    left = final.noise / values.rms  # corrected for what the fit takes up of any record
-    if not np.mean(left**2) < 1:
-        names = [unknown.name for unknown in joint.unknowns]
-        raise Diverged(
-            f"the estimates of {', '.join(names)} are void: the prediction explains nothing of the record",
-            remedy="Start nearer to the true values, or check model, units and excitation.",
-            names=names,
-        )

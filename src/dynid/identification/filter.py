@@ -1,12 +1,16 @@
 """The filter of the augmented state, one pass over the record.
 
 Source: K. T. Yang 1997, eqs 19–20 (Detchmendy–Sridhar), which is the Kalman–Bucy filter of the augmented
-state with R = (2 Q)^-1. It is split here into exact propagation between samples and a measurement update in
-Joseph form, which keeps the covariance positive whatever the step and the weighting.
+state with R = (2 Q)^-1. It is split here into exact propagation between samples and a measurement update,
+both on a square root S of the covariance P = S S^T (J. E. Potter; G. J. Bierman, Factorization Methods for
+Discrete Sequential Estimation, 1977, ch. II). P is never formed: it is positive semidefinite and its
+variances are not negative by construction, whatever step, stiffness and weighting, and what is known best
+keeps twice the digits that P itself would give it.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +26,14 @@ RUNAWAY = float(np.log(1e6))
 
 
 class Prior(NamedTuple):
-    """What a pass starts from: state (n, scaled), logarithms (p) and the covariance of both (n + p)."""
+    """What a pass starts from: state (n, scaled), logarithms (p), and a square root of their covariance.
+
+    `root` (n + p x n + p) is any S with S S^T the covariance of state and logarithms.
+    """
 
     state: Array
     logs: Array
-    covariance: Array
+    root: Array
 
 
 class Pass(NamedTuple):
@@ -63,56 +70,57 @@ def filter_pass(
     n, p = model.states, model.parameters
     samples = len(measured)
     variance = np.broadcast_to(deviation**2, measured.shape)
-    here: NDArray[np.bool_] = np.logical_not(np.isnan(measured))
-    complete = np.all(here, axis=1).tolist()
+    present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
     outputs_vary = bool(model.C_slopes.any())
-    x, logs, P = prior.state.copy(), prior.logs.copy(), prior.covariance.copy()
+    z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
     history = Pass(np.empty((samples, p)), np.empty((samples, p)), np.empty((samples, n)))
-    F, identity = np.eye(n + p), np.eye(n + p)
     H = np.zeros((measured.shape[1], n + p))
     H[:, :n] = model.C
     sample_of = np.full(len(model.line.nodes), -1)
     sample_of[model.line.wanted] = np.arange(samples)
-    for node, sample in enumerate(sample_of):
+    for node, sample in enumerate(sample_of.tolist()):
         if node:
-            step, slopes = model.transition(logs, float(model.line.lengths[model.line.which[node - 1]]))
-            z = np.concatenate([x, model.W[node - 1]])
-            x = step @ z
-            F[:n, :n] = step[:, :n]
-            F[:n, n:] = (slopes @ z).T
-            P = F @ P @ F.T
+            _propagate(model, node, z, S)
         if sample < 0:
             continue
         if outputs_vary:
-            C, C_slopes = model.output(logs)
-            H[:, :n], H[:, n:] = C, (C_slopes @ x).T
-        rows = slice(None) if complete[sample] else here[sample]
-        innovation = (measured[sample] - model.feedthrough[sample] - H[:, :n] @ x)[rows]
-        x, logs, P = _updated(x, logs, P, H[rows], innovation, variance[sample][rows], identity)
-        _check(model, logs, origin)
-        history.logs[sample] = logs
-        history.deviations[sample] = np.sqrt(P.diagonal()[n:])
-        history.states[sample] = x
+            C, C_slopes = model.output(z[n:])
+            H[:, :n], H[:, n:] = C, (C_slopes @ z[:n]).T
+        innovation = measured[sample] - model.feedthrough[sample] - H[:, :n] @ z[:n]
+        z += _update(S, H, innovation, variance[sample], present[sample])
+        _check(model, z[n:], origin)
+        history.logs[sample] = z[n:]
+        history.deviations[sample] = np.sqrt(np.einsum("ij,ij->i", S[n:], S[n:]))
+        history.states[sample] = z[:n]
     return history
 
 
-def _updated(
-    x: Array, logs: Array, P: Array, H: Array, innovation: Array, variance: Array, identity: Array
-) -> tuple[Array, Array, Array]:
-    """Take one sample's channels into account, in Joseph form."""
-    if not len(innovation):
-        return x, logs, P
-    HP = H @ P
-    S = HP @ H.T
-    S.flat[:: len(S) + 1] += variance
-    gain = np.linalg.solve(S, HP).T
-    correction = gain @ innovation
-    n = len(x)
-    reduced = identity - gain @ H
-    P = reduced @ P @ reduced.T + (gain * variance) @ gain.T
-    P += P.T
-    P *= 0.5
-    return x + correction[:n], logs + correction[n:], P
+def _propagate(model: AugmentedModel, node: int, z: Array, S: Array) -> None:
+    """Take state and root to a node from the one before it, in place: exact, and S turns into F S."""
+    n, logs = model.states, z[model.states :]
+    step, slopes = model.transition(logs, float(model.line.lengths[model.line.which[node - 1]]))
+    driven = np.concatenate([z[:n], model.W[node - 1]])
+    z[:n] = step @ driven
+    S[:n] = step[:, :n] @ S[:n] + (slopes @ driven).T @ S[n:]
+
+
+def _update(S: Array, H: Array, innovation: Array, variance: Array, present: list[int]) -> Array:
+    """Take one sample into account, channel by channel (their noises are independent); S in place.
+
+    Returns
+    -------
+    Array
+        The correction of state and logarithms (n + p).
+    """
+    correction = np.zeros(len(S))
+    for channel in present:
+        h, r = H[channel], float(variance[channel])
+        phi = h @ S
+        spread = float(phi @ phi) + r
+        gain = S @ phi / spread
+        correction += gain * (innovation[channel] - h @ correction)
+        S -= np.outer(gain / (1 + math.sqrt(r / spread)), phi)
+    return correction
 
 
 def _check(model: AugmentedModel, logs: Array, origin: Array) -> None:
@@ -123,9 +131,10 @@ def _check(model: AugmentedModel, logs: Array, origin: Array) -> None:
 
 def run_away(names: list[str]) -> Diverged:
     """Return the error that says which parameters ran away."""
-    verb = "runs" if len(names) == 1 else "run"
+    several = len(names) > 1
     return Diverged(
-        f"the estimate of {', '.join(names)} {verb} away from its start by a factor of more than 1e6",
+        f"the estimate{'s' * several} of {', '.join(names)} {'run' if several else 'runs'} away from "
+        f"{'their starts' if several else 'its start'} by a factor of more than 1e6",
         remedy="Start nearer to the true values, or check model, units and excitation against the record.",
         names=names,
     )

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from dynid.identification.augmented import AugmentedModel
 from dynid.identification.diagnostics import root_mean_square
 from dynid.identification.filter import Prior
-from dynid.identification.information import STATE_RANK, Information, information, thin_svd
+from dynid.identification.information import STATE_RANK, Information, information, least_squares, thin_svd
 from dynid.identification.measurement import Data
 from dynid.identification.prediction import Prediction, free_prediction, prediction
+from dynid.lti.floating import finite
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel
 
@@ -73,7 +74,7 @@ class Fitter:
         target = np.nan_to_num(values - free.forced) * weight
         matrix = ((free.by_state @ self.root) * weight[..., None]).reshape(target.size, -1)
         # Rank-revealing: initial states that the record does not show stay at zero.
-        x0 = self.root @ np.linalg.lstsq(matrix, target.ravel(), rcond=STATE_RANK)[0]
+        x0 = self.root @ least_squares(matrix, target.ravel(), STATE_RANK)
         predicted = prediction(self.model, logs, x0, free, transitions)
         residual = values - predicted.outputs
         return Fit(logs, predicted, residual, self._noise(residual))
@@ -95,9 +96,7 @@ class Fitter:
 
     def wide_prior(self, logs: Array) -> Prior:
         """Return the prior of the first pass: any state the record allows, parameters within a factor."""
-        n = self.model.states
-        root = self._wide_root()
-        return Prior(np.zeros(n), logs, root @ root.T)
+        return Prior(np.zeros(self.model.states), logs, self._wide_root())
 
     def unit_prior(self, fit: Fit) -> Prior:
         """Return a fresh prior around a fit that weighs as much as a single measured value.
@@ -112,8 +111,7 @@ class Fitter:
         _, s, Vt = thin_svd(both.reshape(weight.size, -1) @ root)
         seen = np.zeros(len(root))
         seen[: len(s)] = s**2 / np.count_nonzero(weight)
-        half = root @ (Vt.T / np.sqrt(1 + seen))
-        return Prior(p.states[0], fit.logs, half @ half.T)
+        return Prior(p.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + seen)))
 
     def _wide_root(self) -> Array:
         n, p = self.model.states, self.model.parameters
@@ -123,7 +121,7 @@ class Fitter:
         return root
 
     def _weight(self, noise: Array, values: Array) -> Array:
-        return np.where(np.isnan(values), 0.0, 1 / noise)
+        return np.asarray(np.where(np.isnan(values), 0.0, 1 / noise))
 
     def _noise(self, residual: Array) -> Array:
         """Return the RMS of the residuals, corrected for the number of fitted values."""
@@ -139,28 +137,32 @@ def fitter(
 
     Displacements and velocities share the covariance ``s^2 (K + M / T^2)^-1`` and ``s^2 M^-1``, equal energy
     in every mode; s is such that each channel could be ten times what was measured. T, the record's length,
-    bounds rigid-body drift.
+    bounds rigid-body drift. The roots of both come from the modes, so that no stiffness is too large.
     """
     start = {unknown.name: unknown.start for unknown in model.unknowns}
     M, _, K = structure.with_joints(start)
     length = max(float(np.ptp(model.line.nodes)), 1.0)
-    held = K + M / length**2
-    scale = np.sqrt(np.diag(M))
-    compliance, mobility = (_inverse(part, scale) for part in (held, M))
-    # An acceleration is taken for the slowest motion it can be: the widest prior.
-    slowest = 1 / np.sqrt(np.linalg.eigvalsh(compliance * np.outer(scale, scale))[-1])
+    mobility = _inverse_root(M)
+    stiffness = mobility.T @ K @ mobility
+    finite("the stiffness beside the mass", stiffness)
+    square, shapes = np.linalg.eigh((stiffness + stiffness.T) / 2)
+    omega = np.sqrt(np.maximum(square, 0.0) + 1 / length**2)  # below 0: rounding of rigid-body modes
+    mobility = mobility @ shapes
+    compliance = mobility / omega
     sizes = []
     for channel, rms in zip(channels, data.rms, strict=True):
         row = structure.row(channel.dof)
-        spread = row @ (compliance if channel.order == 0 else mobility) @ row
-        sizes.append(rms / np.sqrt(spread) / (slowest if channel.order == 2 else 1.0))
+        spread = np.linalg.norm(row @ (compliance if channel.order == 0 else mobility))
+        # An acceleration is taken for the slowest motion it can be: the widest prior.
+        sizes.append(rms / spread / (omega[0] if channel.order == 2 else 1.0))
     n = len(M)
     root = np.zeros((2 * n, 2 * n))
-    root[:n, :n], root[n:, n:] = np.linalg.cholesky(compliance), np.linalg.cholesky(mobility)
+    root[:n, :n], root[n:, n:] = compliance, mobility
     return Fitter(model, data, _WIDE * max(sizes) * root / model.scale[:, None])
 
 
-def _inverse(matrix: Array, scale: Array) -> Array:
-    """Invert a symmetric positive definite matrix, equilibrated by `scale`."""
-    inverse = np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
-    return np.asarray((inverse + inverse.T) / 2)
+def _inverse_root(M: Array) -> Array:
+    """Return R with ``R^T M R`` the unit matrix, of a mass matrix that is equilibrated first."""
+    scale = np.sqrt(np.diag(M))
+    lower = np.linalg.cholesky(M / scale / scale[:, None])
+    return np.asarray(np.linalg.solve(lower.T, np.eye(len(M))) / scale[:, None])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotIdentifiable
+from dynid.lti.floating import finite
 
 Array = NDArray[np.float64]
 
@@ -93,14 +94,14 @@ class Information:
 
     def condition(self) -> float:
         """Return the condition number of the information scaled to unit diagonal."""
-        s = np.linalg.svd(self.projected / np.linalg.norm(self.projected, axis=0), compute_uv=False)
+        _, s, _ = thin_svd(self.projected / np.linalg.norm(self.projected, axis=0))
         return float((s[0] / s[-1]) ** 2)
 
     def step(self, residual: Array) -> Array:
         """Return the Gauss–Newton step of the logarithms that this residual over noise (values) asks for."""
         size = np.linalg.norm(self.projected, axis=0)
-        solution = np.linalg.lstsq(self.projected / size, residual, rcond=None)[0]
-        return np.asarray(solution / size)
+        rank = float(len(residual) * np.finfo(float).eps)
+        return np.asarray(least_squares(self.projected / size, residual, rank) / size)
 
     def _named(self, chosen: NDArray[np.bool_]) -> list[str]:
         return [name for name, yes in zip(self.names, chosen, strict=True) if yes]
@@ -124,8 +125,8 @@ def information(
     """
     by_parameter = (by_parameter * weight[..., None]).reshape(-1, len(names))
     by_state = (by_state * weight[..., None]).reshape(len(by_parameter), -1)
-    U, s, _ = np.linalg.svd(by_state, full_matrices=False)
-    U = U[:, s > STATE_RANK * s[0]]
+    U, s, _ = thin_svd(by_state)
+    U = U[:, : len(s)][:, s > STATE_RANK * s.max(initial=0.0)]
     projected = by_parameter - U @ (U.T @ by_parameter)
     projected -= U @ (U.T @ projected)  # once more: what rounding left
     total = np.linalg.norm(by_parameter, axis=0)
@@ -134,9 +135,25 @@ def information(
 
 
 def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
-    """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns."""
+    """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns.
+
+    A tall matrix is reduced to a square one by reflections first: as accurate, and many times as fast.
+    """
+    finite("the sensitivity of the record", matrix)
+    if len(matrix) > 2 * matrix.shape[1]:
+        Q, R = np.linalg.qr(matrix)
+        U, s, Vt = np.linalg.svd(R)
+        return Q @ U, s, Vt
     U, s, Vt = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
     return U, s, Vt
+
+
+def least_squares(matrix: Array, right: Array, rank: float) -> Array:
+    """Return the shortest least-squares solution, singular values below `rank` of the largest left out."""
+    U, s, Vt = thin_svd(matrix)
+    finite("the record", right)
+    kept = s > rank * s.max(initial=0.0)
+    return np.asarray(Vt[: len(s)][kept].T @ ((U[:, : len(s)][:, kept].T @ right) / s[kept]))
 
 
 def _refusal(names: list[str], why: str, remedy: str) -> NotIdentifiable:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.diagnostics import root_mean_square
 from dynid.lti.propagate import response
 from dynid.lti.signals import Random, Record
 from dynid.structure.model import StructuralModel, state_space
@@ -38,11 +39,11 @@ class Simulation:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.noise_ratio) and self.noise_ratio >= 0):
-            raise UsageError("the noise ratio must be finite and not negative")
+            raise UsageError("the noise ratio must be finite and not negative", names=("noise_ratio",))
         if not (math.isfinite(self.settle) and self.settle >= 0):
-            raise UsageError("the settling time must be finite and not negative")
+            raise UsageError("the settling time must be finite and not negative", names=("settle",))
         if self.seed < 0:
-            raise UsageError("a seed must not be negative")
+            raise UsageError("a seed must not be negative", names=("seed",))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ class Data:
     @property
     def rms(self) -> Array:
         """Root mean square of each channel over the samples present."""
-        return np.asarray(np.sqrt(np.nanmean(self.values**2, axis=0)))
+        return root_mean_square(self.values)
 
 
 def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Data:
@@ -130,8 +131,7 @@ def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement
     """
     if isinstance(measurement.source, Simulation):
         clean = simulated(model, loads, measurement)
-        rms = np.sqrt(np.mean(clean**2, axis=0))
-        noise = measurement.source.noise_ratio * rms
+        noise = measurement.source.noise_ratio * root_mean_square(clean)
         generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
         record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean)
     else:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import Diverged
 from dynid.identification.diagnostics import converged, is_coloured, root_mean_square, whiteness
 from dynid.identification.filter import Pass
 from dynid.identification.fit import Fit, Fitter
@@ -20,8 +21,10 @@ from dynid.structure.response import UNITS
 Array = NDArray[np.float64]
 
 _UNIT = {"k": "N/m", "c": "N.s/m"}
-# Residuals above this part of a channel's RMS that are not noise void the estimates.
+# Residuals above this part of a channel's RMS void the estimates if they are not noise …
 _VOID = 0.5
+# … and above this one (all channels together) whatever they are.
+_NOTHING = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +83,27 @@ class Outcome:
         deviations = self.information.deviations()
         return converged(step, deviations, self.residual_rms, self.fitter.data.rms, self.whiteness_p)
 
-    def unexplained(self) -> tuple[str, float] | None:
-        """Return the channel that is explained worst, and how much of it is not, if that voids the fit."""
-        left = self.residual_rms / self.fitter.data.rms
-        worst = int(np.argmax(left))
-        void = left[worst] > _VOID and is_coloured(self.whiteness_p)
-        return (self.measurement.channels[worst].name, float(left[worst])) if void else None
+    def check(self) -> None:
+        """Refuse estimates whose prediction does not explain the record.
+
+        The prediction must explain some of the record as a whole; and what it leaves of a channel may be
+        more than half only where that looks like white noise.
+
+        Raises
+        ------
+        Diverged
+            Naming the parameters.
+        """
+        left = self._final.noise / self.fitter.data.rms  # corrected for what the fit takes up of any record
+        if not np.mean(left**2) < _NOTHING**2:
+            raise _void(self.fitter, "the prediction explains nothing of the record")
+        for column in np.flatnonzero(left > _VOID):
+            if is_coloured(whiteness(self._final.residual[:, [column]])):
+                channel = self.measurement.channels[column].name
+                raise _void(
+                    self.fitter,
+                    f"{100 * left[column]:.0f} % of {channel} is unexplained, and what is left is no noise",
+                )
 
     def result(self) -> Result:
         """Return everything under ``identification/``."""
@@ -170,3 +188,14 @@ class Outcome:
 
     def _times(self) -> Array:
         return np.asarray(np.arange(self.measurement.samples) * self.measurement.step)
+
+
+def _void(fitter: Fitter, why: str) -> Diverged:
+    names = [unknown.name for unknown in fitter.model.unknowns]
+    subject = "the estimates of" if len(names) > 1 else "the estimate of"
+    verb = "are" if len(names) > 1 else "is"
+    return Diverged(
+        f"{subject} {', '.join(names)} {verb} void: {why}",
+        remedy="Start nearer to the true values, add passes, or check model, units and excitation.",
+        names=names,
+    )

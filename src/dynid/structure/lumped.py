@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.errors import UsageError
+from dynid.lti.floating import guarded
 from dynid.structure.model import Joint, StructuralModel
 
 
@@ -29,6 +30,7 @@ class Link:
     c: float = 0.0
 
 
+@guarded("the sum of stiffness or damping at a DOF", UsageError)
 def lumped(masses: Sequence[float], links: Iterable[Link], joints: Iterable[Joint] = ()) -> StructuralModel:
     """Return the structure of point masses joined by links.
 
@@ -63,7 +65,9 @@ def _direction(link: Link, n: int) -> np.ndarray[tuple[int], np.dtype[np.float64
     if len(dofs) not in (1, 2) or len(set(dofs)) != len(dofs):
         raise UsageError(f"a link must name one DOF (to ground) or two different ones, not {list(dofs)}")
     if not all(1 <= dof <= n for dof in dofs):
-        raise UsageError(f"a link names DOFs {list(dofs)}, but there are the DOFs 1 to {n} only")
+        raise UsageError(
+            f"a link names DOFs {list(dofs)}, but there {'is DOF 1' if n == 1 else f'are the DOFs 1 to {n}'} only"
+        )
     if not all(math.isfinite(value) and value >= 0 for value in (link.k, link.c)):
         raise UsageError(f"stiffness and damping of the link {list(dofs)} must be finite and not negative")
     direction = np.zeros(n)

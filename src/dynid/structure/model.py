@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import UsageError
+from dynid.lti.floating import guarded
 from dynid.lti.model import StateSpace
 
 Array = NDArray[np.float64]
@@ -150,7 +151,7 @@ class StructuralModel:
         if dof not in self.dofs:
             raise UsageError(
                 f"there is no DOF {dof}",
-                remedy=f"The structure has the DOFs {_span(self.dofs)}.",
+                remedy=f"The structure has {_span(self.dofs)}.",
                 names=(str(dof),),
             )
         row = np.zeros(self.size)
@@ -167,6 +168,7 @@ class StructuralModel:
             if part.start is not None
         )
 
+    @guarded("the sum of stiffness or damping at a DOF", UsageError)
     def with_joints(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
         """Return M, C + C_s and K + K_s (Yang, eq 1).
 
@@ -191,7 +193,8 @@ class StructuralModel:
                 target = K if letter == "k" else C
                 target += value * self._pattern(joint)
         if given:
-            raise UsageError(f"{', '.join(given)}: no unknown joint parameter has this name", names=given)
+            this = "this name" if len(given) == 1 else "these names"
+            raise UsageError(f"{', '.join(given)}: no unknown joint parameter has {this}", names=given)
         return self.M, C, K
 
     def true_values(self) -> dict[str, float]:
@@ -225,6 +228,7 @@ class StructuralModel:
         return np.outer(direction, direction)
 
 
+@guarded("the system matrix of the structure")
 def state_space(M: Array, C: Array, K: Array, forces: Array, outputs: Array, orders: ArrayLike) -> StateSpace:
     """Return the state space, states [x, x'], of a second-order system.
 
@@ -264,7 +268,7 @@ def _symmetric(name: str, values: ArrayLike, n: int) -> Array:
 def _check_mass(M: Array) -> None:
     scale = np.sqrt(np.abs(np.diag(M)))
     if np.all(np.diag(M) > 0):
-        smallest = float(np.linalg.eigvalsh(M / np.outer(scale, scale))[0])
+        smallest = float(np.linalg.eigvalsh(M / scale / scale[:, None])[0])
         if smallest > len(M) * np.finfo(float).eps:
             return
     raise UsageError(
@@ -274,6 +278,8 @@ def _check_mass(M: Array) -> None:
 
 
 def _span(dofs: tuple[int, ...]) -> str:
+    if len(dofs) == 1:
+        return f"DOF {dofs[0]} only"
     if dofs == tuple(range(dofs[0], dofs[-1] + 1)):
-        return f"{dofs[0]} to {dofs[-1]}"
-    return ", ".join(map(str, dofs))
+        return f"the DOFs {dofs[0]} to {dofs[-1]}"
+    return f"the DOFs {', '.join(map(str, dofs))}"

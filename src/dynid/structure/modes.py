@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular
+from dynid.lti.floating import guarded
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,7 @@ class Modes(NamedTuple):
     shapes: Array
 
 
+@guarded("the modes of the structure")
 def modes(M: Array, C: Array, K: Array) -> Modes:
     """Solve ``K phi = omega^2 M phi``.
 

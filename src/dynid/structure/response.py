@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import UsageError
+from dynid.lti.floating import guarded
 from dynid.lti.frequency import QUANTITIES, second_order_response
 from dynid.lti.propagate import response
 from dynid.lti.signals import Signal
@@ -39,6 +40,7 @@ class Channel(NamedTuple):
             raise UsageError(
                 f"there is no output quantity {self.quantity!r}",
                 remedy=f"Use one of {', '.join(QUANTITIES)}.",
+                names=(self.quantity,),
             )
         return QUANTITIES[self.quantity]
 
@@ -50,6 +52,7 @@ class Load(NamedTuple):
     signal: Signal
 
 
+@guarded("the frequency response")
 def frequency_response(
     model: StructuralModel,
     inputs: Sequence[int],
@@ -98,6 +101,7 @@ def frequency_response(
     return result
 
 
+@guarded("the time response")
 def time_response(
     model: StructuralModel,
     loads: Sequence[Load],
