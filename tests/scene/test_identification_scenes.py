@@ -87,7 +87,7 @@ def test_the_scene_of_these_tests_is_valid():
         (
             "simulate: {noise_ratio: 0.05, seed: 1}",
             "file: {path: a.csv, columns: [1, 2]}",
-            "9:3: 2 columns for 1 channels",
+            "9:3: 'columns' names 2, but 'channels' has 1",
         ),
         (
             "simulate: {noise_ratio: 0.05, seed: 1}",

@@ -18,6 +18,12 @@ if TYPE_CHECKING:
     from dynid.lti.model import StateSpace
 
 
+_SHARED = (
+    "some storages depend on others or on a source: stored energy given to one of them is shared at t = 0+, "
+    "as in an impact (Park & Kim 1997, eqs 13 to 16), so that the response starts elsewhere"
+)
+
+
 def add_state_space(result: Result, reduced: ReducedGraph) -> None:
     """Add the state equations; `feedthrough` holds D and, where improper, the matrices on u', u'', …."""
     from dynid.bondgraph.state_space import state_space
@@ -96,3 +102,5 @@ def add_time_response(
     result.add(f"{group}/response", solved.outputs, ("time", "output"))
     result.add(f"{group}/input", sources, ("time", "source"))
     result.annotate(group, states=", ".join(system.states), order=len(system.states))
+    if initial and len(system.states) < len(reduced.storages):
+        result.annotate(group, note=_SHARED)
