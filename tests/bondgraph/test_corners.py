@@ -7,8 +7,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dynid.bondgraph.analysis import Analysis, analyse
+from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.frequency import frequency_response
+from dynid.bondgraph.question import Analysis
 from tests.bondgraph.graphs import at, parse, transfer, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph
 from tests.bondgraph.test_frequency import exact

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sympy import Rational, sympify
 
-from dynid.bondgraph.analysis import Analysis, analyse
+from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.question import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
 from tests.bondgraph.random_graphs import random_graph

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.bondgraph.analysis import Analysis, analyse
+from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.question import Analysis
 from tests.bondgraph.graphs import ISOLATOR, polynomial_at, transfer, transfers, written
 
 

@@ -5,67 +5,15 @@ Only what is asked for is computed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dynid.bondgraph.graph import BondGraph, Port
+from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.results.channels import add_channels
 from dynid.bondgraph.results.responses import add_frequency_response, add_state_space, add_time_response
 from dynid.bondgraph.results.trace import add_prototypes, add_steps
 from dynid.result import Result
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dynid.lti.generator import Signal
-
-#: The results that can be asked for, in the order of the report.
-RESULTS = (
-    "transfer_function",
-    "zeros",
-    "poles",
-    "properties",
-    "hidden_modes",
-    "reduction",
-    "prototype",
-    "state_space",
-    "frequency_response",
-    "time_response",
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Analysis:
-    """What to compute.
-
-    Parameters
-    ----------
-    inputs
-        Sources kept as inputs; all others are zero.
-    outputs
-        Variables asked for.
-    results
-        Names out of `RESULTS`.
-    omega
-        Angular frequencies of the frequency response, rad/s.
-    times
-        Times of the time response, s, starting at 0.
-    signals
-        What drives the time response: pairs of an input and a signal; those of one input add up.
-    initial
-        Stored energy at t = 0: the flow of an I, the effort of a C.
-    """
-
-    inputs: tuple[str, ...]
-    outputs: tuple[Port, ...]
-    results: frozenset[str] = frozenset({"transfer_function", "zeros", "poles", "properties", "reduction"})
-    omega: NDArray[np.float64] | None = None
-    times: NDArray[np.float64] | None = None
-    signals: tuple[tuple[str, Signal], ...] = ()
-    initial: Mapping[str, float] = field(default_factory=dict)
 
 
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:

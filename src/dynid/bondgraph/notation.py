@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Iterator, Mapping
 
-from dynid.bondgraph.program import Op, Program, Register
+from dynid.bondgraph.program import Op, Program, Register, operands
 
 _SUM, _SIGN, _PRODUCT, _POWER, _ATOM = range(5)
 
@@ -27,40 +27,37 @@ def express(
         everything in terms of the elements.
     """
     known: dict[Register, tuple[str, int]] = {}
-    stack = [register]
-    while stack:  # without recursion: programs are deep
-        current = stack[-1]
-        if current in known:
-            stack.pop()
-            continue
+    for current in _in_order(program, register, labels):
         if current != register and current in labels:
             known[current] = labels[current], _ATOM
-            continue
-        op, a, b = program.ops[current]
-        operands = [] if op <= Op.LAPLACE else [a] if op is Op.NEG else [a, b]
-        missing = [operand for operand in operands if operand not in known]
-        if missing:
-            stack += missing
         else:
-            known[current] = _write(op, a, b, known, symbols)
+            known[current] = _write(*program.ops[current], known, symbols)
     return known[register][0]
 
 
 def length(program: Program, register: Register, limit: int) -> int:
     """Count the operations of a nested formula, up to a limit (a shared part counts each time)."""
     counts: dict[Register, int] = {}
+    for current in _in_order(program, register, ()):
+        counts[current] = min(limit, 1 + sum(counts[operand] for operand in operands(*program.ops[current])))
+    return counts[register]
+
+
+def _in_order(program: Program, register: Register, stops: Container[Register]) -> Iterator[Register]:
+    """Yield what a register is made of, operands first, without recursion: programs are deep."""
+    done: set[Register] = set()
     stack = [register]
     while stack:
         current = stack[-1]
-        op, a, b = program.ops[current]
-        operands = [] if op <= Op.LAPLACE else [a] if op is Op.NEG else [a, b]
-        missing = [operand for operand in operands if operand not in counts]
+        leaf = current != register and current in stops
+        missing = [] if leaf else [part for part in operands(*program.ops[current]) if part not in done]
         if missing:
             stack += missing
-        else:
-            counts[current] = min(limit, 1 + sum(counts[operand] for operand in operands))
-            stack.pop()
-    return counts[register]
+            continue
+        stack.pop()
+        if current not in done:
+            done.add(current)
+            yield current
 
 
 def _write(

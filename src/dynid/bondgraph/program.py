@@ -209,7 +209,7 @@ class Program:
         for register in sorted(last_use):
             op, a, b = self.ops[register]
             memory[register] = _execute(op, a, b, memory, values, laplace, one)
-            for operand in _operands(op, a, b):
+            for operand in operands(op, a, b):
                 if last_use[operand] == register and operand not in keep:
                     memory.pop(operand, None)
         return {register: memory[register] for register in wanted}
@@ -219,12 +219,13 @@ class Program:
         last = {register: register for register in wanted}
         for register in range(max(last, default=-1), -1, -1):
             if register in last:
-                for operand in _operands(*self.ops[register]):
+                for operand in operands(*self.ops[register]):
                     last.setdefault(operand, register)
         return last
 
 
-def _operands(op: Op, a: Any, b: int) -> tuple[Register, ...]:
+def operands(op: Op, a: Any, b: int) -> tuple[Register, ...]:
+    """Return the registers that an operation reads."""
     if op <= Op.LAPLACE:
         return ()
     return (a,) if op is Op.NEG else (a, b)

@@ -17,35 +17,12 @@ from pydantic import (
 )
 
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
+from dynid.bondgraph.question import USUAL, ResultName
 from dynid.scene.common import FrequencyGrid, Part, SceneModel, TimeGrid
 from dynid.scene.quantities import Value, fault, names_of
 from dynid.scene.source import did_you_mean
 
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
-RESULTS = (
-    "transfer_function",
-    "zeros",
-    "poles",
-    "properties",
-    "hidden_modes",
-    "reduction",
-    "prototype",
-    "state_space",
-    "frequency_response",
-    "time_response",
-)
-ResultName = Literal[
-    "transfer_function",
-    "zeros",
-    "poles",
-    "properties",
-    "hidden_modes",
-    "reduction",
-    "prototype",
-    "state_space",
-    "frequency_response",
-    "time_response",
-]
 
 
 def _node_type(raw: Any) -> str:
@@ -172,13 +149,12 @@ class AnalysisModel(Part):
                 raise fault(f"'{name}' needs the block '{name.split('_')[0]}'")
         return self
 
-    def asked(self) -> frozenset[str]:
+    def asked(self) -> frozenset[ResultName]:
         """Return the results to compute."""
         if self.results is not None:
             return frozenset(self.results)
-        names = {"transfer_function", "zeros", "poles", "properties", "reduction"}
-        names |= {"frequency_response"} if self.frequency else set()
-        return frozenset(names | ({"time_response"} if self.time else set()))
+        responses: set[ResultName] = {"frequency_response"} if self.frequency else set()
+        return USUAL | responses | ({"time_response"} if self.time else set())
 
 
 class InitialModel(Part):

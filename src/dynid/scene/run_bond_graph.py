@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, cast
 
-from dynid.bondgraph.analysis import Analysis, analyse
+from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import BondGraph, Node, NodeType
+from dynid.bondgraph.question import Analysis
 from dynid.scene.bond_graph_schema import BondGraphScene
 from dynid.scene.common import StepSignal
 from dynid.scene.grids import angular_frequencies, build_signals, record_of

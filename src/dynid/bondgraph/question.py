@@ -1,0 +1,65 @@
+"""What can be asked of a bond graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
+
+from dynid.bondgraph.graph import Port
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.lti.generator import Signal
+
+ResultName = Literal[
+    "transfer_function",
+    "zeros",
+    "poles",
+    "properties",
+    "hidden_modes",
+    "reduction",
+    "prototype",
+    "state_space",
+    "frequency_response",
+    "time_response",
+]
+
+#: The results that can be asked for, in the order of the report.
+RESULTS: tuple[ResultName, ...] = get_args(ResultName)
+
+#: What is computed when nothing in particular is asked for, beside the responses.
+USUAL: frozenset[ResultName] = frozenset({"transfer_function", "zeros", "poles", "properties", "reduction"})
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """What to compute.
+
+    Parameters
+    ----------
+    inputs
+        Sources kept as inputs; all others are zero.
+    outputs
+        Variables asked for.
+    results
+        Names out of `RESULTS`.
+    omega
+        Angular frequencies of the frequency response, rad/s.
+    times
+        Times of the time response, s, starting at 0.
+    signals
+        What drives the time response: pairs of an input and a signal; those of one input add up.
+    initial
+        Stored energy at t = 0: the flow of an I, the effort of a C.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[Port, ...]
+    results: frozenset[str] = USUAL
+    omega: NDArray[np.float64] | None = None
+    times: NDArray[np.float64] | None = None
+    signals: tuple[tuple[str, Signal], ...] = ()
+    initial: Mapping[str, float] = field(default_factory=dict)
