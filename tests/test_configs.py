@@ -55,7 +55,7 @@ def test_the_suspension_is_within_a_thousandth_of_a_percent():
 
 
 def test_the_record_in_data_is_that_of_the_noisy_scene():
-    from dynid.scene.tables import read_columns
+    from dynid.scene.kinds.tables import read_columns
 
     stored = read_columns(ROOT / "data/suspension_noisy.h5", None)
     made = dynid.run(ROOT / "configs/suspension_noisy.yaml")["identification/measurement/measured"].data

@@ -29,13 +29,13 @@ FORBIDDEN = {
     *(("cli", package) for package in ("lti", "bondgraph", "structure", "identification")),
 }
 # The store and the checks know nothing of scenes but how to suggest a name.
-SUGGESTIONS = "dynid.scene.source"
+SUGGESTIONS = "dynid.scene.yaml.source"
 
 # Who may import a library, and for what.
 LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
-    "h5py": {"store", "scene.tables"},  # results; measured data that a scene names
+    "h5py": {"store", "scene.kinds.tables"},  # results; measured data that a scene names
     "yaml": {"scene"},
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},
@@ -61,7 +61,7 @@ def imports_of(path):
 
 
 def module_of(path):
-    """Return a file's place in the house, such as `scene.tables`."""
+    """Return a file's place in the house, such as `scene.kinds.tables`."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)
 

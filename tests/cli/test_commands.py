@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 
 from dynid.cli import COMMANDS
-from dynid.scene.source import read_source
+from dynid.scene.yaml.source import read_source
 from tests.scene.test_schema import TEN, TEN_PLACES
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
@@ -102,7 +102,7 @@ def test_an_output_that_cannot_be_printed_is_exit_4_with_the_file_written(folder
 
 def test_an_interrupt_from_the_keyboard_is_exit_130(folder):
     driver = (
-        "import os, signal, sys, dynid.scene.run_bond_graph as runner\n"
+        "import os, signal, sys, dynid.scene.kinds.bond_graph as runner\n"
         "runner.run = lambda scene: os.kill(os.getpid(), signal.SIGINT)\n"
         "from dynid.cli import main; main(['run', 'small.yaml'])\n"
     )

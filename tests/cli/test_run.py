@@ -195,7 +195,7 @@ def test_whatever_happens_in_a_run_the_old_result_stays_and_no_traceback_is_show
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("dynid.scene.run_bond_graph.run", fail)
+    monkeypatch.setattr("dynid.scene.kinds.bond_graph.run", fail)
     left, out, err = dynid("run", "small.yaml")
     assert (left, out) == (code, "")
     assert len(err.splitlines()) <= 2
@@ -212,7 +212,7 @@ def test_a_failing_run_leaves_an_old_result_alone(dynid, folder, wrong):
 
 @pytest.mark.usefixtures("folder")
 def test_an_error_that_nobody_thought_of_says_where_it_happened(dynid, monkeypatch):
-    monkeypatch.setattr("dynid.scene.run_bond_graph.build_graph", lambda _: 1 / 0)
+    monkeypatch.setattr("dynid.scene.kinds.bond_graph.build_graph", lambda _: 1 / 0)
     code, _, err = dynid("run", "small.yaml")
     assert code == 3
     assert re.match(

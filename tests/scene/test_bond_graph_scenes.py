@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynid.scene.grids import angular_frequencies
-from dynid.scene.run_bond_graph import build_graph
+from dynid.scene.kinds.bond_graph import build_graph
+from dynid.scene.kinds.grids import angular_frequencies
 from tests.scene.written import check, faults_of
 
 SCENE = """\

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from dynid.scene.expression import ExpressionError, OutOfRangeError, parse, resolve_parameters, to_fraction
+from dynid.scene.arithmetic.expression import (
+    ExpressionError,
+    OutOfRangeError,
+    parse,
+    resolve_parameters,
+    to_fraction,
+)
 
 
 @pytest.mark.parametrize(

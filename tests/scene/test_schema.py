@@ -9,9 +9,9 @@ import jsonschema
 import pytest
 
 from dynid.errors import SceneError
-from dynid.scene.dump import dump
 from dynid.scene.load import KINDS, check_source, kind_model
-from dynid.scene.source import apply_overrides, parse_source
+from dynid.scene.yaml.dump import dump
+from dynid.scene.yaml.source import apply_overrides, parse_source
 from tests.scene.written import ISOLATOR, JOINTS, check, faults_of
 
 EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS}

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.errors import FileError, SceneError
-from dynid.scene.dump import dump
-from dynid.scene.source import apply_overrides, did_you_mean, parse_source, read_source, set_value
+from dynid.scene.yaml.dump import dump
+from dynid.scene.yaml.source import apply_overrides, did_you_mean, parse_source, read_source, set_value
 
 
 def faults_of(text):
@@ -277,6 +277,7 @@ def test_did_you_mean(word, candidates, expected):
 
 def test_reading_scenes_imports_nothing_heavy():
     heavy = "{'numpy', 'scipy', 'pydantic'}"
-    code = f"import sys, dynid.scene.source, dynid.scene.expression; print({heavy} & set(sys.modules))"
+    modules = "dynid.scene.yaml.source, dynid.scene.arithmetic.expression"
+    code = f"import sys, {modules}; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

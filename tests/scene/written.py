@@ -2,7 +2,7 @@
 
 from dynid.errors import SceneError
 from dynid.scene.load import check_source
-from dynid.scene.source import parse_source
+from dynid.scene.yaml.source import parse_source
 
 # Both as the documentation gives them, every key of which stays valid.
 ISOLATOR = """\

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
 
 _RUNNERS = {
-    "bond-graph": "dynid.scene.run_bond_graph",
-    "identification": "dynid.scene.run_identification",
+    "bond-graph": "dynid.scene.kinds.bond_graph",
+    "identification": "dynid.scene.kinds.identification",
 }
 
 

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import DynidError, Fault, SceneError
-from dynid.scene.source import Source, apply_overrides, did_you_mean, read_source
+from dynid.scene.yaml.source import Source, apply_overrides, did_you_mean, read_source
 
 if TYPE_CHECKING:
-    from dynid.scene.common import SceneModel
+    from dynid.scene.schema.common import SceneModel
 
 #: For every kind the module that describes its scenes and the name of the model in it.
 KINDS = {
-    "bond-graph": ("dynid.scene.bond_graph_schema", "BondGraphScene"),
-    "identification": ("dynid.scene.identification_schema", "IdentificationScene"),
+    "bond-graph": ("dynid.scene.schema.bond_graph", "BondGraphScene"),
+    "identification": ("dynid.scene.schema.identification", "IdentificationScene"),
 }
 
 
@@ -105,8 +105,8 @@ def check_source(source: Source) -> Scene:
     """
     from pydantic import ValidationError
 
-    from dynid.scene.faults import located_faults
-    from dynid.scene.outline import read_names, whole_faults
+    from dynid.scene.schema.faults import located_faults
+    from dynid.scene.schema.outline import read_names, whole_faults
 
     model = _model_of(source)
     names, faults = read_names(source)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, cast
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import BondGraph, Node, NodeType
 from dynid.bondgraph.question import Analysis
-from dynid.scene.bond_graph_schema import BondGraphScene
-from dynid.scene.common import StepSignal
-from dynid.scene.grids import angular_frequencies, build_signals, record_of
+from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
+from dynid.scene.schema.bond_graph import BondGraphScene
+from dynid.scene.schema.common import StepSignal
 
 if TYPE_CHECKING:
     from dynid.lti.generator import Signal

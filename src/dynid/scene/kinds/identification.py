@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, cast
 
 from dynid.errors import FileError
 from dynid.result import Result
-from dynid.scene.grids import angular_frequencies, build_signals, record_of
-from dynid.scene.identification_schema import IdentificationScene, JointModel, ParameterModel
+from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
-from dynid.scene.quantities import Quantity
+from dynid.scene.schema.identification import IdentificationScene, JointModel, ParameterModel
+from dynid.scene.schema.quantities import Quantity
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import Joint, JointParameter, StructuralModel
 from dynid.structure.response import Channel, Load, frequency_response, time_response
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from dynid.identification.measurement import Measurement
     from dynid.lti.generator import Record
-    from dynid.scene.common import SignalPart, TimeGrid
+    from dynid.scene.schema.common import SignalPart, TimeGrid
 
 
 def run(scene: Scene) -> Result:
@@ -104,7 +104,7 @@ def _measurement(scene: Scene, model: IdentificationScene) -> Measurement:
 
 
 def _measured(scene: Scene, model: IdentificationScene) -> NDArray[np.float64]:
-    from dynid.scene.tables import read_columns
+    from dynid.scene.kinds.tables import read_columns
 
     given = model.measurement
     assert given is not None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.scene.source import did_you_mean
+from dynid.scene.yaml.source import did_you_mean
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from dynid.scene.expression import Expression, ExpressionError, Number, parse, to_fraction
-from dynid.scene.source import did_you_mean
+from dynid.scene.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
+from dynid.scene.yaml.source import did_you_mean
 
 
 @dataclass(frozen=True)

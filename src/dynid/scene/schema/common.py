@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from dynid.scene.quantities import NotNegative, Positive, Quantity, Value, fault
+from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Value, fault
 
 
 class Part(BaseModel):

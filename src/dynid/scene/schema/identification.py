@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from dynid.scene.common import FrequencyGrid, Part, SceneModel, Signals, TimeGrid
-from dynid.scene.quantities import NotNegative, Positive, Value, fault
+from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, Signals, TimeGrid
+from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 
 Dof = Annotated[int, Field(ge=1, strict=True)]
 MotionQuantity = Literal["displacement", "velocity", "acceleration"]

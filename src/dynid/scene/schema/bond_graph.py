@@ -18,9 +18,9 @@ from pydantic import (
 
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
 from dynid.bondgraph.question import USUAL, ResultName
-from dynid.scene.common import FrequencyGrid, Part, SceneModel, TimeGrid
-from dynid.scene.quantities import Value, fault, names_of
-from dynid.scene.source import did_you_mean
+from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, TimeGrid
+from dynid.scene.schema.quantities import Value, fault, names_of
+from dynid.scene.yaml.source import did_you_mean
 
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
 

@@ -15,7 +15,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, TypeVar
 
-from dynid.scene.grammar import (
+from dynid.scene.arithmetic.grammar import (
     FUNCTIONS,
     ExpressionError,
     column_of,
@@ -24,8 +24,8 @@ from dynid.scene.grammar import (
     operation_of,
     parse_arithmetic,
 )
-from dynid.scene.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
-from dynid.scene.source import did_you_mean
+from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
+from dynid.scene.yaml.source import did_you_mean
 
 __all__ = [
     "FUNCTIONS",

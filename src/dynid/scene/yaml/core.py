@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, NoReturn
 import yaml
 
 from dynid.errors import Fault
-from dynid.scene.scalars import CORE, UNSTORABLE, resolve_plain, resolve_tagged, shorten, tag_message
-from dynid.scene.syntax import Place, in_plain_words, place_of
+from dynid.scene.yaml.scalars import CORE, UNSTORABLE, resolve_plain, resolve_tagged, shorten, tag_message
+from dynid.scene.yaml.syntax import Place, in_plain_words, place_of
 
 MAX_CHARACTERS = 8 * 2**20
 MAX_DEPTH = 64

@@ -11,10 +11,10 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from dynid.errors import Fault, FileError, SceneError
-from dynid.scene.dump import dump
-from dynid.scene.scalars import resolve_plain
-from dynid.scene.syntax import Place, place_of
-from dynid.scene.yaml_core import MAX_CHARACTERS, Key, Marks, Path, parse_yaml
+from dynid.scene.yaml.core import MAX_CHARACTERS, Key, Marks, Path, parse_yaml
+from dynid.scene.yaml.dump import dump
+from dynid.scene.yaml.scalars import resolve_plain
+from dynid.scene.yaml.syntax import Place, place_of
 
 __all__ = [
     "Marks",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.errors import UsageError
-from dynid.scene.common import FileSignal, FrequencyGrid, SignalPart, TimeGrid
+from dynid.scene.schema.common import FileSignal, FrequencyGrid, SignalPart, TimeGrid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,7 +71,7 @@ def _build_signal(part: SignalPart, record: Record, folder: Path) -> Signal:
 
     parameters = part.parameters()
     if isinstance(part, FileSignal):
-        from dynid.scene.tables import read_columns
+        from dynid.scene.kinds.tables import read_columns
 
         parameters = {"values": read_columns(folder / part.path, [part.column])[:, 0]}
     return signal(str(getattr(part, "kind")), parameters, record)  # noqa: B009 - every member has a kind

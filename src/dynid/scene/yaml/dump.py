@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from dynid.scene.scalars import resolve_plain
+from dynid.scene.yaml.scalars import resolve_plain
 
 
 class _Dumper(yaml.SafeDumper):

@@ -12,9 +12,9 @@ from typing import Any
 
 from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
 from dynid.errors import Fault
-from dynid.scene.expression import resolve_parameters
-from dynid.scene.quantities import Names
-from dynid.scene.source import Source, did_you_mean
+from dynid.scene.arithmetic.expression import resolve_parameters
+from dynid.scene.schema.quantities import Names
+from dynid.scene.yaml.source import Source, did_you_mean
 
 
 def read_names(source: Source) -> tuple[Names, list[Fault]]:

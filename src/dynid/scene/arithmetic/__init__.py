@@ -1,0 +1,1 @@
+"""Safe arithmetic: exact expressions of numbers and names; nothing is ever executed."""
