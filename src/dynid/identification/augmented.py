@@ -24,6 +24,11 @@ from dynid.structure.response import Channel, Load
 Array = NDArray[np.float64]
 
 
+# Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.
+_MOST_NUMBERS = 250_000_000
+_COPIES = 4
+
+
 class Transition(NamedTuple):
     """One step: ``x+ = Phi x + Gamma w`` as ``step`` (n x (n + q)) on [x, w], and its derivatives.
 
@@ -119,7 +124,7 @@ def augmented(
     Raises
     ------
     UsageError
-        If nothing is unknown, nothing is measured, or a DOF does not exist.
+        If nothing is unknown, nothing is measured, a DOF does not exist, or the record is too large.
     """
     unknowns = model.unknowns
     if not unknowns:
@@ -138,6 +143,7 @@ def augmented(
     poles = np.linalg.eigvals(rescaled(started, d)).astype(complex)
     check_phase(poles, float(times[-1] - times[0]))
     line = timeline([load.signal for load in loads], times, float(times[0]))
+    _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), rows.size * len(times) * 2)
     drive = system.B @ line.H / d[:, None]
     w_scale = drive_scale(rescaled(started, d), drive)
     return AugmentedModel(
@@ -152,6 +158,18 @@ def augmented(
         line=line,
         W=line.W / w_scale,
     )
+
+
+def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
+    """Refuse a record that would not fit into memory, before any work on it."""
+    numbers = nodes * states + _COPIES * sensitivities
+    if numbers > _MOST_NUMBERS:
+        raise UsageError(
+            f"the record is too large: its sensitivities take {8e-9 * numbers:.2g} GB, "
+            f"{8e-9 * _MOST_NUMBERS:.2g} GB is the most",
+            remedy="Use fewer samples or channels, or a smaller model.",
+            names=("samples",),
+        )
 
 
 def _change(M: Array, unknown: Unknown) -> Array:

@@ -23,7 +23,6 @@ from dynid.structure.response import Load, source_names
 _ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
 
 
-@guarded("the identification")
 def identify(
     model: StructuralModel,
     loads: Sequence[Load],
@@ -66,11 +65,21 @@ def identify(
     UsageError
         If the call makes no sense, or the record is too large to be worked on.
     """
+    names = [unknown.name for unknown in model.unknowns]
+    with guarded(f"the identification of {', '.join(names)}", names=names):
+        return _identified(model, loads, measurement, estimator or Filter(), truth or model)
+
+
+def _identified(
+    model: StructuralModel,
+    loads: Sequence[Load],
+    measurement: Measurement,
+    estimator: Filter,
+    truth: StructuralModel,
+) -> Result:
     record = measurement.record
-    estimator = estimator or Filter()
-    known = as_estimated(loads, record)
-    joint = augmented(model, known, measurement.channels, record.times)
-    values = data(truth or model, loads, measurement)
+    joint = augmented(model, as_estimated(loads, record), measurement.channels, record.times)
+    values = data(truth, loads, measurement)
     fits = fitter(joint, model, measurement.channels, values)
     origin = np.log([unknown.start for unknown in joint.unknowns])
     _check_visible(fits, fits.fit(origin, values.values))

@@ -135,15 +135,8 @@ def information(
 
 
 def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
-    """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns.
-
-    A tall matrix is reduced to a square one by reflections first: as accurate, and many times as fast.
-    """
+    """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns."""
     finite("the sensitivity of the record", matrix)
-    if len(matrix) > 2 * matrix.shape[1]:
-        Q, R = np.linalg.qr(matrix)
-        U, s, Vt = np.linalg.svd(R)
-        return Q @ U, s, Vt
     U, s, Vt = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
     return U, s, Vt
 
@@ -154,6 +147,15 @@ def least_squares(matrix: Array, right: Array, rank: float) -> Array:
     finite("the record", right)
     kept = s > rank * s.max(initial=0.0)
     return np.asarray(Vt[: len(s)][kept].T @ ((U[:, : len(s)][:, kept].T @ right) / s[kept]))
+
+
+def untold(names: list[str]) -> NotIdentifiable:
+    """Return the error that names parameters whose effect drowns in the noise."""
+    return _refusal(
+        names,
+        "cannot be told by this record: the effect drowns in the noise",
+        "Excite or measure where the joint works, measure longer or with less noise, or fix some at a value.",
+    )
 
 
 def _refusal(names: list[str], why: str, remedy: str) -> NotIdentifiable:

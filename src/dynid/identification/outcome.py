@@ -13,7 +13,7 @@ from dynid.errors import Diverged
 from dynid.identification.diagnostics import converged, is_coloured, root_mean_square, whiteness
 from dynid.identification.filter import Pass
 from dynid.identification.fit import Fit, Fitter
-from dynid.identification.information import Information
+from dynid.identification.information import Information, untold
 from dynid.identification.measurement import Measurement
 from dynid.result import Result
 from dynid.structure.response import UNITS
@@ -25,6 +25,8 @@ _UNIT = {"k": "N/m", "c": "N.s/m"}
 _VOID = 0.5
 # … and above this one (all channels together) whatever they are.
 _NOTHING = 1.0
+# A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
+_BLIND = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +95,8 @@ class Outcome:
         ------
         Diverged
             Naming the parameters.
+        NotIdentifiable
+            Naming those of which the record tells nothing, not even the order of magnitude.
         """
         left = self._final.noise / self.fitter.data.rms  # corrected for what the fit takes up of any record
         if not np.mean(left**2) < _NOTHING**2:
@@ -104,6 +108,10 @@ class Outcome:
                     self.fitter,
                     f"{100 * left[column]:.0f} % of {channel} is unexplained, and what is left is no noise",
                 )
+        blind = self.information.deviations() > _BLIND
+        if blind.any():
+            unknowns = self.fitter.model.unknowns
+            raise untold([unknown.name for unknown, yes in zip(unknowns, blind, strict=True) if yes])
 
     def result(self) -> Result:
         """Return everything under ``identification/``."""

@@ -48,15 +48,18 @@ def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, list[Tran
     n = model.states
     transitions = [model.transition(logs, h) for h in model.line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
-    trajectory = np.empty((len(model.line.nodes), n, 1 + n))
     state = np.concatenate([np.zeros((n, 1)), np.eye(n)], axis=1)
-    trajectory[0] = state
     steps = [transition.step[:, :n] for transition in transitions]
-    for node, k in enumerate(model.line.which):
-        state = steps[k] @ state
-        state[:, 0] += forcing[node]
-        trajectory[node + 1] = state
-    outputs = model.output(logs)[0] @ trajectory[model.line.wanted]
+    C = model.output(logs)[0]
+    # Only what the channels see is kept: all states at all nodes would be n times as much.
+    outputs = np.empty((len(model.line.wanted), len(C), 1 + n))
+    first = 0
+    for sample, node in enumerate(model.line.wanted.tolist()):
+        for between in range(first, node):
+            state = steps[model.line.which[between]] @ state
+            state[:, 0] += forcing[between]
+        first = node
+        outputs[sample] = C @ state
     return Free(outputs[:, :, 0] + model.feedthrough, outputs[:, :, 1:]), transitions
 
 

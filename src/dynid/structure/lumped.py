@@ -65,9 +65,8 @@ def _direction(link: Link, n: int) -> np.ndarray[tuple[int], np.dtype[np.float64
     if len(dofs) not in (1, 2) or len(set(dofs)) != len(dofs):
         raise UsageError(f"a link must name one DOF (to ground) or two different ones, not {list(dofs)}")
     if not all(1 <= dof <= n for dof in dofs):
-        raise UsageError(
-            f"a link names DOFs {list(dofs)}, but there {'is DOF 1' if n == 1 else f'are the DOFs 1 to {n}'} only"
-        )
+        there_is = "is DOF 1" if n == 1 else f"are the DOFs 1 to {n}"
+        raise UsageError(f"a link names DOFs {list(dofs)}, but there {there_is} only")
     if not all(math.isfinite(value) and value >= 0 for value in (link.k, link.c)):
         raise UsageError(f"stiffness and damping of the link {list(dofs)} must be finite and not negative")
     direction = np.zeros(n)
