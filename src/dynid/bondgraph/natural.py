@@ -7,7 +7,7 @@ from typing import Any
 
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.reduction import Reduction
+from dynid.bondgraph.reduction.reducer import Reduction
 
 
 def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:

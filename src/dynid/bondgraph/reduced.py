@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
 from dynid.bondgraph.graph import STORAGES, BondGraph, Port
-from dynid.bondgraph.junctions import JunctionStructure
-from dynid.bondgraph.program import Point, Program
-from dynid.bondgraph.reduction import Reduction, reduce_graph
+from dynid.bondgraph.reduction.junctions import JunctionStructure
+from dynid.bondgraph.reduction.program import Point, Program
+from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
 
 if TYPE_CHECKING:
     import numpy as np

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
-from dynid.bondgraph.junctions import Coupling, JunctionStructure
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
 from dynid.errors import NumericalError, Singular
 
 if TYPE_CHECKING:

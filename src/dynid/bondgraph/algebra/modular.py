@@ -6,7 +6,7 @@ import random
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
-from dynid.bondgraph.program import Point
+from dynid.bondgraph.reduction.program import Point
 
 _LARGEST = (1 << 61) - 1  # a prime
 

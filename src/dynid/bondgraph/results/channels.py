@@ -10,7 +10,7 @@ import numpy as np
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.natural import characteristic_polynomials
 from dynid.bondgraph.reduced import Channel, ReducedGraph
-from dynid.bondgraph.reduction import Reduction
+from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.lti.roots import Root, certified_roots, repeated
 from dynid.result import Result

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dynid.bondgraph.notation import express, length
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.reduction import Reduction
-from dynid.bondgraph.steps import Step
+from dynid.bondgraph.reduction.notation import express, length
+from dynid.bondgraph.reduction.reducer import Reduction
+from dynid.bondgraph.reduction.steps import Step
 from dynid.result import Result
 
 #: Longest nested formula of a prototype's system that is written out, in operations.

@@ -7,10 +7,10 @@ junction states a constraint.
 
 from __future__ import annotations
 
-from dynid.bondgraph.junctions import unique
-from dynid.bondgraph.network import Network, Term
-from dynid.bondgraph.program import Op, Program, Register
-from dynid.bondgraph.steps import Definition, Step, listed
+from dynid.bondgraph.reduction.junctions import unique
+from dynid.bondgraph.reduction.network import Network, Term
+from dynid.bondgraph.reduction.program import Op, Program, Register
+from dynid.bondgraph.reduction.steps import Definition, Step, listed
 
 #: Letter of the common variable of a junction.
 COMMON = {"0": "e", "1": "f"}

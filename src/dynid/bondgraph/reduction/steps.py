@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dynid.bondgraph.program import Register
+from dynid.bondgraph.reduction.program import Register
 
 #: A name, and the registers that sum up to it, each with the variable that it multiplies (empty: none); or
 #: a formula in names that were defined before.

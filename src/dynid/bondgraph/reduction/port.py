@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynid.bondgraph.graph import JUNCTIONS, SOURCES, Port, bond_sign
-from dynid.bondgraph.network import Network
-from dynid.bondgraph.program import Program, Register
+from dynid.bondgraph.reduction.network import Network
+from dynid.bondgraph.reduction.program import Program, Register
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,15 @@ import heapq
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dynid.bondgraph.elimination import COMMON, Elimination
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.junctions import JunctionStructure
-from dynid.bondgraph.network import Network
-from dynid.bondgraph.port import PortForm, channel, port_form
-from dynid.bondgraph.program import Program, Register
-from dynid.bondgraph.prototypes import Prototype, split_root
-from dynid.bondgraph.singularity import NodalForm, explain_singularity
-from dynid.bondgraph.steps import Definition, Step
+from dynid.bondgraph.reduction.elimination import COMMON, Elimination
+from dynid.bondgraph.reduction.junctions import JunctionStructure
+from dynid.bondgraph.reduction.network import Network
+from dynid.bondgraph.reduction.port import PortForm, channel, port_form
+from dynid.bondgraph.reduction.program import Program, Register
+from dynid.bondgraph.reduction.prototypes import Prototype, split_root
+from dynid.bondgraph.reduction.singularity import NodalForm, explain_singularity
+from dynid.bondgraph.reduction.steps import Definition, Step
 
 
 @dataclass(frozen=True)

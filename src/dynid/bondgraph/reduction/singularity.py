@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dynid.bondgraph.junctions import JunctionStructure
-from dynid.bondgraph.network import Network
-from dynid.bondgraph.program import Program, Register
+from dynid.bondgraph.reduction.junctions import JunctionStructure
+from dynid.bondgraph.reduction.network import Network
+from dynid.bondgraph.reduction.program import Program, Register
 from dynid.errors import Singular
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dynid.bondgraph.junctions import Coupling, JunctionStructure
-from dynid.bondgraph.program import Program, Register
+from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
+from dynid.bondgraph.reduction.program import Program, Register
 
 
 @dataclass(frozen=True)

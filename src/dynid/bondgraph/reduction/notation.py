@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping
 
-from dynid.bondgraph.program import Op, Program, Register, operands
+from dynid.bondgraph.reduction.program import Op, Program, Register, operands
 
 _SUM, _SIGN, _PRODUCT, _POWER, _ATOM = range(5)
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynid.bondgraph.graph import SOURCES, STORAGES, Port
-from dynid.bondgraph.network import Network, Term
-from dynid.bondgraph.program import Program, Register
+from dynid.bondgraph.reduction.network import Network, Term
+from dynid.bondgraph.reduction.program import Program, Register
 
 
 @dataclass(frozen=True)
