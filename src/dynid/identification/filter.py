@@ -69,7 +69,7 @@ def filter_pass(
     """
     n, p = model.states, model.parameters
     samples = len(measured)
-    variance = np.broadcast_to(deviation**2, measured.shape)
+    weight = np.broadcast_to(1 / deviation, measured.shape)
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
     outputs_vary = bool(model.C_slopes.any())
     z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
@@ -87,7 +87,8 @@ def filter_pass(
             C, C_slopes = model.output(z[n:])
             H[:, :n], H[:, n:] = C, (C_slopes @ z[:n]).T
         innovation = measured[sample] - model.feedthrough[sample] - H[:, :n] @ z[:n]
-        z += _update(S, H, innovation, variance[sample], present[sample])
+        whitened = H * weight[sample][:, None], innovation * weight[sample]
+        z += _update(S, *whitened, present[sample])
         _check(model, z[n:], origin)
         history.logs[sample] = z[n:]
         history.deviations[sample] = np.sqrt(np.einsum("ij,ij->i", S[n:], S[n:]))
@@ -104,8 +105,8 @@ def _propagate(model: AugmentedModel, node: int, z: Array, S: Array) -> None:
     S[:n] = step[:, :n] @ S[:n] + (slopes @ driven).T @ S[n:]
 
 
-def _update(S: Array, H: Array, innovation: Array, variance: Array, present: list[int]) -> Array:
-    """Take one sample into account, channel by channel (their noises are independent); S in place.
+def _update(S: Array, H: Array, innovation: Array, present: list[int]) -> Array:
+    """Take one sample into account, channel by channel, in units of its noise; S in place (Potter).
 
     Returns
     -------
@@ -114,12 +115,12 @@ def _update(S: Array, H: Array, innovation: Array, variance: Array, present: lis
     """
     correction = np.zeros(len(S))
     for channel in present:
-        h, r = H[channel], float(variance[channel])
+        h = H[channel]
         phi = h @ S
-        spread = float(phi @ phi) + r
+        spread = float(phi @ phi) + 1.0
         gain = S @ phi / spread
         correction += gain * (innovation[channel] - h @ correction)
-        S -= np.outer(gain / (1 + math.sqrt(r / spread)), phi)
+        S -= np.outer(gain / (1 + math.sqrt(1 / spread)), phi)
     return correction
 
 
