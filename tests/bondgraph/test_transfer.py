@@ -205,3 +205,22 @@ def test_coefficients_are_monic_and_correctly_rounded():
     assert numerator.dtype == np.float64
     assert numerator.tolist() == [1 / 7]
     assert denominator.tolist() == [1.0, float(Fraction(1, 21))]
+
+
+@pytest.mark.parametrize(
+    ("resistance", "verdict"),
+    [
+        (1, "stable"),
+        (0, "marginal, not stable: poles at ±1j lie on the imaginary axis"),
+        (-1, "unstable: poles at 0.5 ± 0.866i"),
+    ],
+)
+def test_the_stability_verdict_names_the_poles_that_decide_it(resistance, verdict):
+    channel = transfer(f"Se u, 1 j, R r {resistance}, I m 1, C k 1", "u -> j -> r, j -> m, j -> k", "m.f")
+    assert channel.stability.startswith(verdict)
+    assert channel.stable == (verdict == "stable")
+
+
+def test_two_masses_that_drift_are_unstable():
+    channel = transfer("Se u, 1 j, I m 1", "u -> j -> m", "m.q")
+    assert channel.stability == "unstable: poles at 0 lie repeated on the imaginary axis"

@@ -93,6 +93,19 @@ class TransferFunction:
         return all(pole.side < 0 for pole in self.poles)
 
     @property
+    def stability(self) -> str:
+        """The stability verdict in words, with the poles that decide it."""
+        right = [pole for pole in self.poles if pole.side > 0]
+        axis = [pole for pole in self.poles if pole.side == 0]
+        repeated = [pole for pole in axis if pole.multiplicity > 1]
+        if right or repeated:
+            where = "in the right half-plane" if right else "repeated on the imaginary axis"
+            return f"unstable: {_place(right or repeated, 'pole')} {where}"
+        if axis:
+            return f"marginal, not stable: {_place(axis, 'pole')} on the imaginary axis"
+        return "stable" if self.poles else "stable: there are no poles"
+
+    @property
     def minimum_phase(self) -> bool:
         """Whether every zero lies in the open left half-plane (no zeros: yes; a vanishing channel: no)."""
         return not self.vanishes and all(zero.side < 0 for zero in self.zeros)
@@ -105,11 +118,12 @@ class TransferFunction:
         if self.vanishes:
             return "undefined: the input does not reach the output"
         if right:
-            return f"non-minimum phase: {_place(right)} in the right half-plane; its inverse is unstable"
-        if axis:
             return (
-                f"marginal, not minimum phase: {_place(axis)} on the imaginary axis, so {_consequence(axis)}"
+                f"non-minimum phase: {_place(right, 'zero')} in the right half-plane; its inverse is unstable"
             )
+        if axis:
+            where = f"{_place(axis, 'zero')} on the imaginary axis"
+            return f"marginal, not minimum phase: {where}, so {_consequence(axis)}"
         if not self.zeros:
             return "minimum phase: there are no finite zeros"
         return "minimum phase: every zero lies in the open left half-plane"
@@ -123,14 +137,14 @@ def _consequence(zeros: list[Root]) -> str:
     return f"with the output held at zero the inside can {motion}" + (" and grow" if repeated else "")
 
 
-def _place(zeros: list[Root]) -> str:
-    count = sum(zero.multiplicity for zero in zeros)
-    shown = [_number(zero.value) for zero in zeros if zero.value.imag >= 0][:4]
+def _place(roots: list[Root], what: str) -> str:
+    count = sum(root.multiplicity for root in roots)
+    shown = [_number(root.value) for root in roots if root.value.imag >= 0][:4]
     text = ", ".join(
         ("±" if value.endswith("j") and not value.startswith("0") else "") + value for value in shown
     )
-    more = ", …" if len(zeros) > 8 else ""
-    return f"zero at {text} lies" if count == 1 else f"zeros at {text}{more} lie"
+    more = ", …" if len(roots) > 8 else ""
+    return f"{what} at {text} lies" if count == 1 else f"{what}s at {text}{more} lie"
 
 
 def _number(value: complex) -> str:

@@ -68,6 +68,7 @@ def _add_properties(
     result.add(f"{group}/dc_gain", transfer.dc_gain)
     result.add(f"{group}/high_frequency_gain", transfer.high_frequency_gain)
     result.add(f"{group}/stable", transfer.stable)
+    result.add(f"{group}/stability", transfer.stability)
     result.add(f"{group}/minimum_phase", transfer.minimum_phase)
     result.add(f"{group}/order", transfer.order)
     result.add(f"{group}/prototype", reduction.prototype.letter)

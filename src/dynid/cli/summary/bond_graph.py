@@ -70,9 +70,9 @@ def _channel(result: Result, output: str, source: str) -> Iterable[str]:
         yield f"    zeros   {_roots(result[f'{transfer}/zeros'].data)}"
         yield from _wrapped(result, f"{properties}/zero_stability")
     if f"{transfer}/poles" in result:
-        poles, known = result[f"{transfer}/poles"].data, f"{properties}/stable" in result
-        stable = "" if not known else "stable" if result.value(f"{properties}/stable") else "not stable"
-        yield f"    poles   {_roots(poles):<34} {stable}".rstrip()
+        poles = result[f"{transfer}/poles"].data
+        yield f"    poles   {_roots(poles)}"
+        yield from _wrapped(result, f"{properties}/stability")
         yield from _modes(poles)
     yield from _numbers(result, properties)
 
