@@ -45,7 +45,7 @@ SIGNALS = {
 
 @pytest.mark.parametrize("name", SIGNALS)
 @given(place=st.floats(0.001, 2.99), part=st.floats(0.05, 0.95))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_generator_reproduces_the_signal_between_breakpoints(name, place, part):
     s = SIGNALS[name]
     edges = np.unique(np.concatenate([[0.0, 3.0], s.breakpoints(0.0, 3.0)]))

@@ -141,7 +141,7 @@ def augmented(
     started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
     d = balance(started)
     poles = np.linalg.eigvals(rescaled(started, d)).astype(complex)
-    check_phase(poles, float(times[-1] - times[0]))
+    check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
     line = timeline([load.signal for load in loads], times, float(times[0]))
     _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), rows.size * len(times) * 2)
     drive = system.B @ line.H / d[:, None]

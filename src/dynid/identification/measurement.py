@@ -72,7 +72,8 @@ class Measurement:
         channels = tuple(Channel(*channel) for channel in self.channels)
         object.__setattr__(self, "channels", channels)
         if len(set(channels)) != len(channels):
-            raise UsageError("a channel is named twice")
+            twice = [channel.name for channel in channels if channels.count(channel) > 1]
+            raise UsageError(f"the channel {twice[0]} is named twice", names=twice[:1])
         _ = self.record
         if isinstance(self.source, Simulation):
             return

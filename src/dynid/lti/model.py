@@ -58,12 +58,12 @@ class StateSpace:
         for name, count, letter in (("inputs", m, "u"), ("outputs", p, "y"), ("states", n, "x")):
             names = tuple(getattr(self, name)) or tuple(f"{letter}{k}" for k in range(1, count + 1))
             if len(names) != count:
-                raise UsageError(f"{len(names)} names for {count} {name}")
+                raise UsageError(f"the {name} need one name each: {count}, not {len(names)}")
             object.__setattr__(self, name, names)
         for name, count in (("input_units", m), ("output_units", p)):
             units = tuple(getattr(self, name)) or ("",) * count
             if len(units) != count:
-                raise UsageError(f"{len(units)} {name} given where {count} are needed")
+                raise UsageError(f"the number of {name} must be {count}, not {len(units)}")
             object.__setattr__(self, name, units)
 
 

@@ -114,7 +114,7 @@ def response(
 
 def _check(system: StateSpace, signals: Sequence[Signal], x0: ArrayLike | None) -> None:
     if len(signals) != system.B.shape[1]:
-        raise UsageError(f"{len(signals)} signals for {system.B.shape[1]} inputs")
+        raise UsageError(f"a system needs one signal an input: {system.B.shape[1]}, not {len(signals)}")
     if x0 is not None and np.shape(x0) != (len(system.A),):
         raise UsageError(f"an initial state of shape {np.shape(x0)} for {len(system.A)} states")
     if x0 is not None and not np.all(np.isfinite(np.asarray(x0, dtype=float))):
@@ -141,7 +141,7 @@ def _split(
     return generated, spread
 
 
-def check_phase(poles: ComplexArray, duration: float) -> None:
+def check_phase(poles: ComplexArray, duration: float, names: Sequence[str] = ()) -> None:
     """Refuse motions of which double precision knows no phase any more.
 
     Parameters
@@ -150,6 +150,8 @@ def check_phase(poles: ComplexArray, duration: float) -> None:
         The poles, rad/s.
     duration
         Time that they are propagated over, s.
+    names
+        What an error names.
 
     Raises
     ------
@@ -163,6 +165,7 @@ def check_phase(poles: ComplexArray, duration: float) -> None:
             f"a natural motion turns by {phase:.1g} rad in {duration:g} s, and double precision knows no "
             "phase of it",
             remedy="Make what is that stiff rigid, or shorten the time.",
+            names=names,
         )
 
 

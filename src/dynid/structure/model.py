@@ -132,7 +132,7 @@ class StructuralModel:
             object.__setattr__(self, name, _symmetric(name, getattr(self, name), n))
         object.__setattr__(self, "dofs", tuple(self.dofs) or tuple(range(1, n + 1)))
         if len(self.dofs) != n or len(set(self.dofs)) != n:
-            raise UsageError(f"{n} different DOF labels are needed, {len(set(self.dofs))} are given")
+            raise UsageError(f"the number of different DOF labels must be {n}, not {len(set(self.dofs))}")
         _check_mass(self.M)
         names = [joint.name for joint in self.joints]
         for name in names:
