@@ -11,7 +11,7 @@ from flint import fmpq, fmpq_poly, fmpz_poly
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from dynid.lti.roots import certified_roots, integer_polynomial, repeated, roots
+from dynid.lti.certified import certified_roots, integer_polynomial, repeated, roots
 
 FILE = Path(__file__).parents[2] / "../shared/data/zeros/transfer_function.json"
 CASES = {case["name"]: case for case in json.loads(FILE.read_text(encoding="utf-8"))} if FILE.exists() else {}
@@ -217,3 +217,11 @@ def test_wide_ranges_of_magnitude_lose_nothing():
     for size in sizes:
         product *= fmpq_poly([fmpq(size.numerator, size.denominator), 1])
     assert [root.value for root in certified_roots(product.numer())] == [-float(size) for size in sizes]
+
+
+def test_roots_is_offered_by_the_package():
+    import dynid.lti
+
+    zeros, poles, *_ = dynid.lti.roots(["1", "3125/47"], [1.0, 0.0, 4.0])
+    assert zeros.tolist() == [-3125 / 47]
+    assert sorted(poles.tolist(), key=lambda pole: pole.imag) == [-2j, 2j]

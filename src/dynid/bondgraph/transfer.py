@@ -8,7 +8,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from dynid.lti.roots import Root, certified_roots
+from dynid.lti.certified import Root, certified_roots
 
 if TYPE_CHECKING:
     import numpy as np

@@ -1,1 +1,5 @@
-"""Linear time-invariant systems: signals, exact propagation, frequency response, poles and zeros."""
+"""Linear time-invariant systems: signals, exact propagation, frequency response, zeros and poles."""
+
+from dynid.lti.certified import roots
+
+__all__ = ["roots"]

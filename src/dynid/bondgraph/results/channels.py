@@ -12,7 +12,7 @@ from dynid.bondgraph.natural import characteristic_polynomials
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.transfer import TransferFunction
-from dynid.lti.roots import Root, certified_roots, repeated
+from dynid.lti.certified import Root, certified_roots, repeated
 from dynid.result import Result
 
 
