@@ -70,3 +70,23 @@ def test_xarray_opens_every_group_with_named_coordinates_and_units(result, tmp_p
     assert time["response"].dims == ("time", "output")
     assert time["time"].attrs["units"] == "s"
     assert np.allclose(np.diff(time["time"]), 1e-3)
+
+
+def test_every_file_says_what_seed_it_was_made_with():
+    isolator = dynid.run(Path(__file__).parents[1] / "configs" / "isolator.yaml")
+    noisy = dynid.run(
+        dynid.load_scene(
+            Path(__file__).parents[1] / "configs" / "suspension_noisy.yaml", ["measurement.simulate.seed=7"]
+        )
+    )
+    assert (isolator.attrs["seed"], noisy.attrs["seed"]) == (0, 7)
+
+
+def test_a_note_says_that_a_dirac_impulse_is_not_shown(tmp_path):
+    scene = tmp_path / "mass.yaml"
+    scene.write_text(
+        "dynid: 1\nkind: bond-graph\ngraph:\n  nodes: {v: Sf, j: 1, m: {type: I, value: 1}}\n"
+        "  bonds: [v -> j -> m]\nanalysis:\n  outputs: [m.e]\n  time: {stop: 1, step: 0.1}\n"
+    )
+    notes = dynid.run(scene).group_attrs["bond_graph/time_response"]["note"]
+    assert "Dirac impulse, which is not shown" in notes

@@ -131,10 +131,11 @@ def test_each_prototype_is_reached_and_its_equation_is_the_driving_point_relatio
     assert driving_point == transfer_at(types, values, pairs, ["u"], (output[0], output[-1]), S)["u"]
 
 
-@pytest.mark.parametrize("letter", PROTOTYPES)
-def test_the_port_of_interest_is_system_b(letter):
+@pytest.mark.parametrize(("letter", "setting"), [("a", None), ("b", None), ("c", "c"), ("d", "m")])
+def test_b_is_what_sets_the_common_variable_or_else_the_ports_element(letter, setting):
     nodes, _, _ = PROTOTYPES[letter]
-    for element, impedance in (("r", "r"), ("m", "s*m"), ("c", "1/(s*c)")):
+    impedances = {"r": "r", "m": "s*m", "c": "1/(s*c)"}
+    for element in impedances:
         graph = written(nodes, "u -> j, j -> r, j -> m, j -> c", f"{element}.e")
         result = analyse(graph.graph, Analysis(graph.inputs, graph.outputs, frozenset({"prototype"})))
         (text,) = result.value("bond_graph/reduction/system_b")
@@ -143,7 +144,7 @@ def test_the_port_of_interest_is_system_b(letter):
             zip(("s", "r", "m", "c"), (Rational(13, 7), Rational(2), Rational(3), Rational(5)), strict=True)
         )
         as_impedance = sympify(formula, known) if name == "Z_B" else 1 / sympify(formula, known)
-        assert as_impedance == sympify(impedance, known)
+        assert as_impedance == sympify(impedances[setting or element], known)
 
 
 def cases(first, count, junctions, loops):

@@ -212,7 +212,7 @@ def test_coefficients_are_monic_and_correctly_rounded():
     [
         (1, "stable"),
         (0, "marginal, not stable: poles at ±1j lie on the imaginary axis"),
-        (-1, "unstable: poles at 0.5 ± 0.866i"),
+        (-1, "unstable: poles at 0.5 ± 0.866j"),
     ],
 )
 def test_the_stability_verdict_names_the_poles_that_decide_it(resistance, verdict):

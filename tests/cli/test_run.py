@@ -68,7 +68,7 @@ def test_a_failed_expectation_is_exit_1_with_the_file_for_a_look(dynid, folder):
     code, out, err = dynid("run", "small.yaml", "--set", "expect.0.value=2")
     assert code == 1
     assert err == (
-        "small.yaml: expectation failed: bond_graph/properties/m.f/F/dc_gain: dc_gain is 1, expected 2\n"
+        "small.yaml:14:5: expectation failed: bond_graph/properties/m.f/F/dc_gain: dc_gain is 1, expected 2\n"
     )
     assert "0 of 1 expectations met" in out
     assert (folder / "small.h5").exists()
@@ -155,13 +155,19 @@ def test_a_graph_without_a_unique_solution_is_one_located_sentence_that_names_it
     [
         (["smal.yaml"], "smal.yaml: no such file; did you mean 'small.yaml'?"),
         (["."], ". is a directory, not a scene file"),
-        (["small.yaml", "-o", "nowhere/x.h5"], "nowhere/x.h5 cannot be written: No such file or directory"),
+        (
+            ["small.yaml", "-o", "nowhere/x.h5"],
+            "nowhere/x.h5 cannot be written: there is no folder nowhere. Make it first.",
+        ),
         (["small.yaml", "-o", "."], ". cannot be written: it is not a regular file"),
-        (["small.yaml", "-o", "small.yaml/x.h5"], "small.yaml/x.h5 cannot be written: Not a directory"),
+        (
+            ["small.yaml", "-o", "small.yaml/x.h5"],
+            "small.yaml/x.h5 cannot be written: there is no folder small.yaml. Make it first.",
+        ),
         (["small.yaml", "-o", "x" * 300], f"{'x' * 300} cannot be written: File name too long"),
         (
             ["small.yaml", "--junit", "nowhere/j.xml"],
-            "nowhere/j.xml cannot be written: No such file or directory",
+            "nowhere/j.xml cannot be written: there is no folder nowhere. Make it first.",
         ),
     ],
 )
@@ -218,3 +224,12 @@ def test_an_error_that_nobody_thought_of_says_where_it_happened(dynid, monkeypat
     assert re.match(
         r"this is a fault of dynid itself \(ZeroDivisionError division by zero, dynid\.scene\.", err
     )
+
+
+def test_setting_a_parameter_that_the_scene_does_not_have_is_refused(dynid, folder):
+    text = "parameters: {mass: 2}\n" + (folder / "small.yaml").read_text()
+    (folder / "p.yaml").write_text(text)
+    code, out, err = dynid("run", "p.yaml", "--set", "parameters.mas=3")
+    assert (code, out) == (2, "")
+    assert err == "--set parameters.mas:1:1: the scene has no parameter 'mas'; did you mean 'mass'?\n"
+    assert dynid("run", "p.yaml", "-q", "--set", "parameters.mass=3")[0] == 0

@@ -59,8 +59,8 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
 def _need(reduced: ReducedGraph) -> dict[str, Any]:
     """Say what was modelled and what was left out."""
-    used = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
-    dropped = [name for name in reduced.graph.nodes if name not in used]
+    reductions = reduced.reductions.values()
+    dropped = [name for name in reduced.graph.nodes if all(name in red.dropped for red in reductions)]
     return {
         "nodes": len(reduced.graph.nodes),
         "bonds": len(reduced.graph.bonds),

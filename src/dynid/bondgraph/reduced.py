@@ -13,9 +13,6 @@ from dynid.bondgraph.reduction.program import Point, Program
 from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from dynid.bondgraph.algebra.rational import Ratio
 
 Channel = tuple[Port, str]
@@ -98,11 +95,3 @@ class ReducedGraph:
         values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
         s = Ratio.of(fmpz_poly([0, 1]), fmpz_poly([1]))
         return self.run(registers, values, s, constant(Fraction(1)))
-
-    def complex(self, registers: Iterable[int], s: NDArray[np.complex128]) -> dict[int, Any]:
-        """Run the program on complex numbers, at many values of s at once; poles give inf or NaN."""
-        import numpy as np
-
-        values = {name: np.complex128(float(self.graph.value(name))) for name in self.valued}
-        with np.errstate(all="ignore"):
-            return self.run(registers, values, s, np.complex128(1))

@@ -32,7 +32,11 @@ Form = dict[Symbol, Fraction]
 
 
 def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpace:
-    """Return the exact state equations of a graph as floats, states scaled by the root of their energy.
+    """Return the exact state equations of a graph, rounded to doubles.
+
+    The states are common variables of junctions and the efforts or flows of storages that integrate, named
+    as ports (`body.f`, `C_a.e`), in SI units; where the input's derivative enters the equations, a multiple
+    of the input is taken off them.
 
     Parameters
     ----------
@@ -52,7 +56,8 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     forms = [system.output(port) for port in reduced.outputs]
     rates = _solve(system.equations, forms)
     columns = [*reduced.inputs, *(f"initial:{name}" for name in initial)]
-    return _as_state_space(rates, forms, columns, [str(port) for port in reduced.outputs], system.energy)
+    names = [system.name(symbol[1]) for symbol in rates]
+    return _as_state_space(rates, forms, columns, [str(port) for port in reduced.outputs], names)
 
 
 class _Descriptor:
@@ -67,7 +72,6 @@ class _Descriptor:
     ) -> None:
         self.structure, self.graph = structure, structure.graph
         self.inputs, self.initial = set(inputs), set(initial)
-        self.energy: dict[str, Fraction] = {}
         self.equations: list[Form] = []
         self.responses: dict[str, Form] = {}
         self.balance: dict[str, Form] = {name: {} for name in structure.junctions if name in set(junctions)}
@@ -109,13 +113,20 @@ class _Descriptor:
         if node.type == "R":
             return _scaled(self._common(place), value if on_one else 1 / value)
         if on_one is (node.type == "I"):  # it answers with a rate: e = I f' - I f(0) delta(t)
-            self.energy[place] = self.energy.get(place, Fraction(0)) + abs(value)
             return {**_scaled(_rate(self._common(place)), value), **stored}
-        self.energy[element] = abs(value)  # it integrates: C e' = f + C e(0) delta(t)
+        # it integrates: C e' = f + C e(0) delta(t)
         equation: Form = {("dw", element): value, **stored}
         _add(equation, self._common(place), Fraction(-1))
         self.equations.append(equation)
         return {("w", element): Fraction(1)}
+
+    def name(self, unknown: str) -> str:
+        """Name an unknown as the variable that it is."""
+        if unknown in self.balance:
+            return f"{unknown}.{'f' if self.structure.junctions[unknown].kind == '1' else 'e'}"
+        if unknown in self.graph.nodes:
+            return f"{unknown}.{'e' if self.graph.nodes[unknown].type == 'C' else 'f'}"
+        return unknown
 
     def output(self, port: Port) -> Form:
         """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
@@ -237,13 +248,12 @@ def _as_state_space(
     rates: dict[Symbol, Form],
     outputs: list[Form],
     inputs: list[str],
+    ports: list[str],
     names: list[str],
-    energy: dict[str, Fraction],
 ) -> StateSpace:
     from dynid.lti.model import StateSpace
 
     states = [symbol[1] for symbol in rates]
-    weight = np.sqrt(_floats([energy.get(name, Fraction(1)) or Fraction(1) for name in states]))
     highest = max((s[2] for form in [*rates.values(), *outputs] for s in form if s[0] == "u"), default=0)  # type: ignore[misc]
     dynamic, orders = list(rates.values()), range(highest + 1)
     a = _matrix(dynamic, [("w", name) for name in states])
@@ -257,14 +267,14 @@ def _as_state_space(
     while len(feedthrough) > 1 and not feedthrough[-1].any():
         feedthrough.pop()
     return StateSpace(
-        A=weight[:, None] * _floats(a) / weight,
-        B=weight[:, None] * _floats(b[0]),
-        C=_floats(c) / weight,
+        A=_floats(a),
+        B=_floats(b[0]),
+        C=_floats(c),
         D=feedthrough[0],
         higher=tuple(feedthrough[1:]),
         inputs=tuple(inputs),
-        outputs=tuple(names),
-        states=tuple(states),
+        outputs=tuple(ports),
+        states=tuple(names),
     )
 
 

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from dynid.bondgraph.algebra.rational import Ratio
 
 
+#: Most zeros or poles that a verdict names.
+_SHOWN = 4
+
+
 @dataclass(frozen=True)
 class TransferFunction:
     """T(s) = numerator / denominator in lowest terms over the rationals.
@@ -133,24 +137,22 @@ def _consequence(zeros: list[Root]) -> str:
     """Say what zeros on the axis mean: an internal motion that neither decays nor shows."""
     repeated = any(zero.multiplicity > 1 for zero in zeros)
     ringing = sorted({f"{abs(zero.value):.4g}" for zero in zeros if zero.value}, key=float)
-    motion = f"ring unseen at {', '.join(ringing)} rad/s" if ringing else "hold a constant motion unseen"
+    motion = f"ring unseen at {', '.join(ringing)} rad/s" if ringing else "hold a constant state unseen"
     return f"with the output held at zero the inside can {motion}" + (" and grow" if repeated else "")
 
 
 def _place(roots: list[Root], what: str) -> str:
     count = sum(root.multiplicity for root in roots)
-    shown = [_number(root.value) for root in roots if root.value.imag >= 0][:4]
-    text = ", ".join(
-        ("±" if value.endswith("j") and not value.startswith("0") else "") + value for value in shown
-    )
-    more = ", …" if len(roots) > 8 else ""
-    return f"{what} at {text} lies" if count == 1 else f"{what}s at {text}{more} lie"
+    upper = [root.value for root in roots if root.value.imag >= 0]
+    shown = [_number(value) for value in upper[:_SHOWN]]
+    text = ", ".join(shown) + (", …" if len(upper) > _SHOWN else "")
+    return f"{what} at {text} lies" if count == 1 else f"{what}s at {text} lie"
 
 
 def _number(value: complex) -> str:
     if value.imag == 0:
         return f"{value.real:.4g}"
-    return f"{abs(value.imag):.4g}j" if value.real == 0 else f"{value.real:.4g} ± {abs(value.imag):.4g}i"
+    return f"±{abs(value.imag):.4g}j" if value.real == 0 else f"{value.real:.4g} ± {abs(value.imag):.4g}j"
 
 
 def _limit(numerator: list[Any], denominator: list[Any]) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynid.errors import DynidError, NumericalError, UsageError
+from dynid.errors import DynidError, FileError, NumericalError, UsageError
 
 if TYPE_CHECKING:
     from dynid.checks import CheckOutcome
@@ -45,6 +45,7 @@ def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str |
     loaded = load_scene(scene, overrides)
     target = Path(output) if output else Path(Path(scene).stem + ".h5")
     _refuse_overwriting(scene, str(target), junit)
+    _refuse_missing_folders(str(target), junit)
     result = _compute(loaded)
 
     from dynid.store import write_result
@@ -59,12 +60,14 @@ def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str |
         click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
         click.echo(f"\n  wrote {target}")
     _warn(result, scene)
-    failed = [outcome for outcome in outcomes if not outcome.passed]
+    met = sum(outcome.passed for outcome in outcomes)
     if outcomes and not quiet:
-        click.echo(f"  {len(outcomes) - len(failed)} of {len(outcomes)} expectations met")
-    for outcome in failed:
-        click.echo(f"{scene}: expectation failed: {outcome.path}: {outcome.message}", err=True)
-    return 1 if failed else 0
+        click.echo(f"  {met} of {len(outcomes)} expectations met")
+    for index, outcome in enumerate(outcomes):
+        if not outcome.passed:
+            message = f"expectation failed: {outcome.path}: {outcome.message}"
+            click.echo(str(loaded.source.fault(("expect", index), message)), err=True)
+    return 1 if met < len(outcomes) else 0
 
 
 def _compute(scene: Scene) -> Result:
@@ -72,7 +75,7 @@ def _compute(scene: Scene) -> Result:
 
     try:
         return run_scene(scene)
-    except (NumericalError, UsageError) as error:
+    except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(scene, error) from error
 
 
@@ -93,12 +96,18 @@ def _write_junit(path: str, outcomes: list[CheckOutcome], name: str) -> None:
 
 def _warn(result: Result, scene: str) -> None:
     """Say on stderr what a script that reads no screen must not miss."""
-    path = "identification/diagnostics/converged"
-    if path in result and not result.value(path):
-        message = (
-            "warning: not converged; start nearer to the true values, add passes, or check model and units"
-        )
-        click.echo(f"{scene}: {message}", err=True)
+    group = "identification/diagnostics"
+    if f"{group}/converged" not in result or result.value(f"{group}/converged"):
+        return
+    from dynid.cli.summary.identification import farthest
+
+    warning = f"{scene}: warning: not converged:"
+    if not result.value(f"{group}/settled"):
+        name, distance = farthest(result)
+        reason = f"the filter's estimate of {name} is {distance:.2g} standard errors"
+        click.echo(f"{warning} {reason} from the optimum of this record", err=True)
+    if not result.value(f"{group}/explained"):
+        click.echo(f"{warning} the residuals are not noise: check model, units and starts", err=True)
 
 
 def _refuse_overwriting(scene: str, target: str, junit: str | None) -> None:
@@ -106,6 +115,14 @@ def _refuse_overwriting(scene: str, target: str, junit: str | None) -> None:
         raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
     if junit and (_is_same(junit, scene) or _is_same(junit, target)):
         raise UsageError(f"the JUnit file would overwrite {junit}", remedy="Name another file with --junit.")
+
+
+def _refuse_missing_folders(*files: str | None) -> None:
+    """Say before the work what would come to light after it."""
+    for file in files:
+        if file is not None and not Path(file).parent.is_dir():
+            folder = Path(file).parent
+            raise FileError(f"{file} cannot be written: there is no folder {folder}", remedy="Make it first.")
 
 
 def _is_same(file: str, other: str) -> bool:

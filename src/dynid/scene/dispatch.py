@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from dynid.result import Result
     from dynid.scene.load import Scene
 
@@ -13,6 +15,19 @@ _RUNNERS = {
     "bond-graph": "dynid.scene.kinds.bond_graph",
     "identification": "dynid.scene.kinds.identification",
 }
+
+
+def _seeds(data: Any) -> Iterator[int]:
+    """Yield the seeds in a scene: of its measurement's noise first, then of its random signals."""
+    if isinstance(data, dict):
+        parts = sorted(data.items(), key=lambda item: item[0] != "measurement")
+        if data.get("kind") == "random" or "noise_ratio" in data or "seed" in data:
+            yield int(data.get("seed", 0))
+        for _, part in parts:
+            yield from _seeds(part)
+    elif isinstance(data, list):
+        for part in data:
+            yield from _seeds(part)
 
 
 def run_scene(scene: Scene) -> Result:
@@ -32,4 +47,6 @@ def run_scene(scene: Scene) -> Result:
     """
     result: Result = import_module(_RUNNERS[scene.kind]).run(scene)
     result.attrs["scene"] = scene.source.resolved_text()
+    seeds = list(_seeds(scene.source.data))
+    result.attrs["seed"] = seeds[0] if seeds else 0  # 0: nothing in the scene is random
     return result

@@ -92,7 +92,25 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
     SceneError
         With all faults of the scene.
     """
-    return check_source(apply_overrides(read_source(path), overrides))
+    source, assignments = read_source(path), list(overrides)
+    _check_assignments(source, assignments)
+    return check_source(apply_overrides(source, assignments))
+
+
+def _check_assignments(source: Source, assignments: Iterable[str]) -> None:
+    """Refuse to set a parameter that the scene does not have: nothing would use it."""
+    parameters = source.data.get("parameters") if isinstance(source.data, dict) else None
+    faults = []
+    for assignment in assignments:
+        path = assignment.partition("=")[0].strip()
+        holder, _, name = path.partition(".")
+        if holder == "parameters" and isinstance(parameters, dict) and name and "." not in name:
+            known = [str(key) for key in parameters]
+            if name not in known:
+                message = f"the scene has no parameter '{name}'{did_you_mean(name, known)}"
+                faults.append(Fault(f"--set {path}", 1, 1, message))
+    if faults:
+        raise SceneError(faults)
 
 
 def check_source(source: Source) -> Scene:

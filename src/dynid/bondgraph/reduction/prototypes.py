@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dynid.bondgraph.graph import SOURCES, STORAGES, Port
+from dynid.bondgraph.graph import STORAGES, Port
 from dynid.bondgraph.reduction.network import Network, Term
 from dynid.bondgraph.reduction.program import Program, Register
 
@@ -82,27 +82,23 @@ class Prototype:
 
 
 def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Term]]:
-    """Split what stands on the root into system B (the port's element) and the rest, system A.
+    """Split what stands on the root into the systems B and A.
 
-    Where the output is no passive element, B is the storage that sets the junction's common variable
-    (I on a 1, C on a 0), else any element, else the last subtree.
+    Where a source fixes the common variable (a, b) B is the output's element. Else (c, d) B sets the common
+    variable: the storage that integrates it there (I on a 1, C on a 0; the output's own first), else the
+    output's element, else any element, else the last subtree.
     """
     graph, terms = network.structure.graph, network.terms[network.root]
-    preferred = "I" if network.kind[network.root] == "1" else "C"
+    elements = network.structure.junctions[network.root].elements
+    integrating = "I" if network.kind[network.root] == "1" else "C"
 
     def rank(term: Term) -> int:
-        node = graph.nodes.get(term.name)
-        if term.name == port.node:
-            return 0
-        if (
-            node is None
-            or node.type in SOURCES
-            or term.name not in network.structure.junctions[network.root].elements
-        ):
-            return 4
-        if node.type == preferred and not fixed:
-            return 1
-        return 2 if node.type in STORAGES else 3
+        if term.name not in elements:
+            return 5
+        own, kind = term.name == port.node, graph.nodes[term.name].type
+        if kind == integrating and not fixed:
+            return 0 if own else 1
+        return 2 if own else 4 if kind in STORAGES else 3
 
     if not terms:
         return Term("nothing", network.program.zero), []

@@ -22,6 +22,10 @@ _SHARED = (
     "some storages depend on others or on a source: stored energy given to one of them is shared at t = 0+, "
     "as in an impact (Park & Kim 1997, eqs 13 to 16), so that the response starts elsewhere"
 )
+_DIRAC = (
+    "an output follows the derivative of an input: where that jumps, the output has a Dirac impulse, "
+    "which is not shown"
+)
 
 
 def add_state_space(result: Result, reduced: ReducedGraph) -> None:
@@ -102,5 +106,9 @@ def add_time_response(
     result.add(f"{group}/response", solved.outputs, ("time", "output"))
     result.add(f"{group}/input", sources, ("time", "source"))
     result.annotate(group, states=", ".join(system.states), order=len(system.states))
-    if initial and len(system.states) < len(reduced.storages):
-        result.annotate(group, note=_SHARED)
+    notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
+    impulses = any(signal.jump for _, signal in driven)
+    if any(matrix.any() for matrix in system.higher) or (impulses and system.D[:, columns].any()):
+        notes.append(_DIRAC)
+    if notes:
+        result.annotate(group, note="; ".join(notes))

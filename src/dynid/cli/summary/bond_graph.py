@@ -66,14 +66,13 @@ def _channel(result: Result, output: str, source: str) -> Iterable[str]:
     properties = f"bond_graph/properties/{output}/{source}"
     yield f"  {output} / {source}"
     yield from _formula(result, transfer)
-    if f"{transfer}/zeros" in result:
-        yield f"    zeros   {_roots(result[f'{transfer}/zeros'].data)}"
-        yield from _wrapped(result, f"{properties}/zero_stability")
+    for name, verdict in (("zeros", "zero_stability"), ("poles", "stability")):
+        roots = result.get(f"{transfer}/{name}")
+        if roots is not None or f"{properties}/{verdict}" in result:
+            yield f"    {name}   {_roots(roots.data) if roots is not None else ''}".rstrip()
+            yield from _wrapped(result, f"{properties}/{verdict}")
     if f"{transfer}/poles" in result:
-        poles = result[f"{transfer}/poles"].data
-        yield f"    poles   {_roots(poles)}"
-        yield from _wrapped(result, f"{properties}/stability")
-        yield from _modes(poles)
+        yield from _modes(result[f"{transfer}/poles"].data)
     yield from _numbers(result, properties)
 
 
@@ -98,7 +97,7 @@ def _numbers(result: Result, group: str) -> Iterable[str]:
         yield f"    order {order} · relative degree {relative} · T(0) = {dc:.6g} · T(∞) = {high:.6g}"
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
-        yield f"    hidden modes (they cancel here)  {_roots(hidden.data)}"
+        yield f"    hidden modes (natural modes that this channel does not show)  {_roots(hidden.data)}"
 
 
 def _wrapped(result: Result, path: str) -> Iterable[str]:
@@ -110,7 +109,7 @@ def _wrapped(result: Result, path: str) -> Iterable[str]:
 def _modes(poles: np.ndarray[Any, Any]) -> Iterable[str]:
     pairs = [pole for pole in poles if pole.imag > 0]
     if 0 < len(pairs) <= 4:
-        shown = (f"ω_n = {abs(p):.4g} rad/s, ζ = {-p.real / abs(p):.4g}" for p in pairs)
+        shown = (f"ω_n = {abs(p):.4g} rad/s, ζ = {-p.real / abs(p) or 0.0:.4g}" for p in pairs)
         yield f"            {' · '.join(shown)}"
 
 

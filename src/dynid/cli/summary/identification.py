@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from io import StringIO
 
 import numpy as np
 
-from dynid.cli.summary.numbers import quantity
+from dynid.cli.summary.numbers import quantity, with_error
 from dynid.cli.summary.responses import response_lines
+from dynid.identification.diagnostics import is_coloured
 from dynid.result import Result
 
 #: Half width of a 95 % interval in standard errors.
 _WIDE = 1.959963984540054
+#: Condition of the information above which parameters are told apart badly.
+_BADLY = 1e3
 
 
 def method(result: Result) -> str:
@@ -46,7 +50,13 @@ def _record(result: Result) -> str:
 
 
 def _table(result: Result) -> list[str]:
-    """Return the parameters: start, estimate with its error, interval, and truth and bound where known."""
+    """Return the parameters: start, estimate with its error, interval; truth, error and bound where known.
+
+    Logarithms are estimated, so the 95 % interval is the estimate times exp(±1.96 times the deviation of the
+    logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to the
+    truth. Where a true value is not known the bound is taken at the estimate, and says what the standard error
+    does: it is left out.
+    """
     from rich.console import Console
     from rich.table import Table
 
@@ -55,21 +65,23 @@ def _table(result: Result) -> list[str]:
         for name, v in result.items()
         if name.startswith("identification/parameters/")
     }
-    known = bool(np.isfinite(get["true"]).any())
+    known, bounded = bool(np.isfinite(get["true"]).any()), bool(np.isfinite(get["true"]).all())
+    truths = (*(("true", "error") if known else ()), *(("bound",) if bounded else ()))
     table = Table(box=None, padding=(0, 2), show_edge=False, header_style="")
-    for heading in ("", "start", "estimate", "95 % interval", *(("true", "error") if known else ()), "bound"):
+    for heading in ("", "start", "estimate", "95 % interval", *truths):
         table.add_column(heading, justify="right" if heading else "left")
     for k, name in enumerate(get["name"]):
-        estimate, error = get["estimate"][k], get["standard_error"][k]
-        low, high = estimate - _WIDE * error, estimate + _WIDE * error
-        truth = (quantity(get["true"][k]), f"{get['error_percent'][k]:.2g} %") if known else ()
+        estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
+        factor = math.exp(_WIDE * error / estimate)
+        truth = (quantity(true), _percent(get["error_percent"][k])) if known else ()
+        bound = (_percent(100 * float(get["cramer_rao"][k]) / true),) if bounded else ()
         row = (
             f"{name} [{get['unit'][k]}]".replace("[", r"\["),
             quantity(get["start"][k]),
-            f"{quantity(estimate, error)} ± {error:.2g}",
-            f"{quantity(low, error)} … {quantity(high, error)}",
+            with_error(estimate, error),
+            f"{quantity(estimate / factor, error)} … {quantity(estimate * factor, error)}",
             *truth,
-            f"{100 * get['cramer_rao'][k] / estimate:.2g} %",
+            *bound,
         )
         table.add_row(*row)
     out = StringIO()
@@ -77,19 +89,45 @@ def _table(result: Result) -> list[str]:
     return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
 
 
+def _percent(value: float) -> str:
+    return f"{value:.2g} %" if math.isfinite(value) else "-"
+
+
+def farthest(result: Result) -> tuple[str, float]:
+    """Return the parameter that is farthest from the optimum of the record, and its standard errors away."""
+    distance = result["identification/diagnostics/distance_to_optimum"].data
+    k = int(np.argmax(distance))
+    return str(result["identification/diagnostics/parameter"].data[k]), float(distance[k])
+
+
+def _convergence(result: Result) -> str:
+    """Say whether the estimate has converged, and if not, why."""
+    group = "identification/diagnostics"
+    if result.value(f"{group}/converged"):
+        return "converged"
+    reasons = []
+    if not result.value(f"{group}/settled"):
+        name, distance = farthest(result)
+        reasons.append(f"{distance:.2g} standard errors of {name} from the optimum")
+    if not result.value(f"{group}/explained"):
+        reasons.append("the residuals are not noise")
+    return f"NOT converged: {', and '.join(reasons)}"
+
+
 def _verdict(result: Result) -> Iterable[str]:
     group = "identification/diagnostics"
-    converged = (
-        "converged" if result.value(f"{group}/converged") else "NOT converged: the residuals are not noise"
-    )
     p = result.value(f"{group}/whiteness_p")
     ratio = 100 * result[f"{group}/residual_ratio"].data
     left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
+    yield f"  {_convergence(result)} · {left} · white with p = {p:.2g}"
+    if result.value(f"{group}/converged") and is_coloured(p):
+        yield "  error bars are nominal: what is left is no noise"
     condition = result.value(f"{group}/condition")
-    yield f"  {converged} · {left} · white with p = {p:.2g} · condition {condition:.2g}"
     relative = (
         result["identification/parameters/standard_error"].data
         / result["identification/parameters/estimate"].data
     )
     names = result["identification/parameters/name"].data
-    yield f"  least certain: {names[int(np.argmax(relative))]} (standard error {100 * relative.max():.2g} %)"
+    least = f"least certain: {names[int(np.argmax(relative))]} (standard error {100 * relative.max():.2g} %)"
+    told = f"parameters {'badly' if condition > _BADLY else 'well'} told apart (condition {condition:.2g})"
+    yield f"  {told} · {least}" if len(names) > 1 else f"  {least}"

@@ -4,22 +4,58 @@ from __future__ import annotations
 
 import math
 
+#: Decimals that a reader still counts.
+_MOST_DECIMALS = 6
+
 
 def quantity(value: float, error: float | None = None) -> str:
-    """Write a number; with an error, to the error's second digit, thousands apart.
+    """Write a number with four significant digits or more, thousands apart.
 
     Parameters
     ----------
     value
         The number.
     error
-        Its standard error; absent: four significant digits.
+        Its standard error: the number is written to the error's second digit where that is finer, and not
+        beyond what is asked for where it is large.
     """
     if not math.isfinite(value):
         return "-" if math.isnan(value) else ("∞" if value > 0 else "-∞")
     size = abs(value)
     if size and not 1e-4 <= size < 1e7:
         return f"{value:.4g}"
-    step = error / 10 if error else size / 1e3
-    decimals = max(0, min(6, -math.floor(math.log10(step)))) if step else 0
-    return f"{value:,.{decimals}f}".replace(",", " ")
+    step = min(error, size / 100) / 10 if error else size / 1e3
+    decimals = min(6, -math.floor(math.log10(step))) if step else 0
+    return _fixed(value, decimals if error else max(0, decimals))
+
+
+def with_error(value: float, error: float) -> str:
+    """Write a number and its standard error, both to the error's second significant digit.
+
+    An error below the sixth decimal is written as a power of ten; so are both where the number is one.
+
+    Parameters
+    ----------
+    value
+        The number.
+    error
+        Its standard error.
+    """
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return f"{quantity(value)} ± {quantity(error)}"
+    digits = 1 - _exponent(error, 1)
+    if value and not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{max(1, min(15, _exponent(value, 15) + digits))}e} ± {error:.1e}"
+    if digits > _MOST_DECIMALS:
+        return f"{_fixed(value, min(digits, 15 - len(str(int(abs(value))))))} ± {error:.1e}"
+    return f"{_fixed(value, digits)} ± {_fixed(error, digits)}"
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Return the power of ten of a number as it is written with so many decimals."""
+    return int(f"{value:.{digits}e}".partition("e")[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """Write a number with these decimals, thousands apart; below 0: rounded to tens, hundreds, …"""
+    return f"{round(value, decimals):,.{max(0, decimals)}f}".replace(",", " ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from textwrap import wrap
 
 import numpy as np
 
@@ -25,7 +26,7 @@ def _frequency(result: Result, group: str) -> Iterable[str]:
         for m, source in enumerate(result[f"{group}/input"].data):
             peak = int(np.argmax(response[:, k, m]))
             top = f"{response[peak, k, m]:.4g} at {omega[peak]:.4g} rad/s"
-            yield f"    |{output} / {source}| is largest, {top}"
+            yield f"    |{output} over {source}| is largest, {top}"
 
 
 def _time(result: Result, group: str) -> Iterable[str]:
@@ -33,6 +34,9 @@ def _time(result: Result, group: str) -> Iterable[str]:
         return
     time, response = result[f"{group}/time"].data, result[f"{group}/response"].data
     yield f"  time response at {len(time)} instants, to {time[-1]:.4g} s"
+    note = result.group_attrs.get(group, {}).get("note")
+    if note:
+        yield from (f"    {line}" for line in wrap(f"Note: {note}.", 96))
     for k, output in enumerate(result[f"{group}/output"].data):
         column = response[:, k]
         yield f"    {output}: {column.min():.4g} … {column.max():.4g}, at the end {column[-1]:.4g}"
