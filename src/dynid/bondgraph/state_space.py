@@ -90,12 +90,9 @@ class _Descriptor:
     def _couple(self, coupling: Coupling) -> None:
         size = Fraction(1) if coupling.two_port is None else self.graph.value(coupling.two_port)
         size = 1 / size if coupling.inverse else size
-        for row, column, entry in (
-            (coupling.tail, coupling.head, size),
-            (coupling.head, coupling.tail, -size),
-        ):
+        for row, column, sign in coupling.entries:
             if row in self.balance:
-                _add(self.balance[row], self._common(column), entry)
+                _add(self.balance[row], self._common(column), sign * size)
 
     def _input(self, source: str) -> Form:
         return {("u", source, 0): Fraction(1)} if source in self.inputs else {}

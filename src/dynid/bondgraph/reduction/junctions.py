@@ -66,6 +66,11 @@ class Coupling:
     two_port: str | None = None
     inverse: bool = False
 
+    @property
+    def entries(self) -> tuple[tuple[str, str, int], tuple[str, str, int]]:
+        """Row, column and sign of c in the two balances."""
+        return (self.tail, self.head, 1), (self.head, self.tail, -1)
+
 
 class JunctionStructure:
     """Junctions and couplings of a graph, with the place of every one-port.

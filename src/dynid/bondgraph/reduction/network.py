@@ -82,12 +82,10 @@ class Network:
         size = program.one if coupling.two_port is None else program.parameter(coupling.two_port)
         if coupling.inverse:
             size = program.inv(size)
-        for row, column, entry in (
-            (coupling.tail, coupling.head, size),
-            (coupling.head, coupling.tail, program.neg(size)),
-        ):
+        for row, column, sign in coupling.entries:
             if row not in self.depth:
                 continue
+            entry = size if sign > 0 else program.neg(size)
             fixing = self.structure.junctions[column].fixing
             if fixing is not None and column != self.root:
                 self._feed(row, fixing, program.neg(entry))  # a known unknown moves to the right-hand side
