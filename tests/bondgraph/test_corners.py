@@ -75,3 +75,19 @@ def test_an_intermediate_underflow_does_not_make_the_frequency_response_wrong():
     )
     expected = exact(transfers(graph)["x10.q", "u"], 1.0)
     assert frequency_response(graph, np.array([1.0])).item() == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_hydraulic_servo_drive_agrees_with_its_equations():
+    """Pump -> valve resistance -> cylinder volume -> ram (TF 1/A) -> mass with friction: by hand."""
+    from fractions import Fraction
+
+    R, C, A, m, d = (Fraction(x) for x in ("1/3", "1/50", "2", "7", "5"))
+    graph = f"Se p, 1 valve, R R {R}, 0 volume, C C {C}, TF ram {1 / A}, 1 load, I m {m}, R d {d}"
+    channel = transfer(
+        graph, "p -> valve -> R, valve -> volume -> C, volume -> ram -> load -> m, load -> d", "m.f"
+    )
+    # p = R q + P;  q = C s P + A v;  A P = (m s + d) v
+    expected = [R * C * m, R * C * d + m, d + R * A**2]
+    numerator, denominator = channel.coefficients()
+    assert denominator.tolist() == [float(x / expected[0]) for x in expected]
+    assert numerator.tolist() == [float(A / expected[0])]
