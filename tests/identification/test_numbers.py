@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
 from scipy.stats import kstest
 
 from dynid.errors import NotIdentifiable
 from dynid.identification.augmented import augmented
-from dynid.identification.diagnostics import converged, whiteness
+from dynid.identification.diagnostics import is_explained, is_settled, whiteness
 from dynid.identification.filter import Prior, filter_pass
 from dynid.identification.fit import fitter
 from dynid.identification.information import information
@@ -16,7 +17,8 @@ from dynid.lti.signals import Impact, Sine
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import Joint, JointParameter
 from dynid.structure.response import Channel, Load
-from tests.identification.cases import parameter, run, simulated
+from tests.identification.cases import LOADS as CASE_LOADS
+from tests.identification.cases import parameter, run, simulated, suspension
 
 M, K, C = 2.0, 800.0, 3.0
 T = np.arange(60) * 0.02
@@ -207,10 +209,40 @@ def test_whiteness_is_a_p_value_for_white_and_zero_for_coloured_residuals():
     assert whiteness(coloured) < 1e-12
 
 
-def test_the_verdict_wants_both_an_optimum_and_explained_residuals():
-    se, rms = np.array([0.01]), np.array([1.0])
-    near, far = np.array([0.001]), np.array([0.02])
-    assert converged(near, se, 0.05 * rms, rms, whiteness_p=0.3)
-    assert converged(near, se, 0.01 * rms, rms, whiteness_p=0.0)
-    assert not converged(far, se, 0.05 * rms, rms, whiteness_p=0.3)
-    assert not converged(near, se, 0.2 * rms, rms, whiteness_p=1e-9)
+def test_settled_is_half_a_standard_error_from_the_optimum_or_next_to_nothing():
+    error = np.array([0.01, 0.01])
+    assert is_settled(np.array([0.001, -0.004]), error)
+    assert not is_settled(np.array([0.001, -0.006]), error)
+    assert is_settled(np.array([5e-5, 5e-5]), 1e-3 * error)
+
+
+def test_explained_are_residuals_that_are_small_or_white():
+    rms = np.array([1.0, 2.0])
+    assert is_explained(0.2 * rms, rms, whiteness_p=0.3)
+    assert is_explained(0.01 * rms, rms, whiteness_p=0.0)
+    assert not is_explained(np.array([0.01, 0.4]), rms, whiteness_p=1e-9)
+
+
+def test_the_distance_to_the_optimum_is_the_one_that_a_search_of_the_maximum_likelihood_goes():
+    """Loud noise: an optimiser that knows nothing of the filter or its sensitivities ends where it says."""
+    measurement = simulated(0.5)
+    model = suspension()
+    result = run(model, measurement)
+    record = data(model, CASE_LOADS, measurement)
+    joint = augmented(model, CASE_LOADS, measurement.channels, measurement.record.times)
+    fits = fitter(joint, model, measurement.channels, record)
+    start = np.log(parameter(result, "estimate"))
+    noise = fits.fit(start, record.values).noise
+
+    def over_noise(logs):
+        return (fits.fit(logs, record.values).residual / noise).ravel()
+
+    best = least_squares(over_noise, start, jac="3-point", xtol=1e-10)
+    deviation = parameter(result, "standard_error") / parameter(result, "estimate")
+    gone = np.abs(best.x - start) / deviation
+    assert not result.value("identification/diagnostics/settled")
+    assert result.value("identification/diagnostics/explained")
+    # The step is Gauss–Newton's first, the deviations are not small: a tenth of a standard error.
+    np.testing.assert_allclose(
+        result.value("identification/diagnostics/distance_to_optimum"), gone, rtol=0, atol=0.1
+    )

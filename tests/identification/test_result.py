@@ -3,13 +3,26 @@
 import numpy as np
 
 from dynid.identification.passes import Filter
+from dynid.lti.signals import Multisine
+from dynid.structure.lumped import lumped
+from dynid.structure.model import Joint, JointParameter
+from dynid.structure.response import Channel, Load
 from tests.identification.cases import run, simulated
 
 PATHS = {
     "parameters": ("name", "start", "true", "estimate", "standard_error", "cramer_rao", "error_percent"),
     "history": ("time", "estimate", "standard_deviation", "state"),
     "measurement": ("time", "measured", "predicted", "input"),
-    "diagnostics": ("converged", "residual_rms", "whiteness_p", "condition"),
+    "diagnostics": (
+        "converged",
+        "settled",
+        "explained",
+        "distance_to_optimum",
+        "residual_rms",
+        "whiteness_p",
+        "white",
+        "condition",
+    ),
 }
 
 
@@ -58,4 +71,27 @@ def test_prediction_and_residual_belong_together():
         np.sqrt(np.mean(residual**2, axis=0)),
         rtol=1e-12,
     )
-    assert isinstance(result.value("identification/diagnostics/converged"), bool)
+    for verdict in ("converged", "settled", "explained", "white"):
+        assert isinstance(result.value(f"identification/diagnostics/{verdict}"), bool)
+
+
+VALUES = ("start", "true", "estimate", "standard_error", "cramer_rao")
+
+
+def test_values_of_one_unit_have_it_and_mixed_ones_have_it_beside_them():
+    result = run(measurement=simulated(channels=(Channel(2, "velocity"), Channel(3, "acceleration"))))
+    group = "identification"
+    assert list(result.value(f"{group}/parameters/unit")) == ["N/m", "N.s/m"] * 2
+    assert {result[f"{group}/parameters/{name}"].units for name in VALUES} == {""}
+    assert list(result.value(f"{group}/measurement/unit")) == ["m/s", "m/s2"]
+    assert result[f"{group}/measurement/measured"].units == ""
+    for history in ("history", "first_pass"):
+        unit = result[f"{group}/{history}/unit"]
+        assert (unit.dims, list(unit.data)) == (("component",), ["m"] * 5 + ["m/s"] * 5)
+
+    joint = Joint("j", (1,), JointParameter(start=90.0, true=100.0), 2.0)
+    loads = [Load(1, Multisine([1.0], [9.0]))]
+    result = run(lumped([1.0], [], [joint]), simulated(channels=(Channel(1, "velocity"),)), loads)
+    assert {result[f"{group}/parameters/{name}"].units for name in VALUES} == {"N/m"}
+    assert result[f"{group}/history/estimate"].units == "N/m"
+    assert result[f"{group}/diagnostics/residual_rms"].units == "m/s"

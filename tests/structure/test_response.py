@@ -30,6 +30,7 @@ def test_frequency_response_has_axes_units_and_values():
         Z = np.linalg.inv(K + 1j * w * C - w**2 * np.diag([2.0, 1.0]))
         exact = np.array([[Z[0, 1], Z[0, 0]], 1j * w * Z[1, ::-1], -(w**2) * Z[1, ::-1]])
         np.testing.assert_allclose(h, exact, rtol=1e-12)
+    assert (H.units, list(result.value(f"{group}/unit"))) == ("", ["m/N", "m/s/N", "m/s2/N"])
     assert frequency_response(MODEL, [2], CHANNELS[:1], [1.0], VALUES)[f"{group}/response"].units == "m/N"
 
 
@@ -60,6 +61,8 @@ def test_time_response_against_runge_kutta():
     group = "structure/time_response"
     # The acceleration carries the Runge–Kutta run's own 1e-12 times K/M.
     np.testing.assert_allclose(result.value(f"{group}/response"), exact, rtol=0, atol=2e-10)
+    assert result[f"{group}/unit"].dims == ("output",)
+    assert list(result.value(f"{group}/unit")) == ["m", "m/s", "m/s2"]
     assert result[f"{group}/input"].dims == ("time", "source")
     assert list(result.value(f"{group}/source")) == ["2", "1#1", "1#2"]
     np.testing.assert_allclose(result.value(f"{group}/input")[:, 0], 3 * np.sin(11 * t + 0.3), atol=1e-13)

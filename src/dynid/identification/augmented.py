@@ -19,7 +19,7 @@ from dynid.lti.exponential import balance, exponential_with_derivatives, rescale
 from dynid.lti.propagate import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
 from dynid.structure.model import StructuralModel, Unknown, state_space
-from dynid.structure.response import Channel, Load
+from dynid.structure.response import Channel, Load, ports
 
 Array = NDArray[np.float64]
 
@@ -131,13 +131,11 @@ def augmented(
         raise UsageError("no joint parameter is unknown", remedy="Give a joint's k or c a `start`.")
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
-    forces = np.array([model.row(load.dof) for load in loads]).reshape(len(loads), model.size).T
-    rows = np.array([model.row(channel.dof) for channel in channels])
-    orders = np.array([channel.order for channel in channels])
+    forces, rows, orders = ports(model, [load.dof for load in loads], channels)
     fixed = model.with_joints({unknown.name: 0.0 for unknown in unknowns})
     system = state_space(*fixed, forces, rows, orders)
     A_slopes = np.stack([_change(model.M, unknown) for unknown in unknowns])
-    C_slopes = np.where(orders[:, None] == 2, rows @ A_slopes[:, model.size :], 0.0)
+    C_slopes = np.where(np.array(orders)[:, None] == 2, rows @ A_slopes[:, model.size :], 0.0)
     started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
     d = balance(started)
     poles = np.linalg.eigvals(rescaled(started, d)).astype(complex)

@@ -84,8 +84,8 @@ def is_coloured(whiteness_p: float) -> bool:
     return whiteness_p < _WHITE
 
 
-def converged(step: Array, deviations: Array, residual_rms: Array, rms: Array, whiteness_p: float) -> bool:
-    """Tell whether an estimate is at the optimum and its residuals are explained.
+def is_settled(step: Array, deviations: Array) -> bool:
+    """Tell whether an estimate is at the optimum of the record.
 
     Parameters
     ----------
@@ -93,11 +93,18 @@ def converged(step: Array, deviations: Array, residual_rms: Array, rms: Array, w
         The Gauss–Newton step left, in logarithms (p).
     deviations
         Standard errors of the logarithms (p).
+    """
+    return bool(np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP)))
+
+
+def is_explained(residual_rms: Array, rms: Array, whiteness_p: float) -> bool:
+    """Tell whether residuals are small, or noise.
+
+    Parameters
+    ----------
     residual_rms, rms
         RMS of residuals and of measured values (channels).
     whiteness_p
         p-value of the residuals' whiteness.
     """
-    settled = np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP))
-    explained = np.all(residual_rms <= _EXPLAINED * rms) or not is_coloured(whiteness_p)
-    return bool(settled and explained)
+    return bool(np.all(residual_rms <= _EXPLAINED * rms)) or not is_coloured(whiteness_p)

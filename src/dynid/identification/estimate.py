@@ -11,6 +11,7 @@ import numpy as np
 
 from dynid.errors import Diverged
 from dynid.identification.augmented import augmented
+from dynid.identification.filter import ASTRAY
 from dynid.identification.fit import Fit, Fitter, fitter
 from dynid.identification.measurement import Measurement, as_estimated, data
 from dynid.identification.outcome import Outcome
@@ -19,8 +20,6 @@ from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Load, source_names
-
-_ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
 
 
 def identify(
@@ -52,7 +51,11 @@ def identify(
         ``identification/{parameters, history, first_pass, passes, measurement, diagnostics}``. `history` is
         the last pass, `first_pass` the first where there are several; `predicted` is the noise-free response
         at the estimate from the best initial state; `error_percent` is unsigned. `true` and `error_percent`
-        are NaN where a true value is not known, `measured` where a sample is missing, nothing else ever.
+        are NaN where a true value is not known, `measured` where a sample is missing, nothing else ever. An
+        estimate has `converged` if it is `settled` (`distance_to_optimum`, the Gauss–Newton step left in
+        standard errors, is below a half) and the record is `explained` (the residuals are small or `white`;
+        small ones that are not white leave the error bars nominal).
+        What differs in unit along an axis has the units beside it, as `unit`.
 
     Raises
     ------
@@ -84,7 +87,7 @@ def _identified(
     origin = np.log([unknown.start for unknown in joint.unknowns])
     _check_visible(fits, fits.fit(origin, values.values))
     names = [unknown.name for unknown in joint.unknowns]
-    with guarded("the filter", Diverged, remedy=_ASTRAY, names=names):
+    with guarded("the filter", Diverged, remedy=ASTRAY, names=names):
         histories, results = run_passes(fits, estimator, origin)
     outcome = Outcome(fits, measurement, model.dofs, source_names(loads), histories, results)
     outcome.check()

@@ -6,6 +6,9 @@ both on a square root S of the covariance P = S S^T (J. E. Potter; G. J. Bierman
 Discrete Sequential Estimation, 1977, ch. II). P is never formed: it is positive semidefinite and its
 variances are not negative by construction, whatever step, stiffness and weighting, and what is known best
 keeps twice the digits that P itself would give it.
+
+Of eq 20 the term ½ k W⁻¹ kᵀ, an unmodelled input, is dropped: forces are taken as known and joints as
+constant, so that between samples nothing is added to P.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from dynid.identification.augmented import AugmentedModel
 
 Array = NDArray[np.float64]
 
+# What to do about estimates that get lost.
+ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
 # A logarithm this far from its start is a run-away: a factor of a million.
 RUNAWAY = float(np.log(1e6))
 
@@ -136,6 +141,6 @@ def run_away(names: list[str]) -> Diverged:
     return Diverged(
         f"the estimate{'s' * several} of {', '.join(names)} {'run' if several else 'runs'} away from "
         f"{'their starts' if several else 'its start'} by a factor of more than 1e6",
-        remedy="Start nearer to the true values, or check model, units and excitation against the record.",
+        remedy=ASTRAY,
         names=names,
     )

@@ -14,7 +14,7 @@ from dynid.identification.diagnostics import root_mean_square
 from dynid.lti.propagate import response
 from dynid.lti.signals import Random, Record
 from dynid.structure.model import StructuralModel, state_space
-from dynid.structure.response import Channel, Load
+from dynid.structure.response import Channel, Load, ports
 
 Array = NDArray[np.float64]
 
@@ -149,10 +149,8 @@ def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement
 
 def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Array:
     """Return the exact, noise-free response at the sampling times (times x channels)."""
-    forces = np.array([model.row(load.dof) for load in loads]).reshape(len(loads), model.size).T
-    rows = np.array([model.row(channel.dof) for channel in measurement.channels])
-    orders = [channel.order for channel in measurement.channels]
-    system = state_space(*model.with_joints(model.true_values()), forces, rows, orders)
+    inputs = [load.dof for load in loads]
+    system = state_space(*model.with_joints(model.true_values()), *ports(model, inputs, measurement.channels))
     return response(system, [load.signal for load in loads], measurement.record.times).outputs
 
 

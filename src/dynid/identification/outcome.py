@@ -10,13 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged
-from dynid.identification.diagnostics import converged, is_coloured, root_mean_square, whiteness
+from dynid.identification.diagnostics import (
+    is_coloured,
+    is_explained,
+    is_settled,
+    root_mean_square,
+    whiteness,
+)
 from dynid.identification.filter import Pass
 from dynid.identification.fit import Fit, Fitter
 from dynid.identification.information import Information, untold
 from dynid.identification.measurement import Measurement
 from dynid.result import Result
-from dynid.structure.response import UNITS
+from dynid.structure.response import Channel, common_unit
 
 Array = NDArray[np.float64]
 
@@ -79,11 +85,9 @@ class Outcome:
         return root_mean_square(self._final.residual)
 
     @cached_property
-    def converged(self) -> bool:
-        """Whether the estimate is at the optimum and its residuals are explained."""
-        step = self.information.step(self.fitter.weighted(self._final, self._noise))
-        deviations = self.information.deviations()
-        return converged(step, deviations, self.residual_rms, self.fitter.data.rms, self.whiteness_p)
+    def step(self) -> Array:
+        """The Gauss–Newton step from the estimate to the optimum of the record, in logarithms (p)."""
+        return self.information.step(self.fitter.weighted(self._final, self._noise))
 
     def check(self) -> None:
         """Refuse estimates whose prediction does not explain the record.
@@ -133,12 +137,16 @@ class Outcome:
         result.add_axis(f"{group}/parameter", names)
         result.add(f"{group}/name", names, dims)
         result.add(f"{group}/unit", [_UNIT[unknown.letter] for unknown in unknowns], dims)
-        result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims)
-        result.add(f"{group}/true", true, dims)
-        result.add(f"{group}/estimate", estimate, dims)
-        result.add(f"{group}/standard_error", estimate * self.information.deviations(), dims)
-        result.add(f"{group}/cramer_rao", self._bound(true), dims)
+        unit = self._common_unit_of_parameters()
+        result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
+        result.add(f"{group}/true", true, dims, unit)
+        result.add(f"{group}/estimate", estimate, dims, unit)
+        result.add(f"{group}/standard_error", estimate * self.information.deviations(), dims, unit)
+        result.add(f"{group}/cramer_rao", self._bound(true), dims, unit)
         result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
+
+    def _common_unit_of_parameters(self) -> str:
+        return common_unit(_UNIT[unknown.letter] for unknown in self.fitter.model.unknowns)
 
     def _bound(self, true: Array) -> Array:
         """Return the Cramér–Rao bound, at the true values and noise where they are known."""
@@ -161,22 +169,25 @@ class Outcome:
         dims = ("time", "parameter")
         result.add_axis(f"{group}/time", self._times(), "s")
         result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
-        result.add(f"{group}/estimate", estimate, dims)
-        result.add(f"{group}/standard_deviation", estimate * history.deviations, dims)
-        quantities = ("displacement", "velocity")
-        result.add_axis(
-            f"{group}/component", [f"{dof}.{quantity}" for quantity in quantities for dof in self.dofs]
-        )
+        unit = self._common_unit_of_parameters()
+        result.add(f"{group}/estimate", estimate, dims, unit)
+        result.add(f"{group}/standard_deviation", estimate * history.deviations, dims, unit)
+        components = [
+            Channel(dof, quantity) for quantity in ("displacement", "velocity") for dof in self.dofs
+        ]
+        result.add_axis(f"{group}/component", [component.name for component in components])
+        result.add(f"{group}/unit", [component.unit for component in components], ("component",))
         # Not an axis named `state`: a variable of two axes cannot bear the name of one of them.
         result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
 
     def _add_measurement(self, result: Result) -> None:
         group, dims = "identification/measurement", ("time", "channel")
         channels, data = self.measurement.channels, self.fitter.data
-        units = {UNITS[channel.quantity] for channel in channels}
-        unit = units.pop() if len(units) == 1 else ""
+        units = [channel.unit for channel in channels]
+        unit = common_unit(units)
         result.add_axis(f"{group}/time", self._times(), "s")
         result.add_axis(f"{group}/channel", [channel.name for channel in channels])
+        result.add(f"{group}/unit", units, ("channel",))
         result.add(f"{group}/measured", data.values, dims, unit)
         result.add(f"{group}/predicted", self._final.predicted.outputs, dims, unit)
         result.add_axis(f"{group}/excitation", self.sources)
@@ -185,12 +196,21 @@ class Outcome:
             result.add(f"{group}/noise", data.noise, ("channel",), unit)
 
     def _add_diagnostics(self, result: Result) -> None:
-        group = "identification/diagnostics"
-        result.add(f"{group}/converged", np.bool_(self.converged))
-        result.add_axis(f"{group}/channel", [channel.name for channel in self.measurement.channels])
-        result.add(f"{group}/residual_rms", self.residual_rms, ("channel",))
+        group, channels = "identification/diagnostics", self.measurement.channels
+        deviations = self.information.deviations()
+        settled = is_settled(self.step, deviations)
+        explained = is_explained(self.residual_rms, self.fitter.data.rms, self.whiteness_p)
+        result.add(f"{group}/converged", settled and explained)
+        result.add(f"{group}/settled", settled)
+        result.add(f"{group}/explained", explained)
+        result.add_axis(f"{group}/parameter", [unknown.name for unknown in self.fitter.model.unknowns])
+        result.add(f"{group}/distance_to_optimum", np.abs(self.step) / deviations, ("parameter",))
+        result.add_axis(f"{group}/channel", [channel.name for channel in channels])
+        unit = common_unit(channel.unit for channel in channels)
+        result.add(f"{group}/residual_rms", self.residual_rms, ("channel",), unit)
         result.add(f"{group}/residual_ratio", self.residual_rms / self.fitter.data.rms, ("channel",))
         result.add(f"{group}/whiteness_p", self.whiteness_p)
+        result.add(f"{group}/white", not is_coloured(self.whiteness_p))
         result.add(f"{group}/condition", self.information.condition())
         result.add(f"{group}/passes", len(self.histories))
 

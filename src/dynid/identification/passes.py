@@ -1,4 +1,10 @@
-"""The schedule of filter passes."""
+"""The schedule of filter passes, and its limit.
+
+The last pass leaves the filter's fixed point, where each sample is linearised about the estimate before it.
+It is near the maximum-likelihood point of the record, but not that point: with acceleration channels or loud
+noise it can be several standard errors off, and more passes do not move it. How far it is the result says
+(`identification/diagnostics/distance_to_optimum`); beyond half a standard error it is not `settled`.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +31,8 @@ class Filter:
     """Estimator: several passes of the filter of the augmented state.
 
     Each pass restarts from the last one's parameters with a fresh covariance (`Fitter.unit_prior`) and the
-    noise that the last one's residuals show.
+    noise that the last one's residuals show. They converge to the filter's fixed point, which is not exactly
+    the maximum-likelihood point; where the two differ, more passes do not help.
 
     Parameters
     ----------

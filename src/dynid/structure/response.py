@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,11 @@ class Channel(NamedTuple):
     def name(self) -> str:
         """Its name in results, ``<dof>.<quantity>``."""
         return f"{self.dof}.{self.quantity}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit, SI."""
+        return UNITS[self.quantity]
 
     @property
     def order(self) -> int:
@@ -78,7 +83,7 @@ def frequency_response(
     Returns
     -------
     Result
-        ``structure/frequency_response/{omega, output, input, response}``.
+        ``structure/frequency_response/{omega, output, unit, input, response}``; ``unit`` is along ``output``.
 
     Raises
     ------
@@ -87,7 +92,7 @@ def frequency_response(
     UsageError
         If a DOF or quantity does not exist or an unknown parameter has no value.
     """
-    forces, rows, orders = _ports(model, inputs, outputs)
+    forces, rows, orders = ports(model, inputs, outputs)
     M, C, K = model.with_joints(values)
     w = np.atleast_1d(np.asarray(omega, dtype=float))
     H = second_order_response(M, C, K, forces, rows, orders, w)
@@ -96,8 +101,9 @@ def frequency_response(
     result.add_axis(f"{group}/omega", w, "rad/s")
     result.add_axis(f"{group}/output", [channel.name for channel in outputs])
     result.add_axis(f"{group}/input", [str(dof) for dof in inputs])
-    unit = _common_unit(outputs)
-    result.add(f"{group}/response", H, ("omega", "output", "input"), f"{unit}/N" if unit else "")
+    units = [f"{channel.unit}/N" for channel in outputs]
+    result.add(f"{group}/unit", units, ("output",))
+    result.add(f"{group}/response", H, ("omega", "output", "input"), common_unit(units))
     return result
 
 
@@ -132,8 +138,8 @@ def time_response(
     Returns
     -------
     Result
-        ``structure/time_response/{time, output, response, source, input}``; ``input`` (time x source) holds
-        the forces.
+        ``structure/time_response/{time, output, unit, response, source, input}``; ``unit`` is along
+        ``output``, ``input`` (time x source) holds the forces.
 
     Raises
     ------
@@ -142,7 +148,7 @@ def time_response(
     NumericalError
         If the response overflows.
     """
-    forces, rows, orders = _ports(model, [load.dof for load in loads], outputs)
+    forces, rows, orders = ports(model, [load.dof for load in loads], outputs)
     system = state_space(*model.with_joints(values), forces, rows, orders)
     x0 = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
     t = np.asarray(times, dtype=float)
@@ -151,7 +157,9 @@ def time_response(
     group = "structure/time_response"
     result.add_axis(f"{group}/time", t, "s")
     result.add_axis(f"{group}/output", [channel.name for channel in outputs])
-    result.add(f"{group}/response", y.outputs, ("time", "output"), _common_unit(outputs))
+    units = [channel.unit for channel in outputs]
+    result.add(f"{group}/unit", units, ("output",))
+    result.add(f"{group}/response", y.outputs, ("time", "output"), common_unit(units))
     result.add_axis(f"{group}/source", source_names(loads))
     result.add(f"{group}/input", y.inputs, ("time", "source"), "N")
     return result
@@ -166,10 +174,16 @@ def source_names(loads: Sequence[Load]) -> list[str]:
     ]
 
 
-def _ports(
+def ports(
     model: StructuralModel, inputs: Sequence[int], outputs: Sequence[Channel]
 ) -> tuple[Array, Array, list[int]]:
-    """Return force directions (n x inputs), displacement rows (outputs x n) and derivative orders."""
+    """Return force directions (n x inputs), displacement rows (outputs x n) and derivative orders.
+
+    Raises
+    ------
+    UsageError
+        If a DOF or quantity does not exist.
+    """
     forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
     rows = np.array([model.row(channel.dof) for channel in outputs]).reshape(len(outputs), model.size)
     return forces, rows, [channel.order for channel in outputs]
@@ -182,6 +196,7 @@ def _initial(model: StructuralModel, given: Mapping[int, float] | None) -> Array
     return start
 
 
-def _common_unit(outputs: Sequence[Channel]) -> str:
-    units = {UNITS[channel.quantity] for channel in outputs}
-    return units.pop() if len(units) == 1 else ""
+def common_unit(units: Iterable[str]) -> str:
+    """Return the unit that all share, or nothing."""
+    different = set(units)
+    return different.pop() if len(different) == 1 else ""

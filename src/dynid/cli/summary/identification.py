@@ -10,7 +10,6 @@ import numpy as np
 
 from dynid.cli.summary.numbers import quantity, with_error
 from dynid.cli.summary.responses import response_lines
-from dynid.identification.diagnostics import is_coloured
 from dynid.result import Result
 
 #: Half width of a 95 % interval in standard errors.
@@ -54,8 +53,8 @@ def _table(result: Result) -> list[str]:
 
     Logarithms are estimated, so the 95 % interval is the estimate times exp(±1.96 times the deviation of the
     logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to the
-    truth. Where a true value is not known the bound is taken at the estimate, and says what the standard error
-    does: it is left out.
+    truth. Where a true value is not known the bound is taken at the estimate and says what the standard
+    error does: it is left out.
     """
     from rich.console import Console
     from rich.table import Table
@@ -90,7 +89,10 @@ def _table(result: Result) -> list[str]:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.2g} %" if math.isfinite(value) else "-"
+    """Write a relative size with two significant digits, from a hundred on in whole per cents."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f} %" if 100 <= value < 1e6 else f"{value:.2g} %"
 
 
 def farthest(result: Result) -> tuple[str, float]:
@@ -120,7 +122,7 @@ def _verdict(result: Result) -> Iterable[str]:
     ratio = 100 * result[f"{group}/residual_ratio"].data
     left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
     yield f"  {_convergence(result)} · {left} · white with p = {p:.2g}"
-    if result.value(f"{group}/converged") and is_coloured(p):
+    if result.value(f"{group}/converged") and not result.value(f"{group}/white"):
         yield "  error bars are nominal: what is left is no noise"
     condition = result.value(f"{group}/condition")
     relative = (
@@ -128,6 +130,8 @@ def _verdict(result: Result) -> Iterable[str]:
         / result["identification/parameters/estimate"].data
     )
     names = result["identification/parameters/name"].data
-    least = f"least certain: {names[int(np.argmax(relative))]} (standard error {100 * relative.max():.2g} %)"
+    least = (
+        f"least certain: {names[int(np.argmax(relative))]} (standard error {_percent(100 * relative.max())})"
+    )
     told = f"parameters {'badly' if condition > _BADLY else 'well'} told apart (condition {condition:.2g})"
     yield f"  {told} · {least}" if len(names) > 1 else f"  {least}"

@@ -25,8 +25,10 @@ def quantity(value: float, error: float | None = None) -> str:
     if size and not 1e-4 <= size < 1e7:
         return f"{value:.4g}"
     step = min(error, size / 100) / 10 if error else size / 1e3
-    decimals = min(6, -math.floor(math.log10(step))) if step else 0
-    return _fixed(value, decimals if error else max(0, decimals))
+    decimals = -math.floor(math.log10(step)) if step else 0
+    if error:
+        return _fixed(value, min(decimals, _reliable(value)))
+    return _fixed(value, max(0, min(_MOST_DECIMALS, decimals)))
 
 
 def with_error(value: float, error: float) -> str:
@@ -47,7 +49,7 @@ def with_error(value: float, error: float) -> str:
     if value and not 1e-4 <= abs(value) < 1e7:
         return f"{value:.{max(1, min(15, _exponent(value, 15) + digits))}e} ± {error:.1e}"
     if digits > _MOST_DECIMALS:
-        return f"{_fixed(value, min(digits, 15 - len(str(int(abs(value))))))} ± {error:.1e}"
+        return f"{_fixed(value, min(digits, _reliable(value)))} ± {error:.1e}"
     return f"{_fixed(value, digits)} ± {_fixed(error, digits)}"
 
 
@@ -56,6 +58,11 @@ def _exponent(value: float, digits: int) -> int:
     return int(f"{value:.{digits}e}".partition("e")[2])
 
 
+def _reliable(value: float) -> int:
+    """Return how many decimals of a number a double holds."""
+    return 15 - len(str(int(abs(value))))
+
+
 def _fixed(value: float, decimals: int) -> str:
-    """Write a number with these decimals, thousands apart; below 0: rounded to tens, hundreds, …"""
+    """Write a number with these decimals, thousands apart; below 0 they are tens, hundreds and so on."""
     return f"{round(value, decimals):,.{max(0, decimals)}f}".replace(",", " ")

@@ -1,0 +1,169 @@
+"""What the screen says of an identification."""
+
+import numpy as np
+import pytest
+
+from dynid.cli.run import _warn
+from dynid.cli.summary.identification import lines
+from dynid.cli.summary.numbers import quantity, with_error
+from dynid.result import Result
+from tests.identification.cases import run, simulated
+
+
+def outcome(**changed):
+    """Return a small result, made up: two parameters and what the screen reads of them."""
+    values = {
+        "start": [10.0, 5e3],
+        "true": [20.0, 11e3],
+        "estimate": [25.0, 11152.0],
+        "standard_error": [10.0, 1004.0],
+        "cramer_rao": [8.0, 990.0],
+    }
+    diagnostics = {
+        "settled": True,
+        "explained": True,
+        "white": True,
+        "whiteness_p": 0.44,
+        "condition": 1.8,
+        "distance_to_optimum": [0.1, 0.2],
+    }
+    values |= {name: value for name, value in changed.items() if name in values}
+    diagnostics |= {name: value for name, value in changed.items() if name in diagnostics}
+    result = Result("identification")
+    group = "identification/parameters"
+    result.add(f"{group}/name", ["a.c", "a.k"], ("parameter",))
+    result.add(f"{group}/unit", ["N.s/m", "N/m"], ("parameter",))
+    for name, value in values.items():
+        result.add(f"{group}/{name}", value, ("parameter",))
+    error = 100 * np.abs(np.divide(values["estimate"], values["true"]) - 1)
+    result.add(f"{group}/error_percent", error, ("parameter",))
+    result.add("identification/history/component", ["1.displacement", "1.velocity"], ("component",))
+    result.add("identification/measurement/channel", ["1.velocity"], ("channel",))
+    result.add("identification/measurement/measured", np.ones((9, 1)), ("time", "channel"))
+    group = "identification/diagnostics"
+    result.add(f"{group}/converged", diagnostics["settled"] and diagnostics["explained"])
+    result.add(f"{group}/residual_ratio", [0.05], ("channel",))
+    result.add(f"{group}/parameter", ["a.c", "a.k"], ("parameter",))
+    result.add(f"{group}/distance_to_optimum", diagnostics.pop("distance_to_optimum"), ("parameter",))
+    for name, value in diagnostics.items():
+        result.add(f"{group}/{name}", value)
+    return result
+
+
+def test_interval_is_that_of_the_logarithm_and_the_bound_is_relative_to_the_truth():
+    # 25 exp(±1.96 x 0.4) and 11152 exp(±1.96 x 0.09003); 8 / 20 and 990 / 11000.
+    assert lines(outcome()) == [
+        "  2 physical states, 2 unknown parameters; 9 samples of 1.velocity",
+        "",
+        "                   start          estimate     95 % interval      true    error    bound",
+        "    a.c [N.s/m]    10.00           25 ± 10     11.41 … 54.75     20.00     25 %     40 %",
+        "    a.k [N/m]      5 000    11 200 ± 1 000    9 348 … 13 300    11 000    1.4 %      9 %",
+        "",
+        "  converged · residual 5 % of the signal · white with p = 0.44",
+        "  parameters well told apart (condition 1.8) · least certain: a.c (standard error 40 %)",
+    ]
+
+
+def test_without_truth_there_is_neither_error_nor_bound():
+    said = lines(outcome(true=[np.nan, np.nan]))
+    assert said[2:5] == [
+        "                   start          estimate     95 % interval",
+        "    a.c [N.s/m]    10.00           25 ± 10     11.41 … 54.75",
+        "    a.k [N/m]      5 000    11 200 ± 1 000    9 348 … 13 300",
+    ]
+    said = lines(outcome(true=[np.nan, 11e3]))
+    assert said[2].split() == ["start", "estimate", "95", "%", "interval", "true", "error"]
+    assert said[3].split()[-4:] == ["…", "54.75", "-", "-"]
+
+
+def test_an_interval_of_orders_of_magnitude_stays_readable_and_positive():
+    said = lines(outcome(standard_error=[100.0, 50e3]))
+    assert "0.009843 … 63 500" in said[3]
+    assert "1.702 … 7.307e+07" in said[4]
+    assert said[-1].endswith("least certain: a.k (standard error 448 %)")
+
+
+CASES = {
+    "both": ({}, "converged", None),
+    "off the optimum": (
+        {"settled": False, "distance_to_optimum": [2.8123, 0.2]},
+        "NOT converged: 2.8 standard errors of a.c from the optimum",
+        "the filter's estimate of a.c is 2.8 standard errors from the optimum of this record",
+    ),
+    "no noise": (
+        {"explained": False, "white": False, "whiteness_p": 1e-9},
+        "NOT converged: the residuals are not noise",
+        "the residuals are not noise: check model, units and starts",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_verdict_gives_the_reason_that_applies(capsys, case):
+    changed, verdict, warning = CASES[case]
+    result = outcome(**changed)
+    p = changed.get("whiteness_p", 0.44)
+    assert f"  {verdict} · residual 5 % of the signal · white with p = {p:.2g}" in lines(result)
+    _warn(result, "s.yaml")
+    assert capsys.readouterr().err == (f"s.yaml: warning: not converged: {warning}\n" if warning else "")
+
+
+def test_both_reasons_are_given_where_both_apply(capsys):
+    result = outcome(settled=False, explained=False, distance_to_optimum=[0.1, 30.0])
+    assert lines(result)[6].startswith(
+        "  NOT converged: 30 standard errors of a.k from the optimum, and the residuals are not noise · "
+    )
+    _warn(result, "s.yaml")
+    assert len(capsys.readouterr().err.splitlines()) == 2
+
+
+def test_error_bars_of_what_is_no_noise_are_called_nominal():
+    nominal = "  error bars are nominal: what is left is no noise"
+    assert nominal in lines(outcome(white=False))
+    assert nominal not in lines(outcome())
+    assert nominal not in lines(outcome(white=False, explained=False))
+    assert nominal in lines(run(measurement=simulated(0.0)))
+    assert nominal not in lines(run(measurement=simulated(0.05)))
+
+
+def test_a_condition_is_put_in_words():
+    assert (
+        "  parameters badly told apart (condition 1.2e+03) · " in lines(outcome(condition=1234.0))[-1] + " "
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (11152.0, 1004.0, "11 200 ± 1 000"),
+        (20.14, 0.3, "20.14 ± 0.30"),
+        (20031.3, 33.7, "20 031 ± 34"),
+        (20.0, 0.0996, "20.00 ± 0.10"),
+        (4.3, 35.2, "4 ± 35"),
+        (1234567.0, 234567.0, "1 230 000 ± 230 000"),
+        (19999.9999233, 3.9e-6, "19 999.9999233 ± 3.9e-06"),
+        (20000.0, 1e-14, "20 000.0000000000 ± 1.0e-14"),
+        (2.00314e9, 3.4e6, "2.0031e+09 ± 3.4e+06"),
+        (2.5e-7, 1.2e-6, "2.5e-07 ± 1.2e-06"),
+        (20.0, 0.0, "20.00 ± 0"),
+    ],
+)
+def test_value_and_error_have_the_same_decimals(value, error, text):
+    assert with_error(value, error) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (19965.4, 34.0, "19 965"),
+        (3456789.0, 1e6, "3 457 000"),
+        (19.55, 0.3, "19.55"),
+        (0.0123456, 5.0, "0.01235"),
+        (1.23456e12, 1e12, "1.235e+12"),
+        (11.4142, None, "11.41"),
+        (0.0, 1.0, "0"),
+        (float("nan"), None, "-"),
+    ],
+)
+def test_quantities_are_readable(value, error, text):
+    assert quantity(value, error) == text
