@@ -90,6 +90,11 @@ def test_the_scene_of_these_tests_is_valid():
         ("kind: step", "kind: impact", "9:30: analysis.time.input needs the key 'duration'"),
         ("kind: step", "kind: chirp, start: 0", "9:30: analysis.time.input needs the key 'stop'"),
         ("kind: step", "kind: file", "9:30: analysis.time.input needs the key 'path'"),
+        ("kind: step", "kind: file, path: f.csv, column: 0", "9:71: 'column' must be at least 1, not 0"),
+        ("kind: step", "kind: step, unit: Hz", "9:50: 'unit' is not a key of analysis.time.input"),
+        ("kind: step", "kind: impulse, unit: Hz", "9:53: 'unit' is not a key of analysis.time.input"),
+        ("kind: step", "kind: impact, duration: 1, unit: Hz", "9:65: 'unit' is not a key of analysis.time"),
+        ("kind: step", "kind: file, path: f.csv, unit: Hz", "9:63: 'unit' is not a key of analysis.time"),
         ("kind: step", "kind: step, frequency: 1", "9:50: 'frequency' is not a key of analysis.time.input"),
         ("kind: step", "kind: step, source: G", "9:58: 'G' is not an input"),
         ("kind: step", "kind: step, source: m", "9:58: 'm' is not an input"),
@@ -175,7 +180,6 @@ def test_the_frequencies_of_signals_are_converted_too():
         "stop": 4 * np.pi,
     }
     assert parameters("kind: random, band: [1, 2]")["band"] == (2 * np.pi, 4 * np.pi)
-    assert parameters("kind: step, start: 1")["start"] == 1
 
 
 def test_nodes_may_be_called_like_types_or_numbers():

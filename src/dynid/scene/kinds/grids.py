@@ -52,26 +52,36 @@ def build_signals(
     Raises
     ------
     FileError
-        Where the file of a signal cannot be read.
+        Where the file of a signal cannot be read, or its times are not at the record's step.
     UsageError
         Where a signal makes no sense for this record; it names the place.
     """
     built = []
+    single = _is_mapping(scene, where)
     for index, part in enumerate(parts):
+        place = where if single else f"{where}.{index}"
         try:
-            built.append((part, _build_signal(part, record, scene.folder)))
+            built.append((part, _build_signal(part, record, scene.folder, place)))
         except UsageError as error:
-            place = f"{where}.{index}"
             raise UsageError(error.problem, remedy=error.remedy, names=(place,)) from error
     return built
 
 
-def _build_signal(part: SignalPart, record: Record, folder: Path) -> Signal:
+def _is_mapping(scene: Scene, where: str) -> bool:
+    """Tell whether one signal stands there without a list around it."""
+    found = scene.source.data
+    for key in where.split("."):
+        found = found.get(key) if isinstance(found, dict) else None
+    return isinstance(found, dict)
+
+
+def _build_signal(part: SignalPart, record: Record, folder: Path, place: str) -> Signal:
     from dynid.lti.signals import signal
 
     parameters = part.parameters()
     if isinstance(part, FileSignal):
-        from dynid.scene.kinds.tables import read_columns
+        from dynid.scene.kinds.tables import read_signal
 
-        parameters = {"values": read_columns(folder / part.path, [part.column])[:, 0]}
+        values = read_signal(folder / part.path, part.column, step=record.step, place=place)
+        parameters = {"values": values}
     return signal(str(getattr(part, "kind")), parameters, record)  # noqa: B009 - every member has a kind

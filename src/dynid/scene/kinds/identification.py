@@ -110,14 +110,18 @@ def _measured(scene: Scene, model: IdentificationScene) -> NDArray[np.float64]:
     assert given is not None
     assert given.file is not None
     path = scene.folder / given.file.path
-    table = read_columns(path, given.file.columns)
+    table = read_columns(path, given.file.columns, step=float(given.step), place="measurement.file")
     if table.shape[1] != len(given.channels):
         raise FileError(
             f"{path} has {table.shape[1]} columns of numbers, 'channels' has {len(given.channels)}",
             remedy="Name the columns: file: {path: …, columns: […]}.",
+            names=("measurement.file.columns",),
         )
     if len(table) < given.samples:
-        raise FileError(f"{path} has {len(table)} samples, but the scene asks for {given.samples}")
+        raise FileError(
+            f"{path} has {len(table)} samples, but the scene asks for {given.samples}",
+            names=("measurement.file.path",),
+        )
     return table[: given.samples]
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from dynid.errors import FileError
+from dynid.scene.kinds.times import printed_resolution, step_disagreement
 from dynid.scene.yaml.source import did_you_mean
 
 if TYPE_CHECKING:
@@ -16,108 +20,366 @@ if TYPE_CHECKING:
 
 #: Where the columns of an HDF5 file are looked for when a scene names none.
 _MEASURED = ("measured", "identification/measurement/measured")
+_TIME = ("time", "t")
+_MISSING = ("", "nan", "na", "n/a")
+_DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
+_ACCEPTED = "A missing sample is an empty field, nan, NA or n/a; decimals take a point."
 
 
-def read_columns(path: Path, columns: Sequence[str | int] | None) -> NDArray[np.float64]:
-    """Read columns of a file as an array (rows x columns); an empty field or `nan` is a missing sample.
+@dataclass(frozen=True)
+class _File:
+    """A file and the dotted place in the scene that names it, where faults are reported."""
+
+    path: Path
+    place: str
+
+    def refuse(
+        self, problem: str, remedy: str = "", *, line: int | None = None, key: str = "path"
+    ) -> NoReturn:
+        where = self.path if line is None else f"{self.path}:{line}:"
+        names = [f"{self.place}.{key}"] if self.place else []
+        raise FileError(f"{where} {problem}", remedy=remedy, names=names)
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Rows of numbers, the names of their columns (none: no header), and their times where they have any."""
+
+    file: _File
+    names: list[str]
+    values: NDArray[np.float64]
+    lines: list[int] | None = None
+    times: NDArray[np.float64] | None = None
+    resolution: NDArray[np.float64] | None = None
+
+    @property
+    def data(self) -> list[int]:
+        """The columns that are not the time, from 0."""
+        names = self.names or [""] * self.values.shape[1]
+        return [k for k, name in enumerate(names) if not _is_time(name)]
+
+    def refuse_row(self, row: int, problem: str, remedy: str = "") -> NoReturn:
+        if self.lines is None:
+            self.file.refuse(f"row {row + 1}: {problem}", remedy)
+        self.file.refuse(problem, remedy, line=self.lines[row])
+
+    def find(self, name: str | int, key: str) -> int:
+        """Return the place of a column that is named, or numbered from 1."""
+        count = self.values.shape[1]
+        if isinstance(name, int):
+            if not 1 <= name <= count:
+                columns = f"{count} columns" if count != 1 else "one column"
+                self.file.refuse(f"has {columns}, no column {name}", key=key)
+            return name - 1
+        if self.names.count(name) > 1:
+            self.file.refuse(f"has {self.names.count(name)} columns '{name}'", "Give its number.", key=key)
+        if name not in self.names:
+            hint = did_you_mean(name, self.names)
+            known = (
+                "" if hint else f"; it has {', '.join(self.names)}" if self.names else "; it has no header"
+            )
+            self.file.refuse(f"has no column '{name}'{hint or known}", key=key)
+        return self.names.index(name)
+
+    def checked(self, columns: Iterable[int], step: float | None) -> NDArray[np.float64]:
+        """Return columns without infinite values, at the step that they are taken to have."""
+        chosen = self.values[:, list(columns)]
+        infinite = np.argwhere(np.isinf(chosen))
+        if len(infinite):
+            self.refuse_row(int(infinite[0, 0]), "the value is infinite", "Leave a saturated sample empty.")
+        if self.times is not None and self.resolution is not None and step is not None:
+            if np.isinf(self.times).any():
+                self.refuse_row(int(np.argmax(np.isinf(self.times))), "the time is infinite")
+            wrong = step_disagreement(self.times, step, self.resolution)
+            if wrong is not None:
+                remedy = "The rows of a record lie one 'step' apart; a missing sample keeps its row."
+                if wrong.row is not None:
+                    self.refuse_row(wrong.row, wrong.problem, remedy)
+                self.file.refuse(f"{wrong.problem}", "Correct the step, or the file.")
+        return chosen
+
+
+def read_columns(
+    path: Path, columns: Sequence[str | int] | None, *, step: float | None = None, place: str = ""
+) -> NDArray[np.float64]:
+    """Read columns of a file as an array (rows x columns) with NaN for missing samples.
 
     Parameters
     ----------
     path
-        A `.csv` or `.txt` file with one row a line (commas, semicolons, tabs or spaces; lines that start
-        with # are passed over; a first line of names is a header), or an HDF5 file.
+        A `.csv` or `.txt` file with one row a line (semicolons, tabs, commas or spaces; lines that start
+        with # are passed over; a first line of names is a header), or an HDF5 file. A missing sample is an
+        empty field, `nan`, `NA` or `n/a`. In a file of one column an empty line is a missing sample too; in
+        one of several columns it is refused. Empty lines at the end are dropped.
     columns
         Names, or numbers from 1: columns of a table, datasets of an HDF5 file. Absent: all columns of a
         table but one called `time` or `t`; in an HDF5 file the dataset `measured`.
+    step
+        The step that the rows are taken to have, s; compared with the column `time` or `t` of a table, in
+        an HDF5 file with the dataset of that name beside the data.
+    place
+        The dotted place of the file in the scene, for errors.
 
     Raises
     ------
     FileError
-        Where the file cannot be read or a column is missing.
+        Where the file cannot be read, a column is missing, a value is infinite, or the times are not those
+        of the step.
     """
-    if not path.is_file():
-        raise FileError(
-            f"{path} is no file",
-            remedy="Paths in a scene are relative to the scene's folder.",
-            names=[str(path)],
+    file = _existing(path, place)
+    if _is_hdf5(path):
+        table = _read_datasets(file, columns)
+        if columns is None or not _are_numbers(columns):
+            return table.checked(table.data, step)
+    else:
+        table = _read_text(file)
+    wanted = table.data if columns is None else [table.find(name, "columns") for name in columns]
+    return table.checked(wanted, step)
+
+
+def read_signal(
+    path: Path, column: str | int | None, *, step: float | None = None, place: str = ""
+) -> NDArray[np.float64]:
+    """Read one column without missing samples; by default the only one that is not the time.
+
+    Parameters
+    ----------
+    path, step, place
+        As of `read_columns`.
+    column
+        Its name, or its number from 1. Absent: the only column but `time` or `t`, the only dataset of an
+        HDF5 file but these.
+
+    Raises
+    ------
+    FileError
+        As `read_columns`; also where a sample is missing, or several columns could be meant.
+    """
+    file = _existing(path, place)
+    if _is_hdf5(path):
+        table = _read_datasets(file, None if column is None else [column], single=True)
+        found = table.find(column, "column") if isinstance(column, int) else 0
+    else:
+        table = _read_text(file)
+        found = _only(table) if column is None else table.find(column, "column")
+    values = table.checked([found], step)[:, 0]
+    if np.isnan(values).any():
+        row = int(np.argmax(np.isnan(values)))
+        table.refuse_row(row, "a sample of the signal is missing", "A signal is known at every step.")
+    return values
+
+
+def _only(table: _Table) -> int:
+    if len(table.data) != 1:
+        named = ": " + ", ".join(table.names[k] for k in table.data) if table.names and table.data else ""
+        table.file.refuse(
+            f"has {len(table.data) or 'no'} columns beside the time{named}",
+            "Say which one drives: column: NAME, or its number.",
+            key="column",
         )
-    if path.suffix.lower() in (".h5", ".hdf5"):
-        return _read_hdf5(path, columns)
-    return _read_text(path, columns)
+    return table.data[0]
 
 
-def _read_text(path: Path, columns: Sequence[str | int] | None) -> NDArray[np.float64]:
+def _existing(path: Path, place: str) -> _File:
+    file = _File(path, place)
+    if not path.is_file():
+        file.refuse("is no file", "Paths in a scene are relative to the scene's folder.")
+    return file
+
+
+def _is_hdf5(path: Path) -> bool:
+    return path.suffix.lower() in (".h5", ".hdf5")
+
+
+def _is_time(name: str) -> bool:
+    """Tell whether a name is that of the time; a unit may stand behind it in brackets."""
+    return re.sub(r"[\[(].*", "", name).strip().lower() in _TIME
+
+
+# --- text ------------------------------------------------------------------------------------------
+
+
+def _read_text(file: _File) -> _Table:
+    rows = _lines(file)
+    separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
+    first = _split(rows[0][1], separator)
+    leading = next((field for field in first if field), "")
+    # A name may be a number (`time,1,2`), but no decimal fraction, with a comma or a point.
+    has_header = not _is_number(leading) and not any(re.fullmatch(_DECIMAL, field) for field in first)
+    body = rows[has_header:]
+    if not body:
+        file.refuse("holds names but no data")
+    if not has_header and len(first) == 1 and rows[0][0] > 1:
+        _refuse_leading_gap(file, rows[0][0])
+    fields = [_row(file, number, line, separator, len(first)) for number, line in body]
+    lines = [number for number, _ in body]
+    values = np.array(
+        [_numbers(file, number, row) for number, row in zip(lines, fields, strict=True)], dtype=float
+    ).reshape(len(fields), len(first))
+    names = first if has_header else []
+    timed = [k for k, name in enumerate(names) if _is_time(name)]
+    if not timed:
+        return _Table(file, names, values, lines)
+    times = values[:, timed[0]]
+    written = [row[timed[0]] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
+    return _Table(file, names, values, lines, times, printed_resolution(written))
+
+
+def _lines(file: _File) -> list[tuple[int, str]]:
+    """Return the lines from the first row to the last that is not empty, with their numbers."""
     try:
-        lines = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path} cannot be read as text: {error}") from error
-    rows = [(number, line) for number, line in enumerate(lines, 1) if line and not line.startswith("#")]
-    if not rows:
-        raise FileError(f"{path} holds no data")
-    separator = next((mark for mark in ",;\t" if mark in rows[0][1]), None)
-    first = [field.strip().strip('"') for field in rows[0][1].split(separator)]
-    header = [] if all(_is_number(field) for field in first) else first
-    numbers = [
-        _numbers(path, number, line.split(separator), len(first)) for number, line in rows[bool(header) :]
+        text = file.path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        file.refuse("is not a text in UTF-8", "Tables are text in UTF-8, or HDF5 (.h5).")
+    except OSError as error:
+        file.refuse(f"cannot be read: {error.strerror}")
+    rows = [
+        (number, line) for number, line in enumerate(text.split("\n"), 1) if not line.lstrip().startswith("#")
     ]
-    table = np.array(numbers).reshape(len(numbers), len(first))
-    if columns is None:
-        columns = [
-            k for k in range(1, len(first) + 1) if not header or header[k - 1].lower() not in ("time", "t")
+    filled = [k for k, (_, line) in enumerate(rows) if line.strip(" \t")]
+    if not filled:
+        file.refuse("holds no data")
+    return rows[filled[0] : filled[-1] + 1]
+
+
+def _refuse_leading_gap(file: _File, first: int) -> None:
+    """Refuse empty lines before a lone column without a header: samples may be missing there, or not."""
+    with file.path.open(encoding="utf-8-sig") as lines:
+        for number, line in zip(range(1, first), lines, strict=False):
+            if not line.strip():
+                file.refuse(
+                    "an empty line before the first sample",
+                    "Drop it, or write nan for a sample.",
+                    line=number,
+                )
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    if separator is not None and '"' in line:
+        return [
+            field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
         ]
-    return table[:, [_column(path, header, len(first), name) for name in columns]]
+    return [field.strip().strip('"') for field in line.split(separator)]
 
 
-def _numbers(path: Path, number: int, fields: list[str], count: int) -> list[float]:
+def _row(file: _File, number: int, line: str, separator: str | None, count: int) -> list[str]:
+    if not line.strip(" \t" if separator != "\t" else " "):
+        if count > 1:
+            file.refuse(
+                "an empty line among the rows", "Drop it; a missing sample keeps its row.", line=number
+            )
+        return [""]
+    fields = _split(line, separator)
     if len(fields) != count:
-        raise FileError(f"{path}:{number}: {len(fields)} fields where the first row has {count}")
+        more = "A number has no comma in it; decimals take a point." if separator == "," else ""
+        file.refuse(
+            f"{len(fields)} field{'s' * (len(fields) != 1)} where the first row has {count}",
+            more,
+            line=number,
+        )
+    return fields
+
+
+def _numbers(file: _File, number: int, fields: list[str]) -> list[float]:
     try:
-        return [float(field) if field.strip() else float("nan") for field in fields]
-    except ValueError as error:
-        raise FileError(f"{path}:{number}: {error}") from None
+        return [_number(field) for field in fields]
+    except ValueError:
+        wrong = next(field for field in fields if not _is_number(field))
+        file.refuse(f"'{wrong[:40]}' is not a number", _ACCEPTED, line=number)
 
 
 def _is_number(field: str) -> bool:
     try:
-        float(field or "nan")
+        _number(field)
     except ValueError:
         return False
     return True
 
 
-def _column(path: Path, header: list[str], count: int, name: str | int) -> int:
-    if isinstance(name, int):
-        if not 1 <= name <= count:
-            raise FileError(f"{path} has {count} columns, no column {name}")
-        return name - 1
-    if name not in header:
-        raise FileError(f"{path} has no column '{name}'{did_you_mean(name, header)}")
-    return header.index(name)
+def _number(field: str) -> float:
+    if field.lower() in _MISSING:
+        return float("nan")
+    if "_" in field:  # digits in groups are Python's
+        raise ValueError(field)
+    return float(field)
 
 
-def _read_hdf5(path: Path, columns: Sequence[str | int] | None) -> NDArray[np.float64]:
+# --- HDF5 ------------------------------------------------------------------------------------------
+
+
+def _read_datasets(file: _File, columns: Sequence[str | int] | None, single: bool = False) -> _Table:
+    """Read datasets as one table: those that are named, else the columns of the measured ones."""
     import h5py
 
     try:
-        with h5py.File(path, "r") as file:
-            if columns is None or all(isinstance(name, int) for name in columns):
-                table = _dataset(path, file, next((name for name in _MEASURED if name in file), _MEASURED[0]))
-                table = table.reshape(len(table), -1)
-                wanted = range(1, table.shape[1] + 1) if columns is None else columns
-                return table[:, [_column(path, [], table.shape[1], number) for number in wanted]]
-            parts = [_dataset(path, file, str(name)) for name in columns]
+        with h5py.File(file.path, "r") as store:
+            named = columns is not None and not _are_numbers(columns)
+            if columns is not None and named:
+                names = [str(name) for name in columns]
+            elif single and columns is None:
+                names = [_only_dataset(file, store)]
+            else:
+                names = [next((name for name in _MEASURED if name in store), _MEASURED[0])]
+            key = "column" if single else "columns"
+            parts = [_dataset(file, store, name, key) for name in names]
+            if any(len(part) != len(parts[0]) for part in parts) or (
+                len(parts) > 1 and any(part.ndim != 1 for part in parts)
+            ):
+                file.refuse(f"has no columns of one length in {', '.join(names)}", key=key)
+            if single and (named or columns is None) and parts[0][:1].size > 1:
+                file.refuse(f"has {parts[0].shape[1]} columns in '{names[0]}'", "Give a number.", key=key)
+            values = np.column_stack(parts)
+            return _Table(file, [], values, None, *_times(store, names, len(values)))
     except (OSError, RuntimeError, ValueError) as error:
-        raise FileError(f"{path} cannot be read as HDF5: {error}") from error
-    if any(part.ndim != 1 or len(part) != len(parts[0]) for part in parts):
-        raise FileError(f"{path}: the datasets {', '.join(map(str, columns))} are not columns of one length")
-    return np.column_stack(parts)
+        file.refuse(f"cannot be read as HDF5: {error}")
 
 
-def _dataset(path: Path, file: Any, name: str) -> NDArray[np.float64]:
+def _are_numbers(columns: Sequence[str | int]) -> bool:
+    return all(isinstance(name, int) for name in columns)
+
+
+def _only_dataset(file: _File, store: Any) -> str:
+    known = [name for name in _numeric(store) if name not in _TIME]
+    if len(known) != 1:
+        named = f": {', '.join(known)}" if known else ""
+        file.refuse(
+            f"has {len(known) or 'no'} datasets of numbers beside the time{named}",
+            "Say which one drives: column: NAME.",
+            key="column",
+        )
+    return known[0]
+
+
+def _numeric(group: Any) -> list[str]:
     import h5py
 
-    found = file.get(name)
+    return [
+        name
+        for name, value in group.items()
+        if isinstance(value, h5py.Dataset) and value.dtype.kind in "iuf" and value.ndim in (1, 2)
+    ]
+
+
+def _times(
+    store: Any, names: Sequence[str], rows: int
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Return the times beside the data, and what they are rounded by."""
+    group = store[names[0]].parent
+    for name in _TIME:
+        if name in _numeric(group) and group[name].shape == (rows,):
+            stored = group[name][()]
+            times = np.asarray(stored, dtype=float)
+            coarse = float(np.finfo(stored.dtype).eps) if stored.dtype.kind == "f" else 0.0
+            return times, np.abs(np.nan_to_num(times, posinf=0, neginf=0)) * coarse
+    return None, None
+
+
+def _dataset(file: _File, store: Any, name: str, key: str) -> NDArray[np.float64]:
+    import h5py
+
+    found = store.get(name)
     if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf" or found.ndim not in (1, 2):
-        known = [key for key, value in file.items() if isinstance(value, h5py.Dataset)]
-        raise FileError(f"{path} has no dataset of numbers '{name}'{did_you_mean(name, known)}")
+        known = _numeric(store)
+        hint = did_you_mean(name, known) or (f"; it has {', '.join(known)}" if known else "")
+        file.refuse(f"has no dataset of numbers '{name}'{hint}", key=key)
     return np.asarray(found[()], dtype=float)

@@ -49,20 +49,34 @@ class FrequencyGrid(Part):
 class SignalPart(Part):
     """What every signal may say beside its own keys."""
 
-    unit: Literal["rad/s", "Hz"] = "rad/s"
     source: str | None = None
     dof: int | None = Field(default=None, ge=1, strict=True)
 
+    @property
+    def factor(self) -> float:
+        """What turns its frequencies into rad/s."""
+        return 1.0
+
     def parameters(self) -> dict[str, Any]:
         """Return the signal's own parameters as floats, frequencies in rad/s."""
-        factor = 2 * math.pi if self.unit == "Hz" else 1.0
         skipped = {"unit", "source", "dof", "kind"}
         given = {name: getattr(self, name) for name in type(self).model_fields if name not in skipped}
         return {
-            name: _as_float(value, factor if name in _FREQUENCIES else 1.0)
+            name: _as_float(value, self.factor if name in _FREQUENCIES else 1.0)
             for name, value in given.items()
             if value is not None
         }
+
+
+class PeriodicPart(SignalPart):
+    """What a signal that has frequencies may say as well."""
+
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @property
+    def factor(self) -> float:
+        """What turns its frequencies into rad/s."""
+        return 2 * math.pi if self.unit == "Hz" else 1.0
 
 
 _FREQUENCIES = {"frequency", "band"}
@@ -91,7 +105,7 @@ class ImpulseSignal(SignalPart):
     amplitude: Value = Quantity(1)
 
 
-class SineSignal(SignalPart):
+class SineSignal(PeriodicPart):
     """A sine."""
 
     kind: Literal["sine"]
@@ -100,7 +114,7 @@ class SineSignal(SignalPart):
     phase: Value = Quantity(0)
 
 
-class MultisineSignal(SignalPart):
+class MultisineSignal(PeriodicPart):
     """A sum of sines."""
 
     kind: Literal["multisine"]
@@ -116,7 +130,7 @@ class MultisineSignal(SignalPart):
         return self
 
 
-class ChirpSignal(SignalPart):
+class ChirpSignal(PeriodicPart):
     """A linear sweep over the record."""
 
     kind: Literal["chirp"]
@@ -126,12 +140,11 @@ class ChirpSignal(SignalPart):
 
     def parameters(self) -> dict[str, Any]:
         """Return the parameters; here start and stop are frequencies."""
-        factor = 2 * math.pi if self.unit == "Hz" else 1.0
         own = super().parameters()
-        return {**own, "start": own["start"] * factor, "stop": own["stop"] * factor}
+        return {**own, "start": own["start"] * self.factor, "stop": own["stop"] * self.factor}
 
 
-class RandomSignal(SignalPart):
+class RandomSignal(PeriodicPart):
     """Band-limited noise with a seed; `amplitude` is its standard deviation."""
 
     kind: Literal["random"]
@@ -156,11 +169,11 @@ class ImpactSignal(SignalPart):
 
 
 class FileSignal(SignalPart):
-    """Samples from a file, at the step of the record."""
+    """Samples from a file, at the step of the record; by default its only column but the time."""
 
     kind: Literal["file"]
     path: str
-    column: str | int = 1
+    column: str | Annotated[int, Field(ge=1, strict=True)] | None = None
 
 
 Signal = Annotated[
