@@ -138,6 +138,26 @@ def test_a_response_that_is_asked_for_needs_its_block():
     assert faults_of(text) == ["7:3: 'frequency_response' needs the block 'frequency'"]
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "why"),
+    [
+        ("  time: {stop: 1, step: 0.1, input: {kind: step}}\n", "", "it needs the block 'analysis.time'"),
+        ("outputs:", "results: [zeros]\n  outputs:", "'results' does not list 'time_response'"),
+        ("outputs:", "results: []\n  outputs:", "'results' does not list 'time_response'"),
+    ],
+)
+def test_stored_energy_that_no_response_shows_is_a_fault(right, wrong, why):
+    text = SCENE.replace("analysis:", "initial: {m: {f: 1}}\nanalysis:")
+    assert faults_of(text) == []
+    found = faults_of(text.replace(right, wrong, 1))
+    assert found == [f"6:1: the initial state shows in a time response only; {why}"]
+
+
+def test_a_misspelt_time_block_is_the_only_fault_of_stored_energy():
+    text = SCENE.replace("analysis:", "initial: {m: {f: 1}}\nanalysis:").replace("  time:", "  tiem:")
+    assert faults_of(text) == ["10:3: 'tiem' is not a key of analysis; did you mean 'time'?"]
+
+
 def test_a_name_that_no_bond_could_write_is_refused():
     found = faults_of(SCENE.replace("F: Se", "a b: Se, F: Se"))
     assert found[0] == (
@@ -189,7 +209,7 @@ kind: bond-graph
 graph:
   nodes: {Se: Se, 1: '1', 0: {type: 0}, I: {type: I, value: 2}, on: {type: R, value: 1}}
   bonds: [Se -> 1 -> I, 1 -> 0, 0 -> on]
-analysis: {inputs: [Se], outputs: [1.f, 0.e, I.p, on.q]}
+analysis: {inputs: [Se], outputs: [1.f, 0.e, I.p, on.q], time: {stop: 1, step: 0.1}}
 initial: {I: {f: 1}}
 """
     scene = check(text)

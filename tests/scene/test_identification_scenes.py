@@ -107,8 +107,8 @@ def test_the_scene_of_these_tests_is_valid():
         ),
         (
             "measurement:",
-            "initial: {3: {v: 1}}\nmeasurement:",
-            "8:11: there is no DOF 3; the structure has 2",
+            "analysis: {time: {stop: 1, step: 0.1}}\ninitial: {3: {v: 1}}\nmeasurement:",
+            "9:11: there is no DOF 3; the structure has 2",
         ),
     ],
 )
@@ -122,6 +122,16 @@ def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
 def test_a_scene_without_a_question_is_told_so():
     text = SCENE[: SCENE.index("measurement:")]
     assert faults_of(text) == ["1:1: a scene needs a 'measurement' to identify from, or an 'analysis'"]
+
+
+@pytest.mark.parametrize("analysis", ["", "analysis: {frequency: {start: 1, stop: 2}}\n"])
+def test_an_initial_motion_without_a_time_response_is_a_fault(analysis):
+    found = faults_of(SCENE + analysis + "initial: {1: {x: 1}}\n")
+    line = 13 + bool(analysis)
+    assert found == [
+        f"{line}:1: the initial state shows in a time response only; it needs the block 'analysis.time'"
+    ]
+    assert faults_of(SCENE + "analysis: {time: {stop: 1, step: 0.1}}\ninitial: {1: {x: 1}}\n") == []
 
 
 def test_known_and_unknown_parameters_stand_side_by_side():

@@ -200,3 +200,24 @@ def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
     assert validator.is_valid(data)
     assert not validator.is_valid({**data, "titel": "x"})
     assert not validator.is_valid({**data, "kind": "other"})
+
+
+@pytest.mark.parametrize(
+    ("node", "valid"),
+    [
+        *((node, True) for node in ("Se", 0, "1", {"type": "R", "value": 1})),
+        *((node, False) for node in ("XX", 2, True, {"type": "XX"})),
+    ],
+)
+def test_the_json_schema_knows_the_types_of_nodes(node, valid):
+    schema = kind_model("bond-graph").model_json_schema()
+    data = parse_source(ISOLATOR).data
+    changed = replaced(data, ("graph", "nodes", "base"), node)
+    assert jsonschema.Draft202012Validator(schema).is_valid(changed) is valid
+
+
+@pytest.mark.parametrize(("unit", "valid"), [({}, True), ({"unit": "Hz"}, False)])
+def test_the_json_schema_knows_which_signals_have_a_unit(unit, valid):
+    schema = kind_model("bond-graph").model_json_schema()
+    changed = replaced(parse_source(ISOLATOR).data, ("analysis", "time", "input"), {"kind": "step", **unit})
+    assert jsonschema.Draft202012Validator(schema).is_valid(changed) is valid

@@ -18,6 +18,7 @@ from pydantic import (
 
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
 from dynid.bondgraph.question import USUAL, ResultName
+from dynid.scene.schema.chains import chain_ends
 from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, TimeGrid
 from dynid.scene.schema.quantities import Value, fault, names_of
 from dynid.scene.yaml.source import did_you_mean
@@ -44,14 +45,17 @@ def _node_name(raw: str) -> str:
     return raw
 
 
+_NodeType = Annotated[
+    str,
+    PlainValidator(_node_type),
+    WithJsonSchema({"enum": [*NODE_TYPES, 0, 1], "description": "node type"}),
+]
+
+
 class NodeModel(Part):
     """One node: its type, and its value where it has one."""
 
-    type: Annotated[
-        str,
-        PlainValidator(_node_type),
-        WithJsonSchema({"enum": [*NODE_TYPES, 0, 1], "description": "node type"}),
-    ]
+    type: _NodeType
     value: Value | None = None
 
     @model_validator(mode="after")
@@ -70,8 +74,8 @@ def _bonds(raw: Any, info: ValidationInfo) -> tuple[Bond, ...]:
     """Read a bond or a chain of bonds: a -> b -> c."""
     if not isinstance(raw, str):
         raise fault("a bond is a text such as 'a -> b'")
-    ends = [part.strip() for part in raw.split("->")]
-    if len(ends) < 2 or not all(ends):
+    ends = chain_ends(raw)
+    if not ends:
         raise fault(f"'{raw}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'")
     nodes = names_of(info).nodes
     unknown = [f"no node '{end}'{did_you_mean(end, nodes)}" for end in ends if nodes and end not in nodes]
@@ -128,7 +132,7 @@ class GraphModel(Part):
 
     nodes: dict[
         Annotated[str, AfterValidator(_node_name)],
-        Annotated[NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | str | int)],
+        Annotated[NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | _NodeType)],
     ] = Field(min_length=1)
     bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), _TEXT]] = Field(min_length=1)
 

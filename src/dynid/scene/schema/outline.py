@@ -13,6 +13,7 @@ from typing import Any
 from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
 from dynid.errors import Fault
 from dynid.scene.arithmetic.expression import resolve_parameters
+from dynid.scene.schema.chains import chain_ends
 from dynid.scene.schema.quantities import Names
 from dynid.scene.yaml.source import Source, did_you_mean
 
@@ -36,8 +37,24 @@ def whole_faults(source: Source) -> list[Fault]:
     """Find the faults that concern several parts of a scene at once."""
     kind = source.data.get("kind")
     if kind == "bond-graph":
-        return [*_bond_graph_faults(source), *_initial_faults(source), *_driving_faults(source)]
-    return _dof_faults(source) if kind == "identification" else []
+        faults = [*_bond_graph_faults(source), *_initial_faults(source), *_driving_faults(source)]
+    else:
+        faults = _dof_faults(source) if kind == "identification" else []
+    return [*faults, *_motionless_faults(source)]
+
+
+def _motionless_faults(source: Source) -> list[Fault]:
+    """Check that a motion from an initial state is asked for: nothing else shows it."""
+    analysis = source.data.get("analysis", {})
+    if not _mapping(source.data, "initial") or not isinstance(analysis, dict):
+        return []
+    place, message = ("initial",), "the initial state shows in a time response only; "
+    if not any(did_you_mean(str(key), ["time"]) for key in analysis):
+        return [source.fault(place, f"{message}it needs the block 'analysis.time'", key=True)]
+    results = analysis.get("results")
+    if isinstance(results, list) and not any(did_you_mean(str(name), ["time_response"]) for name in results):
+        return [source.fault(place, f"{message}'results' does not list 'time_response'", key=True)]
+    return []
 
 
 # --- bond graphs -----------------------------------------------------------------------------------
@@ -61,8 +78,8 @@ def _bond_graph_faults(source: Source) -> list[Fault]:
     nodes = _mapping(_mapping(source.data, "graph"), "nodes")
     types, bonds, places, complete = _node_types(source), [], [], True
     for index, text in enumerate(_list(_mapping(source.data, "graph"), "bonds")):
-        ends = [part.strip() for part in text.split("->")] if isinstance(text, str) else []
-        read = len(ends) > 1 and all(end in types for end in ends)
+        ends = chain_ends(text) if isinstance(text, str) else []
+        read = bool(ends) and all(end in types for end in ends)
         complete = complete and read and all(a != b for a, b in pairwise(ends))
         if read:
             bonds += [Bond(tail, head) for tail, head in pairwise(ends)]
