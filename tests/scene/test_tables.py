@@ -116,7 +116,7 @@ def test_infinite_values_of_other_columns_do_no_harm(written):
 
 def test_an_infinite_value_in_hdf5_is_named_with_its_row(stored):
     path = stored(measured=[[1.0, 2], [3, np.inf]])
-    assert "x.h5 row 2: the value is infinite" in refusal(read_columns, path, None)[0]
+    assert "x.h5: row 2: the value is infinite" in refusal(read_columns, path, None)[0]
 
 
 # --- columns ---------------------------------------------------------------------------------------
@@ -211,7 +211,7 @@ def test_a_gap_or_a_jump_is_named_with_its_row(written, stored):
     said = refusal(read_columns, written(table_of(times, "%.3f")), None, step=0.002)[0]
     assert "x.csv:6: the time goes on by 0.004 s here, 0.002 s a row elsewhere; 'step' is 0.002 s" in said
     said = refusal(read_columns, stored(t=times, measured=np.ones(9)), None, step=0.002)[0]
-    assert "x.h5 row 5: the time goes on by 0.004 s here" in said
+    assert "x.h5: row 5: the time goes on by 0.004 s here" in said
 
 
 def test_times_that_drift_are_refused(written):
@@ -267,6 +267,7 @@ GOOD = {"force.csv": "time,F\n0,1\n0.01,2\n0.02,1\n", "record.csv": "time,v\n0,0
         ({"record.csv": "time,v\n0,0\n0.01,1\n"}, (12, 5)),
         ({"record.csv": "time,w\n0,0\n0.01,1\n0.02,2\n"}, (13, 5)),
         ({"force.csv": None}, (6, 26)),
+        ({"force.csv": "time,F\n0,1\n0.01,2\n"}, (6, 26)),
         ({"force.csv": "time,F\n0,1\n0.02,2\n0.04,1\n"}, (6, 26)),
         ({"force.csv": "time,F,G\n0,1,2\n0.01,2,2\n0.02,1,2\n"}, (6, 5)),
     ],

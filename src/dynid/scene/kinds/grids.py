@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.errors import UsageError
+from dynid.errors import FileError, UsageError
 from dynid.scene.schema.common import FileSignal, FrequencyGrid, SignalPart, TimeGrid
 
 if TYPE_CHECKING:
@@ -52,7 +52,8 @@ def build_signals(
     Raises
     ------
     FileError
-        Where the file of a signal cannot be read, or its times are not at the record's step.
+        Where the file of a signal cannot be read, its times are not at the record's step, or it ends before
+        the record does.
     UsageError
         Where a signal makes no sense for this record; it names the place.
     """
@@ -83,5 +84,11 @@ def _build_signal(part: SignalPart, record: Record, folder: Path, place: str) ->
         from dynid.scene.kinds.tables import read_signal
 
         values = read_signal(folder / part.path, part.column, step=record.step, place=place)
+        if len(values) < record.samples:
+            raise FileError(
+                f"{folder / part.path} has {len(values)} samples, but the signal lasts {record.samples}",
+                remedy="Give samples for the whole record, or end it earlier.",
+                names=(f"{place}.path",),
+            )
         parameters = {"values": values}
     return signal(str(getattr(part, "kind")), parameters, record)  # noqa: B009 - every member has a kind

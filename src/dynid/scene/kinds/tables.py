@@ -34,9 +34,15 @@ class _File:
     place: str
 
     def refuse(
-        self, problem: str, remedy: str = "", *, line: int | None = None, key: str = "path"
+        self,
+        problem: str,
+        remedy: str = "",
+        *,
+        line: int | None = None,
+        key: str = "path",
+        colon: bool = False,
     ) -> NoReturn:
-        where = self.path if line is None else f"{self.path}:{line}:"
+        where = f"{self.path}:{line}:" if line is not None else f"{self.path}{':' * colon}"
         names = [f"{self.place}.{key}"] if self.place else []
         raise FileError(f"{where} {problem}", remedy=remedy, names=names)
 
@@ -60,7 +66,7 @@ class _Table:
 
     def refuse_row(self, row: int, problem: str, remedy: str = "") -> NoReturn:
         if self.lines is None:
-            self.file.refuse(f"row {row + 1}: {problem}", remedy)
+            self.file.refuse(f"row {row + 1}: {problem}", remedy, colon=True)
         self.file.refuse(problem, remedy, line=self.lines[row])
 
     def find(self, name: str | int, key: str) -> int:
@@ -95,7 +101,7 @@ class _Table:
                 remedy = "The rows of a record lie one 'step' apart; a missing sample keeps its row."
                 if wrong.row is not None:
                     self.refuse_row(wrong.row, wrong.problem, remedy)
-                self.file.refuse(f"{wrong.problem}", "Correct the step, or the file.")
+                self.file.refuse(wrong.problem, "Correct the step, or the file.", colon=True)
         return chosen
 
 
@@ -202,7 +208,7 @@ def _is_time(name: str) -> bool:
 def _read_text(file: _File) -> _Table:
     rows = _lines(file)
     separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
-    first = _split(rows[0][1], separator)
+    first = [field.strip() for field in _split(rows[0][1], separator)]
     leading = next((field for field in first if field), "")
     # A name may be a number (`time,1,2`), but no decimal fraction, with a comma or a point.
     has_header = not _is_number(leading) and not any(re.fullmatch(_DECIMAL, field) for field in first)
@@ -259,7 +265,8 @@ def _split(line: str, separator: str | None) -> list[str]:
         return [
             field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
         ]
-    return [field.strip().strip('"') for field in line.split(separator)]
+    fields = line.split(separator)
+    return [field.strip().strip('"') for field in fields] if '"' in line else fields
 
 
 def _row(file: _File, number: int, line: str, separator: str | None, count: int) -> list[str]:
@@ -284,7 +291,7 @@ def _numbers(file: _File, number: int, fields: list[str]) -> list[float]:
     try:
         return [_number(field) for field in fields]
     except ValueError:
-        wrong = next(field for field in fields if not _is_number(field))
+        wrong = next(field.strip() for field in fields if not _is_number(field))
         file.refuse(f"'{wrong[:40]}' is not a number", _ACCEPTED, line=number)
 
 
@@ -297,11 +304,15 @@ def _is_number(field: str) -> bool:
 
 
 def _number(field: str) -> float:
-    if field.lower() in _MISSING:
-        return float("nan")
+    try:
+        number = float(field)
+    except ValueError:
+        if field.strip().lower() in _MISSING:
+            return float("nan")
+        raise
     if "_" in field:  # digits in groups are Python's
         raise ValueError(field)
-    return float(field)
+    return number
 
 
 # --- HDF5 ------------------------------------------------------------------------------------------
