@@ -89,7 +89,9 @@ def test_a_signal_has_every_sample(written):
         ("0,0;1,5\n0,1;1,6\n", "x.csv:1: '0,0' is not a number"),
         ("v\n1\nbroken\n", "x.csv:3: 'broken' is not a number"),
         ("---,0.1\n1,0.2\n", "x.csv:1: '---' is not a number"),
-        ("1_000\n1_001\n", "x.csv:2: '1_001' is not a number"),
+        ("1_000\n1_001\n", "x.csv:1: '1_000' is not a number"),
+        ("1.5V\n1.6\n", "x.csv:1: '1.5V' is not a number"),
+        ("2026-01-01;3\n", "x.csv:1: '2026-01-01' is not a number"),
         ("v\n1\n-inf\n", "x.csv:3: the value is infinite"),
         ("a,b\n", "x.csv holds names but no data"),
         ("# nothing\n\n", "x.csv holds no data"),
@@ -154,6 +156,7 @@ def test_a_signal_is_by_default_the_only_column_that_is_not_the_time(written, te
         ("time,F,G\n0,1,2\n", "has 2 columns beside the time: F, G. Say which one drives: column: NAME"),
         ("0,1\n", "has 2 columns beside the time. Say which"),
         ("time\n0\n", "has no columns beside the time"),
+        ("T,t,F\n300,0,1\n", "has 2 columns beside the time: T, F"),
     ],
 )
 def test_several_columns_that_could_drive_are_named(written, text, message):

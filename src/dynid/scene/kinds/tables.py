@@ -61,8 +61,7 @@ class _Table:
     @property
     def data(self) -> list[int]:
         """The columns that are not the time, from 0."""
-        names = self.names or [""] * self.values.shape[1]
-        return [k for k, name in enumerate(names) if not _is_time(name)]
+        return [k for k in range(self.values.shape[1]) if k != _time_column(self.names)]
 
     def refuse_row(self, row: int, problem: str, remedy: str = "") -> NoReturn:
         if self.lines is None:
@@ -197,9 +196,14 @@ def _is_hdf5(path: Path) -> bool:
     return path.suffix.lower() in (".h5", ".hdf5")
 
 
-def _is_time(name: str) -> bool:
-    """Tell whether a name is that of the time; a unit may stand behind it in brackets."""
-    return re.sub(r"[\[(].*", "", name).strip().lower() in _TIME
+def _time_column(names: Sequence[str]) -> int | None:
+    """Return the column of the time, by its name; a unit may stand behind it in brackets.
+
+    Beside `t`, `T` is another quantity.
+    """
+    bare = [re.sub(r"[\[(].*", "", name).strip() for name in names]
+    spelt = [k for k, name in enumerate(bare) if name in _TIME]
+    return next(iter([*spelt, *(k for k, name in enumerate(bare) if name.lower() in _TIME)]), None)
 
 
 # --- text ------------------------------------------------------------------------------------------
@@ -210,8 +214,12 @@ def _read_text(file: _File) -> _Table:
     separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
     first = [field.strip() for field in _split(rows[0][1], separator)]
     leading = next((field for field in first if field), "")
-    # A name may be a number (`time,1,2`), but no decimal fraction, with a comma or a point.
-    has_header = not _is_number(leading) and not any(re.fullmatch(_DECIMAL, field) for field in first)
+    # No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
+    has_header = (
+        not _is_number(leading)
+        and not re.match(r"[-+.,]*\d", leading)
+        and not any(re.fullmatch(_DECIMAL, field) for field in first)
+    )
     body = rows[has_header:]
     if not body:
         file.refuse("holds names but no data")
@@ -223,11 +231,11 @@ def _read_text(file: _File) -> _Table:
         [_numbers(file, number, row) for number, row in zip(lines, fields, strict=True)], dtype=float
     ).reshape(len(fields), len(first))
     names = first if has_header else []
-    timed = [k for k, name in enumerate(names) if _is_time(name)]
-    if not timed:
+    timed = _time_column(names)
+    if timed is None:
         return _Table(file, names, values, lines)
-    times = values[:, timed[0]]
-    written = [row[timed[0]] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
+    times = values[:, timed]
+    written = [row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
     return _Table(file, names, values, lines, times, printed_resolution(written))
 
 
