@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from dynid.errors import FileError, SceneError
 from dynid.scene.yaml.dump import dump
-from dynid.scene.yaml.source import apply_overrides, did_you_mean, parse_source, read_source, set_value
+from dynid.scene.yaml.source import apply_overrides, parse_source, read_source
+from dynid.words import did_you_mean
 
 
 def faults_of(text):
@@ -251,12 +252,6 @@ def test_faults_of_overrides_name_the_option():
     assert [fault.file for fault in caught.value.faults] == sorted(
         ["--set a.b", "--set a..b", "--set ", "--set mass.x", "--set a.b", "--set a.b.c.d"]
     )
-
-
-def test_a_value_set_by_a_study_reports_its_origin():
-    changed = set_value(parse_source("a: {b: 1}"), "a.b", 2.5, "sample 3")
-    assert changed.data == {"a": {"b": 2.5}}
-    assert changed.fault(("a", "b"), "bad").file == "sample 3"
 
 
 @pytest.mark.parametrize(

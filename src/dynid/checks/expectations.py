@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid.checks.comparison import RTOL, as_array, close, word, words_of
 from dynid.result import Result, Scalar, Variable
-from dynid.scene.yaml.source import did_you_mean
+from dynid.words import did_you_mean
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, and suggest one where there is none."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            from dynid.scene.yaml.source import did_you_mean
+            from dynid.words import did_you_mean
 
             ctx.fail(f"no command '{args[0]}'{did_you_mean(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)

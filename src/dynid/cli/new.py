@@ -24,7 +24,7 @@ def new(name: str, output: str | None, force: bool) -> int:
     from importlib.resources import files
 
     from dynid.atomic import replace_file
-    from dynid.scene.yaml.source import did_you_mean
+    from dynid.words import did_you_mean
 
     folder = files("dynid.templates")
     names = sorted(

@@ -14,7 +14,7 @@ from dynid.errors import UsageError
 def schema(kind: str | None) -> int:
     """Print the JSON Schema of scenes: of one KIND, or of all."""
     from dynid.scene.load import KINDS, kind_model
-    from dynid.scene.yaml.source import did_you_mean
+    from dynid.words import did_you_mean
 
     if kind is not None and kind not in KINDS:
         raise UsageError(

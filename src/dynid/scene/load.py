@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import DynidError, Fault, SceneError
-from dynid.scene.yaml.source import Source, apply_overrides, did_you_mean, read_source
+from dynid.scene.yaml.source import Source, apply_overrides, read_source
+from dynid.words import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.scene.schema.common import SceneModel

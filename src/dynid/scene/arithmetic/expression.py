@@ -25,7 +25,7 @@ from dynid.scene.arithmetic.grammar import (
     parse_arithmetic,
 )
 from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
-from dynid.scene.yaml.source import did_you_mean
+from dynid.words import did_you_mean
 
 __all__ = [
     "FUNCTIONS",
@@ -56,11 +56,6 @@ class Expression:
 
     text: str
     steps: tuple[ast.expr, ...]
-
-    @property
-    def tree(self) -> ast.expr:
-        """The checked syntax tree."""
-        return self.steps[-1]
 
     @cached_property
     def names(self) -> frozenset[str]:

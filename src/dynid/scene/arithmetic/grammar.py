@@ -10,7 +10,7 @@ import unicodedata
 from fractions import Fraction
 
 from dynid.errors import UsageError
-from dynid.scene.yaml.source import did_you_mean
+from dynid.words import did_you_mean
 
 MAX_LENGTH = 1000
 MAX_PARENTHESES = 100

@@ -13,7 +13,7 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.scene.kinds.times import printed_resolution, step_disagreement
-from dynid.scene.yaml.source import did_you_mean
+from dynid.words import did_you_mean
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -21,7 +21,7 @@ from dynid.bondgraph.question import USUAL, ResultName
 from dynid.scene.schema.chains import chain_ends
 from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, TimeGrid
 from dynid.scene.schema.quantities import Value, fault, names_of
-from dynid.scene.yaml.source import did_you_mean
+from dynid.words import did_you_mean
 
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
 

@@ -10,7 +10,8 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from dynid.errors import Fault
-from dynid.scene.yaml.source import Source, did_you_mean
+from dynid.scene.yaml.source import Source
+from dynid.words import did_you_mean
 
 _WANTED = {
     "string_type": "a text",

@@ -15,7 +15,8 @@ from dynid.errors import Fault
 from dynid.scene.arithmetic.expression import resolve_parameters
 from dynid.scene.schema.chains import chain_ends
 from dynid.scene.schema.quantities import Names
-from dynid.scene.yaml.source import Source, did_you_mean
+from dynid.scene.yaml.source import Source
+from dynid.words import did_you_mean
 
 
 def read_names(source: Source) -> tuple[Names, list[Fault]]:

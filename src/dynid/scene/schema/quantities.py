@@ -12,7 +12,7 @@ from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from dynid.scene.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
-from dynid.scene.yaml.source import did_you_mean
+from dynid.words import did_you_mean
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import os
 import stat
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from difflib import SequenceMatcher
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -15,15 +14,14 @@ from dynid.scene.yaml.core import MAX_CHARACTERS, Key, Marks, Path, parse_yaml
 from dynid.scene.yaml.dump import dump
 from dynid.scene.yaml.scalars import resolve_plain
 from dynid.scene.yaml.syntax import Place, place_of
+from dynid.words import did_you_mean
 
 __all__ = [
     "Marks",
     "Source",
     "apply_overrides",
-    "did_you_mean",
     "parse_source",
     "read_source",
-    "set_value",
 ]
 
 _START: Place = (1, 1)
@@ -141,34 +139,6 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
     if faults:
         raise SceneError(faults)
     return source
-
-
-def set_value(source: Source, path: str, value: Any, origin: str) -> Source:
-    """Set one value of plain data at a dotted path; its faults will be reported as of `origin`.
-
-    Raises
-    ------
-    SceneError
-        When the path leads through something that is neither a mapping nor a list.
-    """
-    return _set(source, path, value, {(): Marks(_START, _START, origin)}, origin)
-
-
-def did_you_mean(word: str, candidates: Iterable[str]) -> str:
-    """Say "; did you mean 'x'?" for the candidate closest to a word, or nothing when none is close."""
-    if len(word) > 100:
-        return ""
-    lowered = word.lower()
-    matcher = SequenceMatcher(None, "", lowered, autojunk=False)
-    best, closest = 0.7, ""
-    for candidate in candidates:
-        other = candidate.lower()
-        # Short names (TF, GY, m_1) share few characters; their length and first letter tell more.
-        bonus = 0.2 * (other[:1] == lowered[:1]) + 0.1 * (len(other) == len(lowered))
-        matcher.set_seq1(other)
-        if matcher.real_quick_ratio() + bonus > best and matcher.ratio() + bonus > best:
-            best, closest = matcher.ratio() + bonus, candidate
-    return f"; did you mean '{closest}'?" if closest else ""
 
 
 def _read_regular_file(name: str) -> bytes:
