@@ -90,3 +90,14 @@ def test_a_note_says_that_a_dirac_impulse_is_not_shown(tmp_path):
     )
     notes = dynid.run(scene).group_attrs["bond_graph/time_response"]["note"]
     assert "Dirac impulse, which is not shown" in notes
+
+
+def test_names_in_a_scene_are_not_taken_for_seeds(tmp_path):
+    scene = tmp_path / "seed.yaml"
+    scene.write_text(
+        "dynid: 1\nkind: bond-graph\nparameters: {seed: 3}\n"
+        "graph:\n  nodes: {v: Se, seed: 1, r: {type: R, value: seed}}\n  bonds: [v -> seed -> r]\n"
+        "analysis:\n  outputs: [r.f]\n"
+        "  time: {stop: 1, step: 0.1, input: [{kind: step}, {kind: random, seed: 9}]}\n"
+    )
+    assert dynid.run(scene).attrs["seed"] == 9

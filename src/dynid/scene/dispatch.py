@@ -17,17 +17,16 @@ _RUNNERS = {
 }
 
 
-def _seeds(data: Any) -> Iterator[int]:
-    """Yield the seeds in a scene: of its measurement's noise first, then of its random signals."""
-    if isinstance(data, dict):
-        parts = sorted(data.items(), key=lambda item: item[0] != "measurement")
-        if data.get("kind") == "random" or "noise_ratio" in data or "seed" in data:
-            yield int(data.get("seed", 0))
-        for _, part in parts:
-            yield from _seeds(part)
-    elif isinstance(data, list):
-        for part in data:
-            yield from _seeds(part)
+def _seeds(data: dict[str, Any]) -> Iterator[int]:
+    """Yield the seeds of a scene: of its measurement's noise first, then of its random signals."""
+    simulate = data.get("measurement", {}).get("simulate")
+    if simulate is not None:
+        yield simulate.get("seed", 0)
+    time = (data.get("analysis") or {}).get("time") or {}
+    for signals in (data.get("excitation"), time.get("input")):
+        for signal in [signals] if isinstance(signals, dict) else signals or []:
+            if signal["kind"] == "random":
+                yield signal.get("seed", 0)
 
 
 def run_scene(scene: Scene) -> Result:
@@ -47,6 +46,5 @@ def run_scene(scene: Scene) -> Result:
     """
     result: Result = import_module(_RUNNERS[scene.kind]).run(scene)
     result.attrs["scene"] = scene.source.resolved_text()
-    seeds = list(_seeds(scene.source.data))
-    result.attrs["seed"] = seeds[0] if seeds else 0  # 0: nothing in the scene is random
+    result.attrs["seed"] = next(_seeds(scene.source.data), 0)  # 0 where nothing in the scene is random
     return result

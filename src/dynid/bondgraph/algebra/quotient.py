@@ -8,6 +8,7 @@ inverse is gone without any search. Only a sum multiplies out, and only what its
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any, Self
 
@@ -21,7 +22,7 @@ class Factor:
         self.polynomial = polynomial
 
 
-class Quotient:
+class Quotient(ABC):
     """A product of powers of polynomials, not necessarily in lowest terms.
 
     Parameters
@@ -38,13 +39,13 @@ class Quotient:
         self.factors = factors
         self.sign = sign
 
+    @abstractmethod
     def _made(self, factors: Mapping[Factor, int] | None, sign: int, other: Self) -> Self:
         """Return the result of an operation with `other`; each kind of number keeps it small in its way."""
-        raise NotImplementedError(type(self).__name__)
 
+    @abstractmethod
     def _zero(self) -> Any:
         """Return the polynomial 0."""
-        raise NotImplementedError(type(self).__name__)
 
     @property
     def is_zero(self) -> bool:

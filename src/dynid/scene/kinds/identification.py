@@ -51,8 +51,6 @@ def run(scene: Scene) -> Result:
         result.merge(identify(structure, loads, measurement, Filter(passes=model.estimator.passes)))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
-        if model.measurement.simulate is not None:
-            result.attrs["seed"] = model.measurement.simulate.seed
     if model.analysis is not None:
         result.merge(_responses(scene, model, structure, values))
     return result
