@@ -19,7 +19,7 @@ _RUNNERS = {
 
 def _seeds(data: dict[str, Any]) -> Iterator[int]:
     """Yield the seeds of a scene: of its measurement's noise first, then of its random signals."""
-    simulate = data.get("measurement", {}).get("simulate")
+    simulate = (data.get("measurement") or {}).get("simulate")
     if simulate is not None:
         yield simulate.get("seed", 0)
     time = (data.get("analysis") or {}).get("time") or {}
