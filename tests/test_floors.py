@@ -35,7 +35,7 @@ SUGGESTIONS = "dynid.scene.yaml.source"
 LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
-    "h5py": {"store", "scene.kinds.tables"},  # results; measured data that a scene names
+    "h5py": {"store", "scene.kinds.hdf5_table"},  # results; measured data that a scene names
     "yaml": {"scene"},
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},
@@ -61,7 +61,7 @@ def imports_of(path):
 
 
 def module_of(path):
-    """Return a file's place in the house, such as `scene.kinds.tables`."""
+    """Return a file's place in the house, such as `scene.kinds.hdf5_table`."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)
 
