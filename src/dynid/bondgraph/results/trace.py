@@ -23,8 +23,8 @@ def add_steps(result: Result, reduced: ReducedGraph) -> None:
     for port, reduction in reduced.reductions.items():
         for step in reduction.steps:
             equations = _equations(reduced, reduction, step, symbols)
-            rows.append((str(port), step.rule, ", ".join(step.nodes), equations, step.meaning))
-    names = ("output", "rule", "nodes", "equation", "meaning")
+            rows.append((step.rule, ", ".join(step.nodes), equations, step.meaning, str(port)))
+    names = ("rule", "nodes", "equation", "meaning", "output")
     table = np.array(rows, dtype=[(name, object) for name in names])
     result.add_axis("bond_graph/reduction/step", np.arange(1, len(rows) + 1))
     result.add("bond_graph/reduction/steps", table, ("step",))
