@@ -224,3 +224,14 @@ def test_the_stability_verdict_names_the_poles_that_decide_it(resistance, verdic
 def test_two_masses_that_drift_are_unstable():
     channel = transfer("Se u, 1 j, I m 1", "u -> j -> m", "m.q")
     assert channel.stability == "unstable: poles at 0 lie repeated on the imaginary axis"
+
+
+def test_roots_that_nobody_asks_for_are_not_computed(monkeypatch):
+    def refuse(_):
+        raise AssertionError("nobody asked for roots")
+
+    monkeypatch.setattr("dynid.bondgraph.transfer.certified_roots", refuse)
+    graph = written("Se u, 1 j, R r 1, I m 1", "u -> j -> r, j -> m", "m.f")
+    asked = Analysis(graph.inputs, graph.outputs, frozenset({"transfer_function"}))
+    result = analyse(graph.graph, asked)
+    assert result.value("bond_graph/transfer_function/m.f/u/denominator").tolist() == [1, 1]

@@ -66,11 +66,9 @@ class Network:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
         program, node = self.program, self.structure.graph.nodes[name]
         value = program.parameter(name)
-        impedance = {"R": value, "I": program.mul(program.s, value)}
-        if node.type == "C":
-            admittance = program.mul(program.s, value)
-            return admittance if self.kind[junction] == "0" else program.inv(admittance)
-        return impedance[node.type] if self.kind[junction] == "1" else program.inv(impedance[node.type])
+        law = value if node.type == "R" else program.mul(program.s, value)
+        own = "0" if node.type == "C" else "1"  # where the law itself is the immittance
+        return law if self.kind[junction] == own else program.inv(law)
 
     def _feed(self, junction: str, source: str, amount: Register) -> None:
         if source in self.inputs:

@@ -45,9 +45,10 @@ def _add_transfer_function(
             axis = f"{name}_power"
             result.add_axis(f"{group}/{axis}", np.arange(len(coefficients))[::-1])
             result.add(f"{group}/{name}", coefficients, (axis,))
-    for name, roots in (("zeros", transfer.zeros), ("poles", transfer.poles)):
-        if name in asked:
-            _add_roots(result, group, name, roots)
+    if "zeros" in asked:
+        _add_roots(result, group, "zeros", transfer.zeros)
+    if "poles" in asked:
+        _add_roots(result, group, "poles", transfer.poles)
 
 
 def _add_roots(result: Result, group: str, name: str, roots: Sequence[Root]) -> None:

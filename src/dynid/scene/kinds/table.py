@@ -111,9 +111,6 @@ def time_column(names: Sequence[str]) -> int | None:
     return next(iter([*spelt, *(k for k, name in enumerate(bare) if name.lower() in TIME)]), None)
 
 
-# --- text ------------------------------------------------------------------------------------------
-
-
 def are_numbers(columns: Sequence[str | int]) -> bool:
     """Tell whether columns are named by their numbers."""
     return all(isinstance(name, int) for name in columns)
