@@ -1,34 +1,29 @@
 """State equations of a graph, derived exactly: algebraic loops solved, dependent storage folded in.
 
-The junction balances with one more unknown for every storage that integrates are E w' = A w + B u with a
-diagonal E. Algebraic equations are solved for one unknown each and put into the others, together with
-their time derivative, until every unknown that is left has a state equation (index reduction by
-substitution). Derivatives of the input that this brings in are taken out of the state equations by a
-change of state; what remains of them is the improper part of the outputs.
+The same index reduction gives the zero dynamics of a channel: the output is held at zero, and the input is
+the unknown that does so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from fractions import Fraction
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.graph import SOURCES, Port, bond_sign
+from dynid.bondgraph.equations.blocks import irreducible_blocks
+from dynid.bondgraph.equations.descriptor import Descriptor
+from dynid.bondgraph.equations.forms import Field, Form, Symbol
+from dynid.bondgraph.equations.index import solve, without_input_rates
+from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
 from dynid.errors import NumericalError, Singular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.lti.model import StateSpace
-
-#: A linear form: coefficients of unknowns ("w", name), their rates ("dw", name) and the k-th derivative of
-#: an input ("u", name, k).
-Symbol = tuple[str, str] | tuple[str, str, int]
-Form = dict[Symbol, Fraction]
 
 
 def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpace:
@@ -52,238 +47,145 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
         Where the equations have no unique solution.
     """
     junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
-    system = _Descriptor(reduced.structure, junctions, reduced.inputs, initial)
-    forms = [system.output(port) for port in reduced.outputs]
-    rates = _solve(system.equations, forms)
-    columns = [*reduced.inputs, *(f"initial:{name}" for name in initial)]
-    names = [system.name(symbol[1]) for symbol in rates]
-    return _as_state_space(rates, forms, columns, [str(port) for port in reduced.outputs], names)
-
-
-class _Descriptor:
-    """The equations of a graph, each a form that equals zero, and the outputs as forms."""
-
-    def __init__(
-        self,
-        structure: JunctionStructure,
-        junctions: Iterable[str],
-        inputs: Iterable[str],
-        initial: Iterable[str],
-    ) -> None:
-        self.structure, self.graph = structure, structure.graph
-        self.inputs, self.initial = set(inputs), set(initial)
-        self.equations: list[Form] = []
-        self.responses: dict[str, Form] = {}
-        self.balance: dict[str, Form] = {name: {} for name in structure.junctions if name in set(junctions)}
-        for name, balance in self.balance.items():
-            for element in structure.junctions[name].elements:
-                self.responses[element] = self._response(element, name)
-                _add(balance, self.responses[element])
-            for source, sign in structure.junctions[name].feeding:
-                _add(balance, self._input(source), Fraction(-sign))
-        for coupling in structure.couplings:
-            self._couple(coupling)
-        self.equations += [
-            form for name, form in self.balance.items() if structure.junctions[name].fixing is None
-        ]
-
-    def _couple(self, coupling: Coupling) -> None:
-        size = Fraction(1) if coupling.two_port is None else self.graph.value(coupling.two_port)
-        size = 1 / size if coupling.inverse else size
-        for row, column, sign in coupling.entries:
-            if row in self.balance:
-                _add(self.balance[row], self._common(column), sign * size)
-
-    def _input(self, source: str) -> Form:
-        return {("u", source, 0): Fraction(1)} if source in self.inputs else {}
-
-    def _common(self, junction: str) -> Form:
-        """Return the common variable of a junction."""
-        fixing = self.structure.junctions[junction].fixing
-        return {("w", junction): Fraction(1)} if fixing is None else self._input(fixing)
-
-    def _response(self, element: str, place: str) -> Form:
-        """Return what an element answers the common variable with (effort on a 1, flow on a 0)."""
-        node, value = self.graph.nodes[element], self.graph.value(element)
-        on_one = self.structure.junctions[place].kind == "1"
-        stored: Form = {("u", f"initial:{element}", 0): -value} if element in self.initial else {}
-        if node.type == "R":
-            return _scaled(self._common(place), value if on_one else 1 / value)
-        if on_one is (node.type == "I"):  # it answers with a rate: e = I f' - I f(0) delta(t)
-            return {**_scaled(_rate(self._common(place)), value), **stored}
-        # it integrates: C e' = f + C e(0) delta(t)
-        equation: Form = {("dw", element): value, **stored}
-        _add(equation, self._common(place), Fraction(-1))
-        self.equations.append(equation)
-        return {("w", element): Fraction(1)}
-
-    def name(self, unknown: str) -> str:
-        """Name an unknown as the variable that it is."""
-        if unknown in self.balance:
-            return f"{unknown}.{'f' if self.structure.junctions[unknown].kind == '1' else 'e'}"
-        if unknown in self.graph.nodes:
-            return f"{unknown}.{'e' if self.graph.nodes[unknown].type == 'C' else 'f'}"
-        return unknown
-
-    def output(self, port: Port) -> Form:
-        """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
-        if self.graph.is_state(port):
-            sign = bond_sign(self.graph, port.node)
-            form = self._variable(port.node, "e" if port.quantity == "q" else "f")
-            return _scaled(form, sign * self.graph.value(port.node))
-        form = self._variable(port.node, "f" if port.quantity in "fq" else "e")
-        if port.quantity in "ef":
-            return form
-        name = f"integral:{port}"
-        self.equations.append({("dw", name): Fraction(1), **_scaled(form, Fraction(-1))})
-        return {("w", name): Fraction(1)}
-
-    def _variable(self, name: str, quantity: str) -> Form:
-        node, place = self.graph.nodes[name], self.structure.place[name]
-        junction = self.structure.junctions[place]
-        if node.type in SOURCES and quantity == ("e" if node.type == "Se" else "f"):
-            return self._input(name)
-        if quantity == ("f" if junction.kind == "1" else "e"):
-            return self._common(place)
-        sign = Fraction(bond_sign(self.graph, name))
-        if node.type in SOURCES:  # the reaction of a source that fixes the junction
-            return _scaled(self.balance[place], -sign)
-        return _scaled(self.responses[name], sign)
-
-
-def _solve(equations: list[Form], outputs: list[Form]) -> dict[Symbol, Form]:
-    """Return w' as a form in w and inputs for every unknown that is left; outputs are rewritten in place."""
-    pending = [dict(form) for form in equations]
-    while True:
-        rates, algebraic = _split(pending)
-        if not algebraic:
-            break
-        pending = [*rates.values()]
-        for form in algebraic:
-            _eliminate(form, pending, algebraic, outputs)
-    open_unknowns = {s[1] for form in pending for s in form if s[0] == "w"} - {pivot[1] for pivot in rates}
-    if open_unknowns:
-        raise _contradiction()
-    solved = {
-        pivot: _scaled({k: v for k, v in form.items() if k != pivot}, Fraction(-1))
-        for pivot, form in rates.items()
-    }
-    for form in outputs:
-        for pivot, rate in solved.items():
-            if pivot in form:
-                _add(form, rate, form.pop(pivot))
-    return solved
-
-
-def _split(forms: list[Form]) -> tuple[dict[Symbol, Form], list[Form]]:
-    """Gauss-Jordan on the rates: equations solved for one rate each, and equations without any."""
-    rates: dict[Symbol, Form] = {}
-    algebraic: list[Form] = []
-    for form in forms:
-        for known, row in rates.items():
-            if known in form:
-                _add(form, row, -form[known])
-        pivot = next((symbol for symbol in form if symbol[0] == "dw"), None)
-        if pivot is None:
-            algebraic.append(form)
-            continue
-        solved = _scaled(form, 1 / form[pivot])
-        for row in rates.values():
-            if pivot in row:
-                _add(row, solved, -row[pivot])
-        rates[pivot] = solved
-    return rates, algebraic
-
-
-def _eliminate(form: Form, pending: list[Form], algebraic: list[Form], outputs: list[Form]) -> None:
-    """Solve an algebraic equation for one unknown, and put it and its rate into everything else."""
-    moving = {symbol[1] for other in pending for symbol in other if symbol[0] == "dw"}
-    unknowns = [symbol for symbol in form if symbol[0] == "w"]
-    if not unknowns:
-        raise _contradiction()
-    pivot = min(unknowns, key=lambda symbol: symbol[1] in moving)
-    value = _scaled({k: v for k, v in form.items() if k != pivot}, -1 / form[pivot])
-    rate_symbol, rate = ("dw", pivot[1]), _rate(value)
-    form.clear()
-    for other in [*pending, *algebraic, *outputs]:
-        if rate_symbol in other:
-            _add(other, rate, other.pop(rate_symbol))
-        if pivot in other:
-            _add(other, value, other.pop(pivot))
-
-
-def _contradiction() -> Singular:
-    return Singular(
-        "the state equations of this graph contradict each other or leave a variable open",
-        remedy="Look for junctions without elements in a loop, or sources that meet without one.",
+    system = Descriptor(
+        reduced.structure, junctions, Field.rational(reduced.graph), inputs=reduced.inputs, initial=initial
     )
+    forms = [system.output(port) for port in reduced.outputs]
+    rates, outputs = solve(system.equations, forms)
+    columns = [*reduced.inputs, *(f"initial:{name}" for name in initial)]
+    return _rounded(system, rates, outputs, columns, [str(port) for port in reduced.outputs])
 
 
-def _rate(form: Form) -> Form:
-    """Differentiate a form in time."""
-    return {
-        ("dw", symbol[1]) if symbol[0] == "w" else ("u", symbol[1], symbol[2] + 1): value  # type: ignore[misc]
-        for symbol, value in form.items()
-    }
+def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
+    """Return what goes on inside a graph while an output is held at zero.
+
+    The output's equation y = 0 joins the graph's own, the input becomes an unknown, and the same index
+    reduction as for `state_space` folds in the constraints that follow. The eigenvalues of A are the zeros
+    of the channel, together with the natural modes that it hides (the invariant zeros); there are as many
+    states. The only output is the input that holds y at zero.
+
+    The equations are exact and substitution is sparse, but written in states of their own far parts of a
+    long line of power weigh on each other by huge coefficients: for zeros alone use `zero_blocks`.
+
+    Parameters
+    ----------
+    reduced
+        The graph, with this output.
+    port
+        The output that is held at zero.
+    source
+        The input that holds it there; all other sources are zero.
+
+    Raises
+    ------
+    Singular
+        Where the input does not reach the output: no input holds it, or every one does.
+    NumericalError
+        Where a coefficient leaves the range of doubles.
+    """
+    system, equations = _constrained(reduced, port, source)
+    with _unreached(port, source):
+        rates, outputs = solve(equations, [system.signal(source)])
+    return _rounded(system, rates, outputs, [], [source])
 
 
-def _add(form: Form, other: Form, factor: Fraction = Fraction(1)) -> None:
-    """Add a multiple of another form in place; zero coefficients disappear."""
-    for symbol, value in list(other.items()):
-        total = form.get(symbol, 0) + factor * value
-        if total:
-            form[symbol] = total
-        else:
-            form.pop(symbol, None)
+def zero_blocks(reduced: ReducedGraph, port: Port, source: str) -> tuple[StateSpace, ...]:
+    """Return the irreducible parts of the zero dynamics, each without what the others do to it.
+
+    Together their eigenvalues are those of `zero_dynamics`: the constrained equations are brought to block
+    triangular form by their structure alone, so that what lies at infinity is taken off without arithmetic
+    and blocks stay as small and as well scaled as the parts of the graph that they come from. A chain with
+    the force at one end and the velocity at the other falls into one block a stage.
+
+    Parameters
+    ----------
+    reduced, port, source
+        As for `zero_dynamics`.
+
+    Returns
+    -------
+    tuple
+        Systems without inputs and outputs, each with at least one state; no zeros: none.
+
+    Raises
+    ------
+    Singular
+        Where the input does not reach the output.
+    """
+    system, equations = _constrained(reduced, port, source)
+    with _unreached(port, source):
+        solved = [solve(block, [])[0] for block in irreducible_blocks(equations)]
+    return tuple(_rounded(system, rates, [], [], []) for rates in solved if rates)
 
 
-def _scaled(form: Form, factor: Fraction) -> Form:
-    return {symbol: factor * value for symbol, value in form.items()}
+def _constrained(reduced: ReducedGraph, port: Port, source: str) -> tuple[Descriptor, list[Form]]:
+    """Return the equations with the output at zero and the input unknown."""
+    system = Descriptor(
+        reduced.structure,
+        reduced.reductions[port].junctions,
+        Field.rational(reduced.graph),
+        freed=source,
+    )
+    output = system.output(port)
+    return system, [*system.equations, output]
 
 
-def _as_state_space(
-    rates: dict[Symbol, Form],
+@contextmanager
+def _unreached(port: Port, source: str) -> Iterator[None]:
+    """Say of a singular constrained system what it means."""
+    try:
+        yield
+    except Singular:
+        raise Singular(
+            f"the zero dynamics of '{port}' from '{source}' are not defined: "
+            "the input does not reach the output",
+            remedy="Ask for another output, or for another input.",
+            names=(source, port.node),
+        ) from None
+
+
+def _rounded(
+    system: Descriptor,
+    rates: dict[str, Form],
     outputs: list[Form],
-    inputs: list[str],
-    ports: list[str],
-    names: list[str],
+    columns: Sequence[str],
+    ports: Sequence[str],
 ) -> StateSpace:
+    """Round exact state equations to matrices; the input's derivatives are taken off the states."""
     from dynid.lti.model import StateSpace
 
-    states = [symbol[1] for symbol in rates]
-    highest = max((s[2] for form in [*rates.values(), *outputs] for s in form if s[0] == "u"), default=0)  # type: ignore[misc]
-    dynamic, orders = list(rates.values()), range(highest + 1)
-    a = _matrix(dynamic, [("w", name) for name in states])
-    c = _matrix(outputs, [("w", name) for name in states])
-    b = [_matrix(dynamic, [("u", name, k) for name in inputs]) for k in orders]
-    d = [_matrix(outputs, [("u", name, k) for name in inputs]) for k in orders]
-    for k in reversed(orders[1:] if states else ()):  # w = v + B_k u^(k-1) takes u^(k) out of w'
-        b[k - 1] = b[k - 1] + a @ b[k]
-        d[k - 1] = d[k - 1] + c @ b[k]
-    feedthrough = [_floats(table) for table in d]
-    while len(feedthrough) > 1 and not feedthrough[-1].any():
-        feedthrough.pop()
+    without_input_rates(rates, outputs)
+    highest = max((s[2] for form in outputs for s in form if len(s) == 3), default=0)
+    states: list[Symbol] = [("w", name) for name in rates]
+    inputs: list[list[Symbol]] = [[("u", name, k) for name in columns] for k in range(highest + 1)]
+    feedthrough = [_matrix(outputs, symbols) for symbols in inputs]
     return StateSpace(
-        A=_floats(a),
-        B=_floats(b[0]),
-        C=_floats(c),
+        A=_matrix(rates.values(), states),
+        B=_matrix(rates.values(), inputs[0]),
+        C=_matrix(outputs, states),
         D=feedthrough[0],
         higher=tuple(feedthrough[1:]),
-        inputs=tuple(inputs),
+        inputs=tuple(columns),
         outputs=tuple(ports),
-        states=tuple(names),
+        states=tuple(system.name(name) for name in rates),
     )
 
 
-def _matrix(forms: list[Form], columns: list[Symbol]) -> NDArray[np.object_]:
-    entries = [form.get(column, Fraction(0)) for form in forms for column in columns]
-    return np.array(entries, dtype=object).reshape(len(forms), len(columns))
+def _matrix(forms: Collection[Form], columns: Sequence[Symbol]) -> NDArray[np.float64]:
+    """Round forms to a matrix, one row a form."""
+    place = {symbol: column for column, symbol in enumerate(columns)}
+    matrix = np.zeros((len(forms), len(columns)))
+    for row, form in enumerate(forms):
+        for symbol, value in form.items():
+            if symbol in place:
+                matrix[row, place[symbol]] = _rounded_number(value)
+    return matrix
 
 
-def _floats(table: NDArray[np.object_] | list[Fraction]) -> NDArray[np.float64]:
-    """Round exact numbers to doubles."""
+def _rounded_number(value: Any) -> float:
+    """Round a rational number to the nearest double."""
     try:
-        return np.asarray(table, dtype=float)
+        return int(value.p) / int(value.q)
     except OverflowError:
         raise NumericalError(
             "a coefficient of the state equations is beyond the range of numbers",

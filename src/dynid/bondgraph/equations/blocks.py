@@ -1,0 +1,56 @@
+"""The irreducible parts of a square system of equations (Dulmage and Mendelsohn 1958)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynid.bondgraph.equations.forms import Form, contradiction
+
+
+def irreducible_blocks(equations: Sequence[Form]) -> list[list[Form]]:
+    """Split equations into the smallest square systems whose determinants multiply to that of the whole.
+
+    Equations and unknowns can be ordered so that the system is block triangular; each block is returned
+    without what stands beside the diagonal: terms in unknowns of other blocks, and inputs.
+
+    Parameters
+    ----------
+    equations
+        Forms that equal zero; an unknown and its rate are one column.
+
+    Raises
+    ------
+    Singular
+        Where the determinant vanishes whatever the coefficients are.
+    """
+    import numpy as np
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+    place: dict[str, int] = {}
+    entries = [
+        (row, place.setdefault(symbol[1], len(place)))
+        for row, form in enumerate(equations)
+        for symbol in form
+        if symbol[0] != "u"
+    ]
+    size = len(equations)
+    if len(place) != size:
+        raise contradiction()
+    if not size:
+        return []
+    rows, columns = np.array(entries).T
+    pattern = csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
+    column_of = maximum_bipartite_matching(pattern, perm_type="column")
+    if (column_of < 0).any():
+        raise contradiction()
+    row_of = np.empty(size, dtype=int)
+    row_of[column_of] = np.arange(size)
+    reads = csr_array((np.ones(len(rows), dtype=np.int8), (rows, row_of[columns])), shape=(size, size))
+    count, label = connected_components(reads, directed=True, connection="strong")
+    blocks: list[list[Form]] = [[] for _ in range(count)]
+    block_of = {name: label[row_of[column]] for name, column in place.items()}
+    for row, form in enumerate(equations):
+        own = {s: v for s, v in form.items() if s[0] != "u" and block_of[s[1]] == label[row]}
+        blocks[label[row]].append(own)
+    return blocks

@@ -1,0 +1,127 @@
+"""The equations of a graph: junction balances, with one more unknown for every storage that integrates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from dynid.bondgraph.equations.forms import Field, Form, add, rate, scaled
+from dynid.bondgraph.graph import SOURCES, Port, bond_sign
+from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
+
+
+class Descriptor:
+    """The equations of a part of a graph, each a form that equals zero.
+
+    Parameters
+    ----------
+    structure
+        The junction structure.
+    junctions
+        The junctions to model.
+    field
+        The numbers to write in.
+    inputs
+        Sources that are inputs; all others are zero.
+    initial
+        Storages with energy at t = 0, each an input `initial:NAME`.
+    freed
+        A source whose signal is an unknown, not an input.
+    """
+
+    def __init__(
+        self,
+        structure: JunctionStructure,
+        junctions: Iterable[str],
+        field: Field,
+        *,
+        inputs: Iterable[str] = (),
+        initial: Iterable[str] = (),
+        freed: str | None = None,
+    ) -> None:
+        self.structure, self.graph, self.field = structure, structure.graph, field
+        self.inputs, self.initial, self.freed = set(inputs), set(initial), freed
+        modelled = set(junctions)
+        self.equations: list[Form] = []
+        self._responses: dict[str, Form] = {}
+        self._balance: dict[str, Form] = {name: {} for name in structure.junctions if name in modelled}
+        for name, balance in self._balance.items():
+            for element in structure.junctions[name].elements:
+                self._responses[element] = self._response(element, name)
+                add(balance, self._responses[element])
+            for source, sign in structure.junctions[name].feeding:
+                add(balance, self.signal(source), -sign)
+        for coupling in structure.couplings:
+            self._couple(coupling)
+        self.equations += [
+            form for name, form in self._balance.items() if structure.junctions[name].fixing is None
+        ]
+
+    def _couple(self, coupling: Coupling) -> None:
+        if coupling.tail not in self._balance and coupling.head not in self._balance:
+            return
+        one = self.field.one
+        size = one if coupling.two_port is None else self.field.value(coupling.two_port)
+        size = one / size if coupling.inverse else size
+        for row, column, sign in coupling.entries:
+            if row in self._balance:
+                add(self._balance[row], self._common(column), size * sign)
+
+    def signal(self, source: str) -> Form:
+        """Return what a source imposes."""
+        if source == self.freed:
+            return {("w", source): self.field.one}
+        return {("u", source, 0): self.field.one} if source in self.inputs else {}
+
+    def _common(self, junction: str) -> Form:
+        """Return the common variable of a junction."""
+        fixing = self.structure.junctions[junction].fixing
+        return {("w", junction): self.field.one} if fixing is None else self.signal(fixing)
+
+    def _response(self, element: str, place: str) -> Form:
+        """Return what an element answers the common variable with (effort on a 1, flow on a 0)."""
+        node, value = self.graph.nodes[element], self.field.value(element)
+        on_one = self.structure.junctions[place].kind == "1"
+        stored: Form = {("u", f"initial:{element}", 0): -value} if element in self.initial else {}
+        if node.type == "R":
+            size = value if on_one else self.field.one / value
+            return scaled(self._common(place), size) if size else {}
+        if on_one is (node.type == "I"):  # it answers with a rate: e = I f' - I f(0) delta(t)
+            return {**scaled(rate(self._common(place)), value), **stored} if value else {}
+        # it integrates: C e' = f + C e(0) delta(t)
+        equation: Form = {("dw", element): value, **stored} if value else {}
+        add(equation, self._common(place), -self.field.one)
+        self.equations.append(equation)
+        return {("w", element): self.field.one}
+
+    def name(self, unknown: str) -> str:
+        """Name an unknown as the variable that it is."""
+        if unknown in self._balance:
+            return f"{unknown}.{'f' if self.structure.junctions[unknown].kind == '1' else 'e'}"
+        if unknown in self.graph.nodes:
+            return f"{unknown}.{'e' if self.graph.nodes[unknown].type in ('C', 'Se') else 'f'}"
+        return unknown
+
+    def output(self, port: Port) -> Form:
+        """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
+        if self.graph.is_state(port):
+            value = self.field.value(port.node) * bond_sign(self.graph, port.node)
+            form = self._variable(port.node, "e" if port.quantity == "q" else "f")
+            return scaled(form, value) if value else {}
+        form = self._variable(port.node, "f" if port.quantity in "fq" else "e")
+        if port.quantity in "ef":
+            return form
+        name = f"integral:{port}"
+        self.equations.append({("dw", name): self.field.one, **scaled(form, -self.field.one)})
+        return {("w", name): self.field.one}
+
+    def _variable(self, name: str, quantity: str) -> Form:
+        node, place = self.graph.nodes[name], self.structure.place[name]
+        junction = self.structure.junctions[place]
+        if node.type in SOURCES and quantity == ("e" if node.type == "Se" else "f"):
+            return self.signal(name)
+        if quantity == ("f" if junction.kind == "1" else "e"):
+            return self._common(place)
+        sign = self.field.one * bond_sign(self.graph, name)
+        if node.type in SOURCES:  # the reaction of a source that fixes the junction
+            return scaled(self._balance[place], -sign)
+        return scaled(self._responses[name], sign)

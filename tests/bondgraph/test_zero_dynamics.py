@@ -1,0 +1,104 @@
+"""What goes on inside with the output held at zero: its modes are the zeros of the channel."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from dynid.bondgraph.state_space import state_space, zero_blocks, zero_dynamics
+from dynid.errors import Singular
+from tests.bondgraph.graphs import ISOLATOR, transfers, written
+from tests.bondgraph.tableau import transfer_at
+from tests.bondgraph.test_state_space import regular
+
+
+def determinant(A, s):
+    return float(np.linalg.det(s * np.eye(len(A)) - A))
+
+
+def chain(stages):
+    """A force at one end of masses joined by springs and dampers, the last one tied to ground."""
+    nodes, bonds = "Se F", "F -> v1"
+    for i in range(1, stages + 1):
+        nodes += (
+            f", 1 v{i}, I m{i} {100 + i}/100, 0 z{i}, 1 l{i}, C k{i} 1/{1000 + 7 * i}, R b{i} {10 + i % 13}"
+        )
+        bonds += f", v{i} -> m{i}, v{i} -> z{i} -> l{i} -> k{i}, l{i} -> b{i}"
+        bonds += f", z{i} -> v{i + 1}" if i < stages else ""
+    return written(nodes, bonds, f"m{stages}.f")
+
+
+def only_port(graph):
+    return graph.outputs[0]
+
+
+@pytest.mark.parametrize(("junctions", "loops", "quantities"), [(4, 0, "ef"), (6, 2, "efqp"), (4, 4, "ef")])
+def test_the_modes_of_the_zero_dynamics_are_the_zeros(junctions, loops, quantities):
+    """T is det(s - A_z) / det(s - A) up to a constant, so its ratio at two points is known (tableau)."""
+    checked = 0
+    for *case, graph in regular(range(3000, 3250), junctions, loops, quantities):
+        port = only_port(graph)
+        system = state_space(graph)
+        far = 2 + 2 * float(abs(np.linalg.eigvals(system.A)).max(initial=0.0))
+        for source in graph.inputs:
+            exact = transfers(graph)[str(port), source]
+            if exact.vanishes:
+                with pytest.raises(Singular, match="does not reach"):
+                    zero_dynamics(graph, port, source)
+                with pytest.raises(Singular, match="does not reach"):
+                    zero_blocks(graph, port, source)
+                continue
+            inside, blocks = zero_dynamics(graph, port, source), zero_blocks(graph, port, source)
+            assert len(inside.A) == len(system.A) - exact.relative_degree
+            assert sum(len(block.A) for block in blocks) == len(inside.A)
+            far = max(far, 2 + 2 * float(abs(np.linalg.eigvals(inside.A)).max(initial=0.0)))
+            points = Fraction(far), Fraction(3 * far)
+            exactly = [transfer_at(*case, s) for s in points]
+            if None in exactly:  # singular in a part that the output does not depend on
+                continue
+            ratio = float(exactly[1][source] / exactly[0][source])
+            natural = determinant(system.A, float(points[1])) / determinant(system.A, float(points[0]))
+            found = determinant(inside.A, float(points[1])) / determinant(inside.A, float(points[0]))
+            assert found / natural == pytest.approx(ratio, rel=1e-10)
+            parts = [determinant(b.A, float(points[1])) / determinant(b.A, float(points[0])) for b in blocks]
+            assert np.prod(parts) / natural == pytest.approx(ratio, rel=1e-10)
+            checked += 1
+    assert checked >= 50
+
+
+def test_the_isolators_fluid_resonates_while_the_body_stands_still():
+    graph = written(*ISOLATOR, "m_s.f")
+    inside = zero_dynamics(graph, only_port(graph), "v_in")
+    # m_e s^2 + A_p^2 / C_a = 0
+    assert sorted(np.linalg.eigvals(inside.A).imag) == pytest.approx([-np.sqrt(5e3), np.sqrt(5e3)], rel=1e-14)
+    assert (inside.inputs, inside.outputs) == ((), ("v_in",))
+
+
+def test_the_input_that_holds_the_output_still():
+    """No force on the mass: it keeps its velocity, and the input is what spring and damper take."""
+    graph = written("Se F, 1 v, I m 2, C k 1/3, R b 5", "F -> v -> m, v -> k, v -> b", "m.e")
+    inside = zero_dynamics(graph, only_port(graph), "F")
+    assert inside.states == ("k.e", "v.f")
+    assert inside.A.tolist() == [[0, 3], [0, 0]]
+    assert inside.C.tolist() == [[1, 5]]
+
+
+def test_an_input_that_is_differentiated_holds_the_output_by_standing_still():
+    graph = written("Se u, C c 3", "u -> c", "c.f")
+    inside = zero_dynamics(graph, only_port(graph), "u")
+    assert (inside.states, inside.A.tolist(), inside.C.tolist()) == (("c.e",), [[0]], [[1]])
+
+
+def test_a_chain_has_one_small_block_for_every_zero():
+    graph = chain(500)
+    blocks = zero_blocks(graph, only_port(graph), "F")
+    assert {len(block.A) for block in blocks} == {1}
+    found = np.sort([block.A.item() for block in blocks])
+    exact = np.sort([0, *(-(1000 + 7 * i) / (10 + i % 13) for i in range(1, 500))])
+    assert np.abs(found - exact).max() <= 2.0**-52 * np.abs(exact).max()
+
+
+def test_the_coupled_equations_of_a_short_chain_have_the_same_modes():
+    graph = chain(3)
+    inside = zero_dynamics(graph, only_port(graph), "F")
+    assert np.sort(np.linalg.eigvals(inside.A)) == pytest.approx([-1007 / 11, -1014 / 12, 0], abs=1e-10)
