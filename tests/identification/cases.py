@@ -5,8 +5,8 @@ import numpy as np
 from dynid.identification.estimate import identify
 from dynid.identification.measurement import Measurement, Simulation
 from dynid.lti.signals import Multisine
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.model import Joint, JointParameter
 from dynid.structure.response import Channel, Load
 
 LOADS = (Load(5, Multisine([100] * 3, [70, 110, 250])),)

@@ -12,8 +12,8 @@ from dynid.identification.estimate import identify
 from dynid.identification.filter import Prior, filter_pass, run_away
 from dynid.identification.measurement import Measurement, Simulation
 from dynid.lti.signals import Multisine, Record, signal
+from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.model import Joint
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import (
     LOADS,

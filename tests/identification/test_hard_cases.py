@@ -8,8 +8,8 @@ from dynid.identification.estimate import identify
 from dynid.identification.measurement import Measurement, Simulation
 from dynid.identification.passes import Filter
 from dynid.lti.signals import Impulse, Multisine, Record, signal
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.model import Joint, JointParameter
 from dynid.structure.modes import modes
 from dynid.structure.response import Channel, Load, time_response
 from tests.identification.cases import (

@@ -14,8 +14,8 @@ from dynid.identification.fit import fitter
 from dynid.identification.information import information
 from dynid.identification.measurement import data
 from dynid.lti.signals import Impact, Sine
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.model import Joint, JointParameter
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import LOADS as CASE_LOADS
 from tests.identification.cases import parameter, run, simulated, suspension

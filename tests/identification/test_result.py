@@ -4,8 +4,8 @@ import numpy as np
 
 from dynid.identification.passes import Filter
 from dynid.lti.signals import Multisine
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
-from dynid.structure.model import Joint, JointParameter
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import run, simulated
 

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csc_array
 
 from dynid.errors import UsageError
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.model import Joint, JointParameter, StructuralModel
+from dynid.structure.model import StructuralModel
 
 
 def test_joint_pattern_between_dofs_and_to_ground():
@@ -94,7 +96,6 @@ def test_nonsense_structures_are_refused(masses, links, joints):
 @pytest.mark.parametrize(
     ("M", "K"),
     [
-        (np.diag([1.0, 0.0]), np.eye(2)),
         (np.array([[1.0, 2.0], [2.0, 1.0]]), np.eye(2)),
         (np.eye(2), np.eye(3)),
         (np.eye(2), np.array([[1.0, 0.5], [0.0, 1.0]])),
@@ -110,3 +111,164 @@ def test_an_unknown_dof_is_named_with_what_exists():
     with pytest.raises(UsageError, match=r"there is no DOF 7\. The structure has the DOFs 1 to 2") as caught:
         lumped([1, 1], []).row(7)
     assert caught.value.names == ("7",)
+
+
+# --- massless, free, indefinite --------------------------------------------------------------------
+
+
+def test_massless_dofs_and_rigid_bodies_make_a_structure():
+    model = StructuralModel(np.diag([1.0, 0.0]), np.zeros((2, 2)), np.array([[5.0, -5], [-5, 5]]))
+    assert model.size == 2
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize(
+    ("M", "K", "said"),
+    [
+        (np.diag([1.0, -2.0]), np.eye(2), r"mass is negative: entry \(2, 2\) is -2"),
+        (np.array([[1.0, 0.5], [0.5, 0.0]]), np.eye(2), r"mass is indefinite: entry \(.*\) is 0\.5"),
+        (np.eye(2), np.array([[1.0, 3.0], [3.0, 1.0]]), r"stiffness is indefinite: entry \(.*\) is 3"),
+        (
+            np.eye(3),
+            np.full((3, 3), -0.9) + 1.9 * np.eye(3),
+            r"stiffness is indefinite: .*eigenvalue is -0\.8",
+        ),
+        (np.eye(2), np.array([[1.0, 0.5], [0.25, 1.0]]), r"entry \(1, 2\) is 0\.5, \(2, 1\) is 0\.25"),
+        (np.eye(2), np.array([[1.0, np.nan], [0.0, 1.0]]), r"stiffness has no number at entry \(1, 2\): nan"),
+        (np.eye(2), np.eye(3), r"the stiffness matrix is 3 x 3, but must be 2 x 2"),
+    ],
+)
+def test_a_refused_matrix_says_which_entry(M, K, said, sparse):
+    kind = csc_array if sparse else np.array
+    with pytest.raises(UsageError, match=said):
+        StructuralModel(kind(M), kind(np.zeros(M.shape)), kind(K))
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_two_triangles_that_differ_by_rounding_become_one_matrix(sparse):
+    K = np.array([[2.0, -1.0], [-1.0 - 1e-15, 2.0]])
+    kind = csc_array if sparse else np.array
+    model = StructuralModel(kind(np.eye(2)), kind(np.zeros((2, 2))), kind(K))
+    K = model.dense()[2]
+    assert K[0, 1] == K[1, 0] == pytest.approx(-1, abs=1e-15)
+
+
+def test_a_negative_entry_among_small_ones_is_seen_beside_large_ones():
+    """The tolerance of symmetry is that of the entry's own row and column, not of the largest entry."""
+    K = np.diag([1e12, 1.0, 1.0])
+    K[1, 2], K[2, 1] = 0.5, 0.4
+    with pytest.raises(UsageError, match=r"\(2, 3\)"):
+        StructuralModel(np.eye(3), np.zeros((3, 3)), K)
+
+
+# --- sparse ----------------------------------------------------------------------------------------
+
+
+def test_sparse_models_stay_sparse_and_say_the_same():
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((6, 6))
+    M, K = np.diag(rng.uniform(1, 2, 6)), root @ root.T
+    block = [[3.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]]
+    joints = (
+        Joint("a", (1, 4), JointParameter(start=7.0), 2.0, 0.5),
+        Joint("b", (6, 2, 3), JointParameter(start=2.0, matrix=block), m=block),
+    )
+    full = StructuralModel(M, 0.1 * K, K, joints)
+    slim = StructuralModel(csc_array(M), 0.1 * K, K, joints)
+    assert slim.is_sparse
+    assert not full.is_sparse
+    values = {"a.k": 11.0, "b.k": 0.25}
+    for dense, sparse in zip(full.with_joints(values), slim.with_joints(values), strict=True):
+        assert isinstance(sparse, csc_array)
+        np.testing.assert_allclose(sparse.toarray(), dense, rtol=1e-15)
+    for dense, sparse in zip(full.unknowns, slim.unknowns, strict=True):
+        np.testing.assert_array_equal(sparse.pattern.toarray(), dense.pattern)
+
+
+# --- joints ----------------------------------------------------------------------------------------
+
+
+def test_a_measured_block_and_a_mass_are_added_where_they_belong():
+    block = np.array([[4.0, 1.0], [1.0, 2.0]])
+    joints = (
+        Joint("bolt", (3, 1), k=block, c=JointParameter(value=0.5, matrix=block), m=6.0),
+        Joint("point", (2,), m=5.0),
+    )
+    M, C, K = lumped([1, 1, 1], [], joints).with_joints()
+    np.testing.assert_array_equal(M, np.diag([4.0, 6.0, 4.0]))
+    np.testing.assert_array_equal(K, [[2, 0, 1], [0, 0, 0], [1, 0, 4]])
+    np.testing.assert_array_equal(C, K / 2)
+
+
+@pytest.mark.parametrize(
+    ("dofs", "parts", "said"),
+    [
+        ((1, 2), {"k": [[1, 2], [2, 1]]}, "indefinite: its lowest eigenvalue is -1"),
+        ((1, 2), {"k": [[1, 2], [1, 5]]}, r"symmetric: entry \(1, 2\) is 2, \(2, 1\) is 1"),
+        ((1, 2), {"k": [[1, 2], [1]]}, "differ in length"),
+        ((1, 2), {"k": [[1, 2]]}, "must be square, not 1 x 2"),
+        ((1, 2), {"k": [[1.0, np.nan], [np.nan, 1.0]]}, "not finite"),
+        ((1, 2, 3), {"k": np.eye(2)}, "names 3 DOFs, but its k is 2 x 2"),
+        ((1, 2, 3), {"k": np.eye(3), "c": 1.0}, "one DOF .to ground. or two"),
+        ((1,), {"m": JointParameter(start=1.0)}, "not mass"),
+    ],
+)
+def test_nonsense_blocks_are_refused(dofs, parts, said):
+    with pytest.raises(UsageError, match=said) as caught:
+        Joint("plate", dofs, **parts)
+    assert caught.value.names == ("plate",)
+
+
+# --- labels ----------------------------------------------------------------------------------------
+
+
+def test_labels_that_are_texts_leave_numbers_for_the_places():
+    model = StructuralModel(np.eye(3), np.zeros((3, 3)), np.eye(3), (), ("theta_1", "w_2", "12:UX"))
+    assert [model.index(dof) for dof in ("w_2", 2, "12:UX", 1)] == [1, 1, 2, 0]
+    assert model.kinds == ("rotation", "translation", "translation")
+    with pytest.raises(UsageError, match=r"there is no DOF w_3; did you mean 'w_2'"):
+        model.row("w_3")
+    with pytest.raises(UsageError, match="there is no DOF 4"):
+        model.row(4)
+
+
+@pytest.mark.parametrize("labels", [("a",), ("a", "a"), ("a", "7"), ("a", "")])
+def test_labels_must_name(labels):
+    with pytest.raises(UsageError):
+        StructuralModel(np.eye(2), np.zeros((2, 2)), np.eye(2), (), labels)
+
+
+# --- reduced models --------------------------------------------------------------------------------
+
+
+def test_a_reduced_model_names_all_dofs_and_expands_back():
+    rng = np.random.default_rng(5)
+    joint = Joint("j", ("w_1", "w_3"), JointParameter(start=2.0))
+    names = ("w_1", "w_2", "w_3", "w_4")
+    full = StructuralModel(np.diag([1.0, 2, 3, 4]), np.eye(4), 9 * np.eye(4), (joint,), names)
+    T = rng.standard_normal((4, 3))
+    T[1] = [1, 0, 0]
+    T[3] = [0, 1, 0]
+    reduced = full.projected(T, ("w_2", "w_4", "q_1"))
+    np.testing.assert_array_equal(reduced.row("w_2"), [1, 0, 0])
+    np.testing.assert_array_equal(reduced.row(4), [0, 1, 0])
+    np.testing.assert_array_equal(reduced.row(3), T[2])
+    q = rng.standard_normal((3, 2))
+    np.testing.assert_allclose(reduced.expand(q), T @ q)
+    for small, large in zip(reduced.with_joints({"j.k": 5.0}), full.with_joints({"j.k": 5.0}), strict=True):
+        np.testing.assert_allclose(small, T.T @ large @ T, rtol=1e-12, atol=1e-12)
+    again = reduced.projected(rng.standard_normal((3, 2)), ("p_1", "p_2"))
+    np.testing.assert_allclose(again.row("w_1"), full.row("w_1") @ T @ again.basis.T)
+    np.testing.assert_allclose(again.expand(np.eye(2)), T @ again.basis.T)
+    with pytest.raises(UsageError, match="no coordinate of the reduced model"):
+        reduced.index("w_1")
+    with pytest.raises(UsageError, match="there is no DOF 5"):
+        reduced.row(5)
+
+
+def test_a_structure_without_its_joints_apart_is_the_same_structure():
+    model = lumped([1, 2], [Link((1,), 3.0)], [Joint("j", (1, 2), JointParameter(start=2.0), m=1.0)])
+    joined = model.assembled({"j.k": 4.0})
+    assert joined.joints == ()
+    for one, other in zip(joined.with_joints(), model.with_joints({"j.k": 4.0}), strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 
 from dynid.errors import Singular, UsageError
 from dynid.lti.signals import Impulse, Sine, Step
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.model import Joint, JointParameter
 from dynid.structure.response import Channel, Load, frequency_response, time_response
 
 JOINT = Joint("j", (1, 2), JointParameter(start=100.0), 2.0)

@@ -18,8 +18,11 @@ from dynid.errors import UsageError
 from dynid.lti.exponential import balance, exponential_with_derivatives, rescaled
 from dynid.lti.propagate import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
-from dynid.structure.model import StructuralModel, Unknown, state_space
+from dynid.structure.joints import Unknown
+from dynid.structure.matrices import as_array
+from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load, ports
+from dynid.structure.state_space import state_space
 
 Array = NDArray[np.float64]
 
@@ -132,9 +135,11 @@ def augmented(
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
     forces, rows, orders = ports(model, [load.dof for load in loads], channels)
-    fixed = model.with_joints({unknown.name: 0.0 for unknown in unknowns})
+    fixed = model.dense({unknown.name: 0.0 for unknown in unknowns})
     system = state_space(*fixed, forces, rows, orders)
-    A_slopes = np.stack([_change(model.M, unknown) for unknown in unknowns])
+    A_slopes = np.stack(
+        [_change(fixed[0], unknown.letter, as_array(unknown.pattern)) for unknown in unknowns]
+    )
     C_slopes = np.where(np.array(orders)[:, None] == 2, rows @ A_slopes[:, model.size :], 0.0)
     started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
     d = balance(started)
@@ -170,10 +175,10 @@ def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
         )
 
 
-def _change(M: Array, unknown: Unknown) -> Array:
-    """Return the change of the system matrix by a unit of the unknown."""
+def _change(M: Array, letter: str, pattern: Array) -> Array:
+    """Return the change of the system matrix by a unit of an unknown k or c of this pattern."""
     n = len(M)
     change = np.zeros((2 * n, 2 * n))
-    here = slice(0, n) if unknown.letter == "k" else slice(n, 2 * n)
-    change[n:, here] = -np.linalg.solve(M, unknown.pattern)
+    here = slice(0, n) if letter == "k" else slice(n, 2 * n)
+    change[n:, here] = -np.linalg.solve(M, pattern)
     return change

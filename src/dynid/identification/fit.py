@@ -140,7 +140,7 @@ def fitter(
     bounds rigid-body drift. The roots of both come from the modes, so that no stiffness is too large.
     """
     start = {unknown.name: unknown.start for unknown in model.unknowns}
-    M, _, K = structure.with_joints(start)
+    M, _, K = structure.dense(start)
     length = max(float(np.ptp(model.line.nodes)), 1.0)
     mobility = _inverse_root(M)
     stiffness = mobility.T @ K @ mobility

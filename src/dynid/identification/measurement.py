@@ -13,8 +13,9 @@ from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.diagnostics import root_mean_square
 from dynid.lti.propagate import response
 from dynid.lti.signals import Random, Record
-from dynid.structure.model import StructuralModel, state_space
+from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load, ports
+from dynid.structure.state_space import state_space
 
 Array = NDArray[np.float64]
 
@@ -150,7 +151,7 @@ def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement
 def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Array:
     """Return the exact, noise-free response at the sampling times (times x channels)."""
     inputs = [load.dof for load in loads]
-    system = state_space(*model.with_joints(model.true_values()), *ports(model, inputs, measurement.channels))
+    system = state_space(*model.dense(model.true_values()), *ports(model, inputs, measurement.channels))
     return response(system, [load.signal for load in loads], measurement.record.times).outputs
 
 

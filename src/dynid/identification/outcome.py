@@ -22,6 +22,7 @@ from dynid.identification.fit import Fit, Fitter
 from dynid.identification.information import Information, untold
 from dynid.identification.measurement import Measurement
 from dynid.result import Result
+from dynid.structure.matrices import Label
 from dynid.structure.response import Channel, common_unit
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ class Outcome:
 
     fitter: Fitter
     measurement: Measurement
-    dofs: Sequence[int]
+    dofs: Sequence[Label]
     sources: Sequence[str]
     histories: Sequence[Pass]
     fits: Sequence[Fit]

@@ -10,7 +10,8 @@ import numpy as np
 
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.model import Joint, StructuralModel
+from dynid.structure.joints import Joint
+from dynid.structure.model import StructuralModel
 
 
 @dataclass(frozen=True)

@@ -5,172 +5,195 @@ Source: K. T. Yang 1997, eq 1: the joints' matrices C_s, K_s are added to those 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
-from dynid.lti.model import StateSpace
+from dynid.structure import labels
+from dynid.structure.joints import Joint, Unknown
+from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class JointParameter:
-    """Stiffness or damping of a joint: known (`value`), or unknown (`start`, and `true` for simulation).
-
-    Parameters
-    ----------
-    value
-        The known value, N/m or N·s/m (N·m/rad, N·m·s/rad for rotations).
-    start
-        Initial guess of an unknown value, positive.
-    true
-        The unknown's true value where it is known, positive: what simulated records are made with.
-    """
-
-    value: float | None = None
-    start: float | None = None
-    true: float | None = None
-
-    def __post_init__(self) -> None:
-        if (self.value is None) == (self.start is None):
-            raise UsageError("a joint parameter takes either a value (known) or a start (unknown)")
-        if self.value is not None and self.true is not None:
-            raise UsageError("a known joint parameter has no true value beside its value")
-        if self.value is not None and not (math.isfinite(self.value) and self.value >= 0):
-            raise UsageError("a joint parameter's value must be finite and not negative")
-        for number in (self.start, self.true):
-            if number is not None and not (math.isfinite(number) and number > 0):
-                raise UsageError(
-                    "start and true value of an unknown joint parameter must be finite and positive",
-                    remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
-                )
+# Beyond this a matrix with all its zeros is not made: 5000 x 5000 takes 0.2 GB.
+_MOST_DENSE = 5000
 
 
-@dataclass(frozen=True)
-class Joint:
-    """A spring and a damper in parallel, between two DOFs or from one DOF to ground.
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """How a reduced model moves the one it was made from: ``x = T q``.
 
     Parameters
     ----------
-    name
-        Its name; its parameters are called ``<name>.k`` and ``<name>.c``.
-    dofs
-        One DOF (joint to ground) or two.
-    k, c
-        Stiffness and damping; a number is a known value, absent means zero.
+    T
+        The basis (N x n): N DOFs of `parent`, n coordinates.
+    parent
+        The model that was reduced.
     """
 
-    name: str
-    dofs: tuple[int, ...]
-    k: JointParameter | float | None = None
-    c: JointParameter | float | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "dofs", tuple(self.dofs))
-        if len(self.dofs) not in (1, 2) or len(set(self.dofs)) != len(self.dofs):
-            raise UsageError(
-                f"joint {self.name} must name one DOF (to ground) or two different ones", names=(self.name,)
-            )
-
-    @property
-    def parameters(self) -> dict[str, JointParameter]:
-        """The parameters present, by letter (``k``, ``c``)."""
-        given = {"k": self.k, "c": self.c}
-        return {
-            letter: part if isinstance(part, JointParameter) else JointParameter(value=part)
-            for letter, part in given.items()
-            if part is not None
-        }
-
-
-class Unknown(NamedTuple):
-    """An unknown joint parameter: its name, letter, unit pattern (n x n), start and true value."""
-
-    name: str
-    letter: str
-    pattern: Array
-    start: float
-    true: float | None
+    T: Array
+    parent: StructuralModel
 
 
 @dataclass(frozen=True, eq=False)
 class StructuralModel:
-    """``M x'' + (C + C_s) x' + (K + K_s) x = f`` (Yang, eq 1), the joints' C_s and K_s kept apart.
+    """``(M + M_s) x'' + (C + C_s) x' + (K + K_s) x = f`` (Yang, eq 1), the joints' part kept apart.
+
+    A reduced model is one too: its coordinates are its DOFs, and a `basis` leads back. All DOFs of the model
+    it was made from can be named in it, as force directions, read-outs and ends of joints.
 
     Parameters
     ----------
     M, C, K
-        Mass, damping and stiffness without the joints (n x n), symmetric; M positive definite.
+        Mass, damping and stiffness without the joints (n x n), symmetric. M and K may be singular (massless
+        DOFs, rigid-body modes), not indefinite. They are arrays; if one is sparse, all become `csc_array`.
+        Without C there is no damping.
     joints
         The joints.
     dofs
-        Labels of the DOFs; absent: 1 … n.
+        Labels of the DOFs, whole numbers or texts such as ``w_4``; absent: 1 … n. Where the labels are texts
+        a number names a DOF by its place, from 1.
+    basis
+        Of a reduced model, the way back to all DOFs.
 
     Raises
     ------
     UsageError
-        If shapes, symmetry or labels make no sense, or the mass matrix is not positive definite.
+        If shapes, symmetry, signs, labels or joints make no sense.
     """
 
-    M: Array
-    C: Array
-    K: Array
+    M: Matrix
+    C: Matrix
+    K: Matrix
     joints: tuple[Joint, ...] = ()
-    dofs: tuple[int, ...] = ()
+    dofs: tuple[Label, ...] = ()
+    basis: Basis | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
-        n = len(np.atleast_1d(self.M))
+        shape = self.M.shape if is_sparse(self.M) else np.shape(self.M)
+        n = shape[0] if shape else 0
+        sparse = any(is_sparse(matrix) for matrix in (self.M, self.C, self.K))
         for name in ("M", "C", "K"):
-            object.__setattr__(self, name, _symmetric(name, getattr(self, name), n))
-        object.__setattr__(self, "dofs", tuple(self.dofs) or tuple(range(1, n + 1)))
-        if len(self.dofs) != n or len(set(self.dofs)) != n:
-            raise UsageError(f"the number of different DOF labels must be {n}, not {len(set(self.dofs))}")
-        _check_mass(self.M)
+            given = getattr(self, name)
+            object.__setattr__(self, name, as_matrix(name, given, n, sparse=sparse))
+        object.__setattr__(self, "dofs", labels.checked(self.dofs, n))
+        if self.basis is None:  # a projection of a structure is one
+            for name in ("M", "K"):
+                check_semidefinite(name, getattr(self, name), self.dofs)
+        elif self.basis.T.shape != (self.basis.parent.size, n):
+            rows, columns = self.basis.T.shape
+            raise UsageError(f"the basis is {rows} x {columns}, not {self.basis.parent.size} x {n}")
         names = [joint.name for joint in self.joints]
         for name in names:
             if names.count(name) > 1:
                 raise UsageError(f"there are two joints named {name}", names=(name,))
         for joint in self.joints:
-            self._direction(joint)
+            self._rows(joint)
 
     @property
     def size(self) -> int:
         """Number of DOFs."""
-        return len(self.M)
-
-    def row(self, dof: int) -> Array:
-        """Return the row (n) that reads the displacement of a DOF; also the direction of a force on it."""
-        if dof not in self.dofs:
-            raise UsageError(
-                f"there is no DOF {dof}",
-                remedy=f"The structure has {_span(self.dofs)}.",
-                names=(str(dof),),
-            )
-        row = np.zeros(self.size)
-        row[self.dofs.index(dof)] = 1.0
-        return row
+        return int(self.M.shape[0])
 
     @property
+    def is_sparse(self) -> bool:
+        """Whether the matrices are sparse."""
+        return is_sparse(self.M)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Of each DOF ``translation``, ``rotation`` or ``unknown``, as its label tells."""
+        return tuple(labels.kind(label) for label in self.dofs)
+
+    def label(self, dof: Label) -> Label:
+        """Return the label of a DOF that is named by label, or where labels are texts by number.
+
+        Numbers are those of the full model, in a reduced one as well.
+
+        Raises
+        ------
+        UsageError
+            If there is no such DOF.
+        """
+        if dof in self._places:
+            return dof
+        if self.basis is not None:
+            return self.basis.parent.label(dof)
+        if isinstance(dof, int) and not self._numbered and 1 <= dof <= self.size:
+            return self.dofs[dof - 1]
+        raise labels.no_such(dof, self.dofs)
+
+    def index(self, dof: Label) -> int:
+        """Return the place of a DOF, from 0.
+
+        Raises
+        ------
+        UsageError
+            If there is no such DOF, or a reduction has not kept it as a coordinate.
+        """
+        at = self._places.get(self.label(dof))
+        if at is None:
+            raise UsageError(
+                f"DOF {dof} is no coordinate of the reduced model",
+                remedy=f"It has {labels.listed(self.dofs)}.",
+                names=(str(dof),),
+            )
+        return at
+
+    def row(self, dof: Label) -> Array:
+        """Return the row (n) that reads the displacement of a DOF; also the direction of a force on it.
+
+        In a reduced model any DOF of the model it was made from can be named.
+
+        Raises
+        ------
+        UsageError
+            If there is no such DOF.
+        """
+        label = self.label(dof)
+        if self.basis is not None and label not in self._places:
+            return np.asarray(self.basis.parent.row(label) @ self.basis.T)
+        row = np.zeros(self.size)
+        row[self._places[label]] = 1.0
+        return row
+
+    def expand(self, q: Array) -> Array:
+        """Return the motion (N or N x m) of all DOFs of the full model, for coordinates q (n or n x m)."""
+        if self.basis is None:
+            return q
+        return self.basis.parent.expand(self.basis.T @ q)
+
+    def projected(self, T: Array, dofs: Sequence[Label]) -> StructuralModel:
+        """Return the model in coordinates q with ``x = T q``; the joints come along.
+
+        Parameters
+        ----------
+        T
+            The basis (size x n).
+        dofs
+            Labels of the coordinates (n): of kept DOFs their own, of others any.
+        """
+        matrices = (np.asarray(T.T @ (matrix @ T)) for matrix in (self.M, self.C, self.K))
+        M, C, K = ((matrix + matrix.T) / 2 for matrix in matrices)
+        return StructuralModel(M, C, K, self.joints, tuple(dofs), Basis(T, self))
+
+    @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
         """The unknown joint parameters, joint by joint, stiffness before damping."""
         return tuple(
-            Unknown(f"{joint.name}.{letter}", letter, self._pattern(joint), part.start, part.true)
+            Unknown(name, letter, self._pattern(joint, block), part.start, part.true)
             for joint in self.joints
-            for letter, part in joint.parameters.items()
+            for name, letter, part, block in joint.terms
             if part.start is not None
         )
 
-    @guarded("the sum of stiffness or damping at a DOF", UsageError)
-    def with_joints(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
-        """Return M, C + C_s and K + K_s (Yang, eq 1).
+    @guarded("the sum of mass, stiffness or damping at a DOF", UsageError)
+    def with_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
+        """Return M + M_s, C + C_s and K + K_s (Yang, eq 1).
 
         Parameters
         ----------
@@ -183,19 +206,37 @@ class StructuralModel:
             If an unknown parameter has no value, or a name is no unknown parameter.
         """
         given = dict(values or {})
-        C, K = self.C.copy(), self.K.copy()
+        sums: dict[str, Any] = {"m": self.M, "c": self.C, "k": self.K}
         for joint in self.joints:
-            for letter, part in joint.parameters.items():
-                name = f"{joint.name}.{letter}"
+            for name, letter, part, block in joint.terms:
                 value = part.value if part.value is not None else given.pop(name, None)
                 if value is None:
                     raise UsageError(f"the joint parameter {name} has no value", names=(name,))
-                target = K if letter == "k" else C
-                target += value * self._pattern(joint)
+                sums[letter] = sums[letter] + self._pattern(joint, value * block)
         if given:
             this = "this name" if len(given) == 1 else "these names"
             raise UsageError(f"{', '.join(given)}: no unknown joint parameter has {this}", names=given)
-        return self.M, C, K
+        return sums["m"], sums["c"], sums["k"]
+
+    def dense(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
+        """Return the matrices of `with_joints` as arrays.
+
+        Raises
+        ------
+        UsageError
+            As `with_joints`; also if they would not fit into memory.
+        """
+        if self.is_sparse and self.size > _MOST_DENSE:
+            raise UsageError(
+                f"the structure has {self.size} DOFs, more than the {_MOST_DENSE} that this analysis takes",
+                remedy="Reduce it first.",
+            )
+        M, C, K = self.with_joints(values)
+        return as_array(M), as_array(C), as_array(K)
+
+    def assembled(self, values: Mapping[str, float] | None = None) -> StructuralModel:
+        """Return the model with its joints added to the matrices, and no joints left."""
+        return StructuralModel(*self.with_joints(values), (), self.dofs, self.basis)
 
     def true_values(self) -> dict[str, float]:
         """Return the true values of the unknown parameters.
@@ -214,72 +255,32 @@ class StructuralModel:
             )
         return {unknown.name: unknown.true for unknown in self.unknowns if unknown.true is not None}
 
-    def _direction(self, joint: Joint) -> Array:
+    @cached_property
+    def _places(self) -> dict[Label, int]:
+        return {label: place for place, label in enumerate(self.dofs)}
+
+    @cached_property
+    def _numbered(self) -> bool:
+        """Whether numbers are labels here."""
+        return any(isinstance(label, int) for label in self.dofs)
+
+    def _rows(self, joint: Joint) -> Matrix:
+        """Return the rows (d x n) that read a joint's DOFs."""
         try:
-            rows = [self.row(dof) for dof in joint.dofs]
+            if not self.is_sparse:
+                return np.array([self.row(dof) for dof in joint.dofs])
+            places = [self.index(dof) for dof in joint.dofs]
         except UsageError as error:
             raise UsageError(
                 f"joint {joint.name}: {error.problem}", remedy=error.remedy, names=(joint.name,)
             ) from None
-        return rows[0] if len(rows) == 1 else rows[0] - rows[1]
+        from scipy.sparse import csc_array  # loaded already: the model is sparse
 
-    def _pattern(self, joint: Joint) -> Array:
-        direction = self._direction(joint)
-        return np.outer(direction, direction)
+        ones, count = np.ones(len(places)), len(places)
+        return csc_array((ones, (np.arange(count), places)), shape=(count, self.size))
 
-
-@guarded("the system matrix of the structure")
-def state_space(M: Array, C: Array, K: Array, forces: Array, outputs: Array, orders: ArrayLike) -> StateSpace:
-    """Return the state space, states [x, x'], of a second-order system.
-
-    Parameters
-    ----------
-    M, C, K
-        Mass, damping and stiffness (n x n).
-    forces
-        Force directions (n x inputs).
-    outputs
-        Displacement rows (outputs x n).
-    orders
-        Derivative order of each output: 0 displacement, 1 velocity, 2 acceleration.
-    """
-    n = len(M)
-    flexibility = np.linalg.solve(M, np.concatenate([-K, -C, forces], axis=1))
-    A = np.concatenate([np.eye(n, 2 * n, k=n), flexibility[:, : 2 * n]])
-    B = np.concatenate([np.zeros_like(forces), flexibility[:, 2 * n :]])
-    order = np.asarray(orders, dtype=int)[:, None]
-    by_order = np.stack([np.eye(n, 2 * n), np.eye(n, 2 * n, k=n), A[n:]])
-    rows = np.take_along_axis(outputs @ by_order, order[None, :, :], axis=0)[0]
-    return StateSpace(A, B, rows, np.where(order == 2, outputs @ B[n:], 0.0))
-
-
-def _symmetric(name: str, values: ArrayLike, n: int) -> Array:
-    matrix = np.array(values, dtype=float)
-    if matrix.shape != (n, n) or n == 0:
-        raise UsageError(f"{name} is {matrix.shape}, but must be a square matrix, the same size as M")
-    if not np.all(np.isfinite(matrix)):
-        raise UsageError(f"{name} has entries that are not finite numbers")
-    if not np.allclose(matrix, matrix.T, rtol=0, atol=1e-10 * float(np.abs(matrix).max())):
-        raise UsageError(f"{name} is not symmetric")
-    matrix.setflags(write=False)
-    return matrix
-
-
-def _check_mass(M: Array) -> None:
-    scale = np.sqrt(np.abs(np.diag(M)))
-    if np.all(np.diag(M) > 0):
-        smallest = float(np.linalg.eigvalsh(M / scale / scale[:, None])[0])
-        if smallest > len(M) * np.finfo(float).eps:
-            return
-    raise UsageError(
-        "the mass matrix is not positive definite",
-        remedy="Give every DOF mass, or condense the massless ones.",
-    )
-
-
-def _span(dofs: tuple[int, ...]) -> str:
-    if len(dofs) == 1:
-        return f"DOF {dofs[0]} only"
-    if dofs == tuple(range(dofs[0], dofs[-1] + 1)):
-        return f"the DOFs {dofs[0]} to {dofs[-1]}"
-    return f"the DOFs {', '.join(map(str, dofs))}"
+    def _pattern(self, joint: Joint, block: Array) -> Matrix:
+        rows = self._rows(joint)
+        if isinstance(rows, np.ndarray):
+            return np.asarray(rows.T @ block @ rows)
+        return (rows.T @ type(rows)(block) @ rows).tocsc()

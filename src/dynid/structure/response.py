@@ -14,7 +14,9 @@ from dynid.lti.frequency import QUANTITIES, second_order_response
 from dynid.lti.propagate import response
 from dynid.lti.signals import Signal
 from dynid.result import Result
-from dynid.structure.model import StructuralModel, state_space
+from dynid.structure.matrices import Label
+from dynid.structure.model import StructuralModel
+from dynid.structure.state_space import state_space
 
 Array = NDArray[np.float64]
 
@@ -25,7 +27,7 @@ UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 class Channel(NamedTuple):
     """An output: `quantity` (displacement, velocity, acceleration) of `dof`."""
 
-    dof: int
+    dof: Label
     quantity: str
 
     @property
@@ -53,14 +55,14 @@ class Channel(NamedTuple):
 class Load(NamedTuple):
     """A force on `dof` (N; N·m on a rotation) that follows `signal`."""
 
-    dof: int
+    dof: Label
     signal: Signal
 
 
 @guarded("the frequency response")
 def frequency_response(
     model: StructuralModel,
-    inputs: Sequence[int],
+    inputs: Sequence[Label],
     outputs: Sequence[Channel],
     omega: ArrayLike,
     values: Mapping[str, float] | None = None,
@@ -93,7 +95,7 @@ def frequency_response(
         If a DOF or quantity does not exist or an unknown parameter has no value.
     """
     forces, rows, orders = ports(model, inputs, outputs)
-    M, C, K = model.with_joints(values)
+    M, C, K = model.dense(values)
     w = np.atleast_1d(np.asarray(omega, dtype=float))
     H = second_order_response(M, C, K, forces, rows, orders, w)
     result = Result("structure")
@@ -115,8 +117,8 @@ def time_response(
     times: ArrayLike,
     *,
     values: Mapping[str, float] | None = None,
-    displacement: Mapping[int, float] | None = None,
-    velocity: Mapping[int, float] | None = None,
+    displacement: Mapping[Label, float] | None = None,
+    velocity: Mapping[Label, float] | None = None,
 ) -> Result:
     """Return the exact responses at `outputs` to `loads`, from t = 0 on.
 
@@ -149,7 +151,7 @@ def time_response(
         If the response overflows.
     """
     forces, rows, orders = ports(model, [load.dof for load in loads], outputs)
-    system = state_space(*model.with_joints(values), forces, rows, orders)
+    system = state_space(*model.dense(values), forces, rows, orders)
     x0 = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
     t = np.asarray(times, dtype=float)
     y = response(system, [load.signal for load in loads], t, x0)
@@ -175,7 +177,7 @@ def source_names(loads: Sequence[Load]) -> list[str]:
 
 
 def ports(
-    model: StructuralModel, inputs: Sequence[int], outputs: Sequence[Channel]
+    model: StructuralModel, inputs: Sequence[Label], outputs: Sequence[Channel]
 ) -> tuple[Array, Array, list[int]]:
     """Return force directions (n x inputs), displacement rows (outputs x n) and derivative orders.
 
@@ -189,7 +191,7 @@ def ports(
     return forces, rows, [channel.order for channel in outputs]
 
 
-def _initial(model: StructuralModel, given: Mapping[int, float] | None) -> Array:
+def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Array:
     start = np.zeros(model.size)
     for dof, value in (given or {}).items():
         start += value * model.row(dof)

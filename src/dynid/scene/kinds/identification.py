@@ -10,8 +10,9 @@ from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_o
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene, JointModel, ParameterModel
 from dynid.scene.schema.quantities import Quantity
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.model import Joint, JointParameter, StructuralModel
+from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load, frequency_response, time_response
 
 if TYPE_CHECKING:

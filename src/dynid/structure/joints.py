@@ -1,0 +1,181 @@
+"""Joints: springs, dampers and masses, or measured blocks, between DOFs or to ground.
+
+Source: K. T. Yang 1997, eq 1 (the matrices C_s, K_s).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from dynid.errors import UsageError
+from dynid.structure.matrices import Array, Label, Matrix
+
+Block: TypeAlias = Sequence[Sequence[float]] | Array
+
+# A block that is negative by less, relative to its diagonal, is one of rounded or measured digits.
+_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class JointParameter:
+    """Stiffness or damping of a joint: known (`value`), or unknown (`start`, and `true` for simulation).
+
+    Parameters
+    ----------
+    value
+        The known value, N/m or N·s/m (N·m/rad, N·m·s/rad for rotations).
+    start
+        Initial guess of an unknown value, positive.
+    true
+        The unknown's true value where it is known, positive: what simulated records are made with.
+    matrix
+        A block over the joint's DOFs that the value multiplies, symmetric and not indefinite; absent: the
+        spring between two DOFs or to ground. With a matrix alone the value is 1.
+    """
+
+    value: float | None = None
+    start: float | None = None
+    true: float | None = None
+    matrix: Block | None = None
+
+    def __post_init__(self) -> None:
+        if self.matrix is not None:
+            object.__setattr__(self, "matrix", _block(self.matrix))
+            if self.value is None and self.start is None:
+                object.__setattr__(self, "value", 1.0)
+        if (self.value is None) == (self.start is None):
+            raise UsageError("a joint parameter takes either a value (known) or a start (unknown)")
+        if self.value is not None and self.true is not None:
+            raise UsageError("a known joint parameter has no true value beside its value")
+        if self.value is not None and not (math.isfinite(self.value) and self.value >= 0):
+            raise UsageError("a joint parameter's value must be finite and not negative")
+        for number in (self.start, self.true):
+            if number is not None and not (math.isfinite(number) and number > 0):
+                raise UsageError(
+                    "start and true value of an unknown joint parameter must be finite and positive",
+                    remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
+                )
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A spring and a damper in parallel, with mass if it has any; or blocks over several DOFs.
+
+    Parameters
+    ----------
+    name
+        Its name; its parameters are called ``<name>.k`` and ``<name>.c``.
+    dofs
+        One DOF (joint to ground) or two; with blocks any number.
+    k, c
+        Stiffness and damping: a number is a known value, a square array a block over the DOFs, absent zero.
+    m
+        Mass, known. A number is shared equally between the DOFs.
+    """
+
+    name: str
+    dofs: tuple[Label, ...]
+    k: JointParameter | float | Block | None = None
+    c: JointParameter | float | Block | None = None
+    m: JointParameter | float | Block | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dofs", tuple(self.dofs))
+        try:
+            for letter in "kcm":
+                object.__setattr__(self, letter, _parameter(getattr(self, letter)))
+        except UsageError as error:
+            raise UsageError(
+                f"joint {self.name}: {error.problem}", remedy=error.remedy, names=(self.name,)
+            ) from None
+        blocks = {part.letter: part for part in self.terms if part.parameter.matrix is not None}
+        scalar = len(self.terms) > len(blocks) or not blocks
+        if not self.dofs or len(set(self.dofs)) != len(self.dofs) or (scalar and len(self.dofs) > 2):
+            raise self._refused("must name one DOF (to ground) or two different ones")
+        for letter, part in blocks.items():
+            if len(part.block) != len(self.dofs):
+                size = len(part.block)
+                raise self._refused(f"names {len(self.dofs)} DOFs, but its {letter} is {size} x {size}")
+        if isinstance(self.m, JointParameter) and self.m.start is not None:
+            raise self._refused("can have unknown stiffness and damping, not mass")
+
+    def _refused(self, said: str) -> UsageError:
+        return UsageError(f"joint {self.name} {said}", names=(self.name,))
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """What it adds to the matrices, stiffness first."""
+        parts = {"k": self.k, "c": self.c, "m": self.m}
+        return tuple(
+            Term(f"{self.name}.{letter}", letter, part, _unit_block(letter, part, len(self.dofs)))
+            for letter, part in parts.items()
+            if isinstance(part, JointParameter)
+        )
+
+
+class Term(NamedTuple):
+    """A joint's contribution: name, letter (k, c, m), parameter, and the block (d x d) it multiplies."""
+
+    name: str
+    letter: str
+    parameter: JointParameter
+    block: Array
+
+
+class Unknown(NamedTuple):
+    """An unknown joint parameter: its name, letter, unit pattern (n x n), start and true value."""
+
+    name: str
+    letter: str
+    pattern: Matrix
+    start: float
+    true: float | None
+
+
+def _parameter(part: JointParameter | float | Block | None) -> JointParameter | None:
+    if part is None or isinstance(part, JointParameter):
+        return part
+    if isinstance(part, Sequence | np.ndarray):
+        return JointParameter(matrix=part)
+    return JointParameter(value=float(part))
+
+
+def _unit_block(letter: str, part: JointParameter, count: int) -> Array:
+    if part.matrix is not None:
+        return np.array(part.matrix)
+    if letter == "m":
+        return np.eye(count) / count
+    direction = np.array([1.0, -1.0])[:count]
+    return np.outer(direction, direction)
+
+
+def _block(values: Block) -> tuple[tuple[float, ...], ...]:
+    try:
+        block = np.array(values, dtype=float)
+    except ValueError:
+        raise UsageError("the rows of a joint's matrix differ in length") from None
+    if block.ndim != 2 or block.shape[0] != block.shape[1] or not block.size:
+        raise UsageError(f"a joint's matrix must be square, not {' x '.join(map(str, block.shape))}")
+    if not np.isfinite(block).all():
+        raise UsageError("a joint's matrix has entries that are not finite numbers")
+    size = float(np.abs(block).max())
+    gap = np.abs(block - block.T)
+    if gap.max() > _TOLERANCE * size:
+        i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
+        raise UsageError(
+            f"a joint's matrix must be symmetric: entry ({i + 1}, {j + 1}) is {block[i, j]:g}, "
+            f"({j + 1}, {i + 1}) is {block[j, i]:g}"
+        )
+    block = (block + block.T) / 2
+    lowest = float(np.linalg.eigvalsh(block / (size or 1.0))[0]) * size
+    if lowest < -_TOLERANCE * size:
+        raise UsageError(
+            f"a joint's matrix must not be indefinite: its lowest eigenvalue is {lowest:.3g}",
+            remedy="A passive joint stores and dissipates energy; check its signs.",
+        )
+    return tuple(tuple(row) for row in block.tolist())

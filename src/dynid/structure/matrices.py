@@ -1,0 +1,210 @@
+"""Structural matrices, dense or sparse: finite, symmetric, not indefinite; a refusal says which entry.
+
+Sparse matrices stay sparse; SciPy is loaded by whoever makes one, never here for dense models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+    from typing_extensions import TypeIs
+
+    Sparse: TypeAlias = csc_array[np.float64]
+
+Array = NDArray[np.float64]
+Matrix: TypeAlias = "Array | Sparse"
+Label: TypeAlias = int | str
+
+NAMES = {"M": "mass", "C": "damping", "K": "stiffness"}
+"""What the matrices are called in sentences."""
+
+# Two triangles that differ by less, relative to the largest entries of row and column, are one matrix.
+_SYMMETRY = 1e-10
+# An eigenvalue this far below zero, after scaling to a unit diagonal, is rounding of a file's digits.
+_INDEFINITE = 1e-7
+_LANCZOS_STEPS = 40
+
+
+def is_sparse(matrix: Any) -> TypeIs[Sparse]:
+    """Tell whether a matrix is one of `scipy.sparse`."""
+    return not isinstance(matrix, np.ndarray) and hasattr(matrix, "tocsc")
+
+
+def as_array(matrix: Matrix) -> Array:
+    """Return a matrix with all its zeros."""
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+
+
+def as_matrix(name: str, values: Any, n: int, *, sparse: bool = False) -> Matrix:
+    """Return an n x n matrix in double precision, finite and exactly symmetric, read-only where dense.
+
+    Parameters
+    ----------
+    name
+        ``M``, ``C`` or ``K``.
+    values
+        Array-like, or a sparse matrix.
+    n
+        The size it must have.
+    sparse
+        Whether to make a dense matrix sparse.
+
+    Raises
+    ------
+    UsageError
+        If it has another size, an entry that is not finite, or is not symmetric to rounding.
+    """
+    if is_sparse(values) or sparse:
+        from scipy.sparse import csc_array  # loaded already where `values` are sparse
+
+        matrix: Matrix = csc_array(values, dtype=np.float64, copy=True)
+    else:
+        matrix = np.array(values, dtype=np.float64)
+    if matrix.shape != (n, n) or n == 0:
+        size = " x ".join(map(str, matrix.shape)) or "a number"
+        raise UsageError(f"the {NAMES[name]} matrix is {size}, but must be {n or 1} x {n or 1}")
+    rows, columns, entries = triplets(matrix)
+    if not np.isfinite(entries).all():
+        at = int(np.argmin(np.isfinite(entries)))
+        raise UsageError(f"{NAMES[name]} has no number at entry {_entry(rows, columns, at)}: {entries[at]}")
+    return _symmetric(name, matrix)
+
+
+def triplets(matrix: Matrix) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return rows, columns (from 0) and values of the entries that may differ from zero."""
+    if isinstance(matrix, np.ndarray):
+        rows, columns = np.nonzero(matrix)
+        return rows, columns, matrix[rows, columns]
+    coo = matrix.tocoo()
+    return coo.row.astype(np.intp), coo.col.astype(np.intp), coo.data
+
+
+def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> None:
+    """Refuse an indefinite matrix.
+
+    The matrix is scaled to a unit diagonal. Dense, it is decided by a Cholesky factorisation; of a sparse
+    one the entries and the lower end of a Lanczos spectrum are looked at, which can overlook a negative
+    eigenvalue close to zero: the inertia count of the modes does not.
+
+    Parameters
+    ----------
+    name
+        ``M`` or ``K``.
+    matrix
+        The matrix, symmetric.
+    labels
+        Labels of its DOFs.
+
+    Raises
+    ------
+    UsageError
+        Naming an entry, or the DOF that the negative direction moves most.
+    """
+    what, diagonal = NAMES[name], np.asarray(matrix.diagonal())
+    if diagonal.min() < 0:
+        at = int(np.argmin(diagonal))
+        raise UsageError(
+            f"{what} is negative: entry ({at + 1}, {at + 1}) is {diagonal[at]:.6g}", names=(str(labels[at]),)
+        )
+    rows, columns, entries = triplets(matrix)
+    root = np.sqrt(diagonal)
+    excess = np.abs(entries) - (1 + _INDEFINITE) * root[rows] * root[columns]
+    # Beside a zero on the diagonal anything is too much, but for rounding.
+    tiny = np.finfo(float).eps * float(diagonal.max(initial=0.0))
+    if excess.max(initial=0.0) > tiny:
+        at = int(np.argmax(excess))
+        i, j = rows[at], columns[at]
+        raise UsageError(
+            f"{what} is indefinite: entry {_entry(rows, columns, at)} is {entries[at]:.6g} between diagonal "
+            f"entries {diagonal[i]:.6g} and {diagonal[j]:.6g}",
+            names=(str(labels[i]),),
+        )
+    inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
+    lowest = _lowest_sparse(matrix, inverse) if is_sparse(matrix) else _lowest_dense(matrix, inverse)
+    if lowest is not None:
+        value, vector = lowest
+        worst = int(np.argmax(np.abs(vector)))
+        raise UsageError(
+            f"{what} is indefinite: scaled to a unit diagonal its lowest eigenvalue is {value:.3g}, "
+            f"and that direction moves DOF {labels[worst]} most",
+            remedy=f"Check signs and units of the {what} there.",
+            names=(str(labels[worst]),),
+        )
+
+
+def _symmetric(name: str, matrix: Matrix) -> Matrix:
+    transposed: Matrix = matrix.T if isinstance(matrix, np.ndarray) else matrix.T.tocsc()
+    difference: Any = matrix - transposed
+    rows, columns, gaps = triplets(difference)
+    if not gaps.any():
+        return _frozen(matrix)
+    size = np.maximum(_row_size(matrix), _row_size(transposed))
+    excess = np.abs(gaps) - _SYMMETRY * np.sqrt(size[rows]) * np.sqrt(size[columns])
+    if excess.max() > 0:
+        at = int(np.argmax(excess))
+        i, j = sorted((int(rows[at]), int(columns[at])))
+        raise UsageError(
+            f"{NAMES[name]} is not symmetric: entry ({i + 1}, {j + 1}) is {matrix[i, j]:.6g}, "
+            f"({j + 1}, {i + 1}) is {matrix[j, i]:.6g}",
+            remedy="Write both triangles, or neither (Matrix Market: symmetric).",
+        )
+    return _frozen(matrix - difference / 2)
+
+
+def _frozen(matrix: Matrix) -> Matrix:
+    if isinstance(matrix, np.ndarray):
+        matrix.setflags(write=False)
+    return matrix
+
+
+def _row_size(matrix: Matrix) -> Array:
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.abs(matrix).max(axis=1))
+    return np.asarray(abs(matrix).max(axis=1).toarray()).ravel()
+
+
+def _entry(rows: NDArray[np.intp], columns: NDArray[np.intp], at: int) -> str:
+    return f"({rows[at] + 1}, {columns[at] + 1})"
+
+
+def _lowest_dense(matrix: Array, inverse: Array) -> tuple[float, Array] | None:
+    """Return the lowest eigenvalue of the scaled matrix, with its vector, where it is negative."""
+    scaled = matrix * inverse * inverse[:, None]
+    try:
+        np.linalg.cholesky(scaled + _INDEFINITE * np.eye(len(scaled)))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(scaled)
+        return float(values[0]), vectors[:, 0] * inverse
+    return None
+
+
+def _lowest_sparse(matrix: Sparse, inverse: Array) -> tuple[float, Array] | None:
+    """Return what a short Lanczos run finds below zero: its Ritz values lie within the spectrum."""
+    start = np.random.Generator(np.random.PCG64(0)).standard_normal(len(inverse))
+    basis = [start / np.linalg.norm(start)]
+    alpha: list[float] = []
+    beta: list[float] = []
+    for _ in range(min(_LANCZOS_STEPS, len(inverse))):
+        q = basis[-1]
+        r = inverse * (matrix @ (inverse * q))
+        alpha.append(float(q @ r))
+        r -= alpha[-1] * q + (beta[-1] * basis[-2] if beta else 0.0)
+        norm = float(np.linalg.norm(r))
+        if norm < 1e-12:
+            break
+        beta.append(norm)
+        basis.append(r / norm)
+    k = len(alpha)
+    tridiagonal = np.diag(alpha) + np.diag(beta[: k - 1], 1) + np.diag(beta[: k - 1], -1)
+    values, vectors = np.linalg.eigh(tridiagonal)
+    if values[0] >= -_INDEFINITE:
+        return None
+    return float(values[0]), np.asarray(np.column_stack(basis[:k]) @ vectors[:, 0] * inverse)
