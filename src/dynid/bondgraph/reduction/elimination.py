@@ -7,7 +7,9 @@ junction states a constraint.
 
 from __future__ import annotations
 
-from dynid.bondgraph.reduction.junctions import unique
+from collections.abc import Callable
+
+from dynid.bondgraph.reduction.junctions import Coupling, unique
 from dynid.bondgraph.reduction.network import Network, Term
 from dynid.bondgraph.reduction.program import Op, Program, Register
 from dynid.bondgraph.reduction.steps import Definition, Step, listed
@@ -23,6 +25,8 @@ class Elimination:
     ----------
     network
         The network; it shrinks.
+    watch
+        Called whenever the network is whole: after every step, and after a change that needs none.
 
     Attributes
     ----------
@@ -32,8 +36,9 @@ class Elimination:
         Names of registers in the equations of the steps.
     """
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: Network, watch: Callable[[], None]) -> None:
         self.net, self.program, self.root = network, network.program, network.root
+        self._watch = watch
         self.steps: list[Step] = []
         self.pivots: list[Register] = []
         self.held: dict[str, Register] | None = None  # the root's unknown, where a bare neighbour fixes it
@@ -50,8 +55,15 @@ class Elimination:
             self._absorb_leaf(name, neighbours[0], own)
         elif neighbours:
             self._eliminate_on_loop(name, neighbours, own)
-        self.net.remove(name)
+        else:
+            self.net.remove(name)
+            self._watch()
         return neighbours
+
+    def record(self, step: Step) -> None:
+        """Note a step that is done."""
+        self.steps.append(step)
+        self._watch()
 
     def names(self, junction: str) -> tuple[str, ...]:
         """Return the user's junctions in a junction, or its made-up name."""
@@ -81,8 +93,10 @@ class Elimination:
             f"{self.net.kind[junction]}-junction {junction}: their {what} add ({law})"
         )
         nodes = tuple(dict.fromkeys([*self.names(junction), *(term.name for term in terms)]))
-        self.steps.append(Step("series" if series else "parallel", nodes, ((label, parts),), meaning))
         self._name(total, label)
+        kept = [term for term in self.net.terms[junction] if term not in terms]
+        self.net.terms[junction] = [Term(junction, total), *kept]
+        self.record(Step("series" if series else "parallel", nodes, ((label, parts),), meaning))
         return total
 
     def _name(self, register: Register, label: str) -> None:
@@ -97,13 +111,18 @@ class Elimination:
         if coupling is None or not program.is_zero(program.add(forward, back)):
             self._eliminate_on_loop(leaf, [into], own)
             return
-        if coupling.two_port is None:
-            seen, origin = program.inv(own), self._origin(leaf)
-        else:
-            seen, origin = self._reflect(leaf, into, own, coupling.two_port, inverse=coupling.inverse)
-        net.terms[into].append(Term(origin, seen))
+        term, step = Term(self._origin(leaf), program.inv(own)), None
+        if coupling.two_port is not None:
+            term, step = self._reflect(leaf, into, own, coupling.two_port, inverse=coupling.inverse)
         if net.sources[leaf]:
-            self._swap(leaf, into, own, coupling.two_port)
+            if step is not None:
+                self._move_across(leaf, into, term)
+                self.record(step)
+            self._swap(leaf, into, term, coupling.two_port)
+            return
+        net.terms[into].append(term)
+        net.remove(leaf)
+        self._watch() if step is None else self.record(step)
 
     def _origin(self, junction: str) -> str:
         """Name what stands on a junction: its only element, or itself."""
@@ -112,7 +131,7 @@ class Elimination:
 
     def _reflect(
         self, leaf: str, into: str, own: Register, two_port: str, *, inverse: bool
-    ) -> tuple[Register, str]:
+    ) -> tuple[Term, Step]:
         """Write the immittance seen through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2."""
         program = self.program
         modulus = program.parameter(two_port)
@@ -127,31 +146,40 @@ class Elimination:
             f"{self._origin(leaf)} is the impedance {label} ({law})"
         )
         nodes = (*self.names(leaf), two_port)
-        self.steps.append(Step("reflection", nodes, ((label, ((impedance, ""),)),), meaning))
         self._name(impedance, label)
-        return seen, two_port
+        return Term(two_port, seen), Step("reflection", nodes, ((label, ((impedance, ""),)),), meaning)
 
-    def _swap(self, leaf: str, into: str, own: Register, two_port: str | None) -> None:
+    def _move_across(self, leaf: str, into: str, seen: Term) -> None:
+        """Draw a leaf on the near side of its TF or GY: its unknown and balance in the neighbour's units."""
+        net, program = self.net, self.program
+        size = net.entry(into, leaf)
+        for row in (net.sources[leaf], net.drives[leaf]):
+            row.update({source: program.div(amount, size) for source, amount in row.items()})
+        net.terms[leaf] = [Term(seen.name, program.inv(seen.register))]
+        net.matrix[into][leaf], net.matrix[leaf][into] = program.one, program.neg(program.one)
+        net.single[frozenset((leaf, into))] = Coupling(into, leaf)
+
+    def _swap(self, leaf: str, into: str, seen: Term, two_port: str | None) -> None:
         """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
         net, program = self.net, self.program
         scale = program.neg(net.entry(into, leaf))
         letter = "e" if net.kind[into] == "1" else "f"  # what a source feeds into a junction's balance
         label = self._fresh(f"{letter}_eq_{leaf}")
+        origin, sources = self._origin(leaf), tuple(net.drives[leaf])
 
         def swapped(row: dict[str, Register]) -> dict[str, Register]:
-            factor = program.mul(scale, program.inv(own))
+            factor = program.mul(scale, seen.register)
             return {source: program.mul(factor, amount) for source, amount in row.items()}
 
         for source, amount in swapped(net.sources[leaf]).items():
             self._add_source(into, source, amount)
         parts = tuple((amount, source) for source, amount in swapped(net.drives[leaf]).items())
         net.drives[into][label] = program.one
-        sources = tuple(net.drives[leaf])
         forms = {"0": ("flow", "Norton, eq 15"), "1": ("effort", "Thévenin, eq 16")}
         (have, old), (want, new) = forms[net.kind[leaf]], forms[net.kind[into]]
         plural = "" if len(sources) == 1 else "s"
         meaning = (
-            f"the {have} source{plural} {listed(sources)} with {self._origin(leaf)} on "
+            f"the {have} source{plural} {listed(sources)} with {origin} on "
             f"{net.kind[leaf]}-junction "
             f"{leaf} ({old}) is, for {into}, the equivalent {want} source {label} ({new})"
         )
@@ -159,12 +187,11 @@ class Elimination:
             meaning += f", seen through {two_port}"
         else:
             meaning += f"; the {net.kind[leaf]}-junction becomes a {net.kind[into]}-junction"
-        self.steps.append(Step("source swap", (*sources, *self.names(leaf)), ((label, parts),), meaning))
-        if (
-            two_port is None
-            and net.structure.junctions[leaf].members
-            and net.structure.junctions[into].members
-        ):
+        net.terms[into].append(seen)
+        net.remove(leaf)
+        self.record(Step("source swap", (*sources, *self.names(leaf)), ((label, parts),), meaning))
+        junctions = net.structure.junctions
+        if two_port is None and junctions[leaf].members and junctions[into].members:
             self._merge(leaf, into)
 
     def _merge(self, leaf: str, into: str) -> None:
@@ -173,7 +200,7 @@ class Elimination:
         common = COMMON[kind]
         meaning = f"{leaf} and {into} are {kind}-junctions now, joined by a bond: they merge"
         nodes = (*self.names(leaf), *self.names(into))
-        self.steps.append(Step("merge", nodes, ((f"{common}_{leaf}", f"{common}_{into}"),), meaning))
+        self.record(Step("merge", nodes, ((f"{common}_{leaf}", f"{common}_{into}"),), meaning))
 
     def _add_source(self, junction: str, source: str, amount: Register) -> None:
         row = self.net.sources[junction]
@@ -203,7 +230,8 @@ class Elimination:
                 f"{name} lies between {listed(neighbours)}: what it passes on to them is their multiport"
             )
         meaning += " equivalent (Schur complement of the nodal form, as star to mesh)"
-        self.steps.append(Step("junction elimination", self.names(name), tuple(definitions), meaning))
+        net.remove(name)
+        self.record(Step("junction elimination", self.names(name), tuple(definitions), meaning))
 
     def _pass_on(self, name: str, row: str, factor: Register) -> list[Definition]:
         """Add what drives an eliminated junction, times a factor, to a neighbour; return its definition."""
@@ -237,11 +265,12 @@ class Elimination:
         entry = net.matrix[name][self.root]
         self.held = {source: program.div(amount, entry) for source, amount in net.sources[name].items()}
         self.pivots.append(program.mul(entry, net.matrix[self.root][name]))
-        self.held_by = self._state_constraint(name, self.root)
+        self.held_by, step = self._constraint(name, self.root)
         net.remove(name)
+        self.record(step)
 
-    def _state_constraint(self, bare: str, fixed: str) -> tuple[tuple[Register, str], ...]:
-        """Write down and return what the balance of a bare junction says of a neighbour."""
+    def _constraint(self, bare: str, fixed: str) -> tuple[tuple[tuple[Register, str], ...], Step]:
+        """Return what the balance of a bare junction says of a neighbour, and the step that uses it."""
         net, program = self.net, self.program
         own = net.entry(bare, fixed)
         parts = [(program.div(amount, own), by) for by, amount in net.drives[bare].items()]
@@ -255,8 +284,7 @@ class Elimination:
         meaning = f"no element stands on {bare}, so its balance alone {tied}"
         nodes = (*self.names(bare), *self.names(fixed))
         definition = (f"{common}_{fixed}", tuple(parts))
-        self.steps.append(Step("constraint", nodes, (definition,), meaning))
-        return tuple(parts)
+        return tuple(parts), Step("constraint", nodes, (definition,), meaning)
 
     def eliminate_pair(self, partner: str, bare: str) -> list[str]:
         """Eliminate a bare junction with a neighbour, a 2 x 2 pivot [[d, a], [b, 0]]; return those around."""
@@ -287,9 +315,10 @@ class Elimination:
             for source, solved in sides.items():
                 self._add_source(row, source, program.neg(_dot(program, left, solved)))
             net.drives[row] = dict(net.sources[row])
-        self._state_constraint(bare, partner)
+        _, step = self._constraint(bare, partner)
         net.remove(bare)
         net.remove(partner)
+        self.record(step)
         return rows
 
 

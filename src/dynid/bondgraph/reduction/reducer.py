@@ -10,7 +10,7 @@ bare junction by the constraint it states.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from dynid.bondgraph.graph import Port
@@ -85,18 +85,32 @@ def reduce_graph(
     Singular
         Where the equations have no solution or more than one; it names the junctions and sources.
     """
-    return _Reducer(Network(structure, program, structure.place[port.node], inputs)).run(port)
+    return Reducer(Network(structure, program, structure.place[port.node], inputs)).run(port)
 
 
-class _Reducer:
-    """Eliminates every junction but the root, and reads the prototype off what is left."""
+class Reducer:
+    """Eliminates every junction but the root, and reads the prototype off what is left.
 
-    def __init__(self, network: Network) -> None:
+    Parameters
+    ----------
+    network
+        The network to reduce; it shrinks.
+    watch
+        Called whenever the network is whole, if somebody wants to look at it on the way.
+
+    Attributes
+    ----------
+    work
+        The elimination, with the steps taken so far.
+    """
+
+    def __init__(self, network: Network, watch: Callable[[], None] = lambda: None) -> None:
         self.net, self.program, self.root = network, network.program, network.root
-        self.work = Elimination(network)
+        self.work = Elimination(network, watch)
         self.nodal_form = NodalForm.of(network)
 
     def run(self, port: Port) -> Reduction:
+        """Reduce the network to the prototype at its root, for an output there."""
         self._eliminate_all()
         prototype = self._prototype(port)
         total = self.program.add(prototype.part_a, prototype.part_b)
@@ -105,7 +119,7 @@ class _Reducer:
                 raise self._singular()
             self.work.pivots.append(total)
         form = port_form(self.net, port, total)
-        self.work.steps.append(self._last_step(prototype, port, form))
+        self.work.record(self._last_step(prototype, port, form))
         modelled = self._modelled()
         return Reduction(
             port=port,

@@ -1,0 +1,188 @@
+"""What is left of a graph after each step of its reduction, made only when somebody asks.
+
+The reduction is run once more with somebody watching. Its program shares equal operations, so that nothing
+new is written: a snapshot holds registers of the reduction that it shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.reduction.junctions import JunctionStructure
+from dynid.bondgraph.reduction.network import Network, Term
+from dynid.bondgraph.reduction.port import PortForm, port_form
+from dynid.bondgraph.reduction.program import Program, Register
+from dynid.bondgraph.reduction.reducer import Reducer
+from dynid.bondgraph.reduction.steps import Step
+
+
+@dataclass(frozen=True)
+class JunctionState:
+    """A junction that is left, with what stands on it.
+
+    Parameters
+    ----------
+    kind
+        '0' or '1'.
+    nodes
+        The user's junctions in it; empty for one that was put in between.
+    terms
+        The immittances on it: impedances on a 1, admittances on a 0; elements, and what was reduced.
+    sources
+        What each input feeds into its balance.
+    drives
+        The same in terms of sources and equivalent sources, by the names of the steps.
+    """
+
+    kind: str
+    nodes: tuple[str, ...]
+    terms: tuple[Term, ...]
+    sources: dict[str, Register]
+    drives: dict[str, Register]
+
+
+@dataclass(frozen=True)
+class Link:
+    """What ties two junctions: a bond, a TF or GY, or a coupling that only the equations show.
+
+    Parameters
+    ----------
+    tail, head
+        The junctions.
+    forward, back
+        Factor of the head's unknown in the tail's balance, and of the tail's in the head's.
+    drawn
+        Whether it is one bond or two-port of the graph.
+    two_port
+        The TF or GY in it, if any.
+    """
+
+    tail: str
+    head: str
+    forward: Register
+    back: Register
+    drawn: bool
+    two_port: str | None
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The network after a step: the nodal form K x = b over the junctions that are left.
+
+    Parameters
+    ----------
+    step
+        The step just done; none for the graph as drawn.
+    port, root
+        The output, and the junction that it is read off.
+    junctions
+        The junctions that are left, by name.
+    links
+        The couplings between them.
+    known
+        The root's common variable for every input, where a source or a constraint fixes it; its balance
+        then gives the source's reaction.
+    reading
+        The output: `common` times the root's common variable, `drive` times what its balance lacks, and
+        `own` for the input that the output's node is, if it is one.
+    changed, gone
+        Junctions on which something changed in this step, and those that it consumed.
+    """
+
+    step: Step | None
+    port: Port
+    root: str
+    junctions: dict[str, JunctionState]
+    links: tuple[Link, ...]
+    known: dict[str, Register] | None
+    reading: PortForm
+    changed: tuple[str, ...]
+    gone: tuple[str, ...]
+
+
+def snapshots(
+    structure: JunctionStructure, program: Program, port: Port, inputs: Iterable[str]
+) -> tuple[Snapshot, ...]:
+    """Return the network before the first step of a reduction and after every one.
+
+    Parameters
+    ----------
+    structure, program, port, inputs
+        As for the reduction that is to be looked at.
+
+    Raises
+    ------
+    Singular
+        As the reduction itself.
+    """
+    network = Network(structure, program, structure.place[port.node], inputs)
+    camera = _Camera(network, port)
+    reducer = Reducer(network, camera.look)
+    camera.reducer = reducer
+    camera.look()
+    reducer.run(port)
+    return tuple(camera.taken)
+
+
+class _Camera:
+    """Takes the last whole state of the network for every number of steps done."""
+
+    reducer: Reducer
+
+    def __init__(self, network: Network, port: Port) -> None:
+        self.net, self.port = network, port
+        self.taken: list[Snapshot] = []
+
+    def look(self) -> None:
+        """Take a snapshot; what changed without a step belongs to the step before."""
+        steps = self.reducer.work.steps
+        if not steps and self.taken:
+            return  # the graph as drawn stays as it was drawn
+        del self.taken[len(steps) :]
+        before = self.taken[-1].junctions if self.taken else {}
+        left = {name: self._state(name) for name in self.net.matrix}
+        self.taken.append(
+            Snapshot(
+                step=steps[-1] if steps else None,
+                port=self.port,
+                root=self.net.root,
+                junctions=left,
+                links=tuple(self._links()),
+                known=self._known(),
+                reading=port_form(self.net, self.port, self.net.program.zero),
+                changed=tuple(name for name, state in left.items() if before and state != before[name]),
+                gone=tuple(name for name in before if name not in left),
+            )
+        )
+
+    def _state(self, name: str) -> JunctionState:
+        net = self.net
+        return JunctionState(
+            kind=net.kind[name],
+            nodes=tuple(net.structure.junctions[name].members),
+            terms=tuple(net.terms[name]),
+            sources=dict(net.sources[name]),
+            drives=dict(net.drives[name]),
+        )
+
+    def _links(self) -> Iterable[Link]:
+        net, seen = self.net, set()
+        for tail in net.matrix:
+            seen.add(tail)
+            for head in net.neighbours(tail):
+                if head not in seen:
+                    coupling = net.single.get(frozenset((tail, head)))
+                    two_port = coupling.two_port if coupling is not None else None
+                    pair = net.entry(tail, head), net.entry(head, tail)
+                    yield Link(tail, head, *pair, drawn=coupling is not None, two_port=two_port)
+
+    def _known(self) -> dict[str, Register] | None:
+        held, program = self.reducer.work.held, self.net.program
+        fixing = self.net.structure.junctions[self.net.root].fixing
+        if held is not None:
+            return {source: held.get(source, program.zero) for source in self.net.inputs}
+        if fixing is not None:
+            return {source: program.one if source == fixing else program.zero for source in self.net.inputs}
+        return None
