@@ -200,7 +200,8 @@ class Elimination:
         common = COMMON[kind]
         meaning = f"{leaf} and {into} are {kind}-junctions now, joined by a bond: they merge"
         nodes = (*self.names(leaf), *self.names(into))
-        self.record(Step("merge", nodes, ((f"{common}_{leaf}", f"{common}_{into}"),), meaning))
+        definition = (f"{common}_{leaf}", lambda hand: hand.name(f"{common}_{into}"))
+        self.record(Step("merge", nodes, (definition,), meaning))
 
     def _add_source(self, junction: str, source: str, amount: Register) -> None:
         row = self.net.sources[junction]

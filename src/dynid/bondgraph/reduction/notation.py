@@ -1,18 +1,22 @@
-"""Programs as text: short formulas from named intermediate results, or one nested formula."""
+"""Programs as formulas: short ones from named intermediate results, or one nested formula."""
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping
 
+from dynid.bondgraph.graph import Node
 from dynid.bondgraph.reduction.program import Op, Program, Register, operands
-
-_SUM, _SIGN, _PRODUCT, _POWER, _ATOM = range(5)
+from dynid.bondgraph.reduction.writing import TEXT, Hand, Written
 
 
 def express(
-    program: Program, register: Register, symbols: Mapping[str, str], labels: Mapping[Register, str]
-) -> str:
-    """Return a register as a formula that SymPy could read.
+    program: Program,
+    register: Register,
+    nodes: Mapping[str, Node],
+    labels: Mapping[Register, str],
+    hand: Hand = TEXT,
+) -> Written:
+    """Return a register as a formula.
 
     Parameters
     ----------
@@ -20,30 +24,32 @@ def express(
         Holds the register.
     register
         What to print.
-    symbols
-        What stands for the value of each node.
+    nodes
+        The nodes of the graph.
     labels
         Names of intermediate results, at which to stop (but the register itself is spelled out); none: write
         everything in terms of the elements.
+    hand
+        How to write.
     """
-    known: dict[Register, tuple[str, int]] = {}
-    for current in _in_order(program, register, labels):
+    known: dict[Register, Written] = {}
+    for current in in_order(program, register, labels):
         if current != register and current in labels:
-            known[current] = labels[current], _ATOM
+            known[current] = hand.name(labels[current])
         else:
-            known[current] = _write(*program.ops[current], known, symbols)
-    return known[register][0]
+            known[current] = _write(*program.ops[current], known, nodes, hand)
+    return known[register]
 
 
 def length(program: Program, register: Register, limit: int) -> int:
     """Count the operations of a nested formula, up to a limit (a shared part counts each time)."""
     counts: dict[Register, int] = {}
-    for current in _in_order(program, register, ()):
+    for current in in_order(program, register, ()):
         counts[current] = min(limit, 1 + sum(counts[operand] for operand in operands(*program.ops[current])))
     return counts[register]
 
 
-def _in_order(program: Program, register: Register, stops: Container[Register]) -> Iterator[Register]:
+def in_order(program: Program, register: Register, stops: Container[Register]) -> Iterator[Register]:
     """Yield what a register is made of, operands first, without recursion: programs are deep."""
     done: set[Register] = set()
     stack = [register]
@@ -61,28 +67,24 @@ def _in_order(program: Program, register: Register, stops: Container[Register]) 
 
 
 def _write(
-    op: Op, a: int, b: int, known: Mapping[int, tuple[str, int]], symbols: Mapping[str, str]
-) -> tuple[str, int]:
+    op: Op, a: int, b: int, known: Mapping[int, Written], nodes: Mapping[str, Node], hand: Hand
+) -> Written:
     match op:
         case Op.CONSTANT:
-            return str(a), _ATOM if a >= 0 else _SIGN
+            return hand.integer(a)
         case Op.PARAMETER:
-            return symbols[str(a)], _ATOM
+            return hand.value(nodes[str(a)])
         case Op.LAPLACE:
-            return "s", _ATOM
+            return hand.name("s")
         case Op.NEG:
-            return "-" + _bracket(known[a], _PRODUCT), _SIGN
+            return hand.negative(known[a])
         case Op.ADD:
-            return f"{_bracket(known[a], _SUM)} + {_bracket(known[b], _PRODUCT)}", _SUM
+            return hand.total(known[a], known[b])
         case Op.SUB:
-            return f"{_bracket(known[a], _SUM)} - {_bracket(known[b], _PRODUCT)}", _SUM
+            return hand.difference(known[a], known[b])
         case Op.MUL if a == b:
-            return f"{_bracket(known[a], _ATOM)}**2", _POWER
+            return hand.power(known[a], hand.integer(2))
         case Op.MUL:
-            return f"{_bracket(known[a], _PRODUCT)}*{_bracket(known[b], _POWER)}", _PRODUCT
+            return hand.product(known[a], known[b])
         case Op.DIV:
-            return f"{_bracket(known[a], _PRODUCT)}/{_bracket(known[b], _POWER)}", _PRODUCT
-
-
-def _bracket(text: tuple[str, int], least: int) -> str:
-    return text[0] if text[1] >= least else f"({text[0]})"
+            return hand.quotient(known[a], known[b])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from dynid.bondgraph.graph import STORAGES, Port
 from dynid.bondgraph.reduction.network import Network, Term
 from dynid.bondgraph.reduction.program import Program, Register
+from dynid.bondgraph.reduction.writing import TEXT, Hand, Written
 
 
 @dataclass(frozen=True)
@@ -47,15 +48,17 @@ class Prototype:
             self.kind, self.fixed
         ]
 
-    @property
-    def equation(self) -> str:
-        """The driving-point relation (eqs 1 to 4)."""
-        return {
-            "a": "Z = Z_A + Z_B",
-            "b": "Y = Y_A + Y_B",
-            "c": "Z = Z_B/(1 + Z_B*Y_A)",
-            "d": "Y = Y_B/(1 + Y_B*Z_A)",
-        }[self.letter]
+    def relation(self, hand: Hand) -> Written:
+        """Write the right-hand side of the driving-point relation (eqs 1 to 4)."""
+        names = {"a": ("Z_A", "Z_B"), "b": ("Y_A", "Y_B"), "c": ("Y_A", "Z_B"), "d": ("Z_A", "Y_B")}
+        a, b = (hand.name(name) for name in names[self.letter])
+        if self.fixed:
+            return hand.total(a, b)
+        return hand.quotient(b, hand.total(hand.integer(1), hand.product(b, a)))
+
+    def equation(self, hand: Hand = TEXT) -> str:
+        """Write the driving-point relation (eqs 1 to 4)."""
+        return f"{'Z' if self.letter in 'ac' else 'Y'} = {self.relation(hand)[0]}"
 
     @property
     def systems(self) -> tuple[tuple[str, Register], tuple[str, Register]]:

@@ -21,7 +21,7 @@ from dynid.bondgraph.reduction.port import PortForm, channel, port_form
 from dynid.bondgraph.reduction.program import Program, Register
 from dynid.bondgraph.reduction.prototypes import Prototype, split_root
 from dynid.bondgraph.reduction.singularity import NodalForm, explain_singularity
-from dynid.bondgraph.reduction.steps import Definition, Step
+from dynid.bondgraph.reduction.steps import Definition, Formula, Step
 
 
 @dataclass(frozen=True)
@@ -162,14 +162,16 @@ class Reducer:
         names = self.work.names(self.root)
         return Step("prototype", names, tuple(definitions), prototype.describe(self.root))
 
-    def _common_in_words(self, prototype: Prototype, source: str) -> tuple[tuple[Register, str], ...] | str:
+    def _common_in_words(
+        self, prototype: Prototype, source: str
+    ) -> tuple[tuple[Register, str], ...] | Formula:
         """Return what the root's common variable equals: what fixes it, or the prototype's relation."""
         fixing = self.net.structure.junctions[self.root].fixing
         if self.work.held is not None:
             return self.work.held_by
         if fixing is not None:
             return ((self.program.one, fixing),) if fixing in self.net.inputs else ()
-        return prototype.equation.partition(" = ")[2] + f"*{source}"
+        return lambda hand: hand.scaled(prototype.relation(hand), source)
 
     def _prototype(self, port: Port) -> Prototype:
         element, rest = split_root(self.net, port, self._root_known())

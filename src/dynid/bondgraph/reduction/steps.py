@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from dynid.bondgraph.reduction.program import Register
+from dynid.bondgraph.reduction.writing import Hand, Written
 
+#: A formula in names that were defined before.
+Formula = Callable[[Hand], Written]
 #: A name, and the registers that sum up to it, each with the variable that it multiplies (empty: none); or
-#: a formula in names that were defined before.
-Definition = tuple[str, tuple[tuple[Register, str], ...] | str]
+#: a formula.
+Definition = tuple[str, tuple[tuple[Register, str], ...] | Formula]
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.notation import express, length
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.reduction.steps import Step
+from dynid.bondgraph.reduction.writing import LATEX, TEXT, Hand, Written
 from dynid.result import Result
 
 #: Longest nested formula of a prototype's system that is written out, in operations.
@@ -18,13 +17,12 @@ _READABLE = 40
 
 def add_steps(result: Result, reduced: ReducedGraph) -> None:
     """Add the steps to every output, in order: rule, nodes, equation and meaning."""
-    symbols = {name: node.symbol for name, node in reduced.graph.nodes.items()}
     rows = []
     for port, reduction in reduced.reductions.items():
         for step in reduction.steps:
-            equations = _equations(reduced, reduction, step, symbols)
-            rows.append((step.rule, ", ".join(step.nodes), equations, step.meaning, str(port)))
-    names = ("rule", "nodes", "equation", "meaning", "output")
+            text, latex = (equations(reduced, reduction, step, hand) for hand in (TEXT, LATEX))
+            rows.append((step.rule, ", ".join(step.nodes), text, step.meaning, str(port), latex))
+    names = ("rule", "nodes", "equation", "meaning", "output", "latex")
     table = np.array(rows, dtype=[(name, object) for name in names])
     result.add_axis("bond_graph/reduction/step", np.arange(1, len(rows) + 1))
     result.add("bond_graph/reduction/steps", table, ("step",))
@@ -32,7 +30,6 @@ def add_steps(result: Result, reduced: ReducedGraph) -> None:
 
 def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
     """Add the prototype at every output: its letter, its equation, and the systems A and B."""
-    symbols = {name: node.symbol for name, node in reduced.graph.nodes.items()}
     ports = list(reduced.reductions)
     result.add_axis("bond_graph/reduction/output", [str(port) for port in ports])
     letters = [reduced.reductions[port].prototype.letter for port in ports]
@@ -41,39 +38,43 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
     else:
         result.add("bond_graph/reduction/prototype", letters, ("output",))
     prototypes = [reduced.reductions[port].prototype for port in ports]
-    result.add("bond_graph/reduction/prototype_equation", [p.equation for p in prototypes], ("output",))
-    for part, index in (("system_a", 0), ("system_b", 1)):
-        texts = []
-        for port, prototype in zip(ports, prototypes, strict=True):
-            name, register = prototype.systems[index]
-            nested = length(reduced.program, register, _READABLE) < _READABLE
-            labels = {} if nested else reduced.reductions[port].labels
-            texts.append(f"{name} = {express(reduced.program, register, symbols, labels)}")
-        result.add(f"bond_graph/reduction/{part}", texts, ("output",))
+    for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
+        texts = [prototype.equation(hand) for prototype in prototypes]
+        result.add(f"bond_graph/reduction/prototype_equation{suffix}", texts, ("output",))
+        for part, index in (("system_a", 0), ("system_b", 1)):
+            texts = [_system(reduced, reduced.reductions[port], index, hand) for port in ports]
+            result.add(f"bond_graph/reduction/{part}{suffix}", texts, ("output",))
 
 
-def _equations(reduced: ReducedGraph, reduction: Reduction, step: Step, symbols: Mapping[str, str]) -> str:
+def _system(reduced: ReducedGraph, reduction: Reduction, index: int, hand: Hand) -> str:
+    """Write system A or B of a prototype: nested while that is readable, else by the names of the steps."""
+    name, register = reduction.prototype.systems[index]
+    nested = length(reduced.program, register, _READABLE) < _READABLE
+    labels = {} if nested else reduction.labels
+    text, _ = express(reduced.program, register, reduced.graph.nodes, labels, hand)
+    return f"{hand.name(name)[0]} = {text}"
+
+
+def equations(reduced: ReducedGraph, reduction: Reduction, step: Step, hand: Hand) -> str:
     """Write the equations of a step, in terms of what earlier steps have named."""
     lines = []
     for name, parts in step.definitions:
-        if isinstance(parts, str):
-            lines.append(f"{name} = {parts}")
-            continue
-        total = ""
-        for register, variable in parts:
-            label = reduction.labels.get(register)
-            named = label is not None and label != name
-            text = label if named else express(reduced.program, register, symbols, reduction.labels)
-            term = _times(str(text), variable)
-            total += f" - {term[1:]}" if total and term.startswith("-") else f" + {term}" if total else term
-        lines.append(f"{name} = {total or '0'}")
-    return "; ".join(lines)
+        if callable(parts):
+            text, _ = parts(hand)
+        else:
+            text, _ = hand.listed([_term(reduced, reduction, name, part, hand) for part in parts])
+        lines.append(f"{hand.name(name)[0]} = {text}")
+    return ("; " if hand is TEXT else r";\quad ").join(lines)
 
 
-def _times(coefficient: str, variable: str) -> str:
-    """Write a coefficient times a variable, where there is one."""
-    if not variable:
-        return coefficient
-    if coefficient in ("1", "-1"):
-        return coefficient.replace("1", variable)
-    return f"({coefficient})*{variable}" if " " in coefficient else f"{coefficient}*{variable}"
+def _term(
+    reduced: ReducedGraph, reduction: Reduction, name: str, part: tuple[int, str], hand: Hand
+) -> Written:
+    """Write a register, by its label unless that is what is being defined, times its variable."""
+    register, variable = part
+    label = reduction.labels.get(register)
+    if label is not None and label != name:
+        coefficient = hand.name(label)
+    else:
+        coefficient = express(reduced.program, register, reduced.graph.nodes, reduction.labels, hand)
+    return hand.scaled(coefficient, variable)
