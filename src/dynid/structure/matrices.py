@@ -43,6 +43,14 @@ def as_array(matrix: Matrix) -> Array:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
+def combined(alpha: float, A: Matrix, beta: float, B: Matrix) -> Matrix:
+    """Return ``alpha A + beta B``, sparse where both are."""
+    if isinstance(A, np.ndarray) or isinstance(B, np.ndarray):
+        return alpha * as_array(A) + beta * as_array(B)
+    total: Sparse = (alpha * A + beta * B).tocsc()
+    return total
+
+
 def as_matrix(name: str, values: Any, n: int, *, sparse: bool = False) -> Matrix:
     """Return an n x n matrix in double precision, finite and exactly symmetric, read-only where dense.
 
