@@ -44,6 +44,10 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     asked = analysis.results
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, asked)
+    if "sensitivities" in asked:
+        from dynid.bondgraph.results.sensitivities import add_sensitivities
+
+        add_sensitivities(result, reduced, analysis.parameters)
     if "reduction" in asked:
         add_steps(result, reduced)
     if asked & {"reduction", "prototype"}:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import TYPE_CHECKING, Literal, get_args
 
 from dynid.bondgraph.graph import Port
@@ -20,6 +21,7 @@ ResultName = Literal[
     "poles",
     "properties",
     "hidden_modes",
+    "sensitivities",
     "reduction",
     "prototype",
     "state_space",
@@ -32,6 +34,25 @@ RESULTS: tuple[ResultName, ...] = get_args(ResultName)
 
 #: What is computed when nothing in particular is asked for, beside the responses.
 USUAL: frozenset[ResultName] = frozenset({"transfer_function", "zeros", "poles", "properties", "reduction"})
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What a sensitivity is taken by: a node's value, or a parameter behind the values of several.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    value
+        Its value.
+    rates
+        The derivative of each node's value by it, for the nodes that depend on it.
+    """
+
+    name: str
+    value: Fraction
+    rates: Mapping[str, Fraction]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +75,8 @@ class Analysis:
         What drives the time response: pairs of an input and a signal; those of one input add up.
     initial
         Stored energy at t = 0: the flow of an I, the effort of a C.
+    parameters
+        What sensitivities are taken by; absent: the value of every node.
     """
 
     inputs: tuple[str, ...]
@@ -63,3 +86,4 @@ class Analysis:
     times: NDArray[np.float64] | None = None
     signals: tuple[tuple[str, Signal], ...] = ()
     initial: Mapping[str, float] = field(default_factory=dict)
+    parameters: tuple[Parameter, ...] | None = None

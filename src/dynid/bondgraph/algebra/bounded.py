@@ -41,6 +41,9 @@ class Bounded:
         value = np.complex128(value)
         return cls(value, _UNIT * np.abs(value))
 
+    def __getitem__(self, key: Any) -> Bounded:
+        return Bounded(self.value[key], np.asarray(self.error)[key])
+
     def __add__(self, other: Bounded) -> Bounded:
         value = self.value + other.value
         return Bounded(value, self.error + other.error + _SUM * np.abs(value))

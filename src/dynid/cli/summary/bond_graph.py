@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from dynid.cli.summary.numbers import root_text
 from dynid.cli.summary.responses import response_lines
+from dynid.cli.summary.sensitivities import sensitivity_lines
 from dynid.result import Result
 
 #: Most zeros, poles or steps that are listed.
@@ -56,7 +58,7 @@ def _reduction(result: Result) -> Iterable[str]:
 
 def _channels(result: Result) -> list[tuple[str, str]]:
     """List (output, input) of every channel with exact results."""
-    prefixes = ("bond_graph/transfer_function/", "bond_graph/properties/")
+    prefixes = ("bond_graph/transfer_function/", "bond_graph/properties/", "bond_graph/sensitivities/")
     found = [path.split("/")[2:4] for path in result if path.startswith(prefixes)]
     return list(dict.fromkeys((output, source) for output, source in found))
 
@@ -74,6 +76,7 @@ def _channel(result: Result, output: str, source: str) -> Iterable[str]:
     if f"{transfer}/poles" in result:
         yield from _modes(result[f"{transfer}/poles"].data)
     yield from _numbers(result, properties)
+    yield from sensitivity_lines(result, f"bond_graph/sensitivities/{output}/{source}")
 
 
 def _formula(result: Result, group: str) -> Iterable[str]:
@@ -117,15 +120,9 @@ def _roots(roots: np.ndarray[Any, Any]) -> str:
     """Write roots, conjugate pairs as one."""
     if not len(roots):
         return "none"
-    shown = [_root(root) for root in roots if root.imag >= 0]
+    shown = [root_text(root) for root in roots if root.imag >= 0]
     more = f", … ({len(roots)} in all)" if len(shown) > _MOST else ""
     return ", ".join(shown[:_MOST]) + more
-
-
-def _root(root: complex) -> str:
-    if root.imag == 0:
-        return f"{root.real:.4g}"
-    return f"± {root.imag:.4g}j" if root.real == 0 else f"{root.real:.4g} ± {root.imag:.4g}j"
 
 
 def _polynomial(coefficients: np.ndarray[Any, Any]) -> str:

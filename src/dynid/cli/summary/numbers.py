@@ -53,6 +53,13 @@ def with_error(value: float, error: float) -> str:
     return f"{_fixed(value, digits)} ± {_fixed(error, digits)}"
 
 
+def root_text(root: complex) -> str:
+    """Write a root, or the upper one of a conjugate pair for both."""
+    if root.imag == 0:
+        return f"{root.real:.4g}"
+    return f"± {root.imag:.4g}j" if root.real == 0 else f"{root.real:.4g} ± {root.imag:.4g}j"
+
+
 def _exponent(value: float, digits: int) -> int:
     """Return the power of ten of a number as it is written with so many decimals."""
     return int(f"{value:.{digits}e}".partition("e")[2])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING, cast
 
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import BondGraph, Node, NodeType
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.question import Analysis, Parameter
 from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.bond_graph import BondGraphScene
@@ -38,6 +39,7 @@ def run(scene: Scene) -> Result:
         times=record_of(wanted.time).times if wanted.time else None,
         signals=_signals(scene, model, inputs) if "time_response" in asked else (),
         initial={name: float(given.f or given.e or 0) for name, given in model.initial.items()},
+        parameters=_parameters(model) if "sensitivities" in asked else None,
     )
     return analyse(graph, analysis, scene.title)
 
@@ -54,6 +56,26 @@ def build_graph(model: BondGraphScene) -> BondGraph:
         for name, node in model.graph.nodes.items()
     ]
     return BondGraph(nodes, [bond for chain in model.graph.bonds for bond in chain])
+
+
+def _parameters(model: BondGraphScene) -> tuple[Parameter, ...]:
+    """Return what sensitivities are taken by: the scene's parameters, and the values written as numbers."""
+    from dynid.scene.arithmetic.derivatives import differentiate, independent_parameters
+    from dynid.scene.arithmetic.numbers import to_fraction
+
+    known = independent_parameters(model.parameters)
+    rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}
+    numbers = []
+    for name, node in model.graph.nodes.items():
+        if node.value is None:
+            continue
+        if node.value.expression is None or not node.value.expression.names:
+            numbers.append(Parameter(name, node.value.exact, {name: Fraction(1)}))
+            continue
+        for parameter, slope in differentiate(node.value.expression, known).slopes.items():
+            rates[parameter][name] = to_fraction(slope)
+    named = [Parameter(name, to_fraction(known[name].value), found) for name, found in rates.items()]
+    return (*named, *numbers)
 
 
 def _signals(scene: Scene, model: BondGraphScene, inputs: tuple[str, ...]) -> tuple[tuple[str, Signal], ...]:

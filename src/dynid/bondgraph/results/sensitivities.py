@@ -1,0 +1,78 @@
+"""Sensitivities of zeros, poles and gains to every parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from dynid.bondgraph.natural import characteristic_polynomials
+from dynid.bondgraph.question import Parameter
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.sensitivity import sensitivity
+from dynid.bondgraph.transfer import TransferFunction
+from dynid.lti.certified import certified_roots, repeated
+from dynid.result import Result
+
+_NOTE = (
+    "inf: roots meet there, and part with a root of the parameter; of a multiple root it is the mean "
+    "that moves as said"
+)
+
+
+def add_sensitivities(result: Result, reduced: ReducedGraph, given: Sequence[Parameter] | None) -> None:
+    """Add the derivatives of every channel's zeros, poles and gains by the parameters.
+
+    Beside each derivative stands the one by the parameter's logarithm (`…_relative`): what moves per
+    relative change, so that parameters of different units can be compared.
+    """
+    channels = reduced.channels()
+    ratios = reduced.rational(channels.values())
+    modes = {port: repeated(certified_roots(p)) for port, p in characteristic_polynomials(reduced).items()}
+    parameters = _parameters(reduced, given)
+    for (port, source), register in channels.items():
+        transfer = TransferFunction.of(ratios[register])
+        zeros, poles = transfer.zeros, transfer.poles
+        found = sensitivity(reduced, register, zeros, poles, modes[port], parameters)
+        group = f"bond_graph/sensitivities/{port}/{source}"
+        result.annotate(group, note=_NOTE)
+        result.add_axis(f"{group}/parameter", np.array([p.name for p in parameters], dtype=object))
+        sizes = np.array([float(p.value) for p in parameters])
+        result.add(f"{group}/value", sizes, ("parameter",))
+        for name, roots, rates in (("zero", zeros, found.zeros), ("pole", poles, found.poles)):
+            values = repeated(roots)
+            result.add_axis(f"{group}/{name}", np.arange(1, len(values) + 1))
+            result.add(f"{group}/{name}s", values, (name,), "rad/s")
+            _add_rates(result, f"{group}/{name}_sensitivity", rates, sizes, (name, "parameter"), "rad/s")
+        _add_rates(result, f"{group}/dc_gain_sensitivity", found.dc_gain, sizes, ("parameter",))
+        _add_rates(
+            result,
+            f"{group}/high_frequency_gain_sensitivity",
+            found.high_frequency_gain,
+            sizes,
+            ("parameter",),
+        )
+
+
+def _add_rates(
+    result: Result, path: str, rates: Any, sizes: Any, dims: tuple[str, ...], units: str = ""
+) -> None:
+    per_unit = f"{units or '1'}/(unit of the parameter)"
+    result.add(path, rates, dims, per_unit)
+    finite = np.isfinite(rates)
+    relative = np.where(finite, np.where(finite, rates, 0) * sizes, np.inf)
+    result.add(f"{path}_relative", relative, dims, units)
+
+
+def _parameters(reduced: ReducedGraph, given: Sequence[Parameter] | None) -> list[Parameter]:
+    """Return the parameters that the reduced part depends on; by default the values of its nodes."""
+    modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
+    if given is not None:
+        return [parameter for parameter in given if modelled & parameter.rates.keys()]
+    return [
+        Parameter(name, reduced.graph.value(name), {name: Fraction(1)})
+        for name in reduced.valued
+        if name in modelled
+    ]
