@@ -53,7 +53,7 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     forms = [system.output(port) for port in reduced.outputs]
     rates, outputs = solve(system.equations, forms)
     columns = [*reduced.inputs, *(f"initial:{name}" for name in initial)]
-    return _rounded(system, rates, outputs, columns, [str(port) for port in reduced.outputs])
+    return rounded(system, rates, outputs, columns, [str(port) for port in reduced.outputs])
 
 
 def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
@@ -86,7 +86,7 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
     system, equations = _constrained(reduced, port, source)
     with _unreached(port, source):
         rates, outputs = solve(equations, [system.signal(source)])
-    return _rounded(system, rates, outputs, [], [source])
+    return rounded(system, rates, outputs, [], [source])
 
 
 def zero_blocks(reduced: ReducedGraph, port: Port, source: str) -> tuple[StateSpace, ...]:
@@ -115,7 +115,7 @@ def zero_blocks(reduced: ReducedGraph, port: Port, source: str) -> tuple[StateSp
     system, equations = _constrained(reduced, port, source)
     with _unreached(port, source):
         solved = [solve(block, [])[0] for block in irreducible_blocks(equations)]
-    return tuple(_rounded(system, rates, [], [], []) for rates in solved if rates)
+    return tuple(rounded(system, rates, [], [], []) for rates in solved if rates)
 
 
 def _constrained(reduced: ReducedGraph, port: Port, source: str) -> tuple[Descriptor, list[Form]]:
@@ -144,7 +144,7 @@ def _unreached(port: Port, source: str) -> Iterator[None]:
         ) from None
 
 
-def _rounded(
+def rounded(
     system: Descriptor,
     rates: dict[str, Form],
     outputs: list[Form],

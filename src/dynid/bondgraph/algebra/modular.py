@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 
 from dynid.bondgraph.reduction.program import Point
@@ -11,19 +11,19 @@ from dynid.bondgraph.reduction.program import Point
 _LARGEST = (1 << 61) - 1  # a prime
 
 
-def prime_for(values: Iterable[Fraction]) -> int:
-    """Return a large prime that divides no numerator or denominator of these values."""
+def primes() -> Iterator[int]:
+    """Yield large primes, the largest first."""
     from flint import fmpz
 
+    return (candidate for candidate in range(_LARGEST, 1, -2) if fmpz(candidate).is_prime())
+
+
+def prime_for(values: Iterable[Fraction]) -> int:
+    """Return a large prime that divides no numerator or denominator of these values."""
     product = 1
     for value in values:
         product *= (value.numerator or 1) * value.denominator
-    prime = _LARGEST
-    while product % prime == 0:
-        prime -= 2
-        while not fmpz(prime).is_prime():
-            prime -= 2
-    return prime
+    return next(prime for prime in primes() if product % prime)
 
 
 def random_point(names: Iterable[str], prime: int) -> Point:

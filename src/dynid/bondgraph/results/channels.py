@@ -30,7 +30,8 @@ def add_channels(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -
         if "properties" in asked:
             _add_properties(result, channel, transfer, reduced.reductions[channel[0]])
         if natural:
-            _add_hidden_modes(result, reduced, channel, transfer, natural[channel[0]])
+            explained = "hidden_modes" in asked
+            _add_hidden_modes(result, reduced, channel, transfer, natural[channel[0]], explained=explained)
 
 
 def _add_transfer_function(
@@ -90,10 +91,30 @@ def _shown(reduced: ReducedGraph, port: Port, transfer: TransferFunction) -> Any
 
 
 def _add_hidden_modes(
-    result: Result, reduced: ReducedGraph, channel: Channel, transfer: TransferFunction, natural: Any
+    result: Result,
+    reduced: ReducedGraph,
+    channel: Channel,
+    transfer: TransferFunction,
+    natural: Any,
+    *,
+    explained: bool,
 ) -> None:
-    """Add the natural modes that cancel in the channel: uncontrollable, unobservable, or both."""
+    """Add the natural modes that cancel in the channel, and why where that is asked for."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-    hidden = repeated(certified_roots(natural // natural.gcd(_shown(reduced, channel[0], transfer))))
-    result.add_axis(f"{group}/hidden_mode", np.arange(1, len(hidden) + 1))
-    result.add(f"{group}/hidden_modes", hidden, ("hidden_mode",), "rad/s")
+    polynomial = natural // natural.gcd(_shown(reduced, channel[0], transfer))
+    if not explained:
+        _add_modes(result, group, repeated(certified_roots(polynomial)))
+        return
+    from dynid.bondgraph.hidden import hidden_modes
+
+    modes = [
+        mode for mode in hidden_modes(reduced, channel, polynomial) for _ in range(mode.root.multiplicity)
+    ]
+    _add_modes(result, group, np.array([mode.root.value for mode in modes], dtype=complex))
+    result.add(f"{group}/hidden_mode_cause", [mode.cause for mode in modes], ("hidden_mode",))
+    result.add(f"{group}/hidden_mode_elements", [mode.elements for mode in modes], ("hidden_mode",))
+
+
+def _add_modes(result: Result, group: str, values: Any) -> None:
+    result.add_axis(f"{group}/hidden_mode", np.arange(1, len(values) + 1))
+    result.add(f"{group}/hidden_modes", values, ("hidden_mode",), "rad/s")

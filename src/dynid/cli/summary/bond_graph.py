@@ -101,6 +101,20 @@ def _numbers(result: Result, group: str) -> Iterable[str]:
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
         yield f"    hidden modes (natural modes that this channel does not show)  {_roots(hidden.data)}"
+        yield from _causes(result, group, hidden.data)
+
+
+def _causes(result: Result, group: str, modes: np.ndarray[Any, Any]) -> Iterable[str]:
+    """Say of each hidden mode why it is one and what holds its energy, where that was asked for."""
+    if f"{group}/hidden_mode_cause" not in result:
+        return
+    causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
+    upper = [place for place, root in enumerate(modes) if root.imag >= 0]
+    for place in upper[:_MOST]:
+        held = f"; its energy is in {elements[place]}" if elements[place] else ""
+        yield from (
+            f"            {line}" for line in wrap(f"{root_text(modes[place])}: {causes[place]}{held}", 92)
+        )
 
 
 def _wrapped(result: Result, path: str) -> Iterable[str]:
