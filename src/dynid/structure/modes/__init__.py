@@ -1,0 +1,6 @@
+"""Natural frequencies, mode shapes and modal damping, with none missed."""
+
+from dynid.structure.modes.solution import Modes
+from dynid.structure.modes.solve import modes
+
+__all__ = ["Modes", "modes"]

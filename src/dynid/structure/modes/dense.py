@@ -1,0 +1,127 @@
+"""All modes of small structures, by dense matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Singular, UsageError
+from dynid.structure.modes.pencil import Pencil
+
+Array = NDArray[np.float64]
+
+# A spread of eigenvalues beyond which the low ones lose digits to the high ones in one decomposition.
+_SPREAD = 1e4
+
+
+def eigenpairs(pencil: Pencil) -> tuple[Array, Array, int]:
+    """Return the finite eigenvalues, eigenvectors of unit modal mass, and the number of infinite ones.
+
+    Directions without mass follow the others without inertia: they are condensed exactly.
+
+    Raises
+    ------
+    Singular
+        If a motion has neither inertia nor strain energy.
+    UsageError
+        If the mass is indefinite.
+    """
+    K, M = np.asarray(pencil.K), np.asarray(pencil.M)
+    back, K, M = _condensed(K, M, pencil.without_mass)
+    T, K, M = _condensed_to_range(K, M)
+    square, shapes = _both_ends(K, M)
+    return square, back @ (T @ shapes), pencil.size - len(M)
+
+
+def _condensed(K: Array, M: Array, zero: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    """Condense DOFs without mass; return the way back (n x kept) and the condensed matrices."""
+    n = len(K)
+    if len(zero) == 0:
+        return np.eye(n), K, M
+    keep = np.setdiff1d(np.arange(n), zero)
+    if np.any(M[zero]):
+        raise UsageError(
+            f"the mass matrix is indefinite: DOF {zero[np.argmax(np.any(M[zero], axis=1))] + 1} has no mass "
+            "on the diagonal, but beside it",
+            remedy="Check the mass matrix.",
+        )
+    follow = -_solved(K[np.ix_(zero, zero)], K[np.ix_(zero, keep)])
+    back = np.zeros((n, len(keep)))
+    back[keep, np.arange(len(keep))] = 1.0
+    back[zero] = follow
+    condensed = K[np.ix_(keep, keep)] + K[np.ix_(keep, zero)] @ follow
+    return back, (condensed + condensed.T) / 2, M[np.ix_(keep, keep)]
+
+
+def _condensed_to_range(K: Array, M: Array) -> tuple[Array, Array, Array]:
+    """Condense what is left of the null space of M, directions that are no single DOFs."""
+    from scipy.linalg import cholesky, eigh
+
+    d = 1 / np.sqrt(np.diag(M))
+    K, M = K * d * d[:, None], M * d * d[:, None]
+    tolerance = len(M) * float(np.finfo(float).eps)
+    try:
+        pivots = np.diag(cholesky(M)) ** 2
+        if pivots.min(initial=1.0) > 100 * tolerance:
+            return np.diag(d), K, M
+    except np.linalg.LinAlgError:
+        pass
+    inertia, Q = eigh(M)
+    if inertia[0] < -10 * tolerance:
+        raise UsageError(
+            f"the mass matrix is indefinite (it has a negative eigenvalue, {inertia[0]:.2g} when scaled to a "
+            "unit diagonal)",
+            remedy="Check signs and units of the masses.",
+        )
+    null = inertia <= 10 * tolerance
+    R, Z = Q[:, ~null], Q[:, null]
+    T = R - Z @ _solved(Z.T @ K @ Z, Z.T @ K @ R)
+    condensed = T.T @ K @ T
+    return d[:, None] * T, (condensed + condensed.T) / 2, np.diag(inertia[~null])
+
+
+def _solved(K: Array, right: Array) -> Array:
+    """Solve with the stiffness of massless directions, which must hold them."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    d = np.sqrt(np.abs(np.diag(K)))
+    d = np.where(d > 0, d, 1.0)
+    try:
+        factor = cho_factor(K / d / d[:, None])
+        if np.diag(factor[0]).min(initial=1.0) ** 2 <= 10 * len(K) * np.finfo(float).eps:
+            raise np.linalg.LinAlgError
+    except np.linalg.LinAlgError:
+        raise Singular(
+            "massless DOFs can move without strain: the structure has a motion with neither inertia nor "
+            "stiffness",
+            remedy="Give them mass, or join them.",
+        ) from None
+    return np.asarray(cho_solve(factor, right / d[:, None]) / d[:, None])
+
+
+def _both_ends(K: Array, M: Array) -> tuple[Array, Array]:
+    """Solve the regular problem; where the spectrum is wide, the low part by the inverted problem.
+
+    ``eigh(K, M)`` has absolute errors of eps times the highest eigenvalue; ``eigh(M, K + a M)``, whose
+    eigenvalues are 1/(lambda + a), resolves the lowest ones instead.
+    """
+    from scipy.linalg import eigh
+
+    if len(K) == 0:
+        return np.zeros(0), np.zeros((0, 0))
+    square, shapes = eigh(K, M)
+    top = float(np.abs(square).max())
+    rounding = len(K) * float(np.finfo(float).eps) * top
+    elastic = float(square[square > 10 * rounding].min(initial=top))
+    if square[0] < -1e-3 * top or elastic * _SPREAD > top > 0:
+        return square, shapes
+    try:
+        inverse, inverted = eigh(M, K + elastic * M)
+    except np.linalg.LinAlgError:  # K is indefinite: said by who checks the eigenvalues
+        return square, shapes
+    low = 1 / inverse[::-1] - elastic
+    split = int(np.count_nonzero(square < np.sqrt(elastic * top)))
+    square[:split] = low[:split]
+    # Unit modal mass: the eigenvectors have unit phi^T (K + a M) phi.
+    shapes[:, :split] = inverted[:, ::-1][:, :split] / np.sqrt(inverse[::-1][:split])
+    return square, shapes

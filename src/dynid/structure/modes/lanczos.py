@@ -1,0 +1,168 @@
+"""Thick-restart Lanczos iteration in the inner product of the mass.
+
+K. Wu, H. Simon, Thick-restart Lanczos method for large symmetric eigenvalue problems, SIAM J. Matrix Anal.
+Appl. 22 (2000); with full reorthogonalisation, which costs little beside the solves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from dynid.errors import Diverged
+
+Array = NDArray[np.float64]
+
+# Residual of a converged pair, relative to its eigenvalue, whose own error is of the square of that.
+_CONVERGED = 1e-10
+_RESTARTS = 200
+# What is left of a vector that lies in the span of the others.
+_NOTHING = 1e-11
+# Steps between looks at the convergence.
+_LOOK = 3
+
+
+def largest(
+    solve: Callable[[Array], Array],
+    M: csc_array,
+    count: int,
+    rng: np.random.Generator,
+    known: tuple[Array, Array] | None = None,
+) -> tuple[Array, Array]:
+    """Return eigenpairs of ``A^-1 M x = theta x``, those with the largest absolute theta.
+
+    Parameters
+    ----------
+    solve
+        Solves with A (n x n, symmetric).
+    M
+        Mass, positive semidefinite; its null space, of infinite modes, is never entered.
+    count
+        How many are wanted, known ones included.
+    rng
+        Where start vectors are drawn from.
+    known
+        Eigenpairs already found, of unit modal mass; the iteration goes on beside them.
+
+    Returns
+    -------
+    theta, X
+        Eigenvalues and eigenvectors (n x pairs) of unit modal mass; fewer than `count` only if there are no
+        more. Of a multiple eigenvalue copies may be missing.
+
+    Raises
+    ------
+    Diverged
+        If they do not converge.
+    """
+    held = 0 if known is None else len(known[0])
+    basis = _Basis(solve, M, held + max(2 * count, count + 30), rng)
+    if known is not None:
+        basis.hold(*known)
+    alive = basis.begin()
+    for _ in range(_RESTARTS):
+        while alive and basis.size < basis.width:
+            alive = basis.extend()
+            if basis.size >= count + 2 and basis.size % _LOOK == 0 and basis.converged() >= count:
+                return basis.pairs(count)
+        if not alive:  # the whole space is spanned: all pairs are exact
+            return basis.pairs(min(count, basis.size))
+        if basis.converged() >= count:
+            return basis.pairs(count)
+        basis.restart(count + (basis.width - count) // 2)
+    raise Diverged(
+        f"{count} modes did not converge in {_RESTARTS} restarts of the Lanczos iteration",
+        remedy="Ask for fewer modes, or use the dense method.",
+    )
+
+
+class _Basis:
+    """`size` mass-orthonormal vectors V with ``A^-1 M V = V T + coupling v e^T``; v stands behind them."""
+
+    def __init__(
+        self, solve: Callable[[Array], Array], M: csc_array, width: int, rng: np.random.Generator
+    ) -> None:
+        n = M.shape[0]
+        self.solve, self.M, self.rng = solve, M, rng
+        self.width = min(n, width)
+        self.V = np.empty((n, self.width + 1), order="F")
+        self.P = np.empty_like(self.V)  # M V
+        self.T = np.zeros((self.width, self.width))
+        self.size, self.coupling = 0, 0.0
+
+    def hold(self, theta: Array, X: Array) -> None:
+        """Start from eigenpairs."""
+        self.size = len(theta)
+        self.V[:, : self.size], self.P[:, : self.size] = X, self.M @ X
+        self.T[: self.size, : self.size] = np.diag(theta)
+
+    def begin(self) -> bool:
+        """Put a random vector behind the others; False if nothing is left of it."""
+        w = self.solve(self.M @ self.rng.standard_normal(len(self.V)))
+        self.coupling = 0.0
+        before = _norm(w, self.M @ w)
+        self._project_out(w, self.size)
+        return self._put(w, _NOTHING * before) > 0
+
+    def extend(self) -> bool:
+        """Take the vector behind the others in; False if that exhausts the space."""
+        w = self.solve(self.P[:, self.size])
+        column = self._project_out(w, self.size + 1)
+        self.T[: self.size + 1, self.size] = self.T[self.size, : self.size + 1] = column
+        self.size += 1
+        self.coupling = self._put(w, _NOTHING * float(np.linalg.norm(column)))
+        return self.coupling > 0 or self.begin()
+
+    def converged(self) -> int:
+        """Return how many of the leading pairs have converged."""
+        self.theta, self.S = np.linalg.eigh(self.T[: self.size, : self.size])
+        order = np.argsort(-np.abs(self.theta), kind="stable")
+        self.theta, self.S = self.theta[order], self.S[:, order]
+        settled = np.abs(self.coupling * self.S[-1]) <= _CONVERGED * np.abs(self.theta)
+        return int(np.argmin([*settled, False]))
+
+    def pairs(self, count: int) -> tuple[Array, Array]:
+        """Return the leading pairs, the operator applied once more, which the recurrence gives for nothing.
+
+        It damps what is left of high frequencies, where a residual of the stiffness is large.
+        """
+        self.converged()
+        theta, S = self.theta[:count], self.S[:, :count]
+        rest = self.V[:, self.size, None] * (self.coupling * S[-1] / theta)
+        return theta, self.V[:, : self.size] @ S + (rest if self.coupling else 0.0)
+
+    def restart(self, held: int) -> None:
+        """Keep the leading Ritz vectors, and the vector behind."""
+        held = min(held, self.size - 1)
+        S = self.S[:, :held]
+        for vectors in (self.V, self.P):
+            vectors[:, :held], vectors[:, held] = vectors[:, : self.size] @ S, vectors[:, self.size].copy()
+        self.T[:] = 0.0
+        self.T[:held, :held] = np.diag(self.theta[:held])
+        self.size = held
+
+    def _project_out(self, w: Array, count: int) -> Array:
+        """Make w orthogonal to the first vectors, in place and twice; return its components."""
+        V, P = self.V[:, :count], self.P[:, :count]
+        components = np.zeros(count)
+        for _ in range(2):
+            part = P.T @ w
+            w -= V @ part
+            components += part
+        return components
+
+    def _put(self, w: Array, negligible: float) -> float:
+        """Put w behind the others, normed; return its norm, 0 if it is negligible."""
+        p = self.M @ w
+        length = _norm(w, p)
+        if length <= negligible:
+            return 0.0
+        self.V[:, self.size], self.P[:, self.size] = w / length, p / length
+        return length
+
+
+def _norm(w: Array, p: Array) -> float:
+    return float(np.sqrt(max(float(w @ p), 0.0)))

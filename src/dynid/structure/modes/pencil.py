@@ -1,0 +1,87 @@
+"""Stiffness and mass, scaled alike so that translations and rotations, stiff and soft parts compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array, issparse
+
+from dynid.errors import Singular, UsageError
+from dynid.lti.floating import finite
+
+Array = NDArray[np.float64]
+Matrix = Array | csc_array
+
+
+@dataclass(frozen=True, eq=False)
+class Pencil:
+    """``K`` and ``M`` with rows and columns scaled by `scale` (n), whose entries are powers of two.
+
+    The eigenvalues are those of the matrices as given; a shape is `scale` times a scaled one. `shift` is a
+    positive value far below the lowest elastic eigenvalue's upper bound ``min K_ii / M_ii`` (Rayleigh).
+    """
+
+    K: Matrix
+    M: Matrix
+    scale: Array
+    shift: float
+
+    @property
+    def size(self) -> int:
+        """Number of DOFs."""
+        return len(self.scale)
+
+    @property
+    def without_mass(self) -> NDArray[np.intp]:
+        """The DOFs (from 0) that no mass moves with."""
+        return np.flatnonzero(self.M.diagonal() == 0)
+
+
+# The least shift relative to the bound, large against rounding. The lowest elastic eigenvalue of n DOFs is
+# about the bound over n^2 (strings, plates) or more (solids): a shift far below it would make rigid-body
+# modes drown it in the inverse.
+_LEAST_SHIFT = 1e-10
+
+
+def scaled(K: Matrix, M: Matrix) -> Pencil:
+    """Scale stiffness and mass.
+
+    Raises
+    ------
+    UsageError
+        If a diagonal entry is negative, or entries are not finite.
+    Singular
+        If a DOF has neither mass nor stiffness.
+    """
+    K, M = _plain(K, "the stiffness"), _plain(M, "the mass")
+    stiffness, mass = K.diagonal(), M.diagonal()
+    for what, diagonal, error in (("mass", mass, UsageError), ("stiffness", stiffness, Singular)):
+        if np.any(diagonal < 0):
+            raise error(
+                f"the {what} matrix is indefinite: DOF {np.argmax(diagonal < 0) + 1} has a negative {what}",
+                remedy="Check signs and units of the matrix.",
+            )
+    if np.any(empty := (stiffness == 0) & (mass == 0)):
+        raise Singular(
+            f"DOF {np.argmax(empty) + 1} has neither mass nor stiffness",
+            remedy="Take it out of the model, or join it to something.",
+        )
+    both = (stiffness > 0) & (mass > 0)
+    bound = float((stiffness[both] / mass[both]).min()) if both.any() else 1.0
+    weight = stiffness + bound * mass
+    finite("the ratio of stiffness and mass", weight)
+    scale = np.exp2(np.round(-0.5 * np.log2(weight)))
+    shift = bound * max(float(len(scale)) ** -2, _LEAST_SHIFT)
+    if issparse(K) and issparse(M):
+        D = diags_array(scale)
+        return Pencil(csc_array(D @ K @ D), csc_array(D @ M @ D), scale, shift)
+    both_sides = scale * scale[:, None]
+    return Pencil(np.asarray(K * both_sides), np.asarray(M * both_sides), scale, shift)
+
+
+def _plain(matrix: Matrix, what: str) -> Matrix:
+    plain = csc_array(matrix, dtype=float) if issparse(matrix) else np.asarray(matrix, dtype=float)
+    finite(what, plain.data if issparse(plain) else plain)
+    return plain

@@ -1,0 +1,120 @@
+"""Modes, from scaled eigenpairs to what a user is told."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import NumericalError, Singular
+from dynid.structure.modes.pencil import Matrix, Pencil
+
+Array = NDArray[np.float64]
+
+# Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
+_ROUNDING = 16 * float(np.finfo(float).eps)
+# A stiffness rounded to single precision or to six printed digits has energies as negative as this.
+_INDEFINITE = 1e-5
+_RESIDUAL = 1e-9
+
+
+class Modes(NamedTuple):
+    """Modes in ascending order.
+
+    `omega` (modes): natural frequencies, rad/s, exactly 0 of rigid-body modes; `damping` (modes): modal
+    damping ratios, 0 of rigid-body modes; `shapes` (n x modes): normed to unit modal mass, the largest
+    component positive; `residuals` (modes): ``K phi - omega^2 M phi`` relative to the sizes of its parts;
+    `rigid`: number of rigid-body modes among them; `massless`: dimension of the massless directions, whose
+    frequencies are infinite; `counted`: rad/s up to which pivots have proved that no mode is missing
+    (infinite where all modes were computed, 0 where no proof was asked for); `method`: how they were found.
+    """
+
+    omega: Array
+    damping: Array
+    shapes: Array
+    residuals: Array
+    rigid: int
+    massless: int
+    counted: float
+    method: str
+
+    def first(self, count: int) -> Modes:
+        """Return the lowest modes only."""
+        return self._replace(
+            omega=self.omega[:count],
+            damping=self.damping[:count],
+            shapes=self.shapes[:, :count],
+            residuals=self.residuals[:count],
+            rigid=min(self.rigid, count),
+        )
+
+
+def finished(
+    pencil: Pencil, C: Matrix, square: Array, shapes: Array, *, massless: int, counted: float, method: str
+) -> Modes:
+    """Name, norm, check and sort scaled eigenpairs.
+
+    Parameters
+    ----------
+    pencil
+        The scaled stiffness and mass.
+    C
+        Damping, not scaled.
+    square, shapes
+        Eigenvalues and scaled eigenvectors of unit modal mass.
+    massless, counted, method
+        As of `Modes`; `counted` is an eigenvalue here.
+
+    Raises
+    ------
+    Singular
+        If the stiffness is indefinite beyond rounding, so that a frequency is imaginary.
+    NumericalError
+        If a residual is too large.
+    """
+    order = np.argsort(square, kind="stable")
+    square, shapes = square[order], shapes[:, order]
+    Kx, Mx = pencil.K @ shapes, pencil.M @ shapes
+    parts = abs(pencil.K) @ np.abs(shapes)
+    rigid = _rigid(square, np.einsum("im,im->m", np.abs(shapes), parts))
+    square = np.where(rigid, 0.0, square)
+    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.linalg.norm(
+        parts + square * (abs(pencil.M) @ np.abs(shapes)), axis=0
+    )
+    if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:
+        raise NumericalError(
+            f"the modes have residuals of {worst:.1g} (found by {method})",
+            remedy="Use another backend; check the units of the matrices.",
+        )
+    shapes = pencil.scale[:, None] * shapes
+    shapes = shapes * _signs(shapes)
+    omega = np.sqrt(square)
+    dissipation = np.einsum("im,im->m", shapes, C @ shapes)
+    damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
+    return Modes(
+        omega, damping, shapes, residuals, int(rigid.sum()), massless, float(np.sqrt(counted)), method
+    )
+
+
+def _signs(shapes: Array) -> Array:
+    """Return what makes the largest component positive, the first of those as large but for rounding."""
+    size = np.abs(shapes)
+    largest = (size >= (1 - 1e-6) * size.max(axis=0, initial=0.0)).argmax(axis=0)
+    return np.asarray(np.where(np.take_along_axis(shapes, largest[None], axis=0) < 0, -1.0, 1.0))
+
+
+def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:
+    """Tell rigid-body modes by their strain energy, which is rounding of the sum it is made of.
+
+    A stiffness that was rounded (printed with few digits) shows the size of its rounding in energies below
+    zero; modes with an energy of that size are rigid too.
+    """
+    energy = square / np.where(parts > 0, parts, 1.0)
+    lowest = -float(energy.min(initial=0.0))
+    if lowest > _INDEFINITE:
+        raise Singular(
+            f"the stiffness matrix is indefinite (omega^2 = {square[energy.argmin()]:.3g})",
+            remedy="The structure has no natural frequency there; check signs and units of the stiffness.",
+        )
+    return np.asarray((energy <= max(_ROUNDING, 10 * lowest)) | (parts == 0))

@@ -1,0 +1,125 @@
+"""Modes of a structure, by the method that fits its size."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csc_array, issparse
+
+from dynid.errors import UsageError
+from dynid.lti.floating import guarded
+from dynid.structure.modes.pencil import Matrix, Pencil, scaled
+from dynid.structure.modes.solution import Modes, finished
+from dynid.structure.modes.sparse import Spectrum, too_many
+
+# Below this size dense matrices are faster whatever is asked; above the other, out of question.
+_SMALL, _LARGE = 400, 6000
+# The part of all modes beyond which Lanczos is slower than dense matrices.
+_PART = 8
+
+
+@guarded("the modes of the structure")
+def modes(
+    M: Matrix,
+    C: Matrix,
+    K: Matrix,
+    count: int | None = None,
+    below: float | None = None,
+    backend: str = "auto",
+    *,
+    proof: bool = True,
+) -> Modes:
+    """Solve ``K phi = omega^2 M phi``, all of it or the lowest part, with no mode missed.
+
+    The damping ratio of a mode is ``phi^T C phi / (2 omega)``, the diagonal of the modal damping matrix;
+    it is the exact one where damping is proportional.
+
+    Parameters
+    ----------
+    M, C, K
+        Mass (positive semidefinite), damping and stiffness (positive semidefinite) (n x n), dense or sparse.
+        Directions without mass follow the others; they have no modes of their own.
+    count
+        How many modes, the lowest; rigid-body modes included.
+    below
+        Or all modes below this frequency, rad/s; with both, as many of those as `count`. With neither,
+        all modes.
+    backend
+        ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by SuperLU;
+        ``dense``; or a factorisation backend: ``splu``, ``cholespy``, ``pardiso``.
+    proof
+        Whether sparse modes asked for by their number are proved complete by a count of pivots, which
+        takes one factorisation more.
+
+    Raises
+    ------
+    Singular
+        If the stiffness is indefinite beyond rounding, or a motion has neither inertia nor stiffness.
+    UsageError
+        If more modes are asked for than there are with finite frequencies, the mass is indefinite, or the
+        backend does not exist or is not installed.
+    NumericalError
+        If residuals are too large or modes stay missing.
+    """
+    _check(count, below)
+    if backend == "auto":
+        backend = _chosen(K.shape[0], count, below)
+    if backend == "dense":
+        return _dense(scaled(_as_dense(K), _as_dense(M)), C, count, below)
+    return _sparse(scaled(csc_array(K), csc_array(M)), C, count, below, backend, proof)
+
+
+def _check(count: int | None, below: float | None) -> None:
+    if count is not None and count < 1:
+        raise UsageError("the number of modes must be 1 or more", names=("modes",))
+    if below is not None and not 0 < below < np.inf:
+        raise UsageError("modes are asked for below a frequency, which must be positive", names=("below",))
+
+
+def _chosen(size: int, count: int | None, below: float | None) -> str:
+    if size <= _SMALL:
+        return "dense"
+    few = count is not None and count <= size // _PART
+    if few or (size > _LARGE and (count or below)):
+        return "splu"
+    if size > _LARGE:
+        raise UsageError(
+            f"all modes of {size} DOFs are asked for",
+            remedy=f"Give their number, or a frequency below which they are; all are computed of up to "
+            f"{_LARGE} DOFs.",
+            names=("modes",),
+        )
+    return "splu" if below is not None else "dense"
+
+
+def _dense(pencil: Pencil, C: Matrix, count: int | None, below: float | None) -> Modes:
+    from dynid.structure.modes.dense import eigenpairs
+
+    square, shapes, massless = eigenpairs(pencil)
+    if count is not None and count > len(square):
+        raise too_many(count, len(square))
+    found = finished(pencil, C, square, shapes, massless=massless, counted=np.inf, method="dense matrices")
+    kept = len(square) if below is None else int(np.count_nonzero(found.omega < below))
+    return found.first(kept if count is None else min(count, kept))
+
+
+def _sparse(
+    pencil: Pencil, C: Matrix, count: int | None, below: float | None, backend: str, proof: bool
+) -> Modes:
+    spectrum = Spectrum(pencil, backend)
+    if below is not None:
+        square, shapes, counted = spectrum.below(below**2)
+    elif count is not None:
+        square, shapes, counted = spectrum.lowest(count, proof=proof)
+    else:
+        raise UsageError(
+            f"the backend {backend} computes the lowest modes: their number or a limit must be given",
+            remedy="Use the backend dense for all modes.",
+        )
+    method = f"shift-invert Lanczos, {backend}"
+    massless = len(pencil.without_mass)
+    found = finished(pencil, C, square, shapes, massless=massless, counted=counted, method=method)
+    return found if count is None else found.first(min(count, len(square)))
+
+
+def _as_dense(matrix: Matrix) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    return np.asarray(matrix.toarray() if issparse(matrix) else matrix, dtype=float)
