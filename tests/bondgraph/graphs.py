@@ -13,6 +13,17 @@ ISOLATOR = (
 )
 
 
+def chain(stages):
+    """Masses in a row, each on a spring and a damper to the next, the last one tied to ground: as text."""
+    nodes, bonds = "Se F", "F -> v1"
+    for i in range(1, stages + 1):
+        nodes += f", 1 v{i}, I m{i} {100 + i}/100, 0 z{i}"
+        nodes += f", 1 l{i}, C k{i} 1/{1000 + 7 * i}, R b{i} {10 + i % 13}"
+        bonds += f", v{i} -> m{i}, v{i} -> z{i} -> l{i} -> k{i}, l{i} -> b{i}"
+        bonds += f", z{i} -> v{i + 1}" if i < stages else ""
+    return nodes, bonds
+
+
 def parse(nodes, bonds):
     """Read 'Se u, 1 j, R r 2' and 'u -> j -> r' into (types, values, bonds)."""
     types, values, pairs = {}, {}, []

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.bondgraph.state_space import state_space, zero_blocks, zero_dynamics
 from dynid.errors import Singular
-from tests.bondgraph.graphs import ISOLATOR, transfers, written
+from tests.bondgraph.graphs import ISOLATOR, chain, transfers, written
 from tests.bondgraph.tableau import transfer_at
 from tests.bondgraph.test_state_space import regular
 
@@ -16,16 +16,9 @@ def determinant(A, s):
     return float(np.linalg.det(s * np.eye(len(A)) - A))
 
 
-def chain(stages):
-    """A force at one end of masses joined by springs and dampers, the last one tied to ground."""
-    nodes, bonds = "Se F", "F -> v1"
-    for i in range(1, stages + 1):
-        nodes += (
-            f", 1 v{i}, I m{i} {100 + i}/100, 0 z{i}, 1 l{i}, C k{i} 1/{1000 + 7 * i}, R b{i} {10 + i % 13}"
-        )
-        bonds += f", v{i} -> m{i}, v{i} -> z{i} -> l{i} -> k{i}, l{i} -> b{i}"
-        bonds += f", z{i} -> v{i + 1}" if i < stages else ""
-    return written(nodes, bonds, f"m{stages}.f")
+def through(stages):
+    """A force in at the first mass of a chain, the velocity out at the last."""
+    return written(*chain(stages), f"m{stages}.f")
 
 
 def only_port(graph):
@@ -90,7 +83,7 @@ def test_an_input_that_is_differentiated_holds_the_output_by_standing_still():
 
 
 def test_a_chain_has_one_small_block_for_every_zero():
-    graph = chain(500)
+    graph = through(500)
     blocks = zero_blocks(graph, only_port(graph), "F")
     assert {len(block.A) for block in blocks} == {1}
     found = np.sort([block.A.item() for block in blocks])
@@ -99,6 +92,6 @@ def test_a_chain_has_one_small_block_for_every_zero():
 
 
 def test_the_coupled_equations_of_a_short_chain_have_the_same_modes():
-    graph = chain(3)
+    graph = through(3)
     inside = zero_dynamics(graph, only_port(graph), "F")
     assert np.sort(np.linalg.eigvals(inside.A)) == pytest.approx([-1007 / 11, -1014 / 12, 0], abs=1e-10)

@@ -5,14 +5,14 @@ Only what is asked for is computed.
 
 from __future__ import annotations
 
-from typing import Any
-
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.results.causality import add_causality
 from dynid.bondgraph.results.channels import add_channels
 from dynid.bondgraph.results.responses import add_frequency_response, add_state_space, add_time_response
 from dynid.bondgraph.results.trace import add_prototypes, add_steps
+from dynid.errors import Singular
 from dynid.result import Result
 
 
@@ -36,12 +36,21 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     Raises
     ------
     Singular
-        Where the graph has no unique solution; it names the nodes.
+        Where the graph has no unique solution; it names the nodes. What causality says of such a graph is
+        returned where nothing else is asked for.
     """
-    reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
-    result = Result("bond-graph", title)
-    result.annotate("bond_graph", **_need(reduced))
     asked = analysis.results
+    result = Result("bond-graph", title)
+    result.annotate("bond_graph", nodes=len(graph.nodes), bonds=len(graph.bonds), dropped="")
+    if "causality" in asked:
+        add_causality(result, graph)
+    try:
+        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
+    except Singular:
+        if asked == {"causality"}:
+            return result
+        raise
+    result.annotate("bond_graph", dropped=_dropped(reduced))
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, asked)
     if "sensitivities" in asked:
@@ -61,12 +70,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     return result
 
 
-def _need(reduced: ReducedGraph) -> dict[str, Any]:
-    """Say what was modelled and what was left out."""
+def _dropped(reduced: ReducedGraph) -> str:
+    """Say what was left out, because no output depends on it."""
     reductions = reduced.reductions.values()
-    dropped = [name for name in reduced.graph.nodes if all(name in red.dropped for red in reductions)]
-    return {
-        "nodes": len(reduced.graph.nodes),
-        "bonds": len(reduced.graph.bonds),
-        "dropped": ", ".join(dropped),
-    }
+    return ", ".join(name for name in reduced.graph.nodes if all(name in red.dropped for red in reductions))

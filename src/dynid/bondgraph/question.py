@@ -24,6 +24,7 @@ ResultName = Literal[
     "sensitivities",
     "reduction",
     "prototype",
+    "causality",
     "state_space",
     "frequency_response",
     "time_response",

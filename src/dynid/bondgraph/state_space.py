@@ -16,8 +16,9 @@ from dynid.bondgraph.equations.blocks import irreducible_blocks
 from dynid.bondgraph.equations.descriptor import Descriptor
 from dynid.bondgraph.equations.forms import Field, Form, Symbol
 from dynid.bondgraph.equations.index import solve, without_input_rates
-from dynid.bondgraph.graph import Port
+from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.errors import NumericalError, Singular
 
 if TYPE_CHECKING:
@@ -54,6 +55,18 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     rates, outputs = solve(system.equations, forms)
     columns = [*reduced.inputs, *(f"initial:{name}" for name in initial)]
     return rounded(system, rates, outputs, columns, [str(port) for port in reduced.outputs])
+
+
+def natural_order(graph: BondGraph) -> int:
+    """Return the number of states of a whole graph with its values: the degree of its natural polynomial.
+
+    Raises
+    ------
+    Singular
+        Where the equations have no unique solution.
+    """
+    structure = JunctionStructure(graph)
+    return len(solve(Descriptor(structure, structure.junctions, Field.rational(graph)).equations, [])[0])
 
 
 def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid.cli.summary.causality import causality_lines
 from dynid.cli.summary.numbers import root_text
 from dynid.cli.summary.responses import response_lines
 from dynid.cli.summary.sensitivities import sensitivity_lines
@@ -29,6 +30,7 @@ def lines(result: Result) -> list[str]:
     said = [f"  {need.get('nodes')} nodes, {need.get('bonds')} bonds"]
     if need.get("dropped"):
         said.append(f"  not modelled, because no output depends on it: {need['dropped']}")
+    said += causality_lines(result)
     said += [*_reduction(result), ""]
     for channel in _channels(result):
         said += [*_channel(result, *channel), ""]

@@ -1,0 +1,1 @@
+"""Causality: which end of every bond sets the effort, and what follows for states, loops and zeros."""

@@ -1,0 +1,192 @@
+"""Causal strokes on bonds, and what one stroke forces on others.
+
+The stroke of a bond marks the end that effort is imposed towards; flow is imposed the other way. A
+0-junction takes its effort from exactly one bond, a 1-junction its flow; a TF passes effort on, so that
+one of its two strokes is at it, and a GY turns effort into flow, so that both are or neither is.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from dynid.bondgraph.graph import JUNCTIONS, TWO_PORTS
+
+How = Literal["source", "preferred", "free", "propagated", "bicausal", "conflict"]
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Strokes that cannot stand together.
+
+    Parameters
+    ----------
+    node
+        The node whose rule they break.
+    surplus
+        Whether the node's rule is met twice; else it is not met at all.
+    roots
+        The bonds whose strokes were chosen, not forced, that it follows from.
+    nodes
+        The nodes that lie between.
+    """
+
+    node: str
+    surplus: bool
+    roots: tuple[int, ...]
+    nodes: tuple[str, ...]
+
+
+class Strokes:
+    """A partial assignment of strokes, closed under what they force.
+
+    Parameters
+    ----------
+    kinds
+        Node type by name.
+    bonds
+        Tail and head of every bond.
+    """
+
+    def __init__(self, kinds: Mapping[str, str], bonds: Sequence[tuple[str, str]]) -> None:
+        self.kinds, self.bonds = kinds, bonds
+        self.bonds_at: dict[str, list[int]] = {name: [] for name in kinds}
+        for bond, ends in enumerate(bonds):
+            for end in ends:
+                self.bonds_at[end].append(bond)
+        #: Whether the stroke is at the head; None while it is open.
+        self.at_head: list[bool | None] = [None] * len(bonds)
+        self.how: list[How] = ["propagated"] * len(bonds)
+        self.causes: list[tuple[int, ...]] = [()] * len(bonds)
+        self.between: dict[int, tuple[str, ...]] = {}
+        self.setter: dict[str, int | None] = {n: None for n, kind in kinds.items() if kind in JUNCTIONS}
+        self._open = {name: len(self.bonds_at[name]) for name in self.setter}
+        self._latest: list[int] = []
+
+    def copy(self) -> Strokes:
+        """Return an independent copy."""
+        other = Strokes(self.kinds, self.bonds)
+        other.at_head, other.how, other.causes = self.at_head[:], self.how[:], self.causes[:]
+        other.between, other.setter, other._open = dict(self.between), dict(self.setter), dict(self._open)
+        return other
+
+    # --- reading -------------------------------------------------------------------------------
+
+    def other_end(self, bond: int, node: str) -> str:
+        """Return the node at the other end of a bond."""
+        tail, head = self.bonds[bond]
+        return tail if node == head else head
+
+    def sets(self, node: str, bond: int, at_head: bool | None = None) -> bool:
+        """Tell whether a bond sets the common variable of a junction at its end."""
+        stroke = self.at_head[bond] if at_head is None else at_head
+        return (stroke is (self.bonds[bond][1] == node)) is (self.kinds[node] == "0")
+
+    def towards(self, node: str, bond: int) -> bool:
+        """Return the value of `at_head` that puts the stroke at this node."""
+        return self.bonds[bond][1] == node
+
+    def roots(self, bonds: Iterable[int]) -> tuple[tuple[int, ...], tuple[str, ...]]:
+        """Return the chosen strokes that these strokes follow from, and the inner nodes on the way."""
+        seen, nodes = dict.fromkeys(bonds), dict[str, None]()
+        queue = deque(seen)
+        roots = []
+        while queue:
+            bond = queue.popleft()
+            nodes |= dict.fromkeys((*self.bonds[bond], *self.between.get(bond, ())))
+            if not self.causes[bond]:
+                roots.append(bond)
+            for cause in self.causes[bond]:
+                if cause not in seen:
+                    seen[cause] = None
+                    queue.append(cause)
+        inner = (name for name in nodes if self.kinds[name] in JUNCTIONS | TWO_PORTS)
+        return tuple(roots), tuple(inner)
+
+    # --- writing -------------------------------------------------------------------------------
+
+    def put(self, bond: int, at_head: bool, how: How, causes: tuple[int, ...] = ()) -> Contradiction | None:
+        """Put a stroke and all that it forces, or nothing where that leads to a contradiction."""
+        trail = self._latest = []
+        queue = deque([(bond, at_head, how, causes)])
+        while queue:
+            current, value, reason, because = queue.popleft()
+            if self.at_head[current] is not None:
+                if self.at_head[current] is value:
+                    continue
+                problem = self._clash(current, value, because)
+            else:
+                self.at_head[current], self.how[current], self.causes[current] = value, reason, because
+                trail.append(current)
+                for node in self.bonds[current]:
+                    if node in self._open:
+                        self._open[node] -= 1
+                problem = None
+                for node in self.bonds[current]:
+                    problem = problem or self._force(node, current, queue)
+            if problem is not None:
+                self.take_back()
+                return problem
+        return None
+
+    def _force(
+        self, node: str, bond: int, queue: deque[tuple[int, bool, How, tuple[int, ...]]]
+    ) -> Contradiction | None:
+        """Queue what a new stroke forces at one of its ends."""
+        kind = self.kinds[node]
+        if kind in TWO_PORTS:
+            for other in self.bonds_at[node]:
+                if other != bond:
+                    here = (self.at_head[bond] is self.towards(node, bond)) is (kind == "GY")
+                    queue.append((other, here is self.towards(node, other), "propagated", (bond,)))
+        elif kind in JUNCTIONS:
+            return self._force_at_junction(node, bond, queue)
+        return None
+
+    def _force_at_junction(
+        self, node: str, bond: int, queue: deque[tuple[int, bool, How, tuple[int, ...]]]
+    ) -> Contradiction | None:
+        if self.sets(node, bond):
+            earlier = self.setter[node]
+            if earlier is not None:
+                return self._contradiction(node, (earlier, bond), surplus=True)
+            self.setter[node] = bond
+            for other in self.bonds_at[node]:
+                if self.at_head[other] is None:
+                    queue.append((other, not self.setting(node, other), "propagated", (bond,)))
+        elif self.setter[node] is None and self._open[node] < 2:
+            last = [other for other in self.bonds_at[node] if self.at_head[other] is None]
+            others = tuple(other for other in self.bonds_at[node] if self.at_head[other] is not None)
+            if not last:
+                return self._contradiction(node, others, surplus=False)
+            queue.append((last[0], self.setting(node, last[0]), "propagated", others))
+        return None
+
+    def setting(self, node: str, bond: int) -> bool:
+        """Return the value of `at_head` with which a bond sets a junction."""
+        return self.towards(node, bond) is (self.kinds[node] == "0")
+
+    def _clash(self, bond: int, at_head: bool, because: tuple[int, ...]) -> Contradiction:
+        """Return the contradiction of a stroke that is wanted at one end and stands at the other."""
+        node = next((end for end in self.bonds[bond] if end in self.setter), None)
+        surplus = node is None or self.sets(node, bond, at_head)
+        return self._contradiction(node or self.bonds[bond][0], (bond, *because), surplus=surplus)
+
+    def _contradiction(self, node: str, bonds: tuple[int, ...], *, surplus: bool) -> Contradiction:
+        roots, nodes = self.roots(bonds)
+        return Contradiction(node, surplus, roots, nodes)
+
+    def take_back(self) -> int:
+        """Take back all that was put last; return how many strokes that were."""
+        count = len(self._latest)
+        for bond in self._latest:
+            for node in self.bonds[bond]:
+                if node in self._open:
+                    self._open[node] += 1
+                    if self.setter[node] == bond:
+                        self.setter[node] = None
+            self.at_head[bond], self.causes[bond] = None, ()
+        self._latest = []
+        return count

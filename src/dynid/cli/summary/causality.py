@@ -1,0 +1,57 @@
+"""The screen of causality: states, what they follow from, and what stands in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from textwrap import wrap
+
+from dynid.result import Result
+
+#: Most states, remarks of a kind, and bonds that are listed.
+_STATES, _REMARKS, _BONDS = 12, 6, 24
+
+
+def causality_lines(result: Result) -> Iterable[str]:
+    """Yield what causality says of the graph."""
+    group = "bond_graph/causality"
+    if f"{group}/bonds" not in result:
+        return
+    states = [str(name) for name in result[f"{group}/states"].data["name"]]
+    more = f", … ({len(states)} in all)" if len(states) > _STATES else ""
+    order = f"{len(states)} state{'' if len(states) == 1 else 's'}"
+    yield f"  causality: {order}{': ' if states else ''}{', '.join(states[:_STATES])}{more}"
+    for table, title in (("conflicts", "conflict"), ("dependent_storages", "dependent"), ("loops", "loop")):
+        meanings = [str(text) for text in result[f"{group}/{table}"].data["meaning"]]
+        for meaning in meanings[:_REMARKS]:
+            yield from _hanging(title, meaning)
+        if len(meanings) > _REMARKS:
+            yield f"    … {len(meanings) - _REMARKS} more in the file"
+    note = result.group_attrs.get(group, {}).get("note")
+    if note:
+        yield from _hanging("note", str(note))
+    yield from _strokes(result, group)
+
+
+def _hanging(title: str, text: str) -> Iterable[str]:
+    first, *rest = wrap(text, 86)
+    yield f"    {title:<9} {first}"
+    yield from (f"{'':14}{line}" for line in rest)
+
+
+def _strokes(result: Result, group: str) -> Iterable[str]:
+    """Draw the bonds with their strokes: |-> with the stroke at the tail, ->| at the head."""
+    bonds = result[f"{group}/bonds"].data
+    shown = [
+        f"{bond['tail']} {'|->' if bond['stroke'] == 'tail' else '->|'} {bond['head']}"
+        for bond in bonds[:_BONDS]
+    ]
+    more = [f"… ({len(bonds)} in all)"] if len(bonds) > _BONDS else []
+    yield from (f"    {line}" for line in _columns([*shown, *more], 96))
+
+
+def _columns(cells: list[str], width: int) -> Iterable[str]:
+    """Set short texts in columns."""
+    cell = max(len(text) for text in cells) + 3
+    count = max(1, width // cell)
+    for start in range(0, len(cells), count):
+        yield "".join(text.ljust(cell) for text in cells[start : start + count]).rstrip()
