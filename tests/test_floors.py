@@ -35,7 +35,7 @@ SUGGESTIONS = "dynid.scene.yaml.source"
 LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
-    "h5py": {"store", "scene.kinds.hdf5_table"},  # results; measured data that a scene names
+    "h5py": {"store", "scene.kinds.hdf5_table", "structure.readers.hdf5"},  # results; users' data
     "yaml": {"scene"},
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},

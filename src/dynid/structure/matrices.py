@@ -78,11 +78,16 @@ def as_matrix(name: str, values: Any, n: int, *, sparse: bool = False) -> Matrix
         matrix = np.array(values, dtype=np.float64)
     if matrix.shape != (n, n) or n == 0:
         size = " x ".join(map(str, matrix.shape)) or "a number"
-        raise UsageError(f"the {NAMES[name]} matrix is {size}, but must be {n or 1} x {n or 1}")
+        raise UsageError(
+            f"the {NAMES[name]} matrix is {size}, but must be {n or 1} x {n or 1}", names=(NAMES[name],)
+        )
     rows, columns, entries = triplets(matrix)
     if not np.isfinite(entries).all():
         at = int(np.argmin(np.isfinite(entries)))
-        raise UsageError(f"{NAMES[name]} has no number at entry {_entry(rows, columns, at)}: {entries[at]}")
+        raise UsageError(
+            f"{NAMES[name]} has no number at entry {_entry(rows, columns, at)}: {entries[at]}",
+            names=(NAMES[name],),
+        )
     return _symmetric(name, matrix)
 
 
@@ -120,7 +125,11 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
     if diagonal.min() < 0:
         at = int(np.argmin(diagonal))
         raise UsageError(
-            f"{what} is negative: entry ({at + 1}, {at + 1}) is {diagonal[at]:.6g}", names=(str(labels[at]),)
+            f"{what} is negative: entry ({at + 1}, {at + 1}) is {diagonal[at]:.6g}",
+            names=(
+                what,
+                str(labels[at]),
+            ),
         )
     rows, columns, entries = triplets(matrix)
     root = np.sqrt(diagonal)
@@ -133,7 +142,10 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
         raise UsageError(
             f"{what} is indefinite: entry {_entry(rows, columns, at)} is {entries[at]:.6g} between diagonal "
             f"entries {diagonal[i]:.6g} and {diagonal[j]:.6g}",
-            names=(str(labels[i]),),
+            names=(
+                what,
+                str(labels[i]),
+            ),
         )
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
     lowest = _lowest_sparse(matrix, inverse) if is_sparse(matrix) else _lowest_dense(matrix, inverse)
@@ -144,7 +156,10 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
             f"{what} is indefinite: scaled to a unit diagonal its lowest eigenvalue is {value:.3g}, "
             f"and that direction moves DOF {labels[worst]} most",
             remedy=f"Check signs and units of the {what} there.",
-            names=(str(labels[worst]),),
+            names=(
+                what,
+                str(labels[worst]),
+            ),
         )
 
 
@@ -162,7 +177,8 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
         raise UsageError(
             f"{NAMES[name]} is not symmetric: entry ({i + 1}, {j + 1}) is {matrix[i, j]:.6g}, "
             f"({j + 1}, {i + 1}) is {matrix[j, i]:.6g}",
-            remedy="Write both triangles, or neither (Matrix Market: symmetric).",
+            remedy="Structural matrices are symmetric; check how it was written.",
+            names=(NAMES[name],),
         )
     return _frozen(matrix - difference / 2)
 

@@ -1,0 +1,76 @@
+"""NumPy files: arrays of an `.npz` or `.npy`, and sparse matrices as `scipy.sparse.save_npz` stores them."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynid.errors import FileError
+from dynid.structure.matrices import Matrix
+from dynid.structure.readers.imported import MOST_NUMBERS, as_numbers, check_claim, compressed, read_errors
+
+#: The name of the one matrix in a file that holds a sparse matrix or a single array.
+ONLY = "matrix"
+
+_SPARSE = {"data", "indices", "indptr", "format", "shape"}
+
+
+def shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the arrays of a file, by name."""
+    with read_errors(path, "NumPy file"):
+        if not zipfile.is_zipfile(path):
+            with path.open("rb") as stream:
+                return {ONLY: _header(stream)[0]}
+        with zipfile.ZipFile(path) as archive:
+            found = {}
+            for info in archive.infolist():
+                if info.filename.endswith(".npy"):
+                    if info.file_size > 8 * MOST_NUMBERS:
+                        raise FileError(f"{path}: {info.filename} claims {info.file_size} bytes")
+                    with archive.open(info) as stream:
+                        found[info.filename.removesuffix(".npy")] = _header(stream)[0]
+    if set(found) >= _SPARSE:
+        with np.load(path, allow_pickle=False) as stored:
+            return {ONLY: tuple(int(number) for number in np.ravel(stored["shape"])[:2])}
+    return found
+
+
+def load(path: Path, name: str) -> Matrix:
+    """Return one matrix of a file. Nothing pickled is ever loaded."""
+    with read_errors(path, "NumPy file"):
+        if not zipfile.is_zipfile(path):
+            with path.open("rb") as stream:
+                _check(path, stream, path.stat().st_size)
+            return as_numbers(path, "", np.load(path, allow_pickle=False))
+        with zipfile.ZipFile(path) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            wanted = _SPARSE if name == ONLY and set(members) >= _SPARSE else {name}
+            for part in wanted:
+                with archive.open(members[part]) as stream:
+                    _check(path, stream, members[part].file_size)
+        with np.load(path, allow_pickle=False) as stored:
+            if wanted == {name}:
+                return as_numbers(path, name, stored[name])
+            layout = stored["format"].item()
+            layout = layout.decode() if isinstance(layout, bytes) else str(layout)
+            parts = (stored["data"], stored["indices"], stored["indptr"])
+            return compressed(path, stored["shape"], parts, layout)
+
+
+def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    return tuple(shape), dtype
+
+
+def _check(path: Path, stream: Any, size: int) -> None:
+    """Refuse an array whose header claims more than the file holds."""
+    shape, dtype = _header(stream)
+    check_claim(path, shape or (1,))
+    needed = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if needed > size:
+        raise FileError(f"{path} claims {needed} bytes of numbers, but holds {size}: it is truncated")

@@ -1,0 +1,149 @@
+"""One matrix out of a file, the format chosen by its extension and header."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from dynid.errors import FileError
+from dynid.structure.matrices import Matrix
+from dynid.structure.readers import hdf5, matlab, matrix_market, numpy_files, op4, triplets
+from dynid.structure.readers.imported import Imported
+from dynid.words import did_you_mean
+
+EXTENSIONS = (".mtx", ".mat", ".npz", ".npy", ".h5", ".hdf5", ".op4")
+"""The formats that are read."""
+
+USUAL = {
+    "mass": ("M", "mass", "MAA", "MGG", "MASS1"),
+    "stiffness": ("K", "stiffness", "KAA", "KGG", "STIF1"),
+    "damping": ("C", "damping", "BAA", "BGG", "DAMP1", "D"),
+    "A": ("A",),
+    "B": ("B",),
+    "C": ("C",),
+}
+"""What the matrices are usually called in files that hold several, whatever the case."""
+
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_LISTED = 12
+
+
+@dataclass(frozen=True)
+class MatrixFile:
+    """A file, and the name of the matrix in it where it holds several."""
+
+    path: Path
+    name: str | None = None
+
+
+def read_matrix(file: MatrixFile, role: str) -> Imported:
+    """Read the matrix of a file that plays a role.
+
+    Parameters
+    ----------
+    file
+        The file: Matrix Market or Abaqus triplets (`.mtx`, told apart by the header), MATLAB (`.mat`), NumPy
+        (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4 (`.op4`).
+    role
+        One of `USUAL`: which matrix is meant in a file that holds several, and names none.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or does not say which matrix is meant.
+    """
+    path = file.path
+    _check_kind(path)
+    if path.suffix.lower() == ".mtx":
+        return matrix_market.read(path) if _is_matrix_market(path) else triplets.read(path)
+    reader = _several(path)
+    name = _choose(path, file.name, role, reader.shapes(path))
+    return Imported(reader.load(path, name))
+
+
+def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
+    """Read ``A``, and ``B`` and ``C`` where they are there, out of a file of several matrices.
+
+    Parameters
+    ----------
+    path
+        The file.
+    names
+        What it calls them, where that differs.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or has no ``A``.
+    """
+    _check_kind(path)
+    if path.suffix.lower() == ".mtx":
+        raise FileError(f"{path} holds one matrix; a state space takes several")
+    reader = _several(path)
+    shapes = reader.shapes(path)
+    there = {found.rpartition("/")[2].upper() for found in shapes}
+    roles = ["A", *(role for role in ("B", "C") if role in names or role in there)]
+    return {role: reader.load(path, _choose(path, names.get(role), role, shapes)) for role in roles}
+
+
+def _check_kind(path: Path) -> None:
+    if path.suffix.lower() not in EXTENSIONS:
+        raise FileError(
+            f"{path} is no file of matrices that is read", remedy=f"Those end in {', '.join(EXTENSIONS)}."
+        )
+    if not path.is_file():
+        raise FileError(f"{path} is no file", remedy="Paths in a scene are relative to the scene's folder.")
+
+
+def _several(path: Path) -> ModuleType:
+    kind = path.suffix.lower()
+    if kind == ".op4":
+        return op4
+    if kind in (".npz", ".npy"):
+        return numpy_files
+    return hdf5 if kind != ".mat" or _is_hdf5(path) else matlab
+
+
+def _is_matrix_market(path: Path) -> bool:
+    return _start(path).lstrip().lower().startswith(matrix_market.BANNER.encode())
+
+
+def _is_hdf5(path: Path) -> bool:
+    start = _start(path, 520)
+    return start.startswith(_HDF5_SIGNATURE) or start[512:].startswith(_HDF5_SIGNATURE)
+
+
+def _start(path: Path, size: int = 100) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(size)
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequence[int]]) -> str:
+    """Return the name of the matrix that is meant."""
+    if name is not None:
+        bare = name.strip("/")
+        if bare in shapes:
+            return bare
+        raise FileError(f"{path} has no matrix '{name}'{did_you_mean(bare, shapes) or _known(shapes)}")
+    usual = [word.lower() for word in USUAL[role]]
+    matching = [found for found in shapes if found.rpartition("/")[2].lower() in usual]
+    first = sorted(matching, key=lambda found: usual.index(found.rpartition("/")[2].lower()))
+    if first and (len(first) == 1 or first[0].lower() != first[1].lower()):
+        return first[0]
+    if len(shapes) == 1 and role not in ("B", "C"):
+        return next(iter(shapes))
+    raise FileError(
+        f"{path} does not say which matrix is the {role}{_known(shapes)}",
+        remedy="Name it: {path: …, name: …}.",
+    )
+
+
+def _known(shapes: Mapping[str, Sequence[int]]) -> str:
+    listed = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in list(shapes.items())[:_LISTED]]
+    more = ", …" if len(shapes) > _LISTED else ""
+    return f"; it has {', '.join(listed)}{more}" if listed else "; it has none"
