@@ -129,7 +129,7 @@ def check_source(source: Source) -> Scene:
 
     model = _model_of(source)
     names, faults = read_names(source)
-    faults += whole_faults(source)
+    faults += whole_faults(source, names)
     try:
         validated = model.model_validate(_with_text_keys(source.data), context=names)
     except ValidationError as error:

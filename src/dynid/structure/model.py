@@ -5,8 +5,8 @@ Source: K. T. Yang 1997, eq 1: the joints' matrices C_s, K_s are added to those 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -87,12 +87,22 @@ class StructuralModel:
         elif self.basis.T.shape != (self.basis.parent.size, n):
             rows, columns = self.basis.T.shape
             raise UsageError(f"the basis is {rows} x {columns}, not {self.basis.parent.size} x {n}")
-        names = [joint.name for joint in self.joints]
-        for name in names:
-            if names.count(name) > 1:
-                raise UsageError(f"there are two joints named {name}", names=(name,))
-        for joint in self.joints:
-            self._rows(joint)
+        self._check_joints()
+
+    def joined(self, joints: Iterable[Joint]) -> StructuralModel:
+        """Return the model with other joints, its matrices not checked again.
+
+        Raises
+        ------
+        UsageError
+            If a joint makes no sense here.
+        """
+        model = object.__new__(StructuralModel)
+        for field in fields(self):
+            object.__setattr__(model, field.name, getattr(self, field.name))
+        object.__setattr__(model, "joints", tuple(joints))
+        model._check_joints()
+        return model
 
     @property
     def size(self) -> int:
@@ -264,16 +274,25 @@ class StructuralModel:
         """Whether numbers are labels here."""
         return any(isinstance(label, int) for label in self.dofs)
 
+    def _check_joints(self) -> None:
+        names = [joint.name for joint in self.joints]
+        for joint in self.joints:
+            if names.count(joint.name) > 1:
+                raise UsageError(f"there are two joints named {joint.name}", names=(joint.name,))
+            try:
+                ends = [self.label(dof) for dof in joint.dofs]
+            except UsageError as error:
+                raise UsageError(
+                    f"joint {joint.name}: {error.problem}", remedy=error.remedy, names=(joint.name,)
+                ) from None
+            if len(set(ends)) < len(ends):
+                raise UsageError(f"joint {joint.name} names a DOF in two ways", names=(joint.name,))
+
     def _rows(self, joint: Joint) -> Matrix:
         """Return the rows (d x n) that read a joint's DOFs."""
-        try:
-            if not self.is_sparse:
-                return np.array([self.row(dof) for dof in joint.dofs])
-            places = [self.index(dof) for dof in joint.dofs]
-        except UsageError as error:
-            raise UsageError(
-                f"joint {joint.name}: {error.problem}", remedy=error.remedy, names=(joint.name,)
-            ) from None
+        if not self.is_sparse:
+            return np.array([self.row(dof) for dof in joint.dofs])
+        places = [self.index(dof) for dof in joint.dofs]
         from scipy.sparse import csc_array  # loaded already: the model is sparse
 
         ones, count = np.ones(len(places)), len(places)

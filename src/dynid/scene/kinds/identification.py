@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, cast
 from dynid.errors import FileError
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
+from dynid.scene.kinds.structures import build_structure, number
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import IdentificationScene, JointModel, ParameterModel
-from dynid.scene.schema.quantities import Quantity
-from dynid.structure.joints import Joint, JointParameter
-from dynid.structure.lumped import Link, lumped
+from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load, frequency_response, time_response
 
@@ -40,7 +38,7 @@ def run(scene: Scene) -> Result:
         Where measured data cannot be read.
     """
     model = cast("IdentificationScene", scene.model)
-    structure = build_structure(model)
+    structure = build_structure(scene, model.structure, model.joints)
     result = Result("identification", scene.title)
     values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
     if model.measurement is not None:
@@ -57,32 +55,6 @@ def run(scene: Scene) -> Result:
     return result
 
 
-def build_structure(model: IdentificationScene) -> StructuralModel:
-    """Build the structure of a scene with its joints."""
-    part = model.structure.lumped
-    links = [Link(tuple(link.dofs), _number(link.k), _number(link.c)) for link in part.links]
-    joints = [_joint(name, joint) for name, joint in model.joints.items()]
-    return lumped([float(mass) for mass in part.masses], links, joints)
-
-
-def _joint(name: str, joint: JointModel) -> Joint:
-    return Joint(name, tuple(joint.dofs), _parameter(joint.k), _parameter(joint.c))
-
-
-def _parameter(given: ParameterModel | None) -> JointParameter | None:
-    if given is None:
-        return None
-    return JointParameter(_optional(given.value), _optional(given.start), _optional(given.true))
-
-
-def _optional(quantity: Quantity | None) -> float | None:
-    return None if quantity is None else float(quantity)
-
-
-def _number(quantity: Quantity | None) -> float:
-    return 0.0 if quantity is None else float(quantity)
-
-
 def _loads(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:
     return [Load(part.dof or 0, signal) for part, signal in build_signals(scene, where, parts, record)]
 
@@ -96,7 +68,7 @@ def _measurement(scene: Scene, model: IdentificationScene) -> Measurement:
     source: Simulation | NDArray[np.float64]
     if given.simulate is not None:
         simulate = given.simulate
-        source = Simulation(_number(simulate.noise_ratio), simulate.seed, _number(simulate.settle))
+        source = Simulation(number(simulate.noise_ratio), simulate.seed, number(simulate.settle))
     else:
         source = _measured(scene, model)
     return Measurement(float(given.step), given.samples, channels, source)
@@ -156,8 +128,8 @@ def _responses(
                 outputs,
                 record.times,
                 values=values,
-                displacement={dof: _number(motion.x) for dof, motion in model.initial.items()},
-                velocity={dof: _number(motion.v) for dof, motion in model.initial.items()},
+                displacement={dof: number(motion.x) for dof, motion in model.initial.items()},
+                velocity={dof: number(motion.v) for dof, motion in model.initial.items()},
             )
         )
     return result

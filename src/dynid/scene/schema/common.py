@@ -46,11 +46,15 @@ class FrequencyGrid(Part):
         return self
 
 
+Dof = Annotated[int, Field(ge=1, strict=True)] | Annotated[str, Field(min_length=1, max_length=100)]
+"""A degree of freedom: its number, from 1, or its label."""
+
+
 class SignalPart(Part):
     """What every signal may say beside its own keys."""
 
     source: str | None = None
-    dof: int | None = Field(default=None, ge=1, strict=True)
+    dof: Dof | None = None
 
     @property
     def factor(self) -> float:

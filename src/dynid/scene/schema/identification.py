@@ -2,86 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, Signals, TimeGrid
+from dynid.scene.schema.common import Dof, FrequencyGrid, Part, SceneModel, Signals, TimeGrid
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
+from dynid.scene.schema.structure import JointModel, StructureModel
 
-Dof = Annotated[int, Field(ge=1, strict=True)]
 MotionQuantity = Literal["displacement", "velocity", "acceleration"]
-
-
-class LinkModel(Part):
-    """A spring and a damper between two DOFs, or from one DOF to ground."""
-
-    dofs: list[Dof] = Field(min_length=1, max_length=2)
-    k: NotNegative | None = None
-    c: NotNegative | None = None
-
-    @field_validator("dofs")
-    @classmethod
-    def _differ(cls, dofs: list[int]) -> list[int]:
-        if len(set(dofs)) < len(dofs):
-            raise fault(f"both ends are DOF {dofs[0]}")
-        return dofs
-
-
-class LumpedModel(Part):
-    """Point masses, each with one degree of freedom, and the links between them."""
-
-    masses: list[Positive] = Field(min_length=1, max_length=2000)
-    links: list[LinkModel] = []
-
-    @property
-    def size(self) -> int:
-        """The number of degrees of freedom."""
-        return len(self.masses)
-
-
-class StructureModel(Part):
-    """The structure without its joints."""
-
-    lumped: LumpedModel
-
-
-class ParameterModel(Part):
-    """A joint's stiffness or damping: known (`value`), or to be identified from `start`."""
-
-    start: Positive | None = None
-    value: NotNegative | None = None
-    true: Positive | None = None
-
-    @model_validator(mode="after")
-    def _known_or_unknown(self) -> Self:
-        if (self.start is None) == (self.value is None):
-            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
-        if self.value is not None and self.true is not None:
-            raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
-        return self
-
-
-def _plain_is_known(raw: Any) -> Any:
-    return raw if isinstance(raw, dict) else {"value": raw}
-
-
-JointValue = Annotated[
-    ParameterModel, BeforeValidator(_plain_is_known, json_schema_input_type=ParameterModel | float | str)
-]
-
-
-class JointModel(LinkModel):
-    """A joint between two DOFs, or from one to ground."""
-
-    k: JointValue | None = None  # type: ignore[assignment]
-    c: JointValue | None = None  # type: ignore[assignment]
-
-    @model_validator(mode="after")
-    def _has_something(self) -> Self:
-        if self.k is None and self.c is None:
-            raise fault("a joint has a stiffness 'k', a damping 'c', or both")
-        return self
 
 
 class ChannelModel(Part):

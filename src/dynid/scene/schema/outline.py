@@ -6,15 +6,18 @@ scene that has others as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
+
+from pydantic import ValidationError
 
 from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
 from dynid.errors import Fault
 from dynid.scene.arithmetic.expression import resolve_parameters
 from dynid.scene.schema.chains import chain_ends
 from dynid.scene.schema.quantities import Names
+from dynid.scene.schema.structure import StructureModel
 from dynid.scene.yaml.source import Source
 from dynid.words import did_you_mean
 
@@ -34,13 +37,13 @@ def read_names(source: Source) -> tuple[Names, list[Fault]]:
     return Names(values, frozenset(problems), _node_types(source), complete), faults
 
 
-def whole_faults(source: Source) -> list[Fault]:
+def whole_faults(source: Source, names: Names) -> list[Fault]:
     """Find the faults that concern several parts of a scene at once."""
     kind = source.data.get("kind")
     if kind == "bond-graph":
         faults = [*_bond_graph_faults(source), *_initial_faults(source), *_driving_faults(source)]
     else:
-        faults = _dof_faults(source) if kind == "identification" else []
+        faults = _structure_faults(source, names) if kind == "identification" else []
     return [*faults, *_motionless_faults(source)]
 
 
@@ -144,15 +147,20 @@ def _driving_faults(source: Source) -> list[Fault]:
 # --- structures ------------------------------------------------------------------------------------
 
 
-def _dof_faults(source: Source) -> list[Fault]:
-    """Check that every DOF exists, and that what is to be identified can be simulated."""
+def _structure_faults(source: Source, names: Names) -> list[Fault]:
+    """Check that every node and DOF exists, and that what is to be identified can be simulated."""
     data = source.data
-    size = len(_list(_mapping(_mapping(data, "structure"), "lumped"), "masses"))
-    faults = []
-    for path, dof in _dofs(data):
-        if size and isinstance(dof, int) and dof > size:
-            message = f"there is no DOF {dof}; the structure has {size}"
-            faults.append(source.fault(path, message, key=path[0] == "initial"))
+    structure = _structure(data, names)
+    if structure is not None:
+        faults = [source.fault(("structure", *path), message) for path, message in structure.faults()]
+        known = structure.labels()
+    else:
+        faults, known = (
+            [],
+            list(range(1, 1 + len(_list(_mapping(_mapping(data, "structure"), "lumped"), "masses")))),
+        )
+    if known and not faults:
+        faults += dof_faults(source, known)
     for path, signal in _excitations(data):
         if "dof" not in signal:
             faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
@@ -161,6 +169,45 @@ def _dof_faults(source: Source) -> list[Fault]:
                 source.fault((*path, "source"), "a structure has DOFs, not sources; write 'dof'", key=True)
             )
     return [*faults, *_channel_faults(source), *_unknown_faults(source)]
+
+
+def _structure(data: Any, names: Names) -> StructureModel | None:
+    """Return the structure of a scene, if that is valid by itself."""
+    try:
+        return StructureModel.model_validate(_mapping_of(data).get("structure"), context=names)
+    except ValidationError:
+        return None
+
+
+def dof_faults(source: Source, labels: Sequence[int | str]) -> list[Fault]:
+    """Check that every DOF of a scene is one of a structure, by its label or its number.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    labels
+        Labels of the structure's DOFs; where they are texts, numbers count them from 1.
+    """
+    known = set(labels)
+    count = 0 if any(isinstance(label, int) for label in labels) else len(labels)
+    faults = []
+    for path, dof in _dofs(source.data):
+        if not isinstance(dof, int | str) or isinstance(dof, bool) or dof in known:
+            continue
+        if isinstance(dof, str) and dof:
+            hint = did_you_mean(dof, (label for label in labels if isinstance(label, str)))
+            message = f"there is no DOF '{dof}'{hint or _dofs_there(labels)}"
+        elif isinstance(dof, int) and dof >= 1 and dof > count:
+            message = f"there is no DOF {dof}{_dofs_there(labels)}"
+        else:
+            continue
+        faults.append(source.fault(path, message, key=path[0] == "initial"))
+    return faults
+
+
+def _dofs_there(labels: Sequence[int | str]) -> str:
+    return f"; the structure has {len(labels)}{f' ({labels[0]} … {labels[-1]})' if labels[0] != 1 else ''}"
 
 
 def _channel_faults(source: Source) -> list[Fault]:
@@ -215,14 +262,14 @@ def _unknown_faults(source: Source) -> list[Fault]:
         if part in _mapping_of(joint)
     ]
     unknowns = [(path, _mapping_of(value)) for path, value in given if "start" in _mapping_of(value)]
-    known = all(not isinstance(value, dict) or value.keys() == {"value"} for _, value in given)
+    known = all(not isinstance(value, dict) or {*value} <= {"value", "matrix"} for _, value in given)
     if not unknowns and known and _is_mapping_of_mappings(source.data.get("joints", {})):
         message = "there is nothing to identify: no joint parameter has a 'start'"
         return [source.fault(("measurement",), message, key=True)]
     if "simulate" not in measurement:
         return []
     message = "a simulated measurement needs the 'true' value of this parameter"
-    lacking = [path for path, value in unknowns if value.keys() <= {"start", "value"}]
+    lacking = [path for path, value in unknowns if value.keys() <= {"start", "value", "matrix"}]
     return [source.fault(path, message, key=True) for path in lacking]
 
 

@@ -38,6 +38,14 @@ class MatrixFile:
     name: str | None = None
 
 
+def matrix_file(folder: Path, path: str, name: str | None = None) -> MatrixFile:
+    """Return the file that a scene in a folder names; in HDF5 also as ``file.h5:/path``."""
+    bare, colon, inside = path.partition(":/")
+    if colon and name is None and bare.lower().endswith((".h5", ".hdf5")):
+        return MatrixFile(folder / bare, inside)
+    return MatrixFile(folder / path, name)
+
+
 def read_matrix(file: MatrixFile, role: str) -> Imported:
     """Read the matrix of a file that plays a role.
 

@@ -1,0 +1,200 @@
+"""The structure of a scene, with its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import DynidError, FileError, SceneError
+from dynid.scene.schema.outline import dof_faults
+from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.structure import FileModel, ParameterModel
+from dynid.structure.joints import Joint, JointParameter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.structure import (
+        BeamModel,
+        DampingModel,
+        FrameModel,
+        JointModel,
+        LumpedModel,
+        MassModel,
+        MatricesModel,
+        StructureModel,
+    )
+    from dynid.structure.damping import Modal, Proportional
+    from dynid.structure.matrices import Label
+    from dynid.structure.model import StructuralModel
+
+_FILES = ("mass", "stiffness", "damping", "labels", "state_space")
+
+
+def build_structure(
+    scene: Scene, structure: StructureModel, joints: Mapping[str, JointModel]
+) -> StructuralModel:
+    """Build the structure of a scene with its joints, and check every DOF that the scene names.
+
+    Raises
+    ------
+    SceneError
+        If the scene names DOFs that the structure does not have.
+    FileError
+        If a file of matrices cannot be read.
+    UsageError
+        If the matrices are not those of a structure.
+    """
+    built = [_joint(name, joint) for name, joint in joints.items()]
+    with _located(structure):
+        if structure.lumped is not None:
+            model = _lumped(structure.lumped, built)
+        elif structure.beam is not None:
+            model = _beam(structure.beam, built)
+        elif structure.frame is not None:
+            model = _frame(structure.frame, built)
+        else:
+            assert structure.matrices is not None
+            bare = _matrices(scene.folder, structure.matrices)
+            faults = dof_faults(scene.source, bare.dofs)
+            if faults:  # found only now: a file tells the DOFs
+                raise SceneError(faults)
+            model = bare.joined(built)
+    return model
+
+
+def number(quantity: Quantity | None) -> float:
+    """Return a quantity as a number; absent, 0."""
+    return 0.0 if quantity is None else float(quantity)
+
+
+def _lumped(part: LumpedModel, joints: Sequence[Joint]) -> StructuralModel:
+    from dynid.structure.lumped import Link, lumped
+
+    links = [
+        Link(tuple(int(dof) for dof in link.dofs), number(link.k), number(link.c)) for link in part.links
+    ]
+    return lumped([float(mass) for mass in part.masses], links, joints)
+
+
+def _beam(part: BeamModel, joints: Sequence[Joint]) -> StructuralModel:
+    from dynid.structure.beam import beam
+
+    return beam(
+        part.elements,
+        _each(part.length),
+        _each(part.EI),
+        _each(part.rhoA),
+        **_attached(part),
+        damping=_damping(part.damping),
+        joints=joints,
+    )
+
+
+def _frame(part: FrameModel, joints: Sequence[Joint]) -> StructuralModel:
+    from dynid.structure.frame import Member, frame
+
+    members = [
+        Member(
+            (member.nodes[0], member.nodes[1]),
+            float(member.EA),
+            float(member.EI),
+            float(member.rhoA),
+            member.elements,
+            tuple(member.hinges),
+        )
+        for member in part.members
+    ]
+    points = [(float(x), float(y)) for x, y in part.nodes]
+    return frame(points, members, **_attached(part), damping=_damping(part.damping), joints=joints)
+
+
+def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
+    from dynid.structure.assembly import PointMass, Spring, Support
+
+    return {
+        "supports": [Support(item.node, tuple(item.fix)) for item in part.supports],
+        "masses": [PointMass(item.node, number(item.m), number(item.J)) for item in part.masses],
+        "springs": [
+            Spring(item.node, item.direction, number(item.k), number(item.c)) for item in part.springs
+        ],
+    }
+
+
+def _matrices(folder: Path, part: MatricesModel) -> StructuralModel:
+    from dynid.structure.imported import from_state_space, imported
+    from dynid.structure.readers.read import matrix_file
+
+    labels = _labels(folder, part.labels)
+    if part.state_space is not None:
+        given = part.state_space
+        names = {role: name for role in "ABC" if (name := getattr(given, role)) is not None}
+        return from_state_space(folder / given.path, names, labels=labels)
+
+    def file(item: FileModel) -> Any:
+        return matrix_file(folder, item.path, item.name)
+
+    assert part.mass is not None
+    assert part.stiffness is not None
+    damping = file(part.damping) if isinstance(part.damping, FileModel) else _damping(part.damping)
+    return imported(file(part.mass), file(part.stiffness), damping, labels=labels)
+
+
+def _labels(folder: Path, given: list[Label] | str | None) -> Sequence[Label]:
+    """Return labels as listed, or read from a text file with one a line."""
+    if not isinstance(given, str):
+        return given or ()
+    try:
+        lines = (folder / given).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
+        raise FileError(f"{folder / given} cannot be read: {reason}", names=("labels",)) from None
+    words = [line.strip() for line in lines if line.strip()]
+    return [int(word) if word.isdecimal() else word for word in words]
+
+
+def _damping(given: DampingModel | None) -> Proportional | Modal | None:
+    from dynid.structure.damping import Modal, Proportional
+
+    if given is None:
+        return None
+    if given.ratio is not None:
+        return Modal(_each(given.ratio))
+    return Proportional(number(given.alpha), number(given.beta))
+
+
+def _each(given: Quantity | list[Quantity]) -> float | list[float]:
+    return [float(value) for value in given] if isinstance(given, list) else float(given)
+
+
+def _joint(name: str, joint: JointModel) -> Joint:
+    return Joint(name, tuple(joint.dofs), _parameter(joint.k), _parameter(joint.c), _parameter(joint.m))
+
+
+def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | None:
+    if given is None:
+        return None
+    start, true = (given.start, given.true) if isinstance(given, ParameterModel) else (None, None)
+    matrix = [[float(value) for value in row] for row in given.matrix] if given.matrix else None
+    return JointParameter(_optional(given.value), _optional(start), _optional(true), matrix)
+
+
+def _optional(quantity: Quantity | None) -> float | None:
+    return None if quantity is None else float(quantity)
+
+
+@contextmanager
+def _located(structure: StructureModel) -> Iterator[None]:
+    """Place an error of a structure at the part of the scene it comes from."""
+    try:
+        yield
+    except SceneError:
+        raise
+    except DynidError as error:
+        kind = next(kind for kind in type(structure).model_fields if getattr(structure, kind) is not None)
+        part = next((name for name in error.names if kind == "matrices" and name in _FILES), "")
+        error.names = (f"structure.{kind}.{part}",) if part else (*error.names, f"structure.{kind}")
+        raise
