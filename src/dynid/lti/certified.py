@@ -2,7 +2,9 @@
 
 Multiplicities come from an exact square-free factorisation. Roots on the imaginary axis are recognised
 exactly: they are among the roots that the even and the odd part of a polynomial share. Every other root
-is refined until its enclosing disc (Arb ball arithmetic, through python-flint) is clear of the axis.
+is refined until its enclosing disc (`dynid.lti.enclosures`) is clear of the axis. That a polynomial has no
+multiple root, and none on the axis, is proved modulo a prime where it is so: a common factor over the
+integers would show there.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-#: First working precision in bits, and the last before giving up on separating a root from the axis.
-_PRECISION, _MAX_PRECISION = 128, 1 << 16
+#: Working precision in bits of square roots.
+_PRECISION = 128
+#: A prime modulo which coprimality is proved.
+_PRIME = (1 << 61) - 1
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,16 @@ class ZerosPoles(NamedTuple):
     pole_roots: tuple[Root, ...]
 
 
-def certified_roots(polynomial: Any) -> tuple[Root, ...]:
+def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) -> tuple[Root, ...]:
     """Return the roots of an integer polynomial (flint `fmpz_poly`), smallest modulus first.
+
+    Parameters
+    ----------
+    polynomial
+        The polynomial.
+    starts
+        Approximate roots, such as the eigenvalues of state equations; they save time, and change nothing
+        else.
 
     Raises
     ------
@@ -62,8 +74,11 @@ def certified_roots(polynomial: Any) -> tuple[Root, ...]:
     """
     if polynomial == 0:
         raise ValueError("every number is a root of the zero polynomial")
-    _, factors = polynomial.factor_squarefree()
-    roots = [root for factor, multiplicity in factors for root in _simple_roots(factor, int(multiplicity))]
+    roots = [
+        root
+        for factor, multiplicity in _squarefree(polynomial)
+        for root in _simple_roots(factor, multiplicity, starts)
+    ]
     return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
 
 
@@ -103,9 +118,29 @@ def integer_polynomial(coefficients: Sequence[float | Fraction | str]) -> Any:
     return fmpq_poly([fmpq(c.numerator, c.denominator) for c in exact]).numer()
 
 
-def _simple_roots(polynomial: Any, multiplicity: int) -> list[Root]:
+def _squarefree(polynomial: Any) -> list[tuple[Any, int]]:
+    """Return the square-free factors with their multiplicities."""
+    if _gcd(polynomial, polynomial.derivative()).degree() == 0:
+        return [(polynomial, 1)] if polynomial.degree() > 0 else []
+    return [(factor, int(multiplicity)) for factor, multiplicity in polynomial.factor_squarefree()[1]]
+
+
+def _gcd(one: Any, other: Any) -> Any:
+    """Return the greatest common divisor; where the two are coprime modulo a prime that is proof enough."""
+    from flint import fmpz_poly, nmod_poly
+
+    if one and other and one.leading_coefficient() % _PRIME:
+        images = [nmod_poly([int(c % _PRIME) for c in p.coeffs()], _PRIME) for p in (one, other)]
+        if images[0].gcd(images[1]).degree() == 0:
+            return fmpz_poly([1])
+    return one.gcd(other)
+
+
+def _simple_roots(polynomial: Any, multiplicity: int, starts: Sequence[complex] | None) -> list[Root]:
     """Return the roots of a square-free polynomial."""
     from flint import fmpz_poly
+
+    from dynid.lti.enclosures import enclosures
 
     found = []
     if polynomial[0] == 0:
@@ -113,13 +148,14 @@ def _simple_roots(polynomial: Any, multiplicity: int) -> list[Root]:
         polynomial = polynomial // fmpz_poly([0, 1])
     coefficients = polynomial.coeffs()
     # p(s) = E(w) + s O(w) with w = s^2: what E and O share are the pairs of roots s and -s
-    shared = fmpz_poly(coefficients[::2]).gcd(fmpz_poly(coefficients[1::2]))
+    shared = _gcd(fmpz_poly(coefficients[::2]), fmpz_poly(coefficients[1::2]))
     if shared.degree() > 0:
         pairs = fmpz_poly([c for w in shared.coeffs() for c in (w, 0)])
         polynomial = polynomial // pairs
         found += [root for pair in _paired_roots(shared, multiplicity) for root in pair]
     if polynomial.degree() > 0:
-        found += _off_axis_roots(polynomial, multiplicity)
+        balls = enclosures(polynomial, starts)
+        found += [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
     return found
 
 
@@ -127,8 +163,10 @@ def _paired_roots(shared: Any, multiplicity: int) -> Iterable[tuple[Root, Root]]
     """Return s and -s for the roots w = s^2; a negative real w lies on the imaginary axis."""
     from flint import acb, arb, ctx
 
-    with ctx.workprec(_PRECISION):
-        for square, _ in shared.complex_roots():
+    from dynid.lti.enclosures import enclosures
+
+    for square in enclosures(shared, sides=False):
+        with ctx.workprec(max(_PRECISION, square.real.bits(), square.imag.bits())):
             if square.imag == 0 and square.real < 0:
                 frequency = acb(arb(0), (-square.real).sqrt())
                 yield _rounded(frequency, multiplicity, 0), _rounded(-frequency, multiplicity, 0)
@@ -137,24 +175,17 @@ def _paired_roots(shared: Any, multiplicity: int) -> Iterable[tuple[Root, Root]]
                 yield _rounded(s, multiplicity, 1), _rounded(-s, multiplicity, -1)
 
 
-def _off_axis_roots(polynomial: Any, multiplicity: int) -> list[Root]:
-    """Return the roots of a polynomial that has none on the imaginary axis."""
-    from flint import ctx
-
-    precision = _PRECISION
-    while precision <= _MAX_PRECISION:
-        with ctx.workprec(precision):
-            balls = [ball for ball, _ in polynomial.complex_roots()]
-            if all(ball.real > 0 or ball.real < 0 for ball in balls):
-                return [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
-        precision *= 2
-    raise ArithmeticError("a root could not be separated from the imaginary axis")
-
-
 def _rounded(ball: Any, multiplicity: int, side: int) -> Root:
     """Round a ball to the nearest complex number and bound the distance to the true root."""
-    from flint import acb
+    from flint import acb, ctx
 
-    value = complex(float(ball.real.mid()), float(ball.imag.mid()))
-    distance = float((ball - acb(value.real, value.imag)).abs_upper())
+    with ctx.workprec(_PRECISION + max(ball.real.bits(), ball.imag.bits())):
+        value = complex(_nearest(ball.real.mid()), _nearest(ball.imag.mid()))
+        distance = float((ball - acb(value.real, value.imag)).abs_upper())
     return Root(value, multiplicity, math.nextafter(distance, math.inf) if distance else 0.0, side)
+
+
+def _nearest(number: Any) -> float:
+    """Round an exact ball (flint `arb`) to the nearest double."""
+    mantissa, exponent = number.man_exp()
+    return float(Fraction(int(mantissa)) * Fraction(2) ** int(exponent))
