@@ -200,7 +200,7 @@ class Elimination:
         common = COMMON[kind]
         meaning = f"{leaf} and {into} are {kind}-junctions now, joined by a bond: they merge"
         nodes = (*self.names(leaf), *self.names(into))
-        definition = (f"{common}_{leaf}", lambda hand: hand.name(f"{common}_{into}"))
+        definition = (f"{common}_{leaf}", ((self.program.one, f"{common}_{into}"),))
         self.record(Step("merge", nodes, (definition,), meaning))
 
     def _add_source(self, junction: str, source: str, amount: Register) -> None:

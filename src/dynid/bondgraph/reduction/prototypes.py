@@ -84,6 +84,18 @@ class Prototype:
         return f"prototype {self.letter}: {source} source on {self.kind}-junction {root}; {how}, eq {number}"
 
 
+@dataclass(frozen=True)
+class DrivenBy:
+    """What a prototype answers a source with, ready to be written."""
+
+    prototype: Prototype
+    source: str
+
+    def __call__(self, hand: Hand) -> Written:
+        """Write the driving-point relation times the source."""
+        return hand.scaled(self.prototype.relation(hand), self.source)
+
+
 def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Term]]:
     """Split what stands on the root into the systems B and A.
 

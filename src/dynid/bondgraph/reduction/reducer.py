@@ -19,7 +19,7 @@ from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.network import Network
 from dynid.bondgraph.reduction.port import PortForm, channel, port_form
 from dynid.bondgraph.reduction.program import Program, Register
-from dynid.bondgraph.reduction.prototypes import Prototype, split_root
+from dynid.bondgraph.reduction.prototypes import DrivenBy, Prototype, split_root
 from dynid.bondgraph.reduction.singularity import NodalForm, explain_singularity
 from dynid.bondgraph.reduction.steps import Definition, Formula, Step
 
@@ -171,7 +171,7 @@ class Reducer:
             return self.work.held_by
         if fixing is not None:
             return ((self.program.one, fixing),) if fixing in self.net.inputs else ()
-        return lambda hand: hand.scaled(prototype.relation(hand), source)
+        return DrivenBy(prototype, source)
 
     def _prototype(self, port: Port) -> Prototype:
         element, rest = split_root(self.net, port, self._root_known())
