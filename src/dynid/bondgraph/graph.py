@@ -137,6 +137,11 @@ class BondGraph:
         ]
         if faults:
             raise UsageError("; ".join(fault.message for fault in faults))
+        self._bonds_at: dict[str, list[Bond]] = {name: [] for name in self.nodes}
+        for bond in self.bonds:
+            for end in (bond.tail, bond.head):
+                if end in self._bonds_at:
+                    self._bonds_at[end].append(bond)
 
     def value(self, name: str) -> Fraction:
         """Return the exact value of an element or the modulus of a two-port."""
@@ -151,7 +156,7 @@ class BondGraph:
 
     def bonds_of(self, name: str) -> list[Bond]:
         """Return the bonds at a node, in the user's order."""
-        return [bond for bond in self.bonds if name in (bond.tail, bond.head)]
+        return list(self._bonds_at[name])
 
 
 def bond_sign(graph: BondGraph, name: str) -> int:

@@ -58,16 +58,9 @@ class ReducedGraph:
 
     def _holds_with_numbers(self) -> bool:
         """Tell whether every divisor stays nonzero with the graph's values, at a random s."""
-        from flint import nmod
-
+        pivots = [pivot for reduction in self.reductions.values() for pivot in reduction.pivots]
         point = numeric_point(self._values, self._prime)
-        values = {name: nmod(image, point.prime) for name, image in point.values.items()}
-        wanted = [r for red in self.reductions.values() for r in (*red.channels.values(), *red.pivots)]
-        try:
-            images = self.run(wanted, values, nmod(point.laplace, point.prime), nmod(1, point.prime))
-        except ZeroDivisionError:
-            return False
-        return all(images[pivot] != 0 for red in self.reductions.values() for pivot in red.pivots)
+        return not self.program.vanishing(self.channels().values(), pivots, point)
 
     def channels(self) -> dict[Channel, int]:
         """Return the register of every channel (output, input)."""

@@ -20,10 +20,8 @@ def primes() -> Iterator[int]:
 
 def prime_for(values: Iterable[Fraction]) -> int:
     """Return a large prime that divides no numerator or denominator of these values."""
-    product = 1
-    for value in values:
-        product *= (value.numerator or 1) * value.denominator
-    return next(prime for prime in primes() if product % prime)
+    parts = {part for value in values for part in (value.numerator or 1, value.denominator)}
+    return next(prime for prime in primes() if all(part % prime for part in parts))
 
 
 def random_point(names: Iterable[str], prime: int) -> Point:

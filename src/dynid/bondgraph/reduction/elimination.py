@@ -94,7 +94,8 @@ class Elimination:
         )
         nodes = tuple(dict.fromkeys([*self.names(junction), *(term.name for term in terms)]))
         self._name(total, label)
-        kept = [term for term in self.net.terms[junction] if term not in terms]
+        superposed = {id(term) for term in terms}
+        kept = [term for term in self.net.terms[junction] if id(term) not in superposed]
         self.net.terms[junction] = [Term(junction, total), *kept]
         self.record(Step("series" if series else "parallel", nodes, ((label, parts),), meaning))
         return total
@@ -120,7 +121,7 @@ class Elimination:
                 self.record(step)
             self._swap(leaf, into, term, coupling.two_port)
             return
-        net.terms[into].append(term)
+        net.add_term(into, term)
         net.remove(leaf)
         self._watch() if step is None else self.record(step)
 
@@ -187,7 +188,7 @@ class Elimination:
             meaning += f", seen through {two_port}"
         else:
             meaning += f"; the {net.kind[leaf]}-junction becomes a {net.kind[into]}-junction"
-        net.terms[into].append(seen)
+        net.add_term(into, seen)
         net.remove(leaf)
         self.record(Step("source swap", (*sources, *self.names(leaf)), ((label, parts),), meaning))
         junctions = net.structure.junctions
@@ -249,7 +250,7 @@ class Elimination:
         if self.program.is_zero(change):
             return
         if row == column:
-            self.net.terms[row].append(Term(origin, change))
+            self.net.add_term(row, Term(origin, change))
         else:
             self.net.add_entry(row, column, change)
 

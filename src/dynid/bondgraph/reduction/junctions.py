@@ -11,6 +11,7 @@ user did not draw, a bare one is put in. Neither changes the physics.
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import count
@@ -162,7 +163,7 @@ class JunctionStructure:
         return self._between[bond]
 
     def _bare(self, between: tuple[str, str], kind: str) -> str:
-        name = unique("_".join(between), {*self.junctions, *self.graph.nodes})
+        name = unique("_".join(between), ChainMap(self.junctions, self.graph.nodes))
         self.junctions[name] = Junction(name, kind, between=between)
         return name
 

@@ -45,6 +45,7 @@ class Network:
         self.kind = {name: junction.kind for name, junction in structure.junctions.items()}
         self.depth = _reach(structure, root)
         self.terms: dict[str, list[Term]] = {name: self._elements(name) for name in self.depth}
+        self.weight = {name: self._image_of(terms) for name, terms in self.terms.items()}
         self.matrix: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
         self.sources: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
         self.single: dict[frozenset[str], Coupling | None] = {}  # None where several bonds run in parallel
@@ -61,6 +62,18 @@ class Network:
             Term(name, self.immittance(name, junction))
             for name in self.structure.junctions[junction].elements
         ]
+
+    def _image_of(self, terms: list[Term]) -> int:
+        return sum(self.program.image(term.register) for term in terms) % self.program.prime
+
+    def add_term(self, junction: str, term: Term) -> None:
+        """Put an immittance on a junction."""
+        self.terms[junction].append(term)
+        self.weight[junction] = (self.weight[junction] + self.program.image(term.register)) % self.program.prime
+
+    def is_bare(self, junction: str) -> bool:
+        """Tell whether what stands on a junction is identically zero."""
+        return not self.weight[junction]
 
     def immittance(self, name: str, junction: str) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
@@ -93,9 +106,13 @@ class Network:
         self.single[pair] = None if pair in self.single else coupling
 
     def add_entry(self, row: str, column: str, entry: Register) -> None:
-        """Add to a matrix entry off the diagonal."""
-        self.matrix[row][column] = self.program.add(self.entry(row, column), entry)
-        self.matrix[column].setdefault(row, self.program.zero)  # a coupling is known from both sides
+        """Add to a matrix entry off the diagonal; one that is zero both ways is no tie between the two."""
+        zero = self.program.zero
+        total = self.program.add(self.matrix[row].get(column, zero), entry)
+        self.matrix[row][column] = total
+        back = self.matrix[column].setdefault(row, zero)  # a coupling is known from both sides
+        if self.program.is_zero(total) and self.program.is_zero(back):
+            del self.matrix[row][column], self.matrix[column][row]
 
     def entry(self, row: str, column: str) -> Register:
         """Return a matrix entry off the diagonal."""
@@ -107,19 +124,14 @@ class Network:
 
     def neighbours(self, junction: str) -> list[str]:
         """Return the junctions whose balance or unknown this one is tied to."""
-        zero = self.program.is_zero
-        return [
-            other
-            for other, entry in self.matrix[junction].items()
-            if not (zero(entry) and zero(self.entry(other, junction)))
-        ]
+        return list(self.matrix[junction])
 
     def remove(self, junction: str) -> None:
         """Take an eliminated junction out."""
-        for other in list(self.matrix[junction]):
-            self.matrix[other].pop(junction, None)
-        for table in (self.matrix, self.terms, self.sources, self.drives):
-            table.pop(junction)
+        for other in self.matrix[junction]:
+            del self.matrix[other][junction]
+        for table in (self.matrix, self.terms, self.weight, self.sources, self.drives):
+            del table[junction]
 
 
 def _reach(structure: JunctionStructure, root: str) -> dict[str, int]:

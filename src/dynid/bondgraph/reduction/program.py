@@ -8,7 +8,8 @@ written twice.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import operator
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Protocol, Self, TypeVar
@@ -64,23 +65,26 @@ class Program:
     """
 
     def __init__(self, point: Point) -> None:
+        from flint import nmod
+
         self.ops: list[tuple[Op, Any, int]] = []
-        self._images: list[int] = []
+        self._images: list[Any] = []  # residues of flint: their inverses are cheap
+        self._residue = lambda value: nmod(value, point.prime)
         self._known: dict[tuple[Op, Any, int], Register] = {}
         self._point = point
         self.zero = self.constant(0)
         self.one = self.constant(1)
-        self.s = self._emit(Op.LAPLACE, None, 0, point.laplace)
+        self.s = self._emit(Op.LAPLACE, None, 0, self._residue(point.laplace))
 
     # --- writing -------------------------------------------------------------------------------
 
     def constant(self, value: int) -> Register:
         """Write an integer."""
-        return self._emit(Op.CONSTANT, value, 0, value)
+        return self._emit(Op.CONSTANT, value, 0, self._residue(value))
 
     def parameter(self, name: str) -> Register:
         """Write the value of a node."""
-        return self._emit(Op.PARAMETER, name, 0, self._point.values[name])
+        return self._emit(Op.PARAMETER, name, 0, self._residue(self._point.values[name]))
 
     def add(self, a: Register, b: Register) -> Register:
         """Write a + b."""
@@ -144,8 +148,7 @@ class Program:
             if numerator == self.one:
                 return self.mul(a, denominator)
             return self.div(self.mul(a, denominator), numerator)
-        image = self._images[a] * pow(self._images[b], -1, self._point.prime)
-        return self._emit(Op.DIV, a, b, image)
+        return self._emit(Op.DIV, a, b, self._images[a] / self._images[b])
 
     def inv(self, a: Register) -> Register:
         """Write 1 / a."""
@@ -169,17 +172,51 @@ class Program:
 
     def image(self, a: Register) -> int:
         """Return the value of a register at the point, modulo its prime."""
-        return self._images[a]
+        return int(self._images[a])
 
-    def _emit(self, op: Op, a: Any, b: int, image: int) -> Register:
+    def _emit(self, op: Op, a: Any, b: int, image: Any) -> Register:
         key = (op, b, a) if op in (Op.ADD, Op.MUL) and b < a else (op, a, b)
         register = self._known.get(key)
         if register is None:
             register = len(self.ops)
             self.ops.append((op, a, b))
-            self._images.append(image % self._point.prime)
+            self._images.append(image)
             self._known[key] = register
         return register
+
+    def vanishing(self, wanted: Iterable[Register], divisors: Iterable[Register], point: Point) -> bool:
+        """Tell whether one of these divisors, or any on the way to what is wanted, is zero at another point."""
+        from flint import nmod
+
+        divisors = list(divisors)
+        needed = self._needed([*wanted, *divisors])
+        values: list[Any] = [None] * len(needed)
+        try:
+            for register in filter(needed.__getitem__, range(len(needed))):
+                op, a, b = self.ops[register]
+                if op is Op.PARAMETER:
+                    values[register] = nmod(point.values[a], point.prime)
+                elif op is Op.CONSTANT:
+                    values[register] = nmod(a, point.prime)
+                elif op is Op.LAPLACE:
+                    values[register] = nmod(point.laplace, point.prime)
+                else:
+                    values[register] = _ARITHMETIC[op](values[a], values[b])
+        except ZeroDivisionError:
+            return True
+        return any(values[divisor] == 0 for divisor in divisors)
+
+    def _needed(self, wanted: list[Register]) -> bytearray:
+        """Mark the registers that others depend on, up to the last one wanted."""
+        needed = bytearray(max(wanted, default=-1) + 1)
+        for register in wanted:
+            needed[register] = 1
+        for register in range(len(needed) - 1, -1, -1):
+            if needed[register]:
+                op, a, b = self.ops[register]
+                if op >= Op.ADD:
+                    needed[a] = needed[b] = 1
+        return needed
 
     # --- running -------------------------------------------------------------------------------
 
@@ -224,6 +261,15 @@ class Program:
         return last
 
 
+_ARITHMETIC: dict[Op, Callable[[Any, Any], Any]] = {
+    Op.ADD: operator.add,
+    Op.SUB: operator.sub,
+    Op.MUL: operator.mul,
+    Op.DIV: operator.truediv,
+    Op.NEG: lambda a, _: -a,
+}
+
+
 def operands(op: Op, a: Any, b: int) -> tuple[Register, ...]:
     """Return the registers that an operation reads."""
     if op <= Op.LAPLACE:
@@ -241,13 +287,7 @@ def _execute(
             return values[a]
         case Op.LAPLACE:
             return s
-        case Op.ADD:
-            return memory[a] + memory[b]
-        case Op.SUB:
-            return memory[a] - memory[b]
-        case Op.MUL:
-            return memory[a] * memory[b]
-        case Op.DIV:
-            return memory[a] / memory[b]
         case Op.NEG:
             return -memory[a]
+        case _:
+            return _ARITHMETIC[op](memory[a], memory[b])

@@ -121,6 +121,7 @@ class Reducer:
         form = port_form(self.net, port, total)
         self.work.record(self._last_step(prototype, port, form))
         modelled = self._modelled()
+        inside = set(modelled)
         return Reduction(
             port=port,
             root=self.root,
@@ -132,7 +133,7 @@ class Reducer:
             },
             pivots=tuple(self.work.pivots),
             modelled=modelled,
-            dropped=tuple(name for name in self.net.structure.graph.nodes if name not in set(modelled)),
+            dropped=tuple(name for name in self.net.structure.graph.nodes if name not in inside),
             junctions=tuple(self.nodal_form.matrix),
             labels=self.work.labels,
         )
@@ -205,7 +206,7 @@ class Reducer:
         order = {name: index for index, name in enumerate(self.net.depth)}
 
         def priority(name: str) -> tuple[int, int, int, str]:
-            return len(self.net.neighbours(name)), -self.net.depth[name], order[name], name
+            return len(self.net.matrix[name]), -self.net.depth[name], order[name], name
 
         heap = [priority(name) for name in order if name != self.root]
         heapq.heapify(heap)
@@ -221,7 +222,7 @@ class Reducer:
 
     def _eliminate_next(self, name: str) -> list[str]:
         """Eliminate a junction if something stands on it, or if it is bare and a dead end."""
-        if not self.program.is_zero(self.net.diagonal(name)):
+        if not self.net.is_bare(name):
             return self.work.eliminate(name)
         neighbours = self.net.neighbours(name)
         if len(neighbours) == 1 and neighbours[0] != self.root and self.work.paired(name, neighbours[0]):
@@ -233,7 +234,7 @@ class Reducer:
         for name in names:
             if name not in self.net.matrix:
                 continue
-            if not self.program.is_zero(self.net.diagonal(name)):
+            if not self.net.is_bare(name):
                 self.work.eliminate(name)
                 continue
             partners = [other for other in self.net.neighbours(name) if self.work.paired(name, other)]
