@@ -63,6 +63,7 @@ def test_the_version_is_one_line(dynid):
         (["compare", "a.h5", "b.h5", "--rtol", "-1"], "Invalid value for '--rtol'"),
         (["schema", "bondgraph"], "no kind 'bondgraph'; did you mean 'bond-graph'?"),
         (["new", "isolater"], "no template 'isolater'"),
+        (["new", "structure", "--stages", "3"], "has no stages"),
     ],
 )
 @pytest.mark.usefixtures("folder")
@@ -250,3 +251,13 @@ def test_the_printed_schema_accepts_the_scenes_that_come_along(dynid, kind):
     for config in CONFIGS:
         data = read_source(config).data
         assert validator.is_valid(data) == (kind in (None, data["kind"])), config.name
+
+
+@pytest.mark.parametrize("options", [[], ["--stages", "1"], ["--stages", "12", "--distinct"]])
+def test_a_chain_of_any_length_is_a_template(dynid, tmp_path, options):
+    scene = tmp_path / "chain.yaml"
+    assert dynid("new", "chain", *options, "-o", str(scene))[0] == 0
+    code, out, _ = dynid("run", str(scene), "-o", str(tmp_path / "chain.h5"))
+    stages = int(options[1]) if options else 10
+    assert code == 0
+    assert f"Chain of {stages} mass-spring-damper stages" in out

@@ -8,18 +8,24 @@ import click
 
 from dynid.errors import FileError, UsageError
 
+#: The template that is generated, of any length.
+_CHAIN = "chain"
+
 
 @click.command()
 @click.argument("name")
 @click.option("-o", "--output", type=click.Path(), help="The file to write; default ./NAME.yaml.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-def new(name: str, output: str | None, force: bool) -> int:
+@click.option("--stages", type=click.IntRange(1, 10_000), help="chain: how many stages (default 10).")
+@click.option("--distinct", is_flag=True, help="chain: every stage with values of its own.")
+def new(name: str, output: str | None, force: bool, stages: int | None, distinct: bool) -> int:
     """Write a commented template scene to start from.
 
     \b
     bond-graph      transfer functions, zeros, poles and responses of a motor
     identification  joints of a chain of masses, from a record
     structure       frequency and time response of a chain of masses
+    chain           a bond graph of any length: --stages N masses, springs and dampers
     """  # noqa: D301 - click's mark against wrapping
     from importlib.resources import files
 
@@ -30,15 +36,24 @@ def new(name: str, output: str | None, force: bool) -> int:
     names = sorted(
         item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")
     )
+    names.append(_CHAIN)
     if name not in names:
         raise UsageError(
             f"no template '{name}'{did_you_mean(name, names)}", remedy=f"There are {', '.join(names)}."
         )
+    if name != _CHAIN and (stages is not None or distinct):
+        raise UsageError(f"a template '{name}' has no stages", remedy=f"Use them with `dynid new {_CHAIN}`.")
     target = Path(output or f"{name}.yaml")
     if target.exists() and not force:
         raise FileError(
             f"{target} exists already", remedy="Name another file with -o, or replace it with --force."
         )
-    replace_file(str(target), folder.joinpath(f"{name}.yaml").read_bytes())
+    if name == _CHAIN:
+        from dynid.templates.chain import chain_scene
+
+        written = chain_scene(stages or 10, vary=distinct).encode()
+    else:
+        written = folder.joinpath(f"{name}.yaml").read_bytes()
+    replace_file(str(target), written)
     click.echo(f"wrote {target}; run it: dynid run {target}")
     return 0

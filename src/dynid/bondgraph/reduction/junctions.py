@@ -11,7 +11,6 @@ user did not draw, a bare one is put in. Neither changes the physics.
 
 from __future__ import annotations
 
-from collections import ChainMap
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import count
@@ -87,6 +86,7 @@ class JunctionStructure:
         self.junctions: dict[str, Junction] = {}
         self.couplings: list[Coupling] = []
         self.place: dict[str, str] = {}
+        self._taken = set(graph.nodes)
         self._merged = _merge_like_junctions(graph)
         self._between: dict[tuple[str, str], str] = {}  # bare junction of a bond at a two-port
         for name, root in self._merged.items():
@@ -163,7 +163,8 @@ class JunctionStructure:
         return self._between[bond]
 
     def _bare(self, between: tuple[str, str], kind: str) -> str:
-        name = unique("_".join(between), ChainMap(self.junctions, self.graph.nodes))
+        name = unique("_".join(between), self._taken)
+        self._taken.add(name)
         self.junctions[name] = Junction(name, kind, between=between)
         return name
 

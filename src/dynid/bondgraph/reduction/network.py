@@ -69,7 +69,9 @@ class Network:
     def add_term(self, junction: str, term: Term) -> None:
         """Put an immittance on a junction."""
         self.terms[junction].append(term)
-        self.weight[junction] = (self.weight[junction] + self.program.image(term.register)) % self.program.prime
+        self.weight[junction] = (
+            self.weight[junction] + self.program.image(term.register)
+        ) % self.program.prime
 
     def is_bare(self, junction: str) -> bool:
         """Tell whether what stands on a junction is identically zero."""

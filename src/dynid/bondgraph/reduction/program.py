@@ -69,7 +69,7 @@ class Program:
 
         self.ops: list[tuple[Op, Any, int]] = []
         self._images: list[Any] = []  # residues of flint: their inverses are cheap
-        self._residue = lambda value: nmod(value, point.prime)
+        self._residue: Callable[[int], Any] = lambda value: nmod(value, point.prime)
         self._known: dict[tuple[Op, Any, int], Register] = {}
         self._point = point
         self.zero = self.constant(0)
@@ -163,7 +163,7 @@ class Program:
 
     def is_zero(self, a: Register) -> bool:
         """Tell whether a register is identically zero (as far as the random point shows)."""
-        return self._images[a] == 0
+        return not self._images[a]
 
     @property
     def prime(self) -> int:
@@ -185,7 +185,7 @@ class Program:
         return register
 
     def vanishing(self, wanted: Iterable[Register], divisors: Iterable[Register], point: Point) -> bool:
-        """Tell whether one of these divisors, or any on the way to what is wanted, is zero at another point."""
+        """Tell whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
         from flint import nmod
 
         divisors = list(divisors)
