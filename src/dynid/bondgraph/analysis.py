@@ -39,6 +39,8 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         Where the graph has no unique solution; it names the nodes. What causality says of such a graph is
         returned where nothing else is asked for.
     """
+    if analysis.reading == "binary":
+        graph = graph.rounded()
     asked = analysis.results
     result = Result("bond-graph", title)
     result.annotate("bond_graph", nodes=len(graph.nodes), bonds=len(graph.bonds), dropped="")
@@ -52,7 +54,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         raise
     result.annotate("bond_graph", dropped=_dropped(reduced))
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
-        add_channels(result, reduced, asked)
+        add_channels(result, reduced, analysis)
     if "sensitivities" in asked:
         from dynid.bondgraph.results.sensitivities import add_sensitivities
 

@@ -1,56 +1,256 @@
-"""Transfer functions as formulas in the parameters, while they stay readable."""
+"""Transfer functions as formulas in the parameters: nested as a program, or expanded."""
 
 from __future__ import annotations
 
+import math
+import random
+from collections.abc import Iterable
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.reduced import Channel, ReducedGraph
+from dynid.bondgraph.reduction.notation import express
+from dynid.bondgraph.reduction.program import Op, Program, Register, operands
+from dynid.bondgraph.reduction.writing import TEXT, Hand
+from dynid.errors import NumericalError, UsageError
 
 if TYPE_CHECKING:
+    from dynid.bondgraph.algebra.rational import Ratio
     from dynid.bondgraph.algebra.symbolic import Formula
 
 #: Most terms of numerator or denominator that a reader would read, and most on the way there.
 _READABLE, _LIMIT = 40, 4000
+#: Largest node of an expression that is written inside another; what is longer gets a name.
+_NESTED = 8
+
+Polynomials = tuple[Any, Any]
 
 
-def formulas(reduced: ReducedGraph) -> dict[Channel, str]:
-    """Return the channels whose formula is readable, as text that SymPy could read.
+def readable(reduced: ReducedGraph) -> dict[Channel, Polynomials]:
+    """Return numerator and denominator of the channels whose formula is readable (flint `fmpz_mpoly`).
 
     Elements are written by the expression given for their value, or by their own name where a bare number
     was given. Where that is ambiguous (a parameter called s, a node named like another's parameter), or
     the formula outgrows a page, there is none.
     """
-    from dynid.bondgraph.algebra.symbolic import TooLong, text, variables
+    from dynid.bondgraph.algebra.symbolic import TooLong
 
-    names = _names(reduced)
-    if names is None:
-        return {}
-    symbols, one = variables(["s", *names], _LIMIT)
-    channels = reduced.channels()
     try:
-        values = {name: _value(reduced, name, symbols, one) for name in reduced.valued}
-        run = reduced.run(channels.values(), values, symbols["s"], one)
-        lowest = {channel: run[register].lowest_terms() for channel, register in channels.items()}
-    except (TooLong, KeyError, ZeroDivisionError):
+        found = _polynomials(reduced, _LIMIT)
+    except (TooLong, UsageError):
         return {}
     return {
-        channel: text(numerator, denominator)
-        for channel, (numerator, denominator) in lowest.items()
-        if max(len(numerator), len(denominator)) <= _READABLE
+        channel: polynomials
+        for channel, polynomials in found.items()
+        if max(len(part) for part in polynomials) <= _READABLE
     }
 
 
-def _names(reduced: ReducedGraph) -> list[str] | None:
-    """Return the symbols needed, or None where they are ambiguous."""
-    nodes = [reduced.graph.nodes[name] for name in reduced.valued]
-    from_formulas = {name for node in nodes if node.formula for name in node.formula.names}
-    own = [node.name for node in nodes if not (node.formula and node.formula.names)]
-    if "s" in from_formulas or any(
-        name == "s" or name in from_formulas or not name.isidentifier() for name in own
+def formulas(reduced: ReducedGraph) -> dict[Channel, str]:
+    """Return the channels whose formula is readable, as text that SymPy could read."""
+    from dynid.bondgraph.algebra.symbolic import text
+
+    return {channel: text(*polynomials) for channel, polynomials in readable(reduced).items()}
+
+
+def expanded(reduced: ReducedGraph, terms: int) -> dict[Channel, Polynomials]:
+    """Return numerator and denominator of every channel as polynomials in s and the parameters.
+
+    Parameters
+    ----------
+    reduced
+        The graph.
+    terms
+        Most terms of a polynomial, the intermediate ones included.
+
+    Raises
+    ------
+    NumericalError
+        Where there would be more terms.
+    UsageError
+        Where a value is no rational function of the parameters, or a name is ambiguous.
+    """
+    from dynid.bondgraph.algebra.symbolic import TooLong
+
+    try:
+        return _polynomials(reduced, terms)
+    except TooLong:
+        raise NumericalError(
+            f"an expanded transfer function has more than {terms:,} terms, or takes far more on the way "
+            "(analysis.symbolic.terms)",
+            remedy="Raise the guard, or ask for 'form: nested', which grows with the graph only.",
+            names=("analysis.symbolic",),
+        ) from None
+
+
+def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: Hand = TEXT) -> str:
+    """Write registers as a program: named assignments, each used below, none expanded.
+
+    Parameters
+    ----------
+    reduced
+        The graph.
+    registers
+        What the program ends in; the last assignments are called T, or T1, T2, ….
+    hand
+        How to write.
+
+    Raises
+    ------
+    UsageError
+        Where a name is ambiguous.
+    """
+    _names(reduced)
+    wanted = list(dict.fromkeys(registers))
+    labels = _labels(reduced, wanted)
+    nodes = reduced.graph.nodes
+    lines = [
+        f"{hand.name(name)[0]} = {express(reduced.program, register, nodes, labels, hand)[0]}"
+        for register, name in labels.items()
+    ]
+    return "\n".join(lines)
+
+
+def _labels(reduced: ReducedGraph, wanted: list[Register]) -> dict[Register, str]:
+    """Name what is used more than once or grows long, in the order of the program."""
+    program = reduced.program
+    order = _needed(program, wanted)
+    uses: dict[Register, int] = {}
+    for register in order:
+        for operand in operands(*program.ops[register]):
+            uses[operand] = uses.get(operand, 0) + 1
+    taken = {*reduced.graph.nodes, *_parameters(reduced)}
+    size: dict[Register, int] = {}
+    named: list[Register] = []
+    for register in order:
+        if program.ops[register][0] < Op.ADD:
+            size[register] = 1
+            continue
+        size[register] = 1 + sum(size[operand] for operand in operands(*program.ops[register]))
+        if register in wanted or uses[register] > 1 or size[register] > _NESTED:
+            named.append(register)
+            size[register] = 1
+    letter = _free_letter(taken)
+    inner = [register for register in named if register not in wanted]
+    names = {register: f"{letter}{k}" for k, register in enumerate(inner, 1)}
+    final = _free_letter(taken, "T")
+    ends = {r: final if len(wanted) == 1 else f"{final}{k}" for k, r in enumerate(wanted, 1)}
+    return {**names, **ends}
+
+
+def _needed(program: Program, wanted: list[Register]) -> list[Register]:
+    """Return what some registers are made of, in the order of the program."""
+    found = set(wanted)
+    for register in range(max(wanted, default=-1), -1, -1):
+        if register in found:
+            found.update(operands(*program.ops[register]))
+    return sorted(found)
+
+
+def _free_letter(taken: set[str], letter: str = "t") -> str:
+    """Return a beginning of names that no node and no parameter has."""
+    while any(
+        (name.startswith(letter) and name[len(letter) :].isdigit()) or name == letter for name in taken
     ):
-        return None
-    return [*dict.fromkeys([*own, *sorted(from_formulas)])]
+        letter += "_"
+    return letter
+
+
+def _polynomials(reduced: ReducedGraph, limit: int) -> dict[Channel, Polynomials]:
+    from dynid.bondgraph.algebra.symbolic import variables
+
+    symbols, one = variables(["s", *_names(reduced)], limit)
+    channels = reduced.channels()
+    values = {name: _value(reduced, name, symbols, one) for name in reduced.valued}
+    run = reduced.run(channels.values(), values, symbols["s"], one)
+    degrees = _degrees(reduced, values, channels.values())
+    return {channel: _lowest(run[register], *degrees[register]) for channel, register in channels.items()}
+
+
+def _lowest(formula: Formula, above: int, below: int) -> Polynomials:
+    """Return numerator and denominator without a common factor; one is sought only if there is one."""
+    numerator, denominator = formula.multiplied_out()
+    if numerator == 0 or (numerator.total_degree(), denominator.total_degree()) != (above, below):
+        numerator, denominator = formula.lowest_terms()
+    if denominator.leading_coefficient() < 0:
+        numerator, denominator = -numerator, -denominator
+    common = math.gcd(int(numerator.content()), int(denominator.content()))
+    return numerator // common, denominator // common
+
+
+def _degrees(
+    reduced: ReducedGraph, values: dict[str, Formula], registers: Iterable[Register]
+) -> dict[Register, tuple[int, int]]:
+    """Return the total degrees of numerators and denominators in lowest terms.
+
+    On a random line through the space of s and the parameters a quotient of polynomials becomes one of
+    polynomials in one variable, modulo a prime, of the same degrees and with common factors only where there
+    are some in the large.
+    """
+    from dynid.bondgraph.algebra.residue import polynomial, ratios_modulo
+
+    registers, prime = list(registers), reduced.program.prime
+    source, residue, unity = random.Random(0x11AE), ratios_modulo(prime), polynomial([1], prime)
+
+    def line() -> Any:
+        return polynomial([source.randrange(prime), source.randrange(1, prime)], prime)
+
+    any_value = next(iter(values.values()), None)
+    lines = [line() for _ in any_value.ring.names()] if any_value is not None else [line()]
+
+    def on_line(part: Any) -> Any:
+        total = polynomial([0], prime)
+        for exponents, coefficient in part.terms():
+            term = polynomial([int(coefficient) % prime], prime)
+            for variable, power in zip(lines, exponents, strict=True):
+                if power:
+                    term = term * variable ** int(power)
+            total = total + term
+        return total
+
+    def restricted(value: Formula) -> Ratio:
+        above, below = (on_line(part) for part in value.multiplied_out())
+        return residue.of(above, below)
+
+    images = {name: restricted(value) for name, value in values.items()}
+    run = reduced.run(registers, images, residue.of(lines[0], unity), residue.of(unity, unity))
+    lowest = {register: run[register].lowest_terms() for register in registers}
+    return {r: (int(above.degree()), int(below.degree())) for r, (above, below) in lowest.items()}
+
+
+def _names(reduced: ReducedGraph) -> list[str]:
+    """Return the symbols needed.
+
+    Raises
+    ------
+    UsageError
+        Where they are ambiguous.
+    """
+    nodes = [reduced.graph.nodes[name] for name in reduced.valued]
+    parameters = _parameters(reduced)
+    if "s" in parameters:
+        raise _ambiguous("s", "is the variable of the transfer function")
+    own = [node.name for node in nodes if not (node.formula and node.formula.names)]
+    for name in own:
+        if not name.isidentifier():
+            raise _ambiguous(name, "would be read as arithmetic")
+        if name == "s" or name in parameters:
+            raise _ambiguous(name, "stands for two things")
+    return [*dict.fromkeys([*own, *sorted(parameters)])]
+
+
+def _parameters(reduced: ReducedGraph) -> set[str]:
+    """Return the parameters that values are written in."""
+    nodes = (reduced.graph.nodes[name] for name in reduced.valued)
+    return {name for node in nodes if node.formula for name in node.formula.names}
+
+
+def _ambiguous(name: str, why: str) -> UsageError:
+    return UsageError(
+        f"formulas cannot be written in the name '{name}': it {why}",
+        remedy="Give it another name.",
+        names=[name],
+    )
 
 
 def _value(reduced: ReducedGraph, name: str, symbols: dict[str, Formula], one: Formula) -> Formula:
@@ -63,5 +263,12 @@ def _value(reduced: ReducedGraph, name: str, symbols: dict[str, Formula], one: F
     def leaf(item: Fraction | str) -> Formula:
         return symbols[item] if isinstance(item, str) else one.constant(item)
 
-    value: Formula = formula.fold(leaf, apply)
+    try:
+        value: Formula = formula.fold(leaf, apply)
+    except (KeyError, ZeroDivisionError):
+        raise UsageError(
+            f"the value of '{name}', {formula.text}, is no short rational function of the parameters",
+            remedy="Name it by a parameter of its own, or ask for 'form: nested'.",
+            names=[name],
+        ) from None
     return value

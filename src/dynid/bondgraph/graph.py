@@ -9,7 +9,7 @@ one effort, a 1-junction one flow.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal, Protocol, get_args
 
@@ -149,6 +149,14 @@ class BondGraph:
         if value is None:
             raise UsageError(f"'{name}' has no value")
         return value
+
+    def rounded(self) -> BondGraph:
+        """Return the graph with every value rounded to the nearest double, which is then its exact value."""
+        nodes = (
+            node if node.value is None else replace(node, value=Fraction(float(node.value)))
+            for node in self.nodes.values()
+        )
+        return BondGraph(nodes, self.bonds)
 
     def is_state(self, port: Port) -> bool:
         """Tell whether an output is the state of a storage: the q of a C, the p of an I."""

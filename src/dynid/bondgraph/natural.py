@@ -8,6 +8,7 @@ from typing import Any
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.reducer import Reduction
+from dynid.bondgraph.transfer import TransferFunction
 
 
 def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
@@ -21,12 +22,42 @@ def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
     dict
         Integer polynomials (flint `fmpz_poly`) by output.
     """
-    registers = {port: _determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
+    registers = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
     ratios = reduced.rational(registers.values())
     return {port: ratios[register].lowest_terms()[0] for port, register in registers.items()}
 
 
-def _determinant(reduced: ReducedGraph, reduction: Reduction) -> int:
+def hidden_polynomial(reduced: ReducedGraph, port: Port, transfer: TransferFunction, natural: Any) -> Any:
+    """Return the polynomial of the natural modes that cancel in a channel.
+
+    Parameters
+    ----------
+    reduced, port
+        The graph, and the channel's output.
+    transfer
+        The channel.
+    natural
+        The polynomial of all natural modes behind the output.
+    """
+    return natural // natural.gcd(_shown(reduced, port, transfer))
+
+
+def integrates(reduced: ReducedGraph, port: Port) -> bool:
+    """Tell whether an output is an integral that is no mode of the graph (a storage's own state is)."""
+    return port.quantity in "qp" and not reduced.graph.is_state(port)
+
+
+def _shown(reduced: ReducedGraph, port: Port, transfer: TransferFunction) -> Any:
+    """Return the polynomial of the natural modes that a channel shows."""
+    from flint import fmpz_poly
+
+    if not integrates(reduced, port) or transfer.denominator[0] != 0:
+        return transfer.denominator
+    return transfer.denominator // fmpz_poly([0, 1])
+
+
+def determinant(reduced: ReducedGraph, reduction: Reduction) -> int:
+    """Write the determinant of the nodal form, times s for every storage that integrates there."""
     program, structure = reduced.program, reduced.structure
     integrating = {"1": "C", "0": "I"}
     storages = [

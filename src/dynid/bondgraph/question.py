@@ -37,6 +37,33 @@ RESULTS: tuple[ResultName, ...] = get_args(ResultName)
 USUAL: frozenset[ResultName] = frozenset({"transfer_function", "zeros", "poles", "properties", "reduction"})
 
 
+Engine = Literal["auto", "exact", "float", "symbolic"]
+Reading = Literal["decimal", "binary"]
+Form = Literal["nested", "expanded"]
+
+ENGINES: tuple[Engine, ...] = get_args(Engine)
+
+#: Results that the symbolic engine has no numbers for.
+NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
+
+
+@dataclass(frozen=True)
+class Formulas:
+    """Which formulas to write.
+
+    Parameters
+    ----------
+    form
+        nested: the reduction's program as named assignments, never expanded; expanded: numerator and
+        denominator as polynomials, too.
+    terms
+        Most terms of a polynomial before the expansion is given up.
+    """
+
+    form: Form = "nested"
+    terms: int = 100_000
+
+
 @dataclass(frozen=True)
 class Parameter:
     """What a sensitivity is taken by: a node's value, or a parameter behind the values of several.
@@ -78,6 +105,13 @@ class Analysis:
         Stored energy at t = 0: the flow of an I, the effort of a C.
     parameters
         What sensitivities are taken by; absent: the value of every node.
+    engine
+        exact (roots with certified bounds, everything decided), float (eigenvalues with error estimates, for
+        large graphs), symbolic (formulas alone), or auto: chosen by size.
+    reading
+        What a value means: the decimal as it is written, or the double nearest to it.
+    formulas
+        Formulas to write beside the transfer function; None: its formula where it is short.
     """
 
     inputs: tuple[str, ...]
@@ -88,3 +122,6 @@ class Analysis:
     signals: tuple[tuple[str, Signal], ...] = ()
     initial: Mapping[str, float] = field(default_factory=dict)
     parameters: tuple[Parameter, ...] | None = None
+    engine: Engine = "auto"
+    reading: Reading = "decimal"
+    formulas: Formulas | None = None

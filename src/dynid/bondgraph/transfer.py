@@ -8,6 +8,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from dynid.bondgraph.verdicts import Verdicts
 from dynid.lti.certified import Root, certified_roots
 
 if TYPE_CHECKING:
@@ -17,12 +18,8 @@ if TYPE_CHECKING:
     from dynid.bondgraph.algebra.rational import Ratio
 
 
-#: Most zeros or poles that a verdict names.
-_SHOWN = 4
-
-
 @dataclass(frozen=True)
-class TransferFunction:
+class TransferFunction(Verdicts):
     """T(s) = numerator / denominator in lowest terms over the rationals.
 
     Parameters
@@ -90,69 +87,6 @@ class TransferFunction:
             for p in (self.numerator, self.denominator)
         ]
         return _limit(*pad)
-
-    @property
-    def stable(self) -> bool:
-        """Whether every pole lies in the open left half-plane."""
-        return all(pole.side < 0 for pole in self.poles)
-
-    @property
-    def stability(self) -> str:
-        """The stability verdict in words, with the poles that decide it."""
-        right = [pole for pole in self.poles if pole.side > 0]
-        axis = [pole for pole in self.poles if pole.side == 0]
-        repeated = [pole for pole in axis if pole.multiplicity > 1]
-        if right or repeated:
-            where = "in the right half-plane" if right else "repeated on the imaginary axis"
-            return f"unstable: {_place(right or repeated, 'pole')} {where}"
-        if axis:
-            return f"marginal, not stable: {_place(axis, 'pole')} on the imaginary axis"
-        return "stable" if self.poles else "stable: there are no poles"
-
-    @property
-    def minimum_phase(self) -> bool:
-        """Whether every zero lies in the open left half-plane (no zeros: yes; a vanishing channel: no)."""
-        return not self.vanishes and all(zero.side < 0 for zero in self.zeros)
-
-    @property
-    def zero_stability(self) -> str:
-        """The phase verdict in words, with the zeros that decide it."""
-        right = [zero for zero in self.zeros if zero.side > 0]
-        axis = [zero for zero in self.zeros if zero.side == 0]
-        if self.vanishes:
-            return "undefined: the input does not reach the output"
-        if right:
-            return (
-                f"non-minimum phase: {_place(right, 'zero')} in the right half-plane; its inverse is unstable"
-            )
-        if axis:
-            where = f"{_place(axis, 'zero')} on the imaginary axis"
-            return f"marginal, not minimum phase: {where}, so {_consequence(axis)}"
-        if not self.zeros:
-            return "minimum phase: there are no finite zeros"
-        return "minimum phase: every zero lies in the open left half-plane"
-
-
-def _consequence(zeros: list[Root]) -> str:
-    """Say what zeros on the axis mean: an internal motion that neither decays nor shows."""
-    repeated = any(zero.multiplicity > 1 for zero in zeros)
-    ringing = sorted({f"{abs(zero.value):.4g}" for zero in zeros if zero.value}, key=float)
-    motion = f"ring unseen at {', '.join(ringing)} rad/s" if ringing else "hold a constant state unseen"
-    return f"with the output held at zero the inside can {motion}" + (" and grow" if repeated else "")
-
-
-def _place(roots: list[Root], what: str) -> str:
-    count = sum(root.multiplicity for root in roots)
-    upper = [root.value for root in roots if root.value.imag >= 0]
-    shown = [_number(value) for value in upper[:_SHOWN]]
-    text = ", ".join(shown) + (", …" if len(upper) > _SHOWN else "")
-    return f"{what} at {text} lies" if count == 1 else f"{what}s at {text} lie"
-
-
-def _number(value: complex) -> str:
-    if value.imag == 0:
-        return f"{value.real:.4g}"
-    return f"±{abs(value.imag):.4g}j" if value.real == 0 else f"{value.real:.4g} ± {abs(value.imag):.4g}j"
 
 
 def _limit(numerator: list[Any], denominator: list[Any]) -> float:

@@ -54,13 +54,23 @@ class Quotient(ABC):
 
     def lowest_terms(self) -> tuple[Any, Any]:
         """Return numerator and denominator as polynomials without a common factor."""
-        one = self._zero() ** 0
-        if self.factors is None:
-            return self._zero(), one
-        numerator = _product(one * self.sign, ((f, power) for f, power in self.factors.items() if power > 0))
-        denominator = _product(one, ((f, -power) for f, power in self.factors.items() if power < 0))
+        numerator, denominator = self.multiplied_out()
         common = numerator.gcd(denominator)
         return numerator // common, denominator // common
+
+    def multiplied_out(self) -> tuple[Any, Any]:
+        """Return numerator and denominator as polynomials, which may have common factors."""
+        one, factors = self._zero() ** 0, self.factors
+        if factors is None:
+            return self._zero(), one
+        numerator = self._product(one * self.sign, ((f, power) for f, power in factors.items() if power > 0))
+        return numerator, self._product(one, ((f, -power) for f, power in factors.items() if power < 0))
+
+    def _product(self, start: Any, factors: Iterable[tuple[Factor, int]]) -> Any:
+        """Multiply out a product of powers."""
+        for factor, power in factors:
+            start = start * (factor.polynomial if power == 1 else factor.polynomial**power)
+        return start
 
     def __neg__(self) -> Self:
         return self._made(self.factors, -self.sign, self)
@@ -96,7 +106,7 @@ class Quotient(ABC):
         }
         one = self._zero() ** 0
         left, right = (
-            _product(one * value.sign, _combined(value.factors or {}, shared, -1).items())
+            self._product(one * value.sign, _combined(value.factors or {}, shared, -1).items())
             for value in (self, other)
         )
         total = left + right
@@ -115,9 +125,3 @@ def _combined(a: Mapping[Factor, int], b: Mapping[Factor, int], times: int) -> d
         else:
             del result[factor]
     return result
-
-
-def _product(start: Any, factors: Iterable[tuple[Factor, int]]) -> Any:
-    for factor, power in factors:
-        start = start * (factor.polynomial if power == 1 else factor.polynomial**power)
-    return start

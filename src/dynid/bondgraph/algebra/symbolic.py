@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
+from functools import reduce
 from typing import Any, Self
 
 from dynid.bondgraph.algebra.quotient import Factor, Quotient
+from dynid.bondgraph.reduction.writing import Hand, Written
+
+#: Products of terms that may be formed for every term that a polynomial may have.
+_WORK = 32
 
 
 class TooLong(ArithmeticError):
-    """A formula has outgrown what a reader would read."""
+    """A formula has outgrown what it may, or is certain to take far too much work."""
 
 
 class Formula(Quotient):
@@ -39,6 +44,17 @@ class Formula(Quotient):
 
     def _zero(self) -> Any:
         return self.ring.constant(0)
+
+    def _product(self, start: Any, factors: Iterable[tuple[Factor, int]]) -> Any:
+        """Multiply out, as long as the number of terms met on the way is bounded."""
+        for factor, power in factors:
+            for _ in range(power):
+                if len(start) * len(factor.polynomial) > _WORK * self.limit:
+                    raise TooLong
+                start = start * factor.polynomial
+                if len(start) > self.limit:
+                    raise TooLong
+        return start
 
     def constant(self, value: Fraction) -> Formula:
         """Return a number as a formula of the same ring."""
@@ -103,9 +119,30 @@ def _power(base: Formula, exponent: int) -> Formula:
     return result if exponent >= 0 else base.constant(Fraction(1)) / result
 
 
+def plain(polynomial: Any) -> str:
+    """Write a polynomial as SymPy would read it."""
+    return str(polynomial).replace("^", "**")
+
+
 def text(numerator: Any, denominator: Any) -> str:
-    """Write a quotient of polynomials as SymPy would read it, the denominator's first term positive."""
-    if denominator.leading_coefficient() < 0:
-        numerator, denominator = -numerator, -denominator
-    top, bottom = (str(polynomial).replace("^", "**") for polynomial in (numerator, denominator))
-    return top if denominator == 1 else f"({top})/({bottom})"
+    """Write a quotient of polynomials as SymPy would read it."""
+    return plain(numerator) if denominator == 1 else f"({plain(numerator)})/({plain(denominator)})"
+
+
+def written(polynomial: Any, hand: Hand) -> Written:
+    """Write a polynomial term by term in any hand."""
+    names = polynomial.context().names()
+    terms = [_term(int(c), powers, names, hand) for powers, c in polynomial.terms()]
+    return hand.listed(terms)
+
+
+def _term(coefficient: int, powers: tuple[int, ...], names: tuple[str, ...], hand: Hand) -> Written:
+    factors = [
+        hand.name(name) if power == 1 else hand.power(hand.name(name), hand.integer(int(power)))
+        for name, power in zip(names, powers, strict=True)
+        if power
+    ]
+    if abs(coefficient) != 1 or not factors:
+        factors.insert(0, hand.integer(abs(coefficient)))
+    product = reduce(hand.product, factors)
+    return hand.negative(product) if coefficient < 0 else product

@@ -1,120 +1,154 @@
-"""Exact results channel by channel: transfer functions, zeros and poles, properties, hidden modes."""
+"""Results channel by channel: transfer functions, zeros and poles, properties, hidden modes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.bondgraph.graph import Port
-from dynid.bondgraph.natural import characteristic_polynomials
+from dynid.bondgraph.engines import Choice, choose
+from dynid.bondgraph.exact import ExactEngine
+from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.transfer import TransferFunction
-from dynid.lti.certified import Root, certified_roots, repeated
+from dynid.bondgraph.verdicts import Root, Verdicts
+from dynid.errors import Undecided
 from dynid.result import Result
 
-
-def add_channels(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -> None:
-    """Add what is asked for of every channel."""
-    from dynid.bondgraph.formula import formulas
-
-    channels = reduced.channels()
-    ratios = reduced.rational(channels.values())
-    transfers = {channel: TransferFunction.of(ratios[register]) for channel, register in channels.items()}
-    readable = formulas(reduced) if "transfer_function" in asked else {}
-    natural = characteristic_polynomials(reduced) if asked & {"properties", "hidden_modes"} else {}
-    for channel, transfer in transfers.items():
-        _add_transfer_function(result, channel, transfer, asked, readable.get(channel))
-        if "properties" in asked:
-            _add_properties(result, channel, transfer, reduced.reductions[channel[0]])
-        if natural:
-            explained = "hidden_modes" in asked
-            _add_hidden_modes(result, reduced, channel, transfer, natural[channel[0]], explained=explained)
+if TYPE_CHECKING:
+    from dynid.bondgraph.floating.transfer import FloatEngine
 
 
-def _add_transfer_function(
-    result: Result, channel: Channel, transfer: TransferFunction, asked: frozenset[str], formula: str | None
+def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Add what is asked for of every channel, by the engine that is asked for or fits the size.
+
+    Raises
+    ------
+    Undecided
+        Where the float engine was asked for and cannot tell.
+    """
+    choice = choose(reduced, analysis)
+    try:
+        found = _channels(reduced, analysis, choice)
+    except Undecided as error:
+        if choice.forced:
+            raise
+        choice = choice.fallback(error.problem)
+        found = _channels(reduced, analysis, choice)
+    result.merge(found)
+    result.annotate("bond_graph", **choice.attributes(analysis.reading))
+
+
+def _channels(reduced: ReducedGraph, analysis: Analysis, choice: Choice) -> Result:
+    result = Result("bond-graph")
+    for channel in reduced.channels():
+        result.annotate(_group(channel), engine=choice.engine, reading=analysis.reading)
+    if "transfer_function" in analysis.results:
+        from dynid.bondgraph.results.formulas import add_formulas
+
+        add_formulas(result, reduced, analysis.formulas)
+    if choice.engine == "symbolic":
+        return result
+    engine = _engine(choice, reduced)
+    for channel in reduced.channels():
+        _add_channel(result, engine, channel, analysis.results)
+    return result
+
+
+def _engine(choice: Choice, reduced: ReducedGraph) -> ExactEngine | FloatEngine:
+    if choice.engine == "exact":
+        return ExactEngine(reduced)
+    from dynid.bondgraph.floating.transfer import FloatEngine
+
+    return FloatEngine(reduced)
+
+
+def _group(channel: Channel) -> str:
+    return f"bond_graph/transfer_function/{channel[0]}/{channel[1]}"
+
+
+def _add_channel(
+    result: Result, engine: ExactEngine | FloatEngine, channel: Channel, asked: frozenset[str]
 ) -> None:
-    group = f"bond_graph/transfer_function/{channel[0]}/{channel[1]}"
-    result.annotate(group, engine="exact", reading="decimal")
+    transfer, group = engine.channel(channel), _group(channel)
     if "transfer_function" in asked:
-        if formula is not None:
-            result.annotate(group, symbolic=formula)
-        for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
-            axis = f"{name}_power"
-            result.add_axis(f"{group}/{axis}", np.arange(len(coefficients))[::-1])
-            result.add(f"{group}/{name}", coefficients, (axis,))
-    if "zeros" in asked:
-        _add_roots(result, group, "zeros", transfer.zeros)
-    if "poles" in asked:
-        _add_roots(result, group, "poles", transfer.poles)
+        if isinstance(transfer, TransferFunction):
+            _add_coefficients(result, group, transfer)
+        else:
+            result.add(f"{group}/gain", transfer.gain)
+    for name in ("zeros", "poles"):
+        if name in asked:
+            _add_roots(result, group, name, transfer.zeros if name == "zeros" else transfer.poles)
+    if "properties" in asked:
+        _add_properties(result, channel, transfer, engine.reduced.reductions[channel[0]])
+    if asked & {"properties", "hidden_modes"}:
+        _add_hidden_modes(result, engine, channel, explained="hidden_modes" in asked)
+
+
+def _add_coefficients(result: Result, group: str, transfer: TransferFunction) -> None:
+    for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
+        axis = f"{name}_power"
+        result.add_axis(f"{group}/{axis}", np.arange(len(coefficients))[::-1])
+        result.add(f"{group}/{name}", coefficients, (axis,))
 
 
 def _add_roots(result: Result, group: str, name: str, roots: Sequence[Root]) -> None:
-    """Add roots with their certified error bounds, each as often as its multiplicity says."""
+    """Add roots by multiplicity, with certified bounds or with estimates of their errors."""
     axis = name[:-1]
-    values = repeated(roots)
-    radii = [root.radius for root in roots for _ in range(root.multiplicity)]
+    values = _each(roots, "value", np.complex128)
     result.add_axis(f"{group}/{axis}", np.arange(1, len(values) + 1))
     result.add(f"{group}/{name}", values, (axis,), "rad/s")
-    result.add(f"{group}/{axis}_error_bound", np.array(radii, dtype=float), (axis,), "rad/s")
+    estimated = result.group_attrs[group]["engine"] == "float"
+    error = f"{group}/{axis}_error_{'estimate' if estimated else 'bound'}"
+    result.add(error, _each(roots, "radius", np.float64), (axis,), "rad/s")
+    if estimated:
+        result.add(f"{group}/{axis}_residual", _each(roots, "residual", np.float64), (axis,))
 
 
-def _add_properties(
-    result: Result, channel: Channel, transfer: TransferFunction, reduction: Reduction
-) -> None:
+def _each(roots: Sequence[Root], what: str, dtype: type) -> NDArray[Any]:
+    """Return an attribute of roots, each as often as its multiplicity says."""
+    return np.array([getattr(root, what) for root in roots for _ in range(root.multiplicity)], dtype=dtype)
+
+
+def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduction: Reduction) -> None:
+    """Add the properties; a truth value that is undecided is left out, and its verdict says so."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-    result.add(f"{group}/relative_degree", transfer.relative_degree)
-    result.add(f"{group}/dc_gain", transfer.dc_gain)
-    result.add(f"{group}/high_frequency_gain", transfer.high_frequency_gain)
-    result.add(f"{group}/stable", transfer.stable)
-    result.add(f"{group}/stability", transfer.stability)
-    result.add(f"{group}/minimum_phase", transfer.minimum_phase)
-    result.add(f"{group}/order", transfer.order)
-    result.add(f"{group}/prototype", reduction.prototype.letter)
-    result.add(f"{group}/zero_stability", transfer.zero_stability)
-
-
-def _shown(reduced: ReducedGraph, port: Port, transfer: TransferFunction) -> Any:
-    """Return the polynomial of the natural modes that a channel shows.
-
-    The integrator of a displacement or momentum output is no mode of the graph (a storage's own is).
-    """
-    from flint import fmpz_poly
-
-    integrates = port.quantity in "qp" and not reduced.graph.is_state(port)
-    if not integrates or transfer.denominator[0] != 0:
-        return transfer.denominator
-    return transfer.denominator // fmpz_poly([0, 1])
+    values = {
+        "relative_degree": transfer.relative_degree,
+        "dc_gain": transfer.dc_gain,
+        "high_frequency_gain": transfer.high_frequency_gain,
+        "stable": transfer.stable,
+        "stability": transfer.stability,
+        "minimum_phase": transfer.minimum_phase,
+        "order": transfer.order,
+        "prototype": reduction.prototype.letter,
+        "zero_stability": transfer.zero_stability,
+    }
+    for name, value in values.items():
+        if value is not None:
+            result.add(f"{group}/{name}", value)
 
 
 def _add_hidden_modes(
-    result: Result,
-    reduced: ReducedGraph,
-    channel: Channel,
-    transfer: TransferFunction,
-    natural: Any,
-    *,
-    explained: bool,
+    result: Result, engine: ExactEngine | FloatEngine, channel: Channel, *, explained: bool
 ) -> None:
-    """Add the natural modes that cancel in the channel, and why where that is asked for."""
+    """Add the natural modes that cancel in the channel, and why where that is asked for and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-    polynomial = natural // natural.gcd(_shown(reduced, channel[0], transfer))
-    if not explained:
-        _add_modes(result, group, repeated(certified_roots(polynomial)))
+    if not (explained and isinstance(engine, ExactEngine)):
+        _add_modes(result, group, _each(engine.hidden_modes(channel), "value", np.complex128))
         return
     from dynid.bondgraph.hidden import hidden_modes
 
-    modes = [
-        mode for mode in hidden_modes(reduced, channel, polynomial) for _ in range(mode.root.multiplicity)
-    ]
+    found = hidden_modes(engine.reduced, channel, engine.hidden_polynomial(channel))
+    modes = [mode for mode in found for _ in range(mode.root.multiplicity)]
     _add_modes(result, group, np.array([mode.root.value for mode in modes], dtype=complex))
     result.add(f"{group}/hidden_mode_cause", [mode.cause for mode in modes], ("hidden_mode",))
     result.add(f"{group}/hidden_mode_elements", [mode.elements for mode in modes], ("hidden_mode",))
 
 
-def _add_modes(result: Result, group: str, values: Any) -> None:
+def _add_modes(result: Result, group: str, values: NDArray[Any]) -> None:
     result.add_axis(f"{group}/hidden_mode", np.arange(1, len(values) + 1))
     result.add(f"{group}/hidden_modes", values, ("hidden_mode",), "rad/s")

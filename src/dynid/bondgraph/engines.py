@@ -1,0 +1,77 @@
+"""Which engine answers: exact while its roots are affordable, float above; or what the user says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from dynid.bondgraph.question import NUMERIC, Analysis
+from dynid.bondgraph.reduced import ReducedGraph
+
+#: Most storages for which roots are certified unasked, and for which polynomials alone are formed.
+_ROOTS, _POLYNOMIALS = 200, 1000
+
+_LIMITS = {
+    "exact": "none: zeros and poles carry certified bounds, every verdict is decided",
+    "float": (
+        "zeros and poles carry error estimates, a verdict within them is left undecided; numerator and "
+        "denominator are not formed, because coefficients of such degrees do not determine their roots "
+        "in double precision: zeros, poles and gain do; why a mode is hidden is not said"
+    ),
+    "symbolic": "formulas alone: zeros, poles and verdicts need numbers",
+}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An engine, and why it.
+
+    Parameters
+    ----------
+    engine
+        exact, float or symbolic.
+    reason
+        Why, in a sentence.
+    forced
+        Whether the user said so.
+    """
+
+    engine: str
+    reason: str
+    forced: bool = False
+
+    @property
+    def limits(self) -> str:
+        """What the engine cannot do."""
+        return _LIMITS[self.engine]
+
+    def attributes(self, reading: str) -> dict[str, Any]:
+        """Return what a result says about its engine."""
+        return {"engine": self.engine, "engine_reason": self.reason, "engine_limits": self.limits} | {
+            "reading": reading
+        }
+
+    def fallback(self, problem: str) -> Choice:
+        """Return the exact engine, after the float engine could not tell."""
+        return Choice("exact", f"{problem}; the exact engine decides")
+
+
+def choose(reduced: ReducedGraph, analysis: Analysis) -> Choice:
+    """Choose the engine for what is asked.
+
+    Parameters
+    ----------
+    reduced
+        The graph; its size is the number of storages behind the outputs.
+    analysis
+        What is asked, and the engine if the user named one.
+    """
+    if analysis.engine != "auto":
+        return Choice(analysis.engine, "as asked for", forced=True)
+    modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
+    size = sum(name in modelled for name in reduced.storages)
+    most = _ROOTS if analysis.results & NUMERIC else _POLYNOMIALS
+    what = "exact roots" if analysis.results & NUMERIC else "exact polynomials"
+    if size <= most:
+        return Choice("exact", f"{size} storages: {what} are taken up to {most}")
+    return Choice("float", f"{size} storages: {what} are taken up to {most} only")

@@ -1,0 +1,191 @@
+"""The finite roots of det(s E - A) for a sparse square system of equations, in floating point.
+
+The system falls apart into its irreducible blocks (Dulmage and Mendelsohn), which is an exact deflation: an
+index-500 channel of a chain leaves blocks of one root each. Within a block an exact index reduction leaves
+the states alone, so that their number is right by construction. Their matrix gives first values of the
+roots, which are then refined on the sparse equations as they were written, by inverse iteration from both
+sides, and judged there entry by entry: neither the values nor the error estimates change with the units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynid.bondgraph.equations.blocks import irreducible_blocks
+from dynid.bondgraph.equations.forms import Form
+from dynid.bondgraph.equations.index import solve
+from dynid.bondgraph.floating.discs import Discs
+from dynid.lti.floating import finite, guarded
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_UNIT = 2.0**-53
+#: What the error estimate allows for: coefficients rounded once, and the rounding of a sparse solution.
+_ALLOWANCE = 8.0
+#: Inverse iterations on one factorisation, and factorisations before a root is left as it is.
+_ITERATIONS, _FACTORISATIONS = 2, 4
+
+
+def spectrum(equations: Sequence[Form]) -> Discs:
+    """Return the roots of the determinant of equations, with error estimates.
+
+    Parameters
+    ----------
+    equations
+        As many forms that equal zero as there are unknowns, with exact coefficients.
+
+    Raises
+    ------
+    Singular
+        Where the determinant vanishes.
+    """
+    return Discs.joined([_roots_of(block) for block in irreducible_blocks(equations)])
+
+
+def _roots_of(block: list[Form]) -> Discs:
+    rates, _ = solve(block, [])
+    names = list(rates)
+    if not names:
+        return Discs.none()
+    if len(names) == 1:  # exact, rounded once
+        value = _float(next(iter(rates.values()), {}).get(("w", names[0]), 0))
+        return Discs(np.array([value], dtype=np.complex128), np.array([_UNIT * abs(value)]), np.zeros(1))
+    place = {name: k for k, name in enumerate(names)}
+    matrix = np.zeros((len(names), len(names)))
+    for name, form in rates.items():
+        for symbol, value in form.items():
+            matrix[place[name], place[symbol[1]]] = _float(value)
+    finite("a coefficient of the state equations", matrix)
+    with guarded("the eigenvalues of the state equations"):
+        starts = np.linalg.eigvals(matrix).astype(np.complex128)
+    return _Pencil(block).refined(starts)
+
+
+def _float(value: Any) -> float:
+    """Round an exact number to a double, to infinity beyond its range."""
+    try:
+        return int(value.p) / int(value.q) if value else 0.0
+    except OverflowError:
+        return float(np.inf)
+
+
+class _Pencil:
+    """The equations of a block as a sparse matrix A + s E."""
+
+    def __init__(self, block: list[Form]) -> None:
+        place: dict[str, int] = {}
+        entries: dict[tuple[int, int], list[float]] = {}
+        for row, form in enumerate(block):
+            for symbol, value in form.items():
+                column = place.setdefault(symbol[1], len(place))
+                entries.setdefault((row, column), [0.0, 0.0])[symbol[0] == "dw"] = _float(value)
+        self.size = len(block)
+        keys = np.array(list(entries), dtype=np.int32)
+        values = np.array(list(entries.values()))
+        order = np.lexsort((keys[:, 0], keys[:, 1]))  # compressed by columns
+        self.rows, self.columns = np.ascontiguousarray(keys[order].T)
+        self.constant, self.slope = np.ascontiguousarray(values[order].T)
+        finite("a coefficient of the equations", self.constant, self.slope)
+        self.starts_of = np.searchsorted(self.columns, np.arange(self.size + 1)).astype(np.int32)
+        self.seed = np.random.default_rng(0).uniform(0.5, 1.5, self.size)
+
+    def refined(self, starts: NDArray[np.complex128]) -> Discs:
+        """Refine roots that come in conjugate pairs; those of the lower half-plane follow the upper ones."""
+        upper = starts[starts.imag >= 0]
+        nearest = _distance_to_next(starts)[starts.imag >= 0]
+        found = [self._refined(complex(s), float(d)) for s, d in zip(upper, nearest, strict=True)]
+        value, radius, residual = (np.array(part) for part in zip(*found, strict=True))
+        value = np.where(upper.imag == 0, value.real, value)  # a real root alone stays real
+        pairs = upper.imag > 0
+        parts = [
+            Discs(value.astype(np.complex128), radius, residual),
+            Discs(value[pairs].conj().astype(np.complex128), radius[pairs], residual[pairs]),
+        ]
+        return Discs.joined(parts)
+
+    def _refined(self, start: complex, room: float) -> tuple[complex, float, float]:
+        """Return a root, its error estimate and its residual.
+
+        A correction that leaves the root's own surroundings is not followed: roots that (nearly) coincide are
+        left where they were found, and their estimate covers the correction.
+        """
+        value, coarse = start, 0.0
+        for _ in range(_FACTORISATIONS):
+            correction, sensitivity, residual = self._judge(value)
+            error = abs(correction) + _ALLOWANCE * _UNIT * sensitivity
+            coarse = coarse or 4 * error
+            if not abs(value + correction - start) <= room / 4:  # nan, too
+                return start, coarse if np.isfinite(coarse) else float(np.inf), residual
+            if abs(correction) <= 0.5 * _UNIT * sensitivity + _UNIT * abs(value):
+                break
+            value += correction
+        return value + correction, 2 * error + _UNIT * abs(value), residual
+
+    def _judge(self, s: complex) -> tuple[complex, float, float]:
+        """Return the correction of a root, the size of its error in units of rounding, and its residual.
+
+        With the null vectors x, y of P(s) = A + s E: a change of the entries by a part u of themselves moves
+        the root by at most u |y|^T (|A| + |s| |E|) |x| / |y^H E x|.
+        """
+        entries = self.constant + s * self.slope
+        sizes = np.abs(self.constant) + abs(s) * np.abs(self.slope)
+        x, y = self._null_vectors(entries, sizes)
+        left, right = y.conj()[self.rows], x[self.columns]
+        slope = np.sum(left * self.slope * right)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            correction = -np.sum(left * entries * right) / slope
+            sensitivity = np.sum(np.abs(left) * sizes * np.abs(right)) / abs(slope)
+            residual = abs(correction) / sensitivity
+        return complex(correction), float(sensitivity), float(residual)
+
+    def _null_vectors(
+        self, entries: NDArray[np.complex128], sizes: NDArray[np.float64]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return right and left null vectors of the equilibrated matrix.
+
+        Each is solved for from the other, as singular vectors: from itself a right vector that is nearly
+        orthogonal to the left one would lose what it has gained (Ipsen 1997, section 5).
+        """
+        from scipy.sparse import csc_array
+        from scipy.sparse.linalg import splu
+
+        row, column = self._scales(sizes)
+        scaled = entries * row[self.rows] * column[self.columns]
+        matrix = csc_array((scaled, self.rows, self.starts_of), shape=(self.size, self.size))
+        try:
+            factors = splu(matrix)
+        except RuntimeError:  # exactly singular: move by less than the rounding of its entries
+            matrix.data = matrix.data * (1 + _UNIT * self.seed[self.rows])
+            factors = splu(matrix)
+        x = self.seed.astype(np.complex128)
+        for _ in range(_ITERATIONS):
+            y = factors.solve(x / np.max(np.abs(x)), trans="H")  # type: ignore[call-overload]
+            x = factors.solve(y / np.max(np.abs(y)))
+        return x * column, y * row
+
+    def _scales(self, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return powers of two that bring rows and columns near 1."""
+        row = np.ones(self.size)
+        column = np.ones(self.size)
+        for _ in range(2):
+            now = sizes * row[self.rows] * column[self.columns]
+            peak = np.zeros(self.size)
+            np.maximum.at(peak, self.rows, now)
+            row /= np.exp2(np.round(np.log2(peak)))
+            now = sizes * row[self.rows] * column[self.columns]
+            peak = np.maximum.reduceat(now, self.starts_of[:-1])
+            column /= np.exp2(np.round(np.log2(peak)))
+        return row, column
+
+
+def _distance_to_next(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the distance of every number to the nearest other one."""
+    if len(values) < 2:
+        return np.full(len(values), np.inf)
+    apart = np.abs(values[:, None] - values[None, :])
+    np.fill_diagonal(apart, np.inf)
+    return np.asarray(apart.min(axis=1))

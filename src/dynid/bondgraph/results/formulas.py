@@ -1,0 +1,50 @@
+"""Transfer functions in symbols: short ones as text, on demand nested or expanded at any length."""
+
+from __future__ import annotations
+
+from dynid.bondgraph.formula import expanded, nested, readable
+from dynid.bondgraph.question import Formulas
+from dynid.bondgraph.reduced import Channel, ReducedGraph
+from dynid.bondgraph.reduction.writing import LATEX
+from dynid.result import Result
+
+
+def add_formulas(result: Result, reduced: ReducedGraph, wanted: Formulas | None) -> None:
+    """Add what there is to read of every channel.
+
+    A formula of a page is the attribute `symbolic` (and `latex`) of its channel. On demand a channel has the
+    dataset `program` (named assignments, none expanded), or the datasets `symbolic_numerator` and
+    `symbolic_denominator` besides, however long.
+
+    Raises
+    ------
+    NumericalError
+        Where an expansion outgrows its guard.
+    UsageError
+        Where a formula that was asked for cannot be written.
+    """
+    _add_readable(result, reduced)
+    if wanted is None:
+        return
+    for channel, register in reduced.channels().items():
+        result.add(f"{_group(channel)}/program", nested(reduced, [register]))
+    if wanted.form == "expanded":
+        from dynid.bondgraph.algebra.symbolic import plain
+
+        for channel, polynomials in expanded(reduced, wanted.terms).items():
+            for name, part in zip(("numerator", "denominator"), polynomials, strict=True):
+                result.add(f"{_group(channel)}/symbolic_{name}", plain(part), terms=len(part))
+
+
+def _add_readable(result: Result, reduced: ReducedGraph) -> None:
+    from dynid.bondgraph.algebra.symbolic import text, written
+
+    for channel, (numerator, denominator) in readable(reduced).items():
+        latex, rank = written(numerator, LATEX)
+        if denominator != 1:
+            latex, rank = LATEX.quotient((latex, rank), written(denominator, LATEX))
+        result.annotate(_group(channel), symbolic=text(numerator, denominator), latex=latex)
+
+
+def _group(channel: Channel) -> str:
+    return f"bond_graph/transfer_function/{channel[0]}/{channel[1]}"
