@@ -8,7 +8,6 @@ from __future__ import annotations
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.results.causality import add_causality
 from dynid.bondgraph.results.channels import add_channels
 from dynid.bondgraph.results.responses import add_frequency_response, add_state_space, add_time_response
 from dynid.bondgraph.results.trace import add_prototypes, add_steps
@@ -44,8 +43,11 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     asked = analysis.results
     result = Result("bond-graph", title)
     result.annotate("bond_graph", nodes=len(graph.nodes), bonds=len(graph.bonds), dropped="")
+    causality = None
     if "causality" in asked:
-        add_causality(result, graph)
+        from dynid.bondgraph.results.causality import add_causality
+
+        causality = add_causality(result, graph)
     try:
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
     except Singular:
@@ -53,6 +55,10 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
             return result
         raise
     result.annotate("bond_graph", dropped=_dropped(reduced))
+    if causality is not None:
+        from dynid.bondgraph.results.zero_dynamics import add_zero_dynamics
+
+        add_zero_dynamics(result, reduced, causality)
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
     if "sensitivities" in asked:

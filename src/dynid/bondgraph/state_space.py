@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.equations.blocks import irreducible_blocks
+from dynid.bondgraph.equations.blocks import Block, irreducible_blocks
 from dynid.bondgraph.equations.descriptor import Descriptor
 from dynid.bondgraph.equations.forms import Field, Form, Symbol
 from dynid.bondgraph.equations.index import solve, without_input_rates
@@ -57,8 +58,15 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     return rounded(system, rates, outputs, columns, [str(port) for port in reduced.outputs])
 
 
-def natural_order(graph: BondGraph) -> int:
-    """Return the number of states of a whole graph with its values: the degree of its natural polynomial.
+def natural_order(graph: BondGraph, junctions: Collection[str] | None = None) -> int:
+    """Return the number of states of a graph with its values: the degree of its natural polynomial.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    junctions
+        The junctions of its `JunctionStructure` to model; absent: all.
 
     Raises
     ------
@@ -66,7 +74,8 @@ def natural_order(graph: BondGraph) -> int:
         Where the equations have no unique solution.
     """
     structure = JunctionStructure(graph)
-    return len(solve(Descriptor(structure, structure.junctions, Field.rational(graph)).equations, [])[0])
+    wanted = structure.junctions if junctions is None else junctions
+    return len(solve(Descriptor(structure, wanted, Field.rational(graph)).equations, [])[0])
 
 
 def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
@@ -125,10 +134,69 @@ def zero_blocks(reduced: ReducedGraph, port: Port, source: str) -> tuple[StateSp
     Singular
         Where the input does not reach the output.
     """
+    system, solved = _solved_blocks(reduced, port, source)
+    return tuple(rounded(system, rates, [], [], []) for _, rates in solved)
+
+
+@dataclass(frozen=True)
+class ZeroPart:
+    """An irreducible part of zero dynamics, exactly.
+
+    Parameters
+    ----------
+    elements
+        The one-ports that carry it.
+    states
+        The names of its states.
+    polynomial
+        Its characteristic polynomial over the integers (flint `fmpz_poly`): its roots are zeros.
+    """
+
+    elements: tuple[str, ...]
+    states: tuple[str, ...]
+    polynomial: Any
+
+
+def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart, ...]:
+    """Return the irreducible parts of the zero dynamics with their elements and characteristic polynomials.
+
+    Parameters
+    ----------
+    reduced, port, source
+        As for `zero_dynamics`.
+
+    Raises
+    ------
+    Singular
+        Where the input does not reach the output.
+    """
+    system, solved = _solved_blocks(reduced, port, source)
+    return tuple(
+        ZeroPart(
+            tuple(system.carriers(block.rows, block.unknowns)),
+            tuple(system.name(name) for name in rates),
+            _characteristic_polynomial(rates),
+        )
+        for block, rates in solved
+    )
+
+
+def _solved_blocks(
+    reduced: ReducedGraph, port: Port, source: str
+) -> tuple[Descriptor, list[tuple[Block, dict[str, Form]]]]:
+    """Return the blocks of the constrained equations that have states."""
     system, equations = _constrained(reduced, port, source)
     with _unreached(port, source):
-        solved = [solve(block, [])[0] for block in irreducible_blocks(equations)]
-    return tuple(rounded(system, rates, [], [], []) for rates in solved if rates)
+        solved = [(block, solve(block.forms, [])[0]) for block in irreducible_blocks(equations)]
+    return system, [(block, rates) for block, rates in solved if rates]
+
+
+def _characteristic_polynomial(rates: dict[str, Form]) -> Any:
+    """Return det(s - A) times a positive integer, as an integer polynomial."""
+    from flint import fmpq, fmpq_mat
+
+    matrix = fmpq_mat([[form.get(("w", name), fmpq(0)) for name in rates] for form in rates.values()])
+    return matrix.charpoly().numer()
 
 
 def _constrained(reduced: ReducedGraph, port: Port, source: str) -> tuple[Descriptor, list[Form]]:

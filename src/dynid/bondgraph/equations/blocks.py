@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from dynid.bondgraph.equations.forms import Form, contradiction
 
 
-def irreducible_blocks(equations: Sequence[Form]) -> list[list[Form]]:
+@dataclass(frozen=True)
+class Block:
+    """A square part of a system: the places of its equations, and what they say of its own unknowns."""
+
+    rows: list[int]
+    forms: list[Form]
+
+    @property
+    def unknowns(self) -> set[str]:
+        """The names of its unknowns."""
+        return {symbol[1] for form in self.forms for symbol in form}
+
+
+def irreducible_blocks(equations: Sequence[Form]) -> list[Block]:
     """Split equations into the smallest square systems whose determinants multiply to that of the whole.
 
     Equations and unknowns can be ordered so that the system is block triangular; each block is returned
@@ -48,9 +62,10 @@ def irreducible_blocks(equations: Sequence[Form]) -> list[list[Form]]:
     row_of[column_of] = np.arange(size)
     reads = csr_array((np.ones(len(rows), dtype=np.int8), (rows, row_of[columns])), shape=(size, size))
     count, label = connected_components(reads, directed=True, connection="strong")
-    blocks: list[list[Form]] = [[] for _ in range(count)]
+    blocks = [Block([], []) for _ in range(count)]
     block_of = {name: label[row_of[column]] for name, column in place.items()}
     for row, form in enumerate(equations):
         own = {s: v for s, v in form.items() if s[0] != "u" and block_of[s[1]] == label[row]}
-        blocks[label[row]].append(own)
+        blocks[label[row]].rows.append(row)
+        blocks[label[row]].forms.append(own)
     return blocks

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from dynid.bondgraph.equations.forms import Field, Form, add, rate, scaled
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
@@ -42,6 +42,7 @@ class Descriptor:
         self.inputs, self.initial, self.freed = set(inputs), set(initial), freed
         modelled = set(junctions)
         self.equations: list[Form] = []
+        self._owners: list[str] = []  # the storage or junction behind each equation
         self._responses: dict[str, Form] = {}
         self._balance: dict[str, Form] = {name: {} for name in structure.junctions if name in modelled}
         for name, balance in self._balance.items():
@@ -52,9 +53,10 @@ class Descriptor:
                 add(balance, self.signal(source), -sign)
         for coupling in structure.couplings:
             self._couple(coupling)
-        self.equations += [
-            form for name, form in self._balance.items() if structure.junctions[name].fixing is None
-        ]
+        for name, form in self._balance.items():
+            if structure.junctions[name].fixing is None:
+                self.equations.append(form)
+                self._owners.append(name)
 
     def _couple(self, coupling: Coupling) -> None:
         if coupling.tail not in self._balance and coupling.head not in self._balance:
@@ -91,6 +93,7 @@ class Descriptor:
         equation: Form = {("dw", element): value, **stored} if value else {}
         add(equation, self._common(place), -self.field.one)
         self.equations.append(equation)
+        self._owners.append(element)
         return {("w", element): self.field.one}
 
     def name(self, unknown: str) -> str:
@@ -100,6 +103,18 @@ class Descriptor:
         if unknown in self.graph.nodes:
             return f"{unknown}.{'e' if self.graph.nodes[unknown].type in ('C', 'Se') else 'f'}"
         return unknown
+
+    def carriers(self, rows: Iterable[int], unknowns: Collection[str]) -> list[str]:
+        """Name the one-ports that act on these unknowns in these equations of the graph."""
+        found: dict[str, None] = {}
+        for owner in (self._owners[row] for row in rows if row < len(self._owners)):
+            if owner in self._responses:
+                found[owner] = None
+                continue
+            for element in self.structure.junctions[owner].elements:
+                if any(symbol[1] in unknowns for symbol in self._responses[element]):
+                    found[element] = None
+        return [name for name in self.graph.nodes if name in found]
 
     def output(self, port: Port) -> Form:
         """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""

@@ -30,6 +30,25 @@ def causality_lines(result: Result) -> Iterable[str]:
     if note:
         yield from _hanging("note", str(note))
     yield from _strokes(result, group)
+    yield from _zero_dynamics(result, f"{group}/zero_dynamics/")
+
+
+def _zero_dynamics(result: Result, prefix: str) -> Iterable[str]:
+    """Say what goes on inside with each output held at zero, and the degrees."""
+    channels = [path.removesuffix("/meaning") for path in result if path.startswith(prefix)]
+    for group in [path for path in channels if f"{path}/meaning" in result][:_REMARKS]:
+        yield from _hanging("zeros", str(result[f"{group}/meaning"].data))
+        counts = [
+            f"{kind}: {result.value(f'{group}/zeros_{kind}')} zeros, relative degree "
+            f"{result.value(f'{group}/relative_degree_{kind}')}"
+            for kind in ("structural", "exact")
+            if f"{group}/zeros_{kind}" in result
+        ]
+        if counts:
+            yield f"{'':14}{' · '.join(counts)}"
+        note = result.group_attrs.get(group, {}).get("note")
+        if note:
+            yield from _hanging("", str(note))
 
 
 def _hanging(title: str, text: str) -> Iterable[str]:

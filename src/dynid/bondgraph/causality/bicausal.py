@@ -1,0 +1,208 @@
+"""The zero dynamics as a graph: bicausal bonds from an output to an input (Gawthrop 1995).
+
+The output becomes a source-sensor SS: both its effort and its flow are imposed, as zero. The input becomes
+the opposite, an SS on which both are found. Bicausality leads from one to the other along a line of power,
+on whose bonds effort and flow are imposed the same way. A junction on the line has its common variable
+from there, and so imposes it on everything else beside the line; the rest takes its causality by the usual
+procedure. Storages that still integrate are the states of the inside: as many as there are zeros.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from dynid.bondgraph.causality.assign import describe
+from dynid.bondgraph.causality.report import Causality
+from dynid.bondgraph.causality.scap import run_scap
+from dynid.bondgraph.causality.strokes import How, Strokes
+from dynid.bondgraph.graph import JUNCTIONS, ONE_PORTS, BondGraph, Port
+from dynid.bondgraph.reduction.junctions import unique
+
+End = Literal["tail", "head"]
+
+#: Most lines of power that are compared, and most steps in their search.
+_LINES, _STEPS = 32, 20_000
+
+
+@dataclass(frozen=True)
+class BicausalBond:
+    """A bond and the ends that its effort and its flow are imposed towards: the same end where bicausal."""
+
+    tail: str
+    head: str
+    effort: End
+    flow: End
+    set_by: How
+
+
+@dataclass(frozen=True)
+class ZeroCausality:
+    """The causality of a channel's zero dynamics.
+
+    Parameters
+    ----------
+    bonds
+        Every bond of the graph with the output's detector put in.
+    line
+        The nodes of the bicausal line of power, from the input to the output.
+    inside
+        The causality of what lies beside the line.
+    derivative
+        Storages that lose their own state, by being on the line or through it.
+    lines
+        The number of lines of power that were compared; more than one can cancel each other.
+    """
+
+    bonds: tuple[BicausalBond, ...]
+    line: tuple[str, ...]
+    inside: Causality
+    derivative: tuple[str, ...]
+    lines: int
+
+
+def zero_causality(graph: BondGraph, port: Port, source: str) -> ZeroCausality | None:
+    """Assign bicausality from an output to an input, along the line that leaves most storages integrating.
+
+    Parameters
+    ----------
+    graph
+        The bond graph.
+    port
+        The output that is held at zero.
+    source
+        The input that holds it there.
+
+    Returns
+    -------
+    ZeroCausality
+        The best of the lines of power; None where none can be made bicausal.
+    """
+    kinds, bonds, detector = _with_detector(graph, port)
+    best: ZeroCausality | None = None
+    count = 0
+    for line in _lines(kinds, bonds, detector, source):
+        found = _along(kinds, bonds, line, (detector, source))
+        if found is None:
+            continue
+        count += 1
+        if best is None or found.inside.order > best.inside.order:
+            best = found
+        if count == _LINES:
+            break
+    if best is None:
+        return None
+    return ZeroCausality(best.bonds, best.line, best.inside, best.derivative, count)
+
+
+def _with_detector(graph: BondGraph, port: Port) -> tuple[dict[str, str], list[tuple[str, str]], str]:
+    """Put a detector of the output into the graph, on a junction of its own where it needs one."""
+    kinds: dict[str, str] = {name: node.type for name, node in graph.nodes.items()}
+    bonds = [(bond.tail, bond.head) for bond in graph.bonds]
+    detector = unique(str(port), kinds)
+    effort = port.quantity in ("eq" if graph.is_state(port) else "ep")  # q of a C is C e, p of an I is I f
+    wanted = "0" if effort else "1"
+    at = port.node
+    if kinds[at] in ONE_PORTS:
+        place = next(index for index, pair in enumerate(bonds) if at in pair)
+        tail, head = bonds[place]
+        neighbour = tail if head == at else head
+        if kinds[neighbour] == wanted:
+            at = neighbour
+        else:
+            at = unique(f"{'e' if effort else 'f'}_{port.node}", kinds)
+            kinds[at] = wanted
+            bonds[place : place + 1] = [(tail, at), (at, head)]
+    kinds[detector] = "SS"
+    return kinds, [*bonds, (at, detector)], detector
+
+
+def _lines(
+    kinds: dict[str, str], bonds: list[tuple[str, str]], start: str, end: str
+) -> Iterator[tuple[int, ...]]:
+    """Yield simple paths of bonds from one node to another: the shortest, then others as they are met."""
+    bonds_at: dict[str, list[int]] = {name: [] for name in kinds}
+    for bond, ends in enumerate(bonds):
+        for name in ends:
+            bonds_at[name].append(bond)
+    distance = _distances(bonds, bonds_at, end)
+    if start not in distance:
+        return
+    stack: list[tuple[str, tuple[int, ...], frozenset[str]]] = [(start, (), frozenset([start]))]
+    for _ in range(_STEPS):
+        if not stack:
+            return
+        node, line, seen = stack.pop()
+        if node == end:
+            yield line
+            continue
+        onward = []
+        for bond in bonds_at[node]:
+            other = bonds[bond][bonds[bond][0] == node]
+            if other not in seen and (other == end or kinds[other] not in ONE_PORTS | {"SS"}):
+                onward.append((other, (*line, bond), seen | {other}))
+        stack += sorted(onward, key=lambda step: -distance[step[0]])
+
+
+def _distances(bonds: list[tuple[str, str]], bonds_at: dict[str, list[int]], end: str) -> dict[str, int]:
+    distance, queue = {end: 0}, [end]
+    for node in queue:
+        for bond in bonds_at[node]:
+            other = bonds[bond][bonds[bond][0] == node]
+            if other not in distance:
+                distance[other] = distance[node] + 1
+                queue.append(other)
+    return distance
+
+
+def _along(
+    kinds: dict[str, str], bonds: list[tuple[str, str]], line: tuple[int, ...], ends: tuple[str, str]
+) -> ZeroCausality | None:
+    """Make one line bicausal and complete the rest; None where that contradicts a source."""
+    nodes = _nodes_along(bonds, line, ends[0])
+    on_line = set(nodes)
+    beside = [bond for bond in range(len(bonds)) if bond not in set(line)]
+    rest = {
+        name: "held" if name in on_line else kind
+        for name, kind in kinds.items()
+        if name not in on_line or kind in JUNCTIONS
+    }
+    strokes = Strokes(rest, [bonds[bond] for bond in beside])
+    for place, bond in enumerate(beside):
+        for node in on_line.intersection(bonds[bond]):
+            away = strokes.towards(node, place) is (kinds[node] == "1")
+            if strokes.put(place, away, "bicausal") is not None:
+                return None
+    assigned = run_scap(strokes, [name for name, kind in rest.items() if kind in ONE_PORTS])
+    if assigned.conflicts:
+        return None
+    inside = describe(assigned)
+    table: list[BicausalBond | None] = [None] * len(bonds)
+    for place, bond in enumerate(beside):
+        settled = inside.bonds[place]
+        table[bond] = BicausalBond(
+            settled.tail, settled.head, settled.stroke, _other(settled.stroke), settled.set_by
+        )
+    for node, bond in zip(nodes, line, strict=False):
+        tail, head = bonds[bond]
+        onward: End = "head" if tail == node else "tail"
+        table[bond] = BicausalBond(tail, head, onward, onward, "bicausal")
+    return ZeroCausality(
+        bonds=tuple(row for row in table if row is not None),
+        line=tuple(reversed(nodes)),
+        inside=inside,
+        derivative=tuple(e.name for e in inside.elements if e.causality == "derivative"),
+        lines=1,
+    )
+
+
+def _nodes_along(bonds: list[tuple[str, str]], line: tuple[int, ...], start: str) -> list[str]:
+    nodes = [start]
+    for bond in line:
+        nodes.append(bonds[bond][bonds[bond][0] == nodes[-1]])
+    return nodes
+
+
+def _other(end: End) -> End:
+    return "tail" if end == "head" else "head"

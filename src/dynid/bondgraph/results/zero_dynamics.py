@@ -1,0 +1,128 @@
+"""The zero dynamics of every channel: as a graph by bicausality, and as exact state equations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynid.bondgraph.causality.bicausal import ZeroCausality, zero_causality
+from dynid.bondgraph.causality.report import Causality
+from dynid.bondgraph.causality.wording import listed, titled
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.state_space import ZeroPart, natural_order, zero_dynamics, zero_parts
+from dynid.errors import NumericalError, Singular
+from dynid.result import Result
+
+#: Most states of which the coupled equations are written down, and most parts that a sentence names.
+_MATRIX, _PARTS = 40, 4
+
+
+def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causality) -> None:
+    """Add the zero dynamics of every channel.
+
+    Parameters
+    ----------
+    result
+        Where to add them.
+    reduced
+        The graph with its inputs and outputs.
+    causality
+        The graph's own causality.
+    """
+    for port in reduced.outputs:
+        integrated = port.quantity in "qp" and not reduced.graph.is_state(port)
+        modelled = set(reduced.reductions[port].modelled)
+        order = sum(state.element in modelled for state in causality.states) + integrated
+        exact_order = natural_order(reduced.graph, reduced.reductions[port].junctions) + integrated
+        for source in reduced.inputs:
+            found = zero_causality(reduced.graph, port, source)
+            group = f"bond_graph/causality/zero_dynamics/{port}/{source}"
+            structural = None if found is None else _add_graph(result, group, found, modelled, order)
+            exact = _add_equations(result, group, reduced, port, source, exact_order)
+            note = _difference(structural, exact, order - exact_order, found)
+            if note:
+                result.annotate(group, note=note)
+
+
+def _add_graph(result: Result, group: str, found: ZeroCausality, modelled: set[str], order: int) -> int:
+    """Add the bicausal graph; return the number of zeros that its structure allows."""
+    names = ("tail", "head", "effort", "flow", "set_by")
+    rows = [(b.tail, b.head, b.effort, b.flow, b.set_by) for b in found.bonds]
+    result.add_axis(f"{group}/bond", np.arange(1, len(rows) + 1))
+    result.add(f"{group}/bonds", np.array(rows, dtype=[(name, object) for name in names]), ("bond",))
+    result.add_axis(f"{group}/line", list(found.line))
+    inside = [state.name for state in found.inside.states if state.element in modelled]
+    derivative = [name for name in found.derivative if name in modelled]
+    result.add_axis(f"{group}/internal_state", np.array(inside, dtype=object))
+    result.add_axis(f"{group}/derivative_storage", np.array(derivative, dtype=object))
+    result.add(f"{group}/zeros_structural", len(inside))
+    result.add(f"{group}/relative_degree_structural", order - len(inside))
+    return len(inside)
+
+
+def _add_equations(
+    result: Result, group: str, reduced: ReducedGraph, port: Port, source: str, order: int
+) -> int | None:
+    """Add the exact zero dynamics; return the number of zeros, None where the input does not reach."""
+    try:
+        parts = zero_parts(reduced, port, source)
+    except Singular:
+        result.add(f"{group}/meaning", f"the input {source} does not reach {port}: no zero dynamics")
+        return None
+    count = sum(len(part.states) for part in parts)
+    result.add(f"{group}/zeros_exact", count)
+    result.add(f"{group}/relative_degree_exact", order - count)
+    result.add(f"{group}/meaning", _meaning(reduced, port, source, parts))
+    _add_parts(result, group, parts)
+    if 0 < count <= _MATRIX:
+        _add_matrices(result, group, reduced, port, source)
+    return count
+
+
+def _add_parts(result: Result, group: str, parts: tuple[ZeroPart, ...]) -> None:
+    """Add the parts that do not depend on each other's zeros: their elements, states and polynomials."""
+    rows = [(", ".join(part.elements), ", ".join(part.states), str(part.polynomial)) for part in parts]
+    dtype = [(name, object) for name in ("elements", "states", "polynomial")]
+    result.add_axis(f"{group}/part", np.arange(1, len(rows) + 1))
+    result.add(f"{group}/parts", np.array(rows, dtype=dtype), ("part",))
+
+
+def _add_matrices(result: Result, group: str, reduced: ReducedGraph, port: Port, source: str) -> None:
+    """Add x' = A x of the inside and u = C x that holds the output, where doubles can hold them."""
+    try:
+        inside = zero_dynamics(reduced, port, source)
+    except NumericalError:
+        return
+    names = np.array(inside.states, dtype=object)
+    result.add_axis(f"{group}/state", names)
+    result.add_axis(f"{group}/rate_of", names)
+    result.add(f"{group}/A", inside.A, ("rate_of", "state"))
+    result.add(f"{group}/input", inside.C[0], ("state",))
+
+
+def _meaning(reduced: ReducedGraph, port: Port, source: str, parts: tuple[ZeroPart, ...]) -> str:
+    kinds = {name: node.type for name, node in reduced.graph.nodes.items()}
+    held = f"with {port} held at zero by {source}"
+    if not parts:
+        return f"{held} nothing moves inside: there are no zeros"
+    carried = [
+        titled(kinds, part.elements) if part.elements else listed(part.states) for part in parts[:_PARTS]
+    ]
+    more = f", and {len(parts) - _PARTS} more parts" if len(parts) > _PARTS else ""
+    carry = "carries" if len(parts) == 1 and len(parts[0].elements) == 1 else "carry"
+    return f"zero dynamics, {held}: {'; '.join(carried)}{more} {carry} on inside"
+
+
+def _difference(structural: int | None, exact: int | None, lost: int, found: ZeroCausality | None) -> str:
+    """Say why the structure and the numbers count differently."""
+    several = "" if found is None or found.lines < 2 else f" ({found.lines} lines of power were compared)"
+    if structural is None:
+        return "" if exact is None else "no single line of power can be made bicausal; the exact count holds"
+    if exact is None:
+        return f"the structure lets the input through, but contributions cancel{several}"
+    if structural - exact == lost == 0:
+        return ""
+    return (
+        f"the structure allows {structural} zeros and the numbers have {exact}: values, or the unit gains of "
+        f"plain bonds, cancel{several}"
+    )
