@@ -43,7 +43,7 @@ def spectrum(equations: Sequence[Form]) -> Discs:
     Singular
         Where the determinant vanishes.
     """
-    return Discs.joined([_roots_of(block) for block in irreducible_blocks(equations)])
+    return Discs.joined([_roots_of(block.forms) for block in irreducible_blocks(equations)])
 
 
 def _roots_of(block: list[Form]) -> Discs:
