@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.errors import Singular
+from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modes import modes
 
@@ -47,3 +47,69 @@ def test_suspension_of_five_masses():
 def test_indefinite_stiffness_is_refused():
     with pytest.raises(Singular, match="indefinite"):
         modes(np.eye(2), np.zeros((2, 2)), np.diag([1.0, -1.0]))
+
+
+def test_stiff_parts_leave_the_digits_of_soft_ones():
+    # A link of 1e13 N/m beside springs of 1 N/m: the two masses it joins move as one.
+    chain = lumped([1, 1, 1], [Link((1,), 1.0), Link((1, 2), 1e13), Link((2, 3), 1.0)])
+    exact = [1 - np.sqrt(0.5), 1 + np.sqrt(0.5)]  # of masses 2 and 1
+    found = modes(*chain.with_joints())
+    np.testing.assert_allclose(found.omega[:2] ** 2, exact, rtol=2e-3)  # the stiffness 1 + 1e13 has no more
+    assert found.rigid == 0
+
+
+def test_massless_dofs_are_condensed_and_counted():
+    K = np.array([[3.0, -2, 0], [-2, 5, -3], [0, -3, 3]])
+    found = modes(np.diag([2.0, 0, 1]), np.zeros((3, 3)), K)
+    # Springs of 2 and 3 N/m in series are one of 1.2 N/m.
+    exact = np.linalg.eigvals(np.diag([0.5, 1]) @ np.array([[2.2, -1.2], [-1.2, 1.2]]))
+    np.testing.assert_allclose(found.omega**2, np.sort(exact.real), rtol=1e-14)
+    np.testing.assert_allclose(K[1] @ found.shapes, 0, atol=1e-14)
+    assert (found.massless, found.rigid, found.counted) == (1, 0, np.inf)
+
+
+def test_directions_without_mass_need_not_be_dofs():
+    M = np.array([[1.0, 1], [1, 1]])
+    found = modes(M, np.zeros((2, 2)), np.array([[2.0, -1], [-1, 2]]))
+    np.testing.assert_allclose(found.omega, [np.sqrt(0.5)], rtol=1e-14)
+    assert found.massless == 1
+    with pytest.raises(UsageError, match="2 modes are asked for, but the structure has 1 "):
+        modes(M, np.zeros((2, 2)), np.eye(2), 2)
+
+
+@pytest.mark.parametrize(
+    ("mass", "error", "message"),
+    [
+        ([[1.0, 0], [0, -1]], UsageError, "DOF 2 has a negative mass"),
+        ([[1.0, 2], [2, 1]], UsageError, "indefinite"),
+        ([[1.0, 1], [1, 0]], UsageError, "DOF 2 has no mass on the diagonal, but beside it"),
+        ([[1.0, np.nan], [np.nan, 1]], NumericalError, "beyond double precision"),
+    ],
+)
+def test_mass_that_is_none_is_refused(mass, error, message):
+    with pytest.raises(error, match=message):
+        modes(np.array(mass), np.zeros((2, 2)), np.eye(2))
+
+
+def test_motions_without_inertia_and_stiffness_are_refused():
+    with pytest.raises(Singular, match="DOF 2 has neither mass nor stiffness"):
+        modes(np.diag([1.0, 0]), np.zeros((2, 2)), np.diag([1.0, 0]))
+    K = np.array([[1.0, 0, 0], [0, 1, -1], [0, -1, 1]])
+    with pytest.raises(Singular, match="neither inertia nor stiffness"):
+        modes(np.diag([1.0, 0, 0]), np.zeros((3, 3)), K)
+
+
+def test_a_stiffness_printed_with_six_digits_keeps_its_rigid_body():
+    rng = np.random.default_rng(3)
+    springs = rng.uniform(1, 9, 30)
+    chain = lumped([1.0] * 31, [Link((i + 1, i + 2), k) for i, k in enumerate(springs)])
+    K = np.array([[float(f"{v:.6g}") for v in row] for row in chain.K])
+    assert modes(chain.M, chain.C, K).rigid == 1
+    assert modes(chain.M, chain.C, chain.K).rigid == 1
+
+
+def test_a_soft_suspension_is_no_rigid_body():
+    springs = [Link((1,), 1e-7)] + [Link((i, i + 1), 1e4) for i in range(1, 6)]
+    found = modes(*lumped([1.0] * 6, springs).with_joints())
+    assert found.rigid == 0
+    np.testing.assert_allclose(found.omega[0] ** 2, 1e-7 / 6, rtol=1e-4)

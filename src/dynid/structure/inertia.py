@@ -8,14 +8,9 @@ positive semidefinite; infinite ones (of massless directions) do not count where
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csc_array, issparse
 
 from dynid.errors import NumericalError, Singular
-from dynid.structure.factorisation import factorise
-
-Array = NDArray[np.float64]
-Matrix = Array | csc_array
+from dynid.structure.matrices import Array, Matrix, combined, is_sparse
 
 _NUDGES = (0.0, 1e-10, 1e-9, 1e-8)
 _DENSE = 3000
@@ -39,8 +34,10 @@ def negatives(A: Matrix, backend: str = "splu") -> int:
     NumericalError
         If the sparse pivots do not tell and the matrix is too large for dense ones.
     """
-    if not issparse(A):
+    if not is_sparse(A):
         return _of_dense(np.asarray(A))
+    from dynid.structure.factorisation import factorise
+
     found = factorise(A, backend).negatives
     if found is not None:
         return found
@@ -92,7 +89,7 @@ def eigenvalues_below(K: Matrix, M: Matrix, value: float, backend: str = "splu")
     for nudge in _NUDGES:
         nudged = value + nudge * abs(value)
         try:
-            return negatives(K - nudged * M, backend), nudged
+            return negatives(combined(1.0, K, -nudged, M), backend), nudged
         except NumericalError:
             continue
     raise NumericalError(

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, diags_array, issparse
 
 from dynid.errors import Singular, UsageError
 from dynid.lti.floating import finite
-
-Array = NDArray[np.float64]
-Matrix = Array | csc_array
+from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +53,8 @@ def scaled(K: Matrix, M: Matrix) -> Pencil:
     Singular
         If a DOF has neither mass nor stiffness.
     """
-    K, M = _plain(K, "the stiffness"), _plain(M, "the mass")
+    for matrix in (K, M):
+        finite("a structural matrix", matrix.data if is_sparse(matrix) else as_array(matrix))
     stiffness, mass = K.diagonal(), M.diagonal()
     for what, diagonal, error in (("mass", mass, UsageError), ("stiffness", stiffness, Singular)):
         if np.any(diagonal < 0):
@@ -74,14 +73,26 @@ def scaled(K: Matrix, M: Matrix) -> Pencil:
     finite("the ratio of stiffness and mass", weight)
     scale = np.exp2(np.round(-0.5 * np.log2(weight)))
     shift = bound * max(float(len(scale)) ** -2, _LEAST_SHIFT)
-    if issparse(K) and issparse(M):
-        D = diags_array(scale)
-        return Pencil(csc_array(D @ K @ D), csc_array(D @ M @ D), scale, shift)
-    both_sides = scale * scale[:, None]
-    return Pencil(np.asarray(K * both_sides), np.asarray(M * both_sides), scale, shift)
+    return Pencil(_on_both_sides(K, scale), _on_both_sides(M, scale), scale, shift)
 
 
-def _plain(matrix: Matrix, what: str) -> Matrix:
-    plain = csc_array(matrix, dtype=float) if issparse(matrix) else np.asarray(matrix, dtype=float)
-    finite(what, plain.data if issparse(plain) else plain)
-    return plain
+def _on_both_sides(matrix: Matrix, scale: Array) -> Matrix:
+    if not is_sparse(matrix):
+        return as_array(matrix) * scale * scale[:, None]
+    from scipy.sparse import csc_array
+
+    out = csc_array(matrix, dtype=float, copy=True)
+    out.data *= scale[out.indices]
+    out.data *= np.repeat(scale, np.diff(out.indptr))
+    return out
+
+
+def times(matrix: Matrix, X: Array) -> Array:
+    """Return a matrix times vectors."""
+    return np.asarray(matrix @ X)
+
+
+def absolute(matrix: Matrix) -> Matrix:
+    """Return a matrix of the absolute values."""
+    out: Any = abs(matrix)
+    return cast("Matrix", out)

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import NumericalError, Singular
-from dynid.structure.modes.pencil import Matrix, Pencil
-
-Array = NDArray[np.float64]
+from dynid.errors import NumericalError, Singular, UsageError
+from dynid.structure.matrices import Array, Matrix
+from dynid.structure.modes.pencil import Pencil, absolute, times
 
 # Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
 _ROUNDING = 16 * float(np.finfo(float).eps)
@@ -75,13 +74,12 @@ def finished(
     """
     order = np.argsort(square, kind="stable")
     square, shapes = square[order], shapes[:, order]
-    Kx, Mx = pencil.K @ shapes, pencil.M @ shapes
-    parts = abs(pencil.K) @ np.abs(shapes)
+    Kx, Mx = times(pencil.K, shapes), times(pencil.M, shapes)
+    parts = times(absolute(pencil.K), np.abs(shapes))
+    inertia = np.abs(square) * times(absolute(pencil.M), np.abs(shapes))
+    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.linalg.norm(parts + inertia, axis=0)
     rigid = _rigid(square, np.einsum("im,im->m", np.abs(shapes), parts))
     square = np.where(rigid, 0.0, square)
-    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.linalg.norm(
-        parts + square * (abs(pencil.M) @ np.abs(shapes)), axis=0
-    )
     if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:
         raise NumericalError(
             f"the modes have residuals of {worst:.1g} (found by {method})",
@@ -90,7 +88,7 @@ def finished(
     shapes = pencil.scale[:, None] * shapes
     shapes = shapes * _signs(shapes)
     omega = np.sqrt(square)
-    dissipation = np.einsum("im,im->m", shapes, C @ shapes)
+    dissipation = np.einsum("im,im->m", shapes, times(C, shapes))
     damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
     return Modes(
         omega, damping, shapes, residuals, int(rigid.sum()), massless, float(np.sqrt(counted)), method
@@ -118,3 +116,12 @@ def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:
             remedy="The structure has no natural frequency there; check signs and units of the stiffness.",
         )
     return np.asarray((energy <= max(_ROUNDING, 10 * lowest)) | (parts == 0))
+
+
+def too_many(count: int, finite: int) -> UsageError:
+    """Return the refusal of more modes than there are."""
+    return UsageError(
+        f"{count} modes are asked for, but the structure has {finite} with finite frequencies",
+        remedy="Ask for fewer; massless DOFs add none.",
+        names=("modes",),
+    )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csc_array, issparse
 
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.modes.pencil import Matrix, Pencil, scaled
-from dynid.structure.modes.solution import Modes, finished
-from dynid.structure.modes.sparse import Spectrum, too_many
+from dynid.structure.matrices import Matrix, as_array
+from dynid.structure.modes.pencil import Pencil, scaled
+from dynid.structure.modes.solution import Modes, finished, too_many
 
 # Below this size dense matrices are faster whatever is asked; above the other, out of question.
 _SMALL, _LARGE = 400, 6000
@@ -64,7 +63,9 @@ def modes(
     if backend == "auto":
         backend = _chosen(K.shape[0], count, below)
     if backend == "dense":
-        return _dense(scaled(_as_dense(K), _as_dense(M)), C, count, below)
+        return _dense(scaled(as_array(K), as_array(M)), C, count, below)
+    from scipy.sparse import csc_array
+
     return _sparse(scaled(csc_array(K), csc_array(M)), C, count, below, backend, proof)
 
 
@@ -105,6 +106,8 @@ def _dense(pencil: Pencil, C: Matrix, count: int | None, below: float | None) ->
 def _sparse(
     pencil: Pencil, C: Matrix, count: int | None, below: float | None, backend: str, proof: bool
 ) -> Modes:
+    from dynid.structure.modes.sparse import Spectrum
+
     spectrum = Spectrum(pencil, backend)
     if below is not None:
         square, shapes, counted = spectrum.below(below**2)
@@ -119,7 +122,3 @@ def _sparse(
     massless = len(pencil.without_mass)
     found = finished(pencil, C, square, shapes, massless=massless, counted=counted, method=method)
     return found if count is None else found.first(min(count, len(square)))
-
-
-def _as_dense(matrix: Matrix) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    return np.asarray(matrix.toarray() if issparse(matrix) else matrix, dtype=float)

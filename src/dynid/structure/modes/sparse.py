@@ -13,17 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-from dynid.errors import NumericalError, Singular, UsageError
+from dynid.errors import NumericalError, Singular
 from dynid.structure.factorisation import BACKENDS, Factor, factorise
 from dynid.structure.inertia import eigenvalues_below
 from dynid.structure.modes.lanczos import largest
-from dynid.structure.modes.pencil import Pencil
+from dynid.structure.modes.pencil import Pencil, times
+from dynid.structure.modes.solution import too_many
 
 Array = NDArray[np.float64]
 
 _ATTEMPTS = 6
 # Modes computed above those asked for, to find a gap; and the relative gap wide enough to count in.
 _SPARE, _GAP = 1, 1e-6
+# Relative distance of a limit to a mode at which rounding decides on which side of it the mode lies.
+_HIT = 1e-8
 # Shifts tried, relative to the pencil's: the first that leaves the stiffness definite and well enough posed.
 _SHIFTS = (1.0, 1e3, 1e6)
 
@@ -58,23 +61,10 @@ class Spectrum:
             If modes stay missing, or cannot be counted.
         """
         self._extend(count + _SPARE)
-        for _ in range(_ATTEMPTS):
-            if len(self.square) < count:
-                raise too_many(count, len(self.square))
-            if not proof:
-                return self.square[:count], self.shapes[:, :count], 0.0
-            position = self._gap(count)
-            if position is None:
-                self._extend(2 * len(self.square))
-                continue
-            value = np.inf
-            if position < len(self.square):
-                missing, value = self._missing_below(self.square[position - 1 : position + 1].mean())
-                if missing:
-                    self._extend(len(self.square) + missing)
-                    continue
-            return self.square[:count], self.shapes[:, :count], value
-        raise _stay_missing(self.backend)
+        value = self._proved(count) if proof else 0.0
+        if len(self.square) < count:
+            raise too_many(count, len(self.square))
+        return self.square[:count], self.shapes[:, :count], value
 
     def below(self, limit: float) -> tuple[Array, Array, float]:
         """Return all pairs below a limit, and the limit, nudged if it hits an eigenvalue.
@@ -85,15 +75,16 @@ class Spectrum:
             If modes stay missing, or cannot be counted.
         """
         count, limit = self._count(limit)
-        if count:
-            self._extend(count)
         for _ in range(_ATTEMPTS):
             found = int(np.count_nonzero(self.square < limit))
-            if found == count:
+            if np.any(np.abs(self.square - limit) <= _HIT * limit):  # copies may lie on either side
+                count, limit = self._count(limit * (1 + 10 * _HIT))
+            elif found == count:
                 return self.square[:count], self.shapes[:, :count], limit
-            if found > count:
+            elif found > count:
                 break
-            self._extend(len(self.square) + count - found)
+            else:
+                self._extend(len(self.square) + count - found)
         raise _stay_missing(self.backend)
 
     def _extend(self, count: int) -> None:
@@ -105,13 +96,15 @@ class Spectrum:
         known = (1 / (self.square + self._shift), self.shapes) if len(self.square) else None
         theta, shapes = largest(self._factor.solve, self.M, count, self._rng, known)
         self.exhausted = len(theta) < count
-        self.square, mixed = eigh(shapes.T @ (self.K @ shapes), shapes.T @ (self.M @ shapes))
+        if self.exhausted and len(theta) == 0:
+            return
+        self.square, mixed = eigh(shapes.T @ times(self.K, shapes), shapes.T @ times(self.M, shapes))
         self.shapes = shapes @ mixed
 
     def _shifted(self) -> tuple[Factor, float]:
         """Factorise the stiffness, shifted by a little mass."""
-        for times in _SHIFTS:
-            shift = times * self.pencil.shift
+        for factor in _SHIFTS:
+            shift = factor * self.pencil.shift
             try:
                 return factorise(self.K + shift * self.M, self.backend, definite=True), shift
             except Singular:
@@ -121,35 +114,36 @@ class Spectrum:
             remedy="Check signs and units of the stiffness; give massless DOFs mass, or join them.",
         )
 
-    def _gap(self, count: int) -> int | None:
-        """Return after how many pairs, at least `count`, a gap is wide; None if there is none so far."""
-        step = np.diff(self.square[count - 1 :])
-        wide = step > _GAP * (np.abs(self.square[count:]) + 1e3 * self._shift)
-        if wide.any():
-            return count + int(np.argmax(wide))
-        return len(self.square) if self.exhausted else None
+    def _proved(self, count: int) -> float:
+        """Find what is missing of so many pairs; return the value below which none is, in a gap above."""
+        for _ in range(_ATTEMPTS):
+            gap = self._gap(min(count, len(self.square)))
+            if gap is None:
+                self._extend(2 * len(self.square))
+                continue
+            counted, value = self._count(gap)
+            missing = counted - int(np.count_nonzero(self.square < value))
+            if missing == 0:
+                return value
+            if missing < 0:
+                break
+            self._extend(len(self.square) + missing)
+        raise _stay_missing(self.backend)
 
-    def _missing_below(self, value: float) -> tuple[int, float]:
-        """Return how many pairs below a value are missing, and the value."""
-        counted, value = self._count(value)
-        missing = counted - int(np.count_nonzero(self.square < value))
-        if missing < 0:
-            raise _stay_missing(self.backend)
-        return missing, value
+    def _gap(self, count: int) -> float | None:
+        """Return a value in a wide gap above so many pairs; None if there is no gap so far."""
+        tail = self.square[max(count - 1, 0) :]
+        wide = np.diff(tail) > _GAP * (np.abs(tail[1:]) + 1e3 * self._shift)
+        if wide.any():
+            first = int(np.argmax(wide))
+            return float(tail[first : first + 2].mean())
+        above = 4 * (float(np.abs(self.square).max(initial=0.0)) + self._shift)
+        return above if self.exhausted else None
 
     def _count(self, value: float) -> tuple[int, float]:
         self._factor = None  # two factorisations at a time would double the memory
         backend = self.backend if BACKENDS[self.backend].indefinite else "splu"
         return eigenvalues_below(self.K, self.M, value, backend)
-
-
-def too_many(count: int, finite: int) -> UsageError:
-    """Return the refusal of more modes than there are."""
-    return UsageError(
-        f"{count} modes are asked for, but the structure has {finite} with finite frequencies",
-        remedy="Ask for fewer; massless DOFs add none.",
-        names=("modes",),
-    )
 
 
 def _stay_missing(backend: str) -> NumericalError:
