@@ -70,7 +70,7 @@ def transfer_of(shot, program, values, inputs, s):
         x = solved(rows, right)
         lacking = fed[root] - sum(entry * value for entry, value in zip(matrix[root], x, strict=True))
         found[source] = at[shot.reading.common] * x[root] + at[shot.reading.drive] * lacking
-        if source == shot.port.node:
+        if source == shot.reading.by:
             found[source] += at[shot.reading.own]
     return found
 

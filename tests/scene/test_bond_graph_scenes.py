@@ -139,18 +139,23 @@ def test_a_response_that_is_asked_for_needs_its_block():
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong", "why"),
+    ("results", "shown"),
     [
-        ("  time: {stop: 1, step: 0.1, input: {kind: step}}\n", "", "it needs the block 'analysis.time'"),
-        ("outputs:", "results: [zeros]\n  outputs:", "'results' does not list 'time_response'"),
-        ("outputs:", "results: []\n  outputs:", "'results' does not list 'time_response'"),
+        ("[zeros]", False),
+        ("[]", False),
+        ("[transfer_function]", True),
+        ("[time_response]", True),
+        ("[zeros]\n  port: one -> m", True),
     ],
 )
-def test_stored_energy_that_no_response_shows_is_a_fault(right, wrong, why):
+def test_stored_energy_that_no_result_shows_is_a_fault(results, shown):
     text = SCENE.replace("analysis:", "initial: {m: {f: 1}}\nanalysis:")
     assert faults_of(text) == []
-    found = faults_of(text.replace(right, wrong, 1))
-    assert found == [f"6:1: the initial state shows in a time response only; {why}"]
+    assert faults_of(text.replace("  time: {stop: 1, step: 0.1, input: {kind: step}}\n", "")) == []
+    fault = "6:1: the initial state shows in a time response, a transfer function or at a port only; "
+    fault += "'results' lists neither 'time_response' nor 'transfer_function'"
+    found = faults_of(text.replace("outputs:", f"results: {results}\n  outputs:", 1))
+    assert found == ([] if shown else [fault])
 
 
 def test_a_misspelt_time_block_is_the_only_fault_of_stored_energy():

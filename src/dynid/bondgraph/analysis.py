@@ -5,12 +5,14 @@ Only what is asked for is computed.
 
 from __future__ import annotations
 
-from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.graph import Bond, BondGraph
 from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.results.channels import add_channels
+from dynid.bondgraph.results.dynamics import add_output_dynamics
 from dynid.bondgraph.results.responses import add_frequency_response, add_state_space, add_time_response
 from dynid.bondgraph.results.trace import add_prototypes, add_steps
+from dynid.bondgraph.results.zero_input import add_zero_input
 from dynid.errors import Singular
 from dynid.result import Result
 
@@ -65,10 +67,16 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         from dynid.bondgraph.results.sensitivities import add_sensitivities
 
         add_sensitivities(result, reduced, analysis.parameters)
+    if "transfer_function" in asked and analysis.initial:
+        add_zero_input(result, reduced, analysis.initial)
     if "reduction" in asked:
         add_steps(result, reduced)
     if asked & {"reduction", "prototype"}:
         add_prototypes(result, reduced)
+    if "prototype" in asked:
+        add_output_dynamics(result, reduced)
+    if analysis.port is not None:
+        _add_port(result, reduced, analysis, analysis.port)
     if "state_space" in asked:
         add_state_space(result, reduced)
     if "frequency_response" in asked and analysis.omega is not None:
@@ -76,6 +84,17 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if "time_response" in asked and analysis.times is not None:
         add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)
     return result
+
+
+def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: Bond) -> None:
+    from dynid.bondgraph.decomposition import Decomposition
+    from dynid.bondgraph.results.port import add_port, add_port_response, add_requested
+
+    parts = Decomposition(reduced.graph, port, analysis.inputs, tuple(analysis.initial))
+    add_port(result, parts, analysis.initial)
+    add_requested(result, reduced)
+    if "frequency_response" in analysis.results and analysis.omega is not None:
+        add_port_response(result, parts, analysis.omega)
 
 
 def _dropped(reduced: ReducedGraph) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from dynid.bondgraph.reduced import Channel, ReducedGraph
+from dynid.bondgraph.reduced import Channel, Planned, ReducedGraph
 from dynid.bondgraph.reduction.notation import express
 from dynid.bondgraph.reduction.program import Op, Program, Register, operands
 from dynid.bondgraph.reduction.writing import TEXT, Hand
@@ -42,6 +42,21 @@ def readable(reduced: ReducedGraph) -> dict[Channel, Polynomials]:
     return {
         channel: polynomials
         for channel, polynomials in found.items()
+        if max(len(part) for part in polynomials) <= _READABLE
+    }
+
+
+def readable_registers(planned: Planned, registers: Iterable[Register]) -> dict[Register, str]:
+    """Return the registers whose formula is readable, as text that SymPy could read."""
+    from dynid.bondgraph.algebra.symbolic import TooLong, text
+
+    try:
+        found = _register_polynomials(planned, registers, _LIMIT)
+    except (TooLong, UsageError):
+        return {}
+    return {
+        register: text(*polynomials)
+        for register, polynomials in found.items()
         if max(len(part) for part in polynomials) <= _READABLE
     }
 
@@ -157,14 +172,22 @@ def _free_letter(taken: set[str], letter: str = "t") -> str:
 
 
 def _polynomials(reduced: ReducedGraph, limit: int) -> dict[Channel, Polynomials]:
+    channels = reduced.channels()
+    found = _register_polynomials(reduced, channels.values(), limit)
+    return {channel: found[register] for channel, register in channels.items()}
+
+
+def _register_polynomials(
+    planned: Planned, registers: Iterable[Register], limit: int
+) -> dict[Register, Polynomials]:
     from dynid.bondgraph.algebra.symbolic import variables
 
-    symbols, one = variables(["s", *_names(reduced)], limit)
-    channels = reduced.channels()
-    values = {name: _value(reduced, name, symbols, one) for name in reduced.valued}
-    run = reduced.run(channels.values(), values, symbols["s"], one)
-    degrees = _degrees(reduced, values, channels.values())
-    return {channel: _lowest(run[register], *degrees[register]) for channel, register in channels.items()}
+    wanted = list(registers)
+    symbols, one = variables(["s", *_names(planned)], limit)
+    values = {name: _value(planned, name, symbols, one) for name in planned.valued}
+    run = planned.run(wanted, values, symbols["s"], one)
+    degrees = _degrees(planned, values, wanted)
+    return {register: _lowest(run[register], *degrees[register]) for register in wanted}
 
 
 def _lowest(formula: Formula, above: int, below: int) -> Polynomials:
@@ -179,7 +202,7 @@ def _lowest(formula: Formula, above: int, below: int) -> Polynomials:
 
 
 def _degrees(
-    reduced: ReducedGraph, values: dict[str, Formula], registers: Iterable[Register]
+    reduced: Planned, values: dict[str, Formula], registers: Iterable[Register]
 ) -> dict[Register, tuple[int, int]]:
     """Return the total degrees of numerators and denominators in lowest terms.
 
@@ -218,7 +241,7 @@ def _degrees(
     return {r: (int(above.degree()), int(below.degree())) for r, (above, below) in lowest.items()}
 
 
-def _names(reduced: ReducedGraph) -> list[str]:
+def _names(reduced: Planned) -> list[str]:
     """Return the symbols needed.
 
     Raises
@@ -239,7 +262,7 @@ def _names(reduced: ReducedGraph) -> list[str]:
     return [*dict.fromkeys([*own, *sorted(parameters)])]
 
 
-def _parameters(reduced: ReducedGraph) -> set[str]:
+def _parameters(reduced: Planned) -> set[str]:
     """Return the parameters that values are written in."""
     nodes = (reduced.graph.nodes[name] for name in reduced.valued)
     return {name for node in nodes if node.formula for name in node.formula.names}
@@ -253,7 +276,7 @@ def _ambiguous(name: str, why: str) -> UsageError:
     )
 
 
-def _value(reduced: ReducedGraph, name: str, symbols: dict[str, Formula], one: Formula) -> Formula:
+def _value(reduced: Planned, name: str, symbols: dict[str, Formula], one: Formula) -> Formula:
     from dynid.bondgraph.algebra.symbolic import apply
 
     formula = reduced.graph.nodes[name].formula

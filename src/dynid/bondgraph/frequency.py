@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.algebra.bounded import Bounded
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.bondgraph.transfer import TransferFunction
 
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
@@ -33,22 +33,27 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
         Angular frequencies in rad/s, not negative.
     """
     registers = list(reduced.channels().values())
-    values = {name: Bounded.rounded(float(reduced.graph.value(name))) for name in reduced.valued}
+    return on_axis(reduced, registers, omega).reshape(len(omega), len(reduced.outputs), len(reduced.inputs))
+
+
+def on_axis(planned: Planned, registers: list[int], omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return registers at s = j omega, shape (omega, register); a pole on the axis gives inf."""
+    values = {name: Bounded.rounded(float(planned.graph.value(name))) for name in planned.valued}
     s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
     with np.errstate(all="ignore"):
-        run = reduced.run(registers, values, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
+        run = planned.run(registers, values, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
         columns = [np.broadcast_to(run[register].value, omega.shape) for register in registers]
         bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
         response = np.stack(columns, axis=-1)
-        tolerance = _TOLERANCE * max(1.0, len(reduced.program.ops) / 10)
+        tolerance = _TOLERANCE * max(1.0, len(planned.program.ops) / 10)
         trusted = np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
     trusted &= np.isfinite(response)
     for point in np.flatnonzero(~trusted.all(axis=1)):
-        response[point] = _certified(reduced, registers, float(omega[point]))
-    return response.reshape(len(omega), len(reduced.outputs), len(reduced.inputs))
+        response[point] = _certified(planned, registers, float(omega[point]))
+    return response
 
 
-def _certified(reduced: ReducedGraph, registers: list[int], omega: float) -> list[complex]:
+def _certified(reduced: Planned, registers: list[int], omega: float) -> list[complex]:
     """Return the channels at one frequency to full double precision."""
     from flint import acb, arb, ctx, fmpq
 

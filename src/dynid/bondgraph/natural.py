@@ -6,7 +6,7 @@ from functools import reduce
 from typing import Any
 
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.transfer import TransferFunction
 
@@ -56,14 +56,9 @@ def _shown(reduced: ReducedGraph, port: Port, transfer: TransferFunction) -> Any
     return transfer.denominator // fmpz_poly([0, 1])
 
 
-def determinant(reduced: ReducedGraph, reduction: Reduction) -> int:
+def determinant(planned: Planned, reduction: Reduction) -> int:
     """Write the determinant of the nodal form, times s for every storage that integrates there."""
-    program, structure = reduced.program, reduced.structure
-    integrating = {"1": "C", "0": "I"}
-    storages = [
-        name
-        for place in reduction.junctions
-        for name in structure.junctions[place].elements
-        if reduced.graph.nodes[name].type == integrating[structure.junctions[place].kind]
-    ]
-    return reduce(program.mul, [*reduction.pivots, *(program.s for _ in storages)], program.one)
+    program = planned.program
+    return reduce(
+        program.mul, [*reduction.pivots, *(program.s for _ in range(reduction.integrators))], program.one
+    )

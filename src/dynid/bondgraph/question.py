@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal, get_args
 
-from dynid.bondgraph.graph import Port
+from dynid.bondgraph.graph import Bond, Port
 
 if TYPE_CHECKING:
     import numpy as np
@@ -112,6 +112,8 @@ class Analysis:
         What a value means: the decimal as it is written, or the double nearest to it.
     formulas
         Formulas to write beside the transfer function; None: its formula where it is short.
+    port
+        A bond at which the graph is decomposed, written from the source to the load; absent: nowhere.
     """
 
     inputs: tuple[str, ...]
@@ -120,8 +122,9 @@ class Analysis:
     omega: NDArray[np.float64] | None = None
     times: NDArray[np.float64] | None = None
     signals: tuple[tuple[str, Signal], ...] = ()
-    initial: Mapping[str, float] = field(default_factory=dict)
+    initial: Mapping[str, float | Fraction] = field(default_factory=dict)
     parameters: tuple[Parameter, ...] | None = None
     engine: Engine = "auto"
     reading: Reading = "decimal"
     formulas: Formulas | None = None
+    port: Bond | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
 from dynid.bondgraph.graph import STORAGES, BondGraph, Port
 from dynid.bondgraph.reduction.junctions import JunctionStructure
+from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.program import Point, Program
 from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
 
@@ -18,8 +20,8 @@ if TYPE_CHECKING:
 Channel = tuple[Port, str]
 
 
-class ReducedGraph:
-    """One program for all outputs of a graph; outputs share the steps that they have in common.
+class Planned(ABC):
+    """A program written for a graph, ready to be run on any number type.
 
     The program is planned without numbers. Where the numbers make one of its pivots zero (a resistance
     of -1 beside one of 1), it is planned again with them.
@@ -28,20 +30,10 @@ class ReducedGraph:
     ----------
     graph
         The bond graph.
-    inputs
-        Names of the sources kept as inputs; all others are zero.
-    outputs
-        The variables asked for.
-
-    Raises
-    ------
-    Singular
-        Where the graph has no unique solution at an output, in general or with its numbers.
     """
 
-    def __init__(self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port]) -> None:
-        self.graph, self.inputs, self.outputs = graph, tuple(inputs), tuple(outputs)
-        self.structure = JunctionStructure(graph)
+    def __init__(self, graph: BondGraph) -> None:
+        self.graph = graph
         self.valued = [name for name, node in graph.nodes.items() if node.value is not None]
         self._values = {name: graph.value(name) for name in self.valued}
         self._prime = prime_for(self._values.values())
@@ -52,23 +44,24 @@ class ReducedGraph:
 
     def _plan(self, point: Point) -> None:
         self.program = Program(point)
-        self.reductions: dict[Port, Reduction] = {
-            port: reduce_graph(self.structure, self.program, port, self.inputs) for port in self.outputs
-        }
+        self._write()
+
+    @abstractmethod
+    def _write(self) -> None:
+        """Write the program."""
+
+    @abstractmethod
+    def _pivots(self) -> Iterable[int]:
+        """Return what the program divides by."""
+
+    @abstractmethod
+    def _answers(self) -> Iterable[int]:
+        """Return the registers that will be asked for."""
 
     def _holds_with_numbers(self) -> bool:
         """Tell whether every divisor stays nonzero with the graph's values, at a random s."""
-        pivots = [pivot for reduction in self.reductions.values() for pivot in reduction.pivots]
         point = numeric_point(self._values, self._prime)
-        return not self.program.vanishing(self.channels().values(), pivots, point)
-
-    def channels(self) -> dict[Channel, int]:
-        """Return the register of every channel (output, input)."""
-        return {
-            (port, source): register
-            for port, reduction in self.reductions.items()
-            for source, register in reduction.channels.items()
-        }
+        return not self.program.vanishing(self._answers(), list(self._pivots()), point)
 
     def run(self, registers: Iterable[int], values: dict[str, Any], laplace: Any, one: Any) -> dict[int, Any]:
         """Run the program for these registers on any number type."""
@@ -88,3 +81,59 @@ class ReducedGraph:
         values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
         s = Ratio.of(fmpz_poly([0, 1]), fmpz_poly([1]))
         return self.run(registers, values, s, constant(Fraction(1)))
+
+
+class ReducedGraph(Planned):
+    """One program for all outputs of a graph; outputs share the steps that they have in common.
+
+    Parameters
+    ----------
+    graph
+        The bond graph.
+    inputs
+        Names of the sources kept as inputs; all others are zero.
+    outputs
+        The variables asked for.
+
+    Raises
+    ------
+    Singular
+        Where the graph has no unique solution at an output, in general or with its numbers.
+    """
+
+    def __init__(self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port]) -> None:
+        self.inputs, self.outputs = tuple(inputs), tuple(outputs)
+        self.structure = JunctionStructure(graph)
+        super().__init__(graph)
+
+    def _write(self) -> None:
+        self.reductions: dict[Port, Reduction] = {
+            port: reduce_graph(self.structure, self.program, port, self.inputs) for port in self.outputs
+        }
+
+    def _pivots(self) -> Iterable[int]:
+        return [pivot for reduction in self.reductions.values() for pivot in reduction.pivots]
+
+    def _answers(self) -> Iterable[int]:
+        return self.channels().values()
+
+    def channels(self) -> dict[Channel, int]:
+        """Return the register of every channel (output, input)."""
+        return {
+            (port, source): register
+            for port, reduction in self.reductions.items()
+            for source, register in reduction.channels.items()
+        }
+
+    def stored(self, names: Iterable[str]) -> dict[Channel, int]:
+        """Return the register of the answer to the stored energy of each storage, by output and storage.
+
+        It is the Laplace transform of the output for f(0) = 1 of an I, e(0) = 1 of a C, all inputs zero:
+        the stored energy is an equivalent source (Park & Kim 1997, eqs 13 to 16).
+        """
+        sources = {f"{STORED}{name}": name for name in names}
+        return {
+            (port, sources[source]): register
+            for port in self.outputs
+            for source, register in reduce_graph(self.structure, self.program, port, sources).channels.items()
+        }

@@ -36,6 +36,12 @@ class TransferFunction(Verdicts):
         """Bring a rational function into lowest terms."""
         return cls(*ratio.lowest_terms())
 
+    def times(self, factor: Fraction) -> TransferFunction:
+        """Return it times a number."""
+        numerator, denominator = self.numerator * factor.numerator, self.denominator * factor.denominator
+        common = numerator.gcd(denominator)
+        return TransferFunction(numerator // common, denominator // common)
+
     @property
     def vanishes(self) -> bool:
         """Whether the input does not reach the output at all."""

@@ -10,8 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from dynid.bondgraph.graph import bond_sign
 from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
 from dynid.bondgraph.reduction.program import Program, Register
+
+#: What stands before the name of a storage whose energy at t = 0 is an input.
+STORED = "initial:"
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,8 @@ class Network:
     root
         The junction of the port of interest.
     inputs
-        Sources that are kept; all others are zero.
+        Sources that are kept; all others are zero. `initial:NAME` is the equivalent source of the energy
+        that a storage holds at t = 0, by its flow (I) or effort (C) then.
     """
 
     def __init__(
@@ -43,7 +48,7 @@ class Network:
         self.structure, self.program, self.root = structure, program, root
         self.inputs = tuple(inputs)
         self.kind = {name: junction.kind for name, junction in structure.junctions.items()}
-        self.depth = _reach(structure, root)
+        self.depth = reach(structure, root)
         self.terms: dict[str, list[Term]] = {name: self._elements(name) for name in self.depth}
         self.weight = {name: self._image_of(terms) for name, terms in self.terms.items()}
         self.matrix: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
@@ -52,6 +57,9 @@ class Network:
         for name in self.depth:
             for source, sign in structure.junctions[name].feeding:
                 self._feed(name, source, program.one if sign > 0 else program.neg(program.one))
+        for source in self.inputs:
+            if source.startswith(STORED):
+                self._feed_stored(source.removeprefix(STORED))
         for coupling in structure.couplings:
             self._couple(coupling)
         # the same right-hand side in terms of equivalent sources, as the steps name them
@@ -89,6 +97,23 @@ class Network:
         if source in self.inputs:
             row = self.sources[junction]
             row[source] = self.program.add(row.get(source, self.program.zero), amount)
+
+    def _feed_stored(self, name: str) -> None:
+        junction = self.structure.place[name]
+        if junction in self.depth:
+            self._feed(junction, f"{STORED}{name}", self.stored(name, junction))
+
+    def stored(self, name: str, junction: str) -> Register:
+        """Write the equivalent source of a storage's energy at t = 0 (Park & Kim 1997, eqs 13 to 16).
+
+        An element that answers with a rate has e = I (s f - f(0)): the momentum p(0) = I f(0) drives. One
+        that integrates has f = e/(s I) + f(0)/s. Dually for a C.
+        """
+        program, node = self.program, self.structure.graph.nodes[name]
+        if (self.kind[junction] == "1") is (node.type == "I"):
+            return program.parameter(name)
+        state = program.inv(program.s)
+        return program.neg(state) if bond_sign(self.structure.graph, name) > 0 else state
 
     def _couple(self, coupling: Coupling) -> None:
         program = self.program
@@ -136,7 +161,7 @@ class Network:
             del table[junction]
 
 
-def _reach(structure: JunctionStructure, root: str) -> dict[str, int]:
+def reach(structure: JunctionStructure, root: str) -> dict[str, int]:
     """Return the junctions that influence the root, with their distance; fixed ones separate."""
     tied: dict[str, list[str]] = {name: [] for name in structure.junctions}
     for coupling in structure.couplings:

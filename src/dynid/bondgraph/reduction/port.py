@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dynid.bondgraph.graph import JUNCTIONS, SOURCES, Port, bond_sign
-from dynid.bondgraph.reduction.network import Network
+from dynid.bondgraph.reduction.network import STORED, Network
 from dynid.bondgraph.reduction.program import Program, Register
 
 
@@ -16,17 +16,20 @@ class PortForm:
     Parameters
     ----------
     common, drive, own
-        Coefficients; `own` is that of the output's node, where it is a source.
+        Coefficients.
+    by
+        The input that `own` multiplies: the output's node, or the energy that it stores at t = 0.
     """
 
     common: Register
     drive: Register
     own: Register
+    by: str
 
     def scaled(self, program: Program, factor: Register) -> PortForm:
         """Return the form times a factor."""
         common, drive, own = (program.mul(factor, part) for part in (self.common, self.drive, self.own))
-        return PortForm(common, drive, own)
+        return PortForm(common, drive, own, self.by)
 
 
 def port_form(net: Network, port: Port, total: Register) -> PortForm:
@@ -58,18 +61,20 @@ def _form(net: Network, name: str, quantity: str, total: Register) -> PortForm:
     program, kind = net.program, net.structure.graph.nodes[name].type
     zero, one = program.zero, program.one
     if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
-        return PortForm(zero, zero, one)
+        return PortForm(zero, zero, one, name)
     if kind in JUNCTIONS or quantity == ("f" if net.kind[net.root] == "1" else "e"):
-        return PortForm(one, zero, zero)
+        return PortForm(one, zero, zero, name)
     if kind in SOURCES:  # it fixes the common variable; its reaction balances the junction
-        form = PortForm(program.neg(total), one, zero)
+        form = PortForm(program.neg(total), one, zero, name)
     else:
-        form = PortForm(net.immittance(name, net.root), zero, zero)
+        source = f"{STORED}{name}"
+        own = program.neg(net.stored(name, net.root)) if source in net.inputs else zero
+        form = PortForm(net.immittance(name, net.root), zero, own, source)
     outward = bond_sign(net.structure.graph, name) > 0
     return form if outward else form.scaled(program, program.neg(one))
 
 
-def channel(net: Network, form: PortForm, port: Port, source: str, common: Register) -> Register:
+def channel(net: Network, form: PortForm, source: str, common: Register) -> Register:
     """Write the transfer function from a source to an output.
 
     Parameters
@@ -78,8 +83,6 @@ def channel(net: Network, form: PortForm, port: Port, source: str, common: Regis
         The network, reduced to its root.
     form
         The output in terms of the root's common variable.
-    port
-        The output.
     source
         The input.
     common
@@ -88,4 +91,4 @@ def channel(net: Network, form: PortForm, port: Port, source: str, common: Regis
     program = net.program
     drive = net.sources[net.root].get(source, program.zero)
     value = program.add(program.mul(form.common, common), program.mul(form.drive, drive))
-    return program.add(value, form.own) if source == port.node else value
+    return program.add(value, form.own) if source == form.by else value

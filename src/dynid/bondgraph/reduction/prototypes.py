@@ -70,6 +70,19 @@ class Prototype:
             register_b = self.program.inv(self.part_b)
         return (a, self.part_a), (b, register_b)
 
+    @property
+    def type(self) -> str:
+        """Whether what stands on the junction depends on the source, or sets the common variable itself."""
+        common, answer = ("flow", "effort") if self.kind == "1" else ("effort", "flow")
+        if self.fixed:
+            return f"dependent: the source sets the common {common}, A and B answer with their {answer}s"
+        if self.program.is_zero(self.part_a):
+            return f"independent: B ({self.name_b}) sets the common {common}"
+        return (
+            f"independent: B ({self.name_b}) sets the common {common}, A ({self.name_a}) answers with its "
+            f"{answer}"
+        )
+
     def describe(self, root: str) -> str:
         """Say in a sentence what was reached."""
         source = {"a": "flow", "b": "effort", "c": "flow", "d": "effort"}[self.letter]

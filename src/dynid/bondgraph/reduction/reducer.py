@@ -38,10 +38,14 @@ class Reduction:
         What was done, in order; the last one names the prototype.
     prototype
         The prototype reached, with its two systems A and B.
+    drives
+        What each input feeds into the root's balance.
     channels
         The transfer function from each input to the port; inputs that cannot reach it have zero.
     pivots
         Registers whose product is the determinant of the nodal form, up to sign.
+    integrators
+        How many storages integrate: their immittance has s in the denominator.
     modelled
         The nodes that the result depends on.
     dropped
@@ -56,8 +60,10 @@ class Reduction:
     root: str
     steps: tuple[Step, ...]
     prototype: Prototype
+    drives: dict[str, Register]
     channels: dict[str, Register]
     pivots: tuple[Register, ...]
+    integrators: int
     modelled: tuple[str, ...]
     dropped: tuple[str, ...]
     junctions: tuple[str, ...]
@@ -127,11 +133,13 @@ class Reducer:
             root=self.root,
             steps=tuple(self.work.steps),
             prototype=prototype,
+            drives=dict(self.net.sources[self.root]),
             channels={
-                source: channel(self.net, form, port, source, self._common(source, total))
+                source: channel(self.net, form, source, self._common(source, total))
                 for source in self.net.inputs
             },
             pivots=tuple(self.work.pivots),
+            integrators=sum(1 for _ in self._integrators()),
             modelled=modelled,
             dropped=tuple(name for name in self.net.structure.graph.nodes if name not in inside),
             junctions=tuple(self.nodal_form.matrix),
@@ -157,7 +165,7 @@ class Reducer:
             definitions.append((source, drives))
         definitions.append((common, self._common_in_words(prototype, source)))
         if (port.node, port.quantity) != (self.root, letter):
-            output = ((form.common, common), (form.drive, source), (form.own, port.node))
+            output = ((form.common, common), (form.drive, source), (form.own, form.by))
             parts = tuple((register, by) for register, by in output if not self.program.is_zero(register))
             definitions.append((f"{port.quantity}_{port.node}", parts))
         names = self.work.names(self.root)
@@ -200,6 +208,14 @@ class Reducer:
             if coupling.two_port and reached & {coupling.tail, coupling.head}:
                 inside.add(coupling.two_port)
         return tuple(name for name in structure.graph.nodes if name in inside)
+
+    def _integrators(self) -> Iterable[str]:
+        structure = self.net.structure
+        for place in self.nodal_form.matrix:
+            integrates = "C" if structure.junctions[place].kind == "1" else "I"
+            for name in structure.junctions[place].elements:
+                if structure.graph.nodes[name].type == integrates:
+                    yield name
 
     def _eliminate_all(self) -> None:
         """Eliminate by (number of neighbours, distance from the root): leaves first, fill low."""

@@ -75,8 +75,8 @@ class Snapshot:
     ----------
     step
         The step just done; none for the graph as drawn.
-    port, root
-        The output, and the junction that it is read off.
+    root
+        The junction of the port of interest.
     junctions
         The junctions that are left, by name.
     links
@@ -86,13 +86,12 @@ class Snapshot:
         then gives the source's reaction.
     reading
         The output: `common` times the root's common variable, `drive` times what its balance lacks, and
-        `own` for the input that the output's node is, if it is one.
+        `own` times the input `by`.
     changed, gone
         Junctions on which something changed in this step, and those that it consumed.
     """
 
     step: Step | None
-    port: Port
     root: str
     junctions: dict[str, JunctionState]
     links: tuple[Link, ...]
@@ -146,7 +145,6 @@ class _Camera:
         self.taken.append(
             Snapshot(
                 step=steps[-1] if steps else None,
-                port=self.port,
                 root=self.net.root,
                 junctions=left,
                 links=tuple(self._links()),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduction.network import STORED
 from dynid.result import Result
 
 if TYPE_CHECKING:
@@ -73,9 +75,12 @@ def add_time_response(
     reduced: ReducedGraph,
     times: NDArray[np.float64],
     signals: Sequence[tuple[str, Signal]],
-    initial: Mapping[str, float],
+    initial: Mapping[str, float | Fraction],
 ) -> None:
     """Add the response to signals, and to stored energy as equivalent sources (eqs 13 to 16).
+
+    The system is linear: both are computed alone and superposed. Where both stand, `zero_state` is the
+    response to the signals from rest, `zero_input` that to what is stored.
 
     Parameters
     ----------
@@ -93,17 +98,26 @@ def add_time_response(
     from dynid.lti.signals import Impulse
 
     system = state_space(reduced, tuple(initial))
-    driven = [*signals, *((f"initial:{name}", Impulse(value)) for name, value in initial.items())]
+    stored = [(f"{STORED}{name}", Impulse(float(value))) for name, value in initial.items()]
+    driven = [*signals, *stored]
     columns = [system.inputs.index(name) for name, _ in driven]
-    solved = response(_driven_by(system, columns), [signal for _, signal in driven], times)
+    parts = {"zero_state": slice(len(signals)), "zero_input": slice(len(signals), None)}
+    solved = {
+        part: response(_driven_by(system, columns[place]), [signal for _, signal in driven[place]], times)
+        for part, place in parts.items()
+        if driven[place] or not driven
+    }
     sources = np.zeros((len(times), len(reduced.inputs)))
     for place, (name, _) in enumerate(signals):
-        sources[:, reduced.inputs.index(name)] += solved.inputs[:, place]
+        sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, place]
     group = "bond_graph/time_response"
     result.add_axis(f"{group}/time", times, "s")
     result.add_axis(f"{group}/output", list(system.outputs))
     result.add_axis(f"{group}/source", list(reduced.inputs))
-    result.add(f"{group}/response", solved.outputs, ("time", "output"))
+    result.add(f"{group}/response", sum(part.outputs for part in solved.values()), ("time", "output"))
+    if len(solved) > 1:
+        for part, alone in solved.items():
+            result.add(f"{group}/{part}", alone.outputs, ("time", "output"))
     result.add(f"{group}/input", sources, ("time", "source"))
     result.annotate(group, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.bondgraph.reduction.notation import express, length
+from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.reduction.steps import Step
 from dynid.bondgraph.reduction.writing import LATEX, TEXT, Hand, Written
@@ -17,15 +20,23 @@ _READABLE = 40
 
 def add_steps(result: Result, reduced: ReducedGraph) -> None:
     """Add the steps to every output, in order: rule, nodes, equation and meaning."""
+    reductions = {str(port): reduction for port, reduction in reduced.reductions.items()}
+    add_traces(result, "bond_graph/reduction", reduced, reductions, "output")
+
+
+def add_traces(
+    result: Result, group: str, planned: Planned, reductions: Mapping[str, Reduction], of: str
+) -> None:
+    """Add the steps of reductions as one table; its column `of` says which reduction a step belongs to."""
     rows = []
-    for port, reduction in reduced.reductions.items():
+    for name, reduction in reductions.items():
         for step in reduction.steps:
-            text, latex = (equations(reduced, reduction, step, hand) for hand in (TEXT, LATEX))
-            rows.append((step.rule, ", ".join(step.nodes), text, step.meaning, str(port), latex))
-    names = ("rule", "nodes", "equation", "meaning", "output", "latex")
+            text, latex = (equations(planned, reduction, step, hand) for hand in (TEXT, LATEX))
+            rows.append((step.rule, ", ".join(step.nodes), text, step.meaning, name, latex))
+    names = ("rule", "nodes", "equation", "meaning", of, "latex")
     table = np.array(rows, dtype=[(name, object) for name in names])
-    result.add_axis("bond_graph/reduction/step", np.arange(1, len(rows) + 1))
-    result.add("bond_graph/reduction/steps", table, ("step",))
+    result.add_axis(f"{group}/step", np.arange(1, len(rows) + 1))
+    result.add(f"{group}/steps", table, ("step",))
 
 
 def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
@@ -46,35 +57,38 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
             result.add(f"bond_graph/reduction/{part}{suffix}", texts, ("output",))
 
 
-def _system(reduced: ReducedGraph, reduction: Reduction, index: int, hand: Hand) -> str:
+def _system(planned: Planned, reduction: Reduction, index: int, hand: Hand) -> str:
+    return system_text(planned, reduction.prototype, index, reduction.labels, hand)
+
+
+def system_text(
+    planned: Planned, prototype: Prototype, index: int, labels: Mapping[int, str], hand: Hand
+) -> str:
     """Write system A or B of a prototype: nested while that is readable, else by the names of the steps."""
-    name, register = reduction.prototype.systems[index]
-    nested = length(reduced.program, register, _READABLE) < _READABLE
-    labels = {} if nested else reduction.labels
-    text, _ = express(reduced.program, register, reduced.graph.nodes, labels, hand)
+    name, register = prototype.systems[index]
+    nested = length(planned.program, register, _READABLE) < _READABLE
+    text, _ = express(planned.program, register, planned.graph.nodes, {} if nested else labels, hand)
     return f"{hand.name(name)[0]} = {text}"
 
 
-def equations(reduced: ReducedGraph, reduction: Reduction, step: Step, hand: Hand) -> str:
+def equations(planned: Planned, reduction: Reduction, step: Step, hand: Hand) -> str:
     """Write the equations of a step, in terms of what earlier steps have named."""
     lines = []
     for name, parts in step.definitions:
         if callable(parts):
             text, _ = parts(hand)
         else:
-            text, _ = hand.listed([_term(reduced, reduction, name, part, hand) for part in parts])
+            text, _ = hand.listed([_term(planned, reduction, name, part, hand) for part in parts])
         lines.append(f"{hand.name(name)[0]} = {text}")
     return ("; " if hand is TEXT else r";\quad ").join(lines)
 
 
-def _term(
-    reduced: ReducedGraph, reduction: Reduction, name: str, part: tuple[int, str], hand: Hand
-) -> Written:
+def _term(planned: Planned, reduction: Reduction, name: str, part: tuple[int, str], hand: Hand) -> Written:
     """Write a register, by its label unless that is what is being defined, times its variable."""
     register, variable = part
     label = reduction.labels.get(register)
     if label is not None and label != name:
         coefficient = hand.name(label)
     else:
-        coefficient = express(reduced.program, register, reduced.graph.nodes, reduction.labels, hand)
+        coefficient = express(planned.program, register, planned.graph.nodes, reduction.labels, hand)
     return hand.scaled(coefficient, variable)

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from dynid.cli.summary.causality import causality_lines
-from dynid.cli.summary.numbers import root_text
+from dynid.cli.summary.numbers import MOST_ROOTS, root_text, roots_text
+from dynid.cli.summary.port import port_lines
 from dynid.cli.summary.responses import response_lines
 from dynid.cli.summary.sensitivities import sensitivity_lines
 from dynid.result import Result
 
-#: Most zeros, poles or steps that are listed.
-_MOST = 12
+#: Most steps that are listed.
+_MOST = MOST_ROOTS
 
 
 def method(result: Result) -> str:
@@ -32,6 +33,7 @@ def lines(result: Result) -> list[str]:
         said.append(f"  not modelled, because no output depends on it: {need['dropped']}")
     said += causality_lines(result)
     said += [*_reduction(result), ""]
+    said += port_lines(result)
     for channel in _channels(result):
         said += [*_channel(result, *channel), ""]
     said += response_lines(result, "bond_graph")
@@ -73,7 +75,7 @@ def _channel(result: Result, output: str, source: str) -> Iterable[str]:
     for name, verdict in (("zeros", "zero_stability"), ("poles", "stability")):
         roots = result.get(f"{transfer}/{name}")
         if roots is not None or f"{properties}/{verdict}" in result:
-            yield f"    {name}   {_roots(roots.data) if roots is not None else ''}".rstrip()
+            yield f"    {name}   {roots_text(roots.data) if roots is not None else ''}".rstrip()
             yield from _wrapped(result, f"{properties}/{verdict}")
     if f"{transfer}/poles" in result:
         yield from _modes(result[f"{transfer}/poles"].data)
@@ -102,7 +104,7 @@ def _numbers(result: Result, group: str) -> Iterable[str]:
         yield f"    order {order} · relative degree {relative} · T(0) = {dc:.6g} · T(∞) = {high:.6g}"
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
-        yield f"    hidden modes (natural modes that this channel does not show)  {_roots(hidden.data)}"
+        yield f"    hidden modes (natural modes that this channel does not show)  {roots_text(hidden.data)}"
         yield from _causes(result, group, hidden.data)
 
 
@@ -130,15 +132,6 @@ def _modes(poles: np.ndarray[Any, Any]) -> Iterable[str]:
     if 0 < len(pairs) <= 4:
         shown = (f"ω_n = {abs(p):.4g} rad/s, ζ = {-p.real / abs(p) or 0.0:.4g}" for p in pairs)
         yield f"            {' · '.join(shown)}"
-
-
-def _roots(roots: np.ndarray[Any, Any]) -> str:
-    """Write roots, conjugate pairs as one."""
-    if not len(roots):
-        return "none"
-    shown = [root_text(root) for root in roots if root.imag >= 0]
-    more = f", … ({len(roots)} in all)" if len(shown) > _MOST else ""
-    return ", ".join(shown[:_MOST]) + more
 
 
 def _polynomial(coefficients: np.ndarray[Any, Any]) -> str:

@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+#: Most roots that are listed.
+MOST_ROOTS = 12
 #: Decimals that a reader still counts.
 _MOST_DECIMALS = 6
 
@@ -58,6 +65,15 @@ def root_text(root: complex) -> str:
     if root.imag == 0:
         return f"{root.real:.4g}"
     return f"± {root.imag:.4g}j" if root.real == 0 else f"{root.real:.4g} ± {root.imag:.4g}j"
+
+
+def roots_text(roots: NDArray[np.complex128]) -> str:
+    """Write roots, conjugate pairs as one."""
+    if not len(roots):
+        return "none"
+    shown = [root_text(root) for root in roots if root.imag >= 0]
+    more = f", … ({len(roots)} in all)" if len(shown) > MOST_ROOTS else ""
+    return ", ".join(shown[:MOST_ROOTS]) + more
 
 
 def _exponent(value: float, digits: int) -> int:

@@ -10,7 +10,7 @@ from dynid.bondgraph.graph import BondGraph, Node, NodeType
 from dynid.bondgraph.question import Analysis, Parameter
 from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
-from dynid.scene.schema.bond_graph import BondGraphScene
+from dynid.scene.schema.bond_graph import BondGraphScene, InitialModel
 from dynid.scene.schema.common import StepSignal
 
 if TYPE_CHECKING:
@@ -38,10 +38,17 @@ def run(scene: Scene) -> Result:
         omega=angular_frequencies(wanted.frequency) if wanted.frequency else None,
         times=record_of(wanted.time).times if wanted.time else None,
         signals=_signals(scene, model, inputs) if "time_response" in asked else (),
-        initial={name: float(given.f or given.e or 0) for name, given in model.initial.items()},
+        initial={name: _stored(given) for name, given in model.initial.items()},
+        port=wanted.port,
         parameters=_parameters(model) if "sensitivities" in asked else None,
     )
     return analyse(graph, analysis, scene.title)
+
+
+def _stored(given: InitialModel) -> Fraction:
+    """Return the flow or effort at t = 0."""
+    value = given.f if given.f is not None else given.e
+    return value.exact if value is not None else Fraction(0)
 
 
 def build_graph(model: BondGraphScene) -> BondGraph:

@@ -115,6 +115,18 @@ def _port(raw: Any, info: ValidationInfo) -> Port:
     return port
 
 
+def _link(raw: Any, info: ValidationInfo) -> Bond:
+    """Read the bond of a port: a -> b, from the source to the load."""
+    ends = chain_ends(raw) if isinstance(raw, str) else []
+    if len(ends) != 2:
+        raise fault("a port is one bond of the graph, written 'source side -> load side', such as 'a -> b'")
+    nodes = names_of(info).nodes
+    unknown = [f"no node '{end}'{did_you_mean(end, nodes)}" for end in ends if nodes and end not in nodes]
+    if unknown:
+        raise fault(f"port '{raw}': {'; '.join(unknown)}")
+    return Bond(*ends)
+
+
 def _listed_once(listed: list[Any]) -> list[Any]:
     names = [str(item) for item in listed]
     twice = [name for place, name in enumerate(names) if name in names[:place]]
@@ -143,6 +155,7 @@ class AnalysisModel(Part):
     inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], _ONCE] | None = None
     outputs: Annotated[list[Annotated[Port, PlainValidator(_port), _TEXT]], _ONCE] = Field(min_length=1)
     results: list[ResultName] | None = None
+    port: Annotated[Bond, PlainValidator(_link), _TEXT] | None = None
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
 

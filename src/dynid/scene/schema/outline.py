@@ -12,6 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from dynid.bondgraph.cut import bond_fault, loop_fault
 from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
 from dynid.errors import Fault
 from dynid.scene.arithmetic.expression import resolve_parameters
@@ -42,6 +43,7 @@ def whole_faults(source: Source, names: Names) -> list[Fault]:
     kind = source.data.get("kind")
     if kind == "bond-graph":
         faults = [*_bond_graph_faults(source), *_initial_faults(source), *_driving_faults(source)]
+        faults += _port_faults(source)
     else:
         faults = _structure_faults(source, names) if kind == "identification" else []
     return [*faults, *_motionless_faults(source)]
@@ -52,6 +54,8 @@ def _motionless_faults(source: Source) -> list[Fault]:
     analysis = source.data.get("analysis", {})
     if not _mapping(source.data, "initial") or not isinstance(analysis, dict):
         return []
+    if source.data.get("kind") == "bond-graph":
+        return _unseen_energy_faults(source, analysis)
     place, message = ("initial",), "the initial state shows in a time response only; "
     if not any(did_you_mean(str(key), ["time"]) for key in analysis):
         return [source.fault(place, f"{message}it needs the block 'analysis.time'", key=True)]
@@ -59,6 +63,17 @@ def _motionless_faults(source: Source) -> list[Fault]:
     if isinstance(results, list) and not any(did_you_mean(str(name), ["time_response"]) for name in results):
         return [source.fault(place, f"{message}'results' does not list 'time_response'", key=True)]
     return []
+
+
+def _unseen_energy_faults(source: Source, analysis: dict[Any, Any]) -> list[Fault]:
+    """Check that stored energy shows: in a response, beside the transfer functions, or at a port."""
+    results, showing = analysis.get("results"), ("time_response", "transfer_function")
+    listed = not isinstance(results, list) or any(did_you_mean(str(name), showing) for name in results)
+    if listed or "port" in analysis:
+        return []
+    message = "the initial state shows in a time response, a transfer function or at a port only; "
+    message += "'results' lists neither 'time_response' nor 'transfer_function'"
+    return [source.fault(("initial",), message, key=True)]
 
 
 # --- bond graphs -----------------------------------------------------------------------------------
@@ -80,14 +95,8 @@ def _bond_graph_faults(source: Source) -> list[Fault]:
     reported as well; one that has too many already is.
     """
     nodes = _mapping(_mapping(source.data, "graph"), "nodes")
-    types, bonds, places, complete = _node_types(source), [], [], True
-    for index, text in enumerate(_list(_mapping(source.data, "graph"), "bonds")):
-        ends = chain_ends(text) if isinstance(text, str) else []
-        read = bool(ends) and all(end in types for end in ends)
-        complete = complete and read and all(a != b for a, b in pairwise(ends))
-        if read:
-            bonds += [Bond(tail, head) for tail, head in pairwise(ends)]
-            places += [index] * (len(ends) - 1)
+    types = _node_types(source)
+    bonds, places, complete = _bonds(source, types)
     faults = []
     for fault in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
         if fault.bond is not None:
@@ -95,6 +104,30 @@ def _bond_graph_faults(source: Source) -> list[Fault]:
         elif fault.node is not None and bonds and (complete or _is_crowded(fault.node, types, bonds)):
             faults.append(source.fault(("graph", "nodes", _key(nodes, fault.node)), fault.message, key=True))
     return faults
+
+
+def _bonds(source: Source, types: Mapping[str, str]) -> tuple[list[Bond], list[int], bool]:
+    """Return the bonds that can be read, the entry that each stands in, and whether they are all."""
+    bonds, places, complete = [], [], True
+    for index, text in enumerate(_list(_mapping(source.data, "graph"), "bonds")):
+        ends = chain_ends(text) if isinstance(text, str) else []
+        read = bool(ends) and all(end in types for end in ends)
+        complete = complete and read and all(a != b for a, b in pairwise(ends))
+        if read:
+            bonds += [Bond(tail, head) for tail, head in pairwise(ends)]
+            places += [index] * (len(ends) - 1)
+    return bonds, places, complete
+
+
+def _port_faults(source: Source) -> list[Fault]:
+    """Check that the port is a bond of the graph, and that the graph can be cut there."""
+    text, types = _mapping(source.data, "analysis").get("port"), _node_types(source)
+    ends = chain_ends(text) if isinstance(text, str) else []
+    bonds, _, complete = _bonds(source, types)
+    if len(ends) != 2 or not all(end in types for end in ends) or not complete:
+        return []  # reported where it stands, or by what is wrong with the bonds
+    problem = bond_fault(types, bonds, Bond(*ends)) or loop_fault(types, bonds, Bond(*ends))
+    return [source.fault(("analysis", "port"), problem)] if problem else []
 
 
 def _is_crowded(name: str, types: Mapping[str, str], bonds: list[Bond]) -> bool:

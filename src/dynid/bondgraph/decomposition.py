@@ -1,0 +1,296 @@
+"""Source-load decomposition at a port (Park & Kim 1997, section 4): both sides as equivalent sources.
+
+Each side is the graph cut at the port with a probing source in place of the other side, reduced by the
+program that reduces whole graphs. With the flow f counted out of it, a side is
+
+    f = f_eq - Y_eq e   (Norton, eq 15)   or   e = e_eq - Z_eq f   (Thévenin, eq 16).
+
+An ideal source has one of the two only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial, reduce
+from typing import Any
+
+from dynid.bondgraph.cut import Cut
+from dynid.bondgraph.graph import JUNCTIONS, Bond, BondGraph, NodeType, Port
+from dynid.bondgraph.reduced import Planned
+from dynid.bondgraph.reduction.network import STORED
+from dynid.bondgraph.reduction.program import Program, Register
+from dynid.bondgraph.reduction.prototypes import Prototype
+from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
+from dynid.errors import Singular
+
+#: What each input contributes to an equivalent source.
+Contributions = Mapping[str, Register]
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of a port as an equivalent source.
+
+    Parameters
+    ----------
+    name
+        'source' or 'load'.
+    end
+        The node that the bond leaves or enters.
+    nodes
+        The nodes that the port depends on, on this side.
+    reduction
+        How it was reduced.
+    impedance, effort
+        Z_eq, and e_eq for each input that reaches the port; None: an ideal flow source has none.
+    admittance, flow
+        Y_eq and f_eq; None: an ideal effort source has none.
+    opened, shorted
+        Determinants of the side with the flow or the effort at the port held at zero, as far as it lets
+        them be: their zeros are its natural modes then.
+    """
+
+    name: str
+    end: str
+    nodes: tuple[str, ...]
+    reduction: Reduction
+    impedance: Register | None
+    effort: Contributions | None
+    admittance: Register | None
+    flow: Contributions | None
+    opened: Register | None
+    shorted: Register | None
+
+    @property
+    def ideal(self) -> str:
+        """The variable that the side fixes whatever stands opposite: 'effort', 'flow' or none ('')."""
+        return "effort" if self.admittance is None else "flow" if self.impedance is None else ""
+
+
+class Decomposition(Planned):
+    """A graph decomposed at a port.
+
+    Parameters
+    ----------
+    graph
+        The bond graph.
+    port
+        A bond of it, written from the source to the load.
+    inputs
+        Sources kept as inputs; all others are zero.
+    stored
+        Storages with energy at t = 0, each an equivalent source `initial:NAME` of its own (eqs 13, 14).
+
+    Attributes
+    ----------
+    sources, inputs
+        The sources kept, and the same with the equivalent sources of stored energy.
+    source, load
+        The two sides.
+    effort, flow
+        What each input makes of the port: its effort, and its flow into the load.
+
+    Raises
+    ------
+    UsageError
+        Where the graph cannot be cut there.
+    Singular
+        Where a side, or both together, have no unique solution.
+    """
+
+    def __init__(
+        self, graph: BondGraph, port: Bond, inputs: Sequence[str], stored: Sequence[str] = ()
+    ) -> None:
+        self.cut, self.port = Cut.at(graph, port), port
+        self.sources = tuple(inputs)
+        self.inputs = (*inputs, *(f"{STORED}{name}" for name in stored))
+        super().__init__(graph)
+
+    def _write(self) -> None:
+        self.source = _side(self.cut, self.program, "source", self.inputs)
+        self.load = _side(self.cut, self.program, "load", self.inputs)
+        self.total = self._total()
+        if self.total is not None and self.program.is_zero(self.total):
+            raise _contradiction(self.port)
+        self.effort = {name: self._effort(name) for name in self.inputs}
+        self.flow = {name: self._flow(name) for name in self.inputs}
+
+    def _pivots(self) -> Iterable[int]:
+        for side in (self.source, self.load):
+            yield from side.reduction.pivots
+            immittances = (side.impedance, side.admittance)
+            yield from (r for r in immittances if r is not None and not self.program.is_zero(r))
+        if self.total is not None:
+            yield self.total
+
+    def _answers(self) -> Iterable[int]:
+        return [*self.effort.values(), *self.flow.values()]
+
+    def _total(self) -> Register | None:
+        """Write Z_eq + Z_eq of both sides where they have one, else Y_eq + Y_eq, else nothing."""
+        program, source, load = self.program, self.source, self.load
+        if source.impedance is not None and load.impedance is not None:
+            return program.add(source.impedance, load.impedance)
+        if source.admittance is not None and load.admittance is not None:
+            return program.add(source.admittance, load.admittance)
+        return None  # an ideal source of effort against one of flow: each fixes its own variable
+
+    def _effort(self, name: str) -> Register:
+        """Write the effort at the port that an input makes."""
+        program, source, load = self.program, self.source, self.load
+        if source.effort is not None and source.ideal:
+            return source.effort.get(name, program.zero)
+        if load.effort is not None and load.impedance is not None:
+            own = load.effort.get(name, program.zero)
+            return program.add(own, program.mul(load.impedance, self._flow(name)))
+        assert self.total is not None
+        return program.div(self._sum(source.flow, load.flow, name), self.total)
+
+    def _flow(self, name: str) -> Register:
+        """Write the flow into the load that an input makes."""
+        program, source, load = self.program, self.source, self.load
+        if source.flow is not None and source.ideal:
+            return source.flow.get(name, program.zero)
+        if source.effort is not None and load.effort is not None:
+            assert self.total is not None
+            against = {other: program.neg(register) for other, register in load.effort.items()}
+            return program.div(self._sum(source.effort, against, name), self.total)
+        assert load.flow is not None
+        own = program.neg(load.flow.get(name, program.zero))
+        if load.admittance is None or program.is_zero(load.admittance):
+            return own
+        return program.add(own, program.mul(load.admittance, self._effort(name)))
+
+    def _sum(self, a: Contributions | None, b: Contributions | None, name: str) -> Register:
+        zero = self.program.zero
+        return self.program.add((a or {}).get(name, zero), (b or {}).get(name, zero))
+
+    @cached_property
+    def prototype(self) -> Prototype:
+        """The prototype at the port (Fig. 2), with the equivalent source of the source side as its source.
+
+        An ideal source drives the two systems on the load's junction. Any other is one of the two systems,
+        the load the other; B is the one that sets the common variable by integration, the load where both
+        could.
+        """
+        if self.source.ideal:
+            return self._driven_load()
+        kind = self._junction_kind()
+        source, load = (
+            (self.source.impedance, self.load.impedance)
+            if kind == "1"
+            else (self.source.admittance, self.load.admittance)
+        )
+        assert source is not None
+        assert load is not None
+        growth = {name: self._growth(register) for name, register in (("source", source), ("load", load))}
+        b_is_load = growth["load"] >= growth["source"]
+        part_a, part_b = (source, load) if b_is_load else (load, source)
+        names = ("the source side", "the load side")
+        return Prototype(self.program, kind, False, part_a, part_b, *(names if b_is_load else names[::-1]))
+
+    def _growth(self, register: Register) -> int:
+        """Return the degree of the numerator less that of the denominator."""
+        numerator, denominator = self.rational([register])[register].lowest_terms()
+        return int(numerator.degree()) - int(denominator.degree())
+
+    def _junction_kind(self) -> str:
+        """Return the junction on which both sides meet: the load's, else the source's, else a 1-junction."""
+        ends = (self.load.end, self.source.end)
+        kinds = [kind for end in ends if (kind := self.graph.nodes[end].type) in JUNCTIONS]
+        if self.load.ideal:
+            return "0" if self.load.ideal == "flow" else "1"
+        return kinds[0] if kinds else "1"
+
+    def _driven_load(self) -> Prototype:
+        probe: NodeType = "Se" if self.source.ideal == "effort" else "Sf"
+        structure = self.cut.structure({self.load.end: probe})
+        name = self.cut.probe(self.load.end)
+        kind = structure.junctions[structure.place[name]].kind
+        port = Port(name, "f" if kind == "1" else "e")
+        return reduce_graph(structure, self.program, port, [name]).prototype
+
+    @property
+    def meeting(self) -> str:
+        """The user's junction at the port, or the bond where neither end is one."""
+        ends = (self.load.end, self.source.end)
+        return next((end for end in ends if self.graph.nodes[end].type in JUNCTIONS), str(self.port))
+
+    def characteristic(self) -> Any:
+        """Return the polynomial of all natural modes of both sides joined (flint `fmpz_poly`)."""
+        program, source, load = self.program, self.source, self.load
+        parts: tuple[Register | None, ...]
+        if source.impedance is not None and load.impedance is not None:
+            parts = source.opened, load.opened, self.total
+        elif source.admittance is not None and load.admittance is not None:
+            parts = source.shorted, load.shorted, self.total
+        else:
+            parts = (
+                (source.opened, load.shorted) if source.ideal == "effort" else (source.shorted, load.opened)
+            )
+        register = reduce(program.mul, [part for part in parts if part is not None], program.one)
+        return self.rational([register])[register].lowest_terms()[0]
+
+
+def _side(cut: Cut, program: Program, name: str, inputs: Sequence[str]) -> Side:
+    """Reduce one side with a probe at the port; where one kind of probe has no answer, with the other."""
+    end = cut.port.tail if name == "source" else cut.port.head
+    probe, failure = cut.probe(end), None
+    for kind in cut.probe_types(end):
+        try:
+            structure = cut.structure({end: kind})
+            junction = structure.junctions[structure.place[probe]]
+            port = Port(probe, "f" if junction.kind == "1" else "e")
+            reduction = reduce_graph(structure, program, port, [*inputs, probe])
+        except Singular as error:
+            failure = failure or error
+            continue
+        held = reduction.prototype.fixed and junction.fixing != probe
+        return _read(cut, program, name, end, reduction, held=held)
+    assert failure is not None
+    raise Singular(
+        f"the {name} side of the port '{cut.port}' has no equivalent: {failure.problem}",
+        remedy=failure.remedy,
+        names=[node for node in failure.names if node in cut.graph.nodes],
+    )
+
+
+def _read(cut: Cut, program: Program, name: str, end: str, reduction: Reduction, *, held: bool) -> Side:
+    """Read a side's equivalent off its reduction; `held`: an ideal source in it fixes the port."""
+    kind, probe = reduction.prototype.kind, cut.probe(end)
+    given = reduction.channels if held else reduction.drives
+    given = {source: r for source, r in given.items() if source != probe and not program.is_zero(r)}
+    if kind == "1" and not cut.points_out(end):  # the bond as drawn enters here: what drives it counts back
+        given = {source: program.neg(register) for source, register in given.items()}
+    nodes = tuple(node for node in reduction.modelled if node in cut.graph.nodes)
+    side = partial(Side, name, end, nodes, reduction)
+    if held:
+        fixed = _product(program, reduction.pivots, reduction.integrators)
+        if kind == "1":
+            return side(None, None, program.zero, given, None, fixed)
+        return side(program.zero, given, None, None, fixed, None)
+    total = program.add(reduction.prototype.part_a, reduction.prototype.part_b)
+    pivots = reduction.pivots if reduction.prototype.fixed else reduction.pivots[:-1]  # the last is the total
+    bare = _product(program, pivots, reduction.integrators)
+    joined = program.mul(bare, total)
+    inverse, turned = None, None
+    if not program.is_zero(total):
+        inverse, turned = program.inv(total), {source: program.div(r, total) for source, r in given.items()}
+    if kind == "1":
+        return side(total, given, inverse, turned, bare, joined)
+    return side(inverse, turned, total, given, joined, bare)
+
+
+def _product(program: Program, pivots: Iterable[Register], integrators: int) -> Register:
+    """Write a determinant: the product of pivots, times s for every storage that integrates."""
+    return reduce(program.mul, [*pivots, *(program.s for _ in range(integrators))], program.one)
+
+
+def _contradiction(port: Bond) -> Singular:
+    return Singular(
+        f"source and load at the port '{port}' contradict each other, or leave it open: together they have "
+        "no impedance",
+        remedy="Put an element between them.",
+        names=(port.tail, port.head),
+    )
