@@ -32,13 +32,13 @@ _SWEEPS, _STEPS = 12, 3
 #: Singular values below the first are noise, above the second they are not; ranks in between are guesses.
 _NOISE, _SURE = 1e-12, 1e-7
 #: Relative error bound beyond which an eigenvalue is not trusted; below this share of the others it may be 0.
-TOLERANCE, _SMALL = 1e-6, 1e-8
+TOLERANCE, _SMALL = 1e-8, 1e-8
 #: Blocks from this size on are factorised as sparse matrices where they are.
 _LARGE = 150
 #: Roundings that a residual is allowed.
 _ROUNDINGS = 8
 
-EXACT = "The exact engine decides."
+EXACT = 'The exact engine (engine="exact") decides.'
 
 
 @dataclass(frozen=True)
@@ -99,12 +99,12 @@ def finite_eigenvalues(
         )
     order = np.lexsort((value.imag, value.real, np.abs(value)))
     value, bound = value[order], bound[order]
-    _settle_origin(value, bound, origin)
+    settle_origin(value, bound, origin)
     _refuse_uncertain(value, bound)
     return FiniteEigenvalues(value, bound, F.shape[0] - len(value))
 
 
-def _settle_origin(value: Complex, bound: Real, origin: int | None) -> None:
+def settle_origin(value: Complex, bound: Real, origin: int | None) -> None:
     """Set the smallest eigenvalues to 0 where so many are known to be."""
     if origin is None:
         return
@@ -141,14 +141,14 @@ def _of_block(F: Any, G: Any, *, sure: bool) -> tuple[Complex, Real]:
     """Return eigenvalues and error bounds of one block; `sure`: the count is checked elsewhere."""
     if F.count_nonzero() == 0:
         return np.zeros(0, complex), np.zeros(0)
-    F, G, unit = _scaled(F, G)
+    F, G, unit = scaled(F, G)
     small_F, small_G = _deflated(*_without_algebraic(F, G), sure=sure)
     starts = _eigenvalues(small_F, small_G)
     values, bounds = _polished(F, G, starts)
     return values * unit, bounds * unit
 
 
-def _scaled(F: Any, G: Any) -> tuple[Any, Any, float]:
+def scaled(F: Any, G: Any) -> tuple[Any, Any, float]:
     """Scale rows, columns and s by powers of two until all are near 1; return the unit of s too."""
     from scipy.sparse import diags_array
 
@@ -159,6 +159,7 @@ def _scaled(F: Any, G: Any) -> tuple[Any, Any, float]:
         F, unit = F * step, unit * step
         for side in (0, 1):
             norm = np.sqrt((F.multiply(F) + G.multiply(G)).sum(axis=side))
+            norm[norm == 0] = 1
             D = diags_array(np.exp2(-np.round(np.log2(norm) / 2 if side == 0 else np.log2(norm))))
             F, G = (F @ D, G @ D) if side == 0 else (D @ F, D @ G)
     return F.tocsr(), G.tocsr(), unit
