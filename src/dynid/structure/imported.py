@@ -13,7 +13,7 @@ from dynid.errors import FileError, UsageError
 from dynid.structure.assembly import MOST_DENSE
 from dynid.structure.damping import Modal, Proportional
 from dynid.structure.joints import Joint
-from dynid.structure.matrices import Label, Matrix, as_array, combined, triplets
+from dynid.structure.matrices import Label, Matrix, as_array, nothing, triplets
 from dynid.structure.model import StructuralModel
 from dynid.structure.readers.imported import Imported
 from dynid.structure.readers.read import MatrixFile, read_matrix, read_state_space
@@ -61,7 +61,7 @@ def imported(
     dense = n <= MOST_DENSE or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
     sized = {role: as_array(matrix) if dense else matrix for role, matrix in matrices.items()}
     M, K = sized["mass"], sized["stiffness"]
-    C = sized.get("damping", combined(0.0, K, 0.0, K))
+    C = sized.get("damping", nothing(n, sparse=not dense))
     model = StructuralModel(M, C, K, tuple(joints), given)
     if isinstance(damping, Proportional | Modal):
         return replace(model, C=damping.matrix(model.M, model.K))

@@ -43,6 +43,15 @@ def as_array(matrix: Matrix) -> Array:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
+def nothing(n: int, *, sparse: bool) -> Matrix:
+    """Return an n x n matrix of zeros."""
+    if not sparse:
+        return np.zeros((n, n))
+    from scipy.sparse import csc_array  # loaded already by whoever has sparse matrices
+
+    return csc_array((n, n), dtype=np.float64)
+
+
 def combined(alpha: float, A: Matrix, beta: float, B: Matrix) -> Matrix:
     """Return ``alpha A + beta B``, sparse where both are."""
     if isinstance(A, np.ndarray) or isinstance(B, np.ndarray):

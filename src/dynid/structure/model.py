@@ -77,7 +77,7 @@ class StructuralModel:
         shape = self.M.shape if is_sparse(self.M) else np.shape(self.M)
         n = shape[0] if shape else 0
         sparse = any(is_sparse(matrix) for matrix in (self.M, self.C, self.K))
-        for name in ("M", "C", "K"):
+        for name in ("M", "K", "C"):
             given = getattr(self, name)
             object.__setattr__(self, name, as_matrix(name, given, n, sparse=sparse))
         object.__setattr__(self, "dofs", labels.checked(self.dofs, n))

@@ -125,10 +125,12 @@ def _nearest_masses(left: Array, coupling: Array) -> Array:
     size = max(float(np.abs(coupling).max()), np.finfo(float).tiny)
     Z = coupling / size
     np.fill_diagonal(Z, 0.0)
-    # Least squares of D_i Z_ij - D_j Z_ji = 0, far heavier than closeness; rounding of Z weighs nothing.
+    # D_i Z_ij = D_j Z_ji makes C symmetric: the null space of their squares' sum, rounding of Z left out.
     Z[np.abs(Z) < _ROUNDED] = 0.0
     symmetry = np.diag((Z**2).sum(axis=1)) - Z * Z.T
-    masses = np.linalg.lstsq(gram**2 + 1e8 * symmetry, np.diag(gram), rcond=None)[0]
+    values, vectors = np.linalg.eigh(symmetry)
+    free = vectors[:, values <= _ROUNDED**2 + _ROUNDED * values[-1]]
+    masses = free @ np.linalg.lstsq(free.T @ gram**2 @ free, free.T @ np.diag(gram), rcond=None)[0]
     if masses.min() <= 0:
         raise UsageError(
             "the state space is no passive structure: no positive modal masses make its damping symmetric",

@@ -1,43 +1,136 @@
-"""MATLAB files up to version 7.2 (`.mat`); version 7.3 is HDF5."""
+"""MATLAB files of versions 5 to 7.2 (`.mat`): their numeric variables, full and sparse, and nothing else.
+
+SciPy's compiled reader ends the process at some damaged files; here every length is checked before it is
+used, and nothing is unpacked beyond what a variable's sizes allow. Version 7.3 is HDF5.
+Source: The MathWorks, "MAT-File Format", 2019.
+"""
 
 from __future__ import annotations
 
-import warnings
+import struct
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from dynid.errors import FileError
 from dynid.structure.matrices import Matrix
-from dynid.structure.readers.imported import as_numbers, check_claim, read_errors
+from dynid.structure.readers.imported import (
+    MOST_NUMBERS,
+    as_numbers,
+    check_claim,
+    compressed,
+    read_errors,
+)
 
 _WHAT = "a MATLAB file"
+_MATRIX, _COMPRESSED = 14, 15
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_SPARSE, _FULL = 5, range(6, 16)
+_COMPLEX = 0x800
+# A variable's flags, sizes and name stand in its first bytes.
+_HEAD = 4096
+
+
+class _Variable(NamedTuple):
+    """A variable: its name, sizes, class and flags, most entries if sparse, and its bytes as stored."""
+
+    name: str
+    shape: tuple[int, ...]
+    kind: int
+    is_complex: bool
+    most: int
+    payload: memoryview
+    packed: bool
 
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the numeric variables of a file, by name."""
-    from scipy.io import whosmat  # heavy import, needed here only
-
-    numeric = {
-        "double",
-        "single",
-        "sparse",
-        "logical",
-        *(f"{u}int{b}" for u in ("", "u") for b in (8, 16, 32, 64)),
-    }
-    with read_errors(path, _WHAT), _quiet():
-        return {name: tuple(shape) for name, shape, kind in whosmat(str(path)) if kind in numeric}
+    with read_errors(path, _WHAT):
+        return {variable.name: variable.shape for variable in _variables(path)[1]}
 
 
 def load(path: Path, name: str) -> Matrix:
     """Return one variable of a file; no objects, functions or structures are read."""
-    from scipy.io import loadmat, whosmat
+    with read_errors(path, _WHAT):
+        order, variables = _variables(path)
+        variable = next(item for item in variables if item.name == name)
+        if variable.is_complex:
+            raise FileError(f"{path}: '{name}' holds complex numbers; a structural matrix is real")
+        check_claim(path, variable.shape, variable.most if variable.kind == _SPARSE else None)
+        parts = [_array(*part, order) for part in _parts(variable, order)]
+        if variable.kind == _SPARSE:
+            indices, starts, values = parts[:3]
+            count = int(starts[-1]) if len(starts) else 0  # what is allocated beyond holds nothing
+            return compressed(path, variable.shape, (values[:count], indices[:count], starts), "csc")
+        return as_numbers(path, name, parts[0].reshape(variable.shape, order="F"))
 
-    with read_errors(path, _WHAT), _quiet():
-        for variable, shape, kind in whosmat(str(path)):
-            if variable == name:
-                check_claim(path, tuple(shape), path.stat().st_size if kind == "sparse" else None)
-        stored: dict[str, Any] = loadmat(str(path), variable_names=[name], spmatrix=False)
-        return as_numbers(path, name, stored[name])
+
+def _variables(path: Path) -> tuple[str, list[_Variable]]:
+    """Return the byte order of a file, and its numeric variables."""
+    if path.stat().st_size > 8 * MOST_NUMBERS:
+        raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
+    data = memoryview(path.read_bytes())
+    mark = bytes(data[126:128])
+    if len(data) < 128 or mark not in (b"IM", b"MI"):
+        raise FileError(f"{path} is no MATLAB file of version 5 or later", remedy="Save it with -v7.")
+    order = "<" if mark == b"IM" else ">"
+    found = []
+    for outer, payload in _elements(data[128:], order):
+        packed = outer == _COMPRESSED
+        head = _unpacked(payload, _HEAD) if packed else payload
+        kind = struct.unpack_from(f"{order}I", head)[0] if packed else outer
+        head = head[8:] if packed else head
+        if kind == _MATRIX:
+            variable = _described(head, payload, packed, order)
+            if variable.kind == _SPARSE or variable.kind in _FULL:
+                found.append(variable)
+    return order, found
 
 
-def _quiet() -> warnings.catch_warnings[None]:
-    return warnings.catch_warnings(action="ignore")
+def _described(head: memoryview, payload: memoryview, packed: bool, order: str) -> _Variable:
+    elements = _elements(head, order)
+    flags, most = struct.unpack_from(f"{order}II", next(elements)[1])
+    shape = tuple(int(size) for size in _array(*next(elements), order))
+    if len(shape) < 2 or min(shape) < 0:
+        raise ValueError("a variable has no sizes")
+    name = bytes(next(elements)[1]).decode("latin-1")
+    return _Variable(name, shape, flags & 0xFF, bool(flags & _COMPLEX), most, payload, packed)
+
+
+def _parts(variable: _Variable, order: str) -> list[tuple[int, memoryview]]:
+    """Return the numeric parts of a variable: of a sparse one row indices, column starts, values."""
+    content = variable.payload
+    if variable.packed:
+        sparse = variable.kind == _SPARSE
+        numbers = 2 * variable.most + variable.shape[-1] if sparse else int(np.prod(variable.shape))
+        content = _unpacked(content, 8 * numbers + _HEAD)[8:]
+    return list(_elements(content, order))[3:]
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Yield type and content of the elements one after the other."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        if kind >> 16:  # up to four bytes stand within the tag
+            kind, size, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+        else:
+            start = at + 8
+            after = start + size + (-size % 8 if kind != _COMPRESSED else 0)
+        if size > len(data) - start:
+            raise ValueError("it is truncated")
+        yield kind, data[start : start + size]
+        at = after
+
+
+def _unpacked(payload: memoryview, most: int) -> memoryview:
+    return memoryview(zlib.decompressobj().decompress(payload, most))
+
+
+def _array(kind: int, content: memoryview, order: str) -> np.ndarray[Any, np.dtype[Any]]:
+    if kind not in _TYPES:
+        raise ValueError(f"numbers of an unknown type {kind}")
+    return np.frombuffer(content, dtype=f"{order}{_TYPES[kind]}")

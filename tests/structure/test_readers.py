@@ -1,0 +1,422 @@
+"""Matrices out of files: every format says the same, damaged files end in one sentence."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import mmwrite, savemat
+from scipy.linalg import eigh
+from scipy.sparse import coo_array, csc_array, csr_array, save_npz
+
+from dynid.errors import FileError, UsageError
+from dynid.structure.damping import Modal, Proportional
+from dynid.structure.imported import from_state_space, imported
+from dynid.structure.joints import Joint
+from dynid.structure.readers.read import MatrixFile, matrix_file, read_matrix
+
+FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
+needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
+needs_pyyeti = pytest.mark.skipif(
+    importlib.util.find_spec("pyyeti") is None, reason="pyyeti is not installed"
+)
+
+K = np.array([[4.0, -1.5, 0.0], [-1.5, 3.0, -1.0e-3], [0.0, -1.0e-3, 2.0]])
+M = np.diag([1.0, 2.0, 0.0])
+
+
+def write_mtx(folder):
+    mmwrite(folder / "k.mtx", csc_array(K), symmetry="symmetric", precision=17)
+    return folder / "k.mtx", None
+
+
+def write_mtx_array(folder):
+    mmwrite(folder / "k.mtx", K, precision=17)
+    return folder / "k.mtx", None
+
+
+def write_triplets(folder):
+    rows, columns = np.nonzero(K)
+    lines = [f"{i + 1} {j + 1}  {float(K[i, j])!r}" for i, j in zip(rows, columns, strict=True)]
+    (folder / "k.mtx").write_text("\n".join(["** exported", *lines]) + "\n")
+    return folder / "k.mtx", None
+
+
+def write_half_triplets(folder):
+    rows, columns = np.nonzero(np.triu(K))
+    lines = [f"{i + 1}, {j + 1}, {K[i, j]:.17E}" for i, j in zip(rows, columns, strict=True)]
+    (folder / "k.mtx").write_text("\n".join(lines).replace("E", "D"))
+    return folder / "k.mtx", None
+
+
+def write_mat(folder):
+    savemat(folder / "k.mat", {"K": csc_array(K), "other": np.eye(2), "cell": np.array([{}], dtype=object)})
+    return folder / "k.mat", None
+
+
+def write_mat_73(folder):
+    """As MATLAB does: HDF5 behind a block of 512 bytes, columns first."""
+    with h5py.File(folder / "k.mat", "w", userblock_size=512) as store:
+        store["stiff"] = K.T
+        store["stiff"].attrs["MATLAB_class"] = np.bytes_("double")
+        slim = csc_array(K)
+        group = store.create_group("slim")
+        group.attrs["MATLAB_sparse"] = np.uint64(3)
+        group["data"], group["ir"], group["jc"] = (
+            slim.data, slim.indices.astype(np.uint64), slim.indptr.astype(np.uint64)
+        )  # fmt: skip
+    with (folder / "k.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file")
+    return folder / "k.mat", "slim"
+
+
+def write_npz(folder):
+    np.savez(folder / "k.npz", k=K, m=M)
+    return folder / "k.npz", None
+
+
+def write_sparse_npz(folder):
+    save_npz(folder / "k.npz", csr_array(K))
+    return folder / "k.npz", None
+
+
+def write_npy(folder):
+    np.save(folder / "k.npy", K)
+    return folder / "k.npy", None
+
+
+def write_h5(folder):
+    with h5py.File(folder / "k.h5", "w") as store:
+        store["model/stiffness"] = K
+        store["model/labels"] = np.arange(3)
+    return folder / "k.h5", None
+
+
+def write_sparse_h5(folder):
+    slim = csr_array(K)
+    with h5py.File(folder / "k.h5", "w") as store:
+        group = store.create_group("model/K")
+        group["data"], group["indices"], group["indptr"] = slim.data, slim.indices, slim.indptr
+        group.attrs["shape"], group.attrs["encoding-type"] = slim.shape, "csr_matrix"
+    return folder / "k.h5", "/model/K"
+
+
+def write_op4(folder):
+    from pyyeti.nastran import op4
+
+    op4.write(str(folder / "k.op4"), {"KGG": coo_array(K), "MGG": M}, sparse="nonbigmat")
+    return folder / "k.op4", None
+
+
+WRITERS = [
+    write_mtx, write_mtx_array, write_triplets, write_half_triplets, write_mat, write_mat_73,
+    write_npz, write_sparse_npz, write_npy, write_h5, write_sparse_h5,
+    pytest.param(write_op4, marks=needs_pyyeti),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_every_format_holds_the_same_matrix(tmp_path, write):
+    path, name = write(tmp_path)
+    found = read_matrix(MatrixFile(path, name), "stiffness").matrix
+    np.testing.assert_array_equal(found if isinstance(found, np.ndarray) else found.toarray(), K)
+
+
+def refusal(file):
+    """Return what is said of a file that cannot be read, or nothing."""
+    try:
+        read_matrix(file, "stiffness")
+    except FileError as error:
+        return error.problem
+    return None
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_a_damaged_file_is_one_sentence_or_a_matrix(tmp_path, write):
+    """Cut off anywhere, or with any byte changed: never a traceback, never memory for what is not there."""
+    path, name = write(tmp_path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(11)
+    for trial in range(60):
+        spoilt = bytearray(whole)
+        if trial % 3:
+            for place in rng.integers(0, len(whole), 1 + trial % 5):
+                spoilt[place] = rng.integers(256)
+        else:
+            del spoilt[int(rng.integers(len(whole))) :]
+        path.write_bytes(spoilt)
+        said = refusal(MatrixFile(path, name))
+        assert said is None or (str(path) in said and "\n" not in said)
+
+
+MARKET = "%%MatrixMarket matrix"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f"{MARKET} coordinate real symmetric\n3 3 1000000000000\n1 1 1\n", "truncated"),
+        (f"{MARKET} coordinate real general\n1000000000000 1000000000000 1\n1 1 1\n", "truncated"),
+        (f"{MARKET} array real general\n1000000 1000000\n1\n", "claims a matrix of 1000000"),
+        (f"{MARKET} array real symmetric\n2 2\n1\n2\n", "truncated"),
+        (f"{MARKET} coordinate real symmetric\n3 3 3\n1 1 1\n2 2 1\n", "truncated"),
+        (f"{MARKET} coordinate real symmetric\n3 3 1\n1 1 1\n2 2 1\n", "header is wrong"),
+        (f"{MARKET} coordinate real symmetric\n3 3 2\n1 1 1.0\n2 2 1.0e+", "could not convert"),
+        (f"{MARKET} coordinate real symmetric\n3 2 1\n1 1 1.0\n", "is square, not 3 x 2"),
+        (f"{MARKET} coordinate pattern symmetric\n1 1 1\n1 1\n", "is pattern"),
+        (f"{MARKET} coordinate complex general\n1 1 1\n1 1 1 0\n", "is complex"),
+        (f"{MARKET} coordinate real skew-symmetric\n2 2 1\n2 1 1\n", "is skew-symmetric"),
+        (f"{MARKET} heap real symmetric\n2 2 1\n2 1 1\n", "is heap"),
+        (f"{MARKET} coordinate real\n", ":1: a Matrix Market header has five"),
+        (f"{MARKET} coordinate real general\n% x\n3 three\n", ":3: the sizes"),
+        (f"{MARKET} coordinate real general\n2 2 1\n3 1 1\n", r"entry \(3, 1\)"),
+        ("1 1 2.0\n0 1 2.0\n", r"entry \(0, 1\)"),
+        ("1 1 2.0\n1 1000000000000 2.0\n", r"entry \(1, 1000000000000\)"),
+        ("1 1.5 2.0\n", "names no row and column: 1, 1.5"),
+        ("1 nan 2.0\n", "names no row and column"),
+        ("1 1 two\n", "'two'"),
+        ("1 1 2.0\n2 2\n", "columns changed"),
+        ("1 2 3 4\n", "has 4 columns"),
+        ("** nothing\n", "no triplets"),
+        ("", "no triplets"),
+    ],
+)
+def test_a_file_that_lies_is_refused(tmp_path, text, said):
+    (tmp_path / "k.mtx").write_text(text)
+    with pytest.raises(FileError, match=said):
+        read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness")
+
+
+@pytest.mark.parametrize("name", ["k.docx", "k.mtx"])
+def test_what_is_no_file_of_matrices_is_refused(tmp_path, name):
+    with pytest.raises(FileError, match=r"no file"):
+        read_matrix(MatrixFile(tmp_path / name), "stiffness")
+
+
+def test_numpy_files_are_never_unpickled_and_claim_no_more_than_they_hold(tmp_path):
+    np.save(tmp_path / "k.npy", np.array([[{}]], dtype=object))
+    with pytest.raises(FileError):
+        read_matrix(MatrixFile(tmp_path / "k.npy"), "stiffness")
+    np.savez(tmp_path / "k.npz", K=np.array([[{}]], dtype=object))
+    with pytest.raises(FileError):
+        read_matrix(MatrixFile(tmp_path / "k.npz"), "stiffness")
+    np.save(tmp_path / "k.npy", np.eye(3))
+    raw = (tmp_path / "k.npy").read_bytes().replace(b"(3, 3), }    ", b"(900, 1000), }"[:14].ljust(13))
+    (tmp_path / "k.npy").write_bytes(raw)
+    with pytest.raises(FileError):
+        read_matrix(MatrixFile(tmp_path / "k.npy"), "stiffness")
+
+
+def test_hdf5_claims_without_storage_are_refused(tmp_path):
+    with h5py.File(tmp_path / "k.h5", "w") as store:
+        store.create_dataset("K", (10**6, 10**6), "f8", chunks=(10, 10))
+    with pytest.raises(FileError, match="claims a matrix of 1000000 x 1000000"):
+        read_matrix(MatrixFile(tmp_path / "k.h5"), "stiffness")
+
+
+def test_which_matrix_of_several(tmp_path):
+    savemat(tmp_path / "model.mat", {"K": K, "mass": M, "Z": 1j * K, "stiff2": K})
+    file = tmp_path / "model.mat"
+    np.testing.assert_array_equal(read_matrix(MatrixFile(file), "mass").matrix, M)
+    np.testing.assert_array_equal(read_matrix(MatrixFile(file, "stiff2"), "mass").matrix, K)
+    with pytest.raises(FileError, match=r"has no matrix 'stiff'; did you mean 'stiff2'"):
+        read_matrix(MatrixFile(file, "stiff"), "mass")
+    with pytest.raises(
+        FileError, match=r"does not say which matrix is the damping; it has K \(3 x 3\), mass"
+    ):
+        read_matrix(MatrixFile(file), "damping")
+    with pytest.raises(FileError, match="complex"):
+        read_matrix(MatrixFile(file, "Z"), "mass")
+
+
+def test_a_path_inside_an_hdf5_file_stands_behind_it(tmp_path):
+    write_sparse_h5(tmp_path)
+    assert matrix_file(tmp_path, "k.h5:/model/K") == MatrixFile(tmp_path / "k.h5", "model/K")
+    assert matrix_file(tmp_path, "a:/k.mtx") == MatrixFile(tmp_path / "a:/k.mtx", None)
+
+
+@needs_pyyeti
+def test_without_pyyeti_a_nastran_file_says_what_to_install(tmp_path, monkeypatch):
+    path, _ = write_op4(tmp_path)
+    monkeypatch.setitem(__import__("sys").modules, "pyyeti.nastran.op4", None)
+    with pytest.raises(FileError, match="pyyeti") as caught:
+        read_matrix(MatrixFile(path), "stiffness")
+    assert "dynid[formats]" in caught.value.remedy
+
+
+# --- structures out of matrices --------------------------------------------------------------------
+
+
+def structure_of(folder, mass, stiffness, **more):
+    (folder / "m.mtx").write_text(mass)
+    (folder / "k.mtx").write_text(stiffness)
+    return imported(MatrixFile(folder / "m.mtx"), MatrixFile(folder / "k.mtx"), **more)
+
+
+def test_labelled_triplets_give_labels_and_find_each_other(tmp_path):
+    """Abaqus exports `node,dof,node,dof,value`; the mass names fewer DOFs than the stiffness."""
+    stiffness = "12,1,12,1,4.0\n12,1,12,6,1.0\n12,6,12,6,3.0\n7,2,7,2,5.0\n"
+    model = structure_of(tmp_path, "12,1,12,1,2.0\n7,2,7,2,1.5\n", stiffness)
+    assert model.dofs == ("7:2", "12:1", "12:6")
+    assert model.kinds == ("translation", "translation", "rotation")
+    np.testing.assert_array_equal(model.M, np.diag([1.5, 2.0, 0.0]))
+    np.testing.assert_array_equal(model.K, [[5, 0, 0], [0, 4, 1], [0, 1, 3]])
+
+
+def test_triplets_may_end_before_the_last_massless_dof(tmp_path):
+    model = structure_of(tmp_path, "1 1 2.0\n", "1 1 2.0\n2 2 3.0\n")
+    np.testing.assert_array_equal(model.M, np.diag([2.0, 0.0]))
+
+
+def test_damping_may_be_made_from_mass_and_stiffness(tmp_path):
+    text = "1 1 2.0\n2 2 3.0\n"
+    model = structure_of(tmp_path, text, text, damping=Proportional(0.5, 0.25))
+    np.testing.assert_array_equal(model.C, 0.75 * model.K)
+    assert structure_of(tmp_path, text, text, damping=Modal(0.1)).C[0, 0] == pytest.approx(0.4)
+
+
+def test_labels_and_joints_may_be_given(tmp_path):
+    text = "1 1 2.0\n2 2 3.0\n"
+    model = structure_of(
+        tmp_path, text, text, labels=["left", "right"], joints=[Joint("j", ("right", 1), 5.0)]
+    )
+    np.testing.assert_array_equal(model.with_joints()[2], [[7, -5], [-5, 8]])
+    with pytest.raises(UsageError, match="there are 1 DOF labels, but 2 DOFs") as caught:
+        structure_of(tmp_path, text, text, labels=["left"])
+    assert caught.value.names == ("labels",)
+
+
+@pytest.mark.parametrize(
+    ("mass", "stiffness", "said", "part"),
+    [
+        ("1 1 1\n2 2 1\n", "1 1 2\n1 2 5\n2 1 2.0\n2 2 9\n", r"\(1, 2\) is 5, \(2, 1\) is 2", "stiffness"),
+        ("1 1 1\n2 2 -1\n", "1 1 2\n2 2 1\n", r"mass is negative: entry \(2, 2\) is -1", "mass"),
+        ("1 1 1\n2 2 1\n", "1 1 2\n2 2 nan\n", r"no number at entry \(2, 2\): nan", "stiffness"),
+        ("1 1 1\n2 2 1\n", "1 1 2\n2 2 1\n2 1 5\n", r"indefinite: entry \(\d, \d\) is 5", "stiffness"),
+        (
+            "%%MatrixMarket matrix coordinate real symmetric\n3 3 3\n1 1 1\n2 2 1\n3 3 1\n",
+            "%%MatrixMarket matrix coordinate real symmetric\n2 2 2\n1 1 1\n2 2 1\n",
+            "stiffness matrix is 2 x 2, but must be 3 x 3",
+            "stiffness",
+        ),
+    ],
+)  # fmt: skip
+def test_matrices_that_are_no_structure_are_refused_by_entry(tmp_path, mass, stiffness, said, part):
+    with pytest.raises(UsageError, match=said) as caught:
+        structure_of(tmp_path, mass, stiffness)
+    assert caught.value.names[0] == part
+
+
+@needs_data
+@pytest.mark.parametrize("pair", ["01", "03", "08"])
+def test_the_harwell_boeing_pairs_have_their_published_eigenvalues(pair):
+    model = imported(MatrixFile(FE / f"bcsstm{pair}.mtx"), MatrixFile(FE / f"bcsstk{pair}.mtx"))
+    known = json.loads((FE / "eigenvalues.json").read_text())[f"bcsstk{pair}/bcsstm{pair}"]
+    assert model.size == known["n"]
+    assert model.is_sparse == (known["n"] > 400)
+    M, _, K = model.dense()
+    assert np.count_nonzero(np.diag(M) == 0) == known["zero_mass_dofs"]
+    n = model.size
+    mu = eigh(M, K, eigvals_only=True, subset_by_index=[n - 12, n - 1])
+    # mu = 1/lambda, the largest ones: accurate to rounding times the condition of K (up to 3e7).
+    np.testing.assert_allclose(1 / mu[::-1], known["lowest_lambda"], rtol=1e-8)
+
+
+@needs_data
+def test_the_abaqus_block_is_free():
+    model = imported(MatrixFile(FE / "blockC3D8_MASS1.mtx"), MatrixFile(FE / "blockC3D8_STIF1.mtx"))
+    M, _, K = model.dense()
+    assert model.size == 528
+    square = eigh(K, M, eigvals_only=True, subset_by_index=[0, 6])
+    assert np.all(np.abs(square[:6]) < 1e-9 * square[6])
+
+
+# --- state spaces ----------------------------------------------------------------------------------
+
+
+def state_space_file(folder, matrices, **ports):
+    M, C, K = matrices
+    n = len(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    savemat(folder / "s.mat", {"A": A, **ports})
+    return folder / "s.mat"
+
+
+def chain():
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((5, 5))
+    M = np.diag(rng.uniform(1, 3, 5)) + 0.1 * np.ones((5, 5))
+    K = root @ root.T
+    return M, 0.3 * M + 0.01 * K, K
+
+
+def test_a_port_tells_the_matrices_behind_a_state_space(tmp_path):
+    M, C, K = chain()
+    b, zero = np.linalg.solve(M, np.eye(5)[:, 2]), np.zeros((5, 1))
+    far = np.linalg.solve(M, np.eye(5)[:, 0])
+    B = np.block([[zero, zero], [far[:, None], b[:, None]]])
+    rows = np.concatenate([np.zeros((1, 5)), np.eye(5)[[2]]], axis=1)
+    model = from_state_space(state_space_file(tmp_path, (M, C, K), B=B, C=rows))
+    for found, exact in zip((model.M, model.C, model.K), (M, C, K), strict=True):
+        np.testing.assert_allclose(found, exact, atol=1e-10 * np.abs(exact).max())
+
+
+def test_without_a_port_the_mass_is_the_one_closest_to_unity(tmp_path):
+    M, C, K = chain()
+    M = np.eye(5) + 1e-3 * K
+    model = from_state_space(state_space_file(tmp_path, (M, C, K)))
+    np.testing.assert_allclose(model.M @ np.linalg.solve(M, K), model.K, atol=1e-9 * np.abs(K).max())
+    assert np.linalg.norm(model.M - np.eye(5)) <= np.linalg.norm(M - np.eye(5)) + 1e-12
+    same = from_state_space(state_space_file(tmp_path, (np.eye(5), 0.3 * np.eye(5), K)))
+    np.testing.assert_allclose(same.M, np.eye(5), atol=1e-12)
+
+
+def test_damping_that_couples_modes_tells_modal_masses(tmp_path):
+    M, _, K = chain()
+    C = np.zeros((5, 5))
+    C[0, 0] = 1.0
+    model = from_state_space(state_space_file(tmp_path, (M, C, K)))
+    scale = model.M[0, 0] / M[0, 0]
+    np.testing.assert_allclose(model.M, scale * M, atol=1e-6)
+    np.testing.assert_allclose(model.C, scale * C, atol=1e-6)
+
+
+def test_state_spaces_of_no_structure_are_refused(tmp_path):
+    M, C, K = chain()
+    swirl = np.zeros((5, 5))
+    swirl[0, 1], swirl[1, 0] = 5.0, -5.0
+    for spoilt, said in (
+        ((M, C + swirl, K), "damping"),
+        ((M, C, K + 10 * swirl), "eigenvalue"),
+        ((M, C, -K), "eigenvalue"),
+    ):
+        with pytest.raises(UsageError, match=said) as caught:
+            from_state_space(state_space_file(tmp_path, spoilt))
+        assert caught.value.names == ("state_space",)
+    savemat(tmp_path / "s.mat", {"A": np.eye(4)})
+    with pytest.raises(UsageError, match=r"not \[0 I\]: entry \(1, 1\) is 1"):
+        from_state_space(tmp_path / "s.mat")
+    savemat(tmp_path / "s.mat", {"A": np.eye(3)})
+    with pytest.raises(UsageError, match="3 x 3; that of a structure is square and even"):
+        from_state_space(tmp_path / "s.mat")
+
+
+@needs_data
+def test_the_slicot_building_is_recovered_from_its_state_space():
+    from scipy.io import loadmat
+
+    model = from_state_space(FE / "official_building.mat")
+    stored = loadmat(FE / "official_building.mat")
+    A, B, C = (part.toarray() if hasattr(part, "toarray") else part for part in (stored[n] for n in "ABC"))
+    assert model.size == 24
+    flexibility = np.linalg.solve(model.M, np.concatenate([model.K, model.C], axis=1))
+    # The published matrix has its states rounded to some eight digits: its damping is symmetric to those.
+    np.testing.assert_allclose(flexibility, -A[24:], atol=1e-7 * np.abs(A[24:]).max())
+    for omega in (5.2, 24.5, 80.0):
+        exact = (C @ np.linalg.solve(1j * omega * np.eye(48) - A, B)).item()
+        dynamic = model.K + 1j * omega * model.C - omega**2 * model.M
+        found = 1j * omega * np.linalg.solve(dynamic, model.row(1))[0]
+        assert found == pytest.approx(exact, rel=1e-7)
+    assert np.linalg.eigvalsh(model.M)[0] > 0.7 * np.linalg.eigvalsh(model.M)[-1]
