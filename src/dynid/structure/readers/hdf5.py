@@ -25,7 +25,7 @@ def shapes(path: Path) -> dict[str, tuple[int, ...]]:
         if "#" not in name and not any(name.startswith(f"{outer}/") for outer in found):
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and item.ndim == 2:
                 found[name] = tuple(item.shape)
-            elif isinstance(item, h5py.Group) and _layout(item):
+            elif isinstance(item, h5py.Group) and _is_sparse(item):
                 found[name] = _sparse_shape(item)
         return True if len(found) > _MOST_NAMES else None
 
@@ -40,7 +40,7 @@ def load(path: Path, name: str) -> Matrix:
 
     with read_errors(path, _WHAT), h5py.File(path, "r") as store:
         item = store.get(name)
-        if isinstance(item, h5py.Group) and _layout(item):
+        if isinstance(item, h5py.Group) and _is_sparse(item):
             return _sparse(path, item)
         if not isinstance(item, h5py.Dataset):
             raise FileError(f"{path} has no matrix '{name}'")
@@ -49,17 +49,20 @@ def load(path: Path, name: str) -> Matrix:
         return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
 
+def _is_sparse(group: Any) -> bool:
+    """Tell whether a group holds a sparse matrix, as MATLAB or SciPy and AnnData lay it out."""
+    return "MATLAB_sparse" in group.attrs or {"data", "indices", "indptr"} <= set(group)
+
+
 def _layout(group: Any) -> str:
-    """Return how a group holds a sparse matrix: csc, csr, matlab, or nothing."""
+    """Return how a group holds its sparse matrix: matlab, csc or csr."""
     if "MATLAB_sparse" in group.attrs:
         return "matlab"
-    if {"data", "indices", "indptr"} <= set(group):
-        return str(_text(group.attrs.get("encoding-type", _value(group, "format", "csc"))))[:3]
-    return ""
+    return str(_text(group.attrs.get("encoding-type", _value(group, "format", "csc"))))[:3]
 
 
 def _sparse_shape(group: Any) -> tuple[int, ...]:
-    if _layout(group) == "matlab":
+    if "MATLAB_sparse" in group.attrs:
         columns = len(group["jc"]) - 1 if "jc" in group else 0
         return int(group.attrs["MATLAB_sparse"]), columns
     shape = group.attrs.get("shape", _value(group, "shape", ()))
