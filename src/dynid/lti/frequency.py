@@ -18,8 +18,9 @@ ComplexArray = NDArray[np.complex128]
 QUANTITIES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 """Output quantities with the power of i omega each takes (receptance, mobility, accelerance)."""
 
-# Condition beyond which an answer in double precision keeps fewer than two digits.
-_WORST_CONDITION = 1e14
+WORST_CONDITION = 1e14
+"""Condition beyond which an answer in double precision keeps fewer than two digits."""
+
 _RESIDUAL = 1e-12
 
 
@@ -139,7 +140,7 @@ def _checked_solve(Z: ComplexArray, right: Array, omega: Array) -> ComplexArray:
         solution = np.linalg.solve(Z, right.astype(complex))
     except np.linalg.LinAlgError:
         smallest = np.linalg.svd(Z, compute_uv=False)[:, -1]
-        raise _on_a_pole(float(omega[np.argmin(smallest)])) from None
+        raise on_a_pole(float(omega[np.argmin(smallest)])) from None
     size = np.abs(Z).sum(axis=2).max(axis=1, initial=0.0)
     growth = np.abs(solution[:, :, -1]).max(axis=1, initial=0.0) / np.abs(right[:, :, -1]).max(
         axis=1, initial=1.0
@@ -148,13 +149,14 @@ def _checked_solve(Z: ComplexArray, right: Array, omega: Array) -> ComplexArray:
     allowed = _RESIDUAL * (
         size[:, None] * np.abs(solution).max(axis=1, initial=0.0) + np.abs(right).max(axis=1, initial=0.0)
     )
-    bad = (size * growth > _WORST_CONDITION) | ~np.all(residual <= allowed, axis=1)
+    bad = (size * growth > WORST_CONDITION) | ~np.all(residual <= allowed, axis=1)
     if bad.any():
-        raise _on_a_pole(float(omega[np.argmax(bad)]))
+        raise on_a_pole(float(omega[np.argmax(bad)]))
     return np.asarray(solution)
 
 
-def _on_a_pole(omega: float) -> Singular:
+def on_a_pole(omega: float) -> Singular:
+    """Return the refusal of a frequency at which a response is infinite."""
     return Singular(
         f"the frequency response at {omega:.12g} rad/s is infinite or cannot be told from it: "
         "that frequency lies on an undamped pole",

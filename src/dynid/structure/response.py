@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
-from dynid.lti.frequency import QUANTITIES, second_order_response
+from dynid.lti.frequency import QUANTITIES
 from dynid.lti.propagate import response
 from dynid.lti.signals import Signal
 from dynid.result import Result
+from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.state_space import state_space
@@ -66,6 +67,9 @@ def frequency_response(
     outputs: Sequence[Channel],
     omega: ArrayLike,
     values: Mapping[str, float] | None = None,
+    *,
+    method: str = "auto",
+    accuracy: float = 1e-8,
 ) -> Result:
     """Return the responses at `outputs` to unit forces at the DOFs `inputs`.
 
@@ -81,23 +85,29 @@ def frequency_response(
         Angular frequencies, rad/s.
     values
         Unknown joint parameters by name.
+    method, accuracy
+        As of `dynid.structure.frf.frequency_response_functions`.
 
     Returns
     -------
     Result
         ``structure/frequency_response/{omega, output, unit, input, response}``; ``unit`` is along ``output``.
+        Attributes `method`, `modes` and `error` say how the response was computed and how well.
 
     Raises
     ------
     Singular
         If a frequency lies on an undamped natural frequency.
+    NumericalError
+        If modes do not reach the accuracy.
     UsageError
         If a DOF or quantity does not exist or an unknown parameter has no value.
     """
-    forces, rows, orders = ports(model, inputs, outputs)
-    M, C, K = model.dense(values)
+    where = Ports(*ports(model, inputs, outputs))
     w = np.atleast_1d(np.asarray(omega, dtype=float))
-    H = second_order_response(M, C, K, forces, rows, orders, w)
+    found = frequency_response_functions(
+        *model.with_joints(values), where, w, method=method, accuracy=accuracy
+    )
     result = Result("structure")
     group = "structure/frequency_response"
     result.add_axis(f"{group}/omega", w, "rad/s")
@@ -105,7 +115,8 @@ def frequency_response(
     result.add_axis(f"{group}/input", [str(dof) for dof in inputs])
     units = [f"{channel.unit}/N" for channel in outputs]
     result.add(f"{group}/unit", units, ("output",))
-    result.add(f"{group}/response", H, ("omega", "output", "input"), common_unit(units))
+    result.add(f"{group}/response", found.response, ("omega", "output", "input"), common_unit(units))
+    result.annotate(group, method=found.method, modes=found.modes, error=found.error)
     return result
 
 

@@ -82,6 +82,12 @@ def bare(A: csc_array, name: str, *, definite: bool) -> Solver:
             remedy=f"Install the package {backend.requirement}, or use splu, which is always there.",
             names=(name,),
         )
+    if np.iscomplexobj(A) and name != "splu":
+        raise UsageError(
+            f"the factorisation backend {name} takes real matrices only",
+            remedy="Of complex ones use splu.",
+            names=(name,),
+        )
     if not (definite or backend.indefinite):
         takes = ", ".join(other for other, its in BACKENDS.items() if its.indefinite)
         raise UsageError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,12 @@ class Factor:
     matrix: csc_array
     solver: Solver
     size: float
+
+    @cached_property
+    def condition(self) -> float:
+        """A lower bound of the condition, sharp to a small factor: how a random right-hand side grows."""
+        b = np.random.Generator(np.random.PCG64(0)).standard_normal(self.matrix.shape[0])
+        return self.size * float(np.abs(self.solve(b)).max(initial=0.0) / np.abs(b).max(initial=1.0))
 
     @property
     def memory(self) -> int:
@@ -97,7 +104,8 @@ def factorise(A: csc_array, backend: str = "splu", *, definite: bool = False) ->
     Parameters
     ----------
     A
-        The matrix (n x n), symmetric, scaled so that its entries are of like size.
+        The matrix (n x n), symmetric, scaled so that its entries are of like size. A complex one, symmetric
+        too and not Hermitian, is taken by `splu` alone.
     backend
         One of `BACKENDS`.
     definite
@@ -114,11 +122,11 @@ def factorise(A: csc_array, backend: str = "splu", *, definite: bool = False) ->
     """
     if not issparse(A) or A.shape[0] != A.shape[1]:
         raise UsageError("a matrix to be factorised must be sparse and square")
-    A = csc_array(A, dtype=float)
+    A = csc_array(A, dtype=complex if np.iscomplexobj(A) else float)
     A.sort_indices()
     if not np.isfinite(A.data).all():
         raise UsageError("a matrix to be factorised has entries that are not finite numbers")
     size = float(np.asarray(abs(A).sum(axis=0)).max(initial=0.0))
     factor = Factor(backend, A, bare(A, backend, definite=definite), size)
-    factor.solve(np.random.Generator(np.random.PCG64(0)).standard_normal(A.shape[0]))
+    _ = factor.condition  # which is a checked solve
     return factor

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
@@ -16,11 +18,11 @@ _THRESHOLD = 1e-3
 
 
 class _Factors:
-    def __init__(self, lu: SuperLU) -> None:
-        self._lu = lu
+    def __init__(self, lu: SuperLU, dtype: np.dtype[Any]) -> None:
+        self._lu, self._dtype = lu, dtype
 
     def solve(self, b: Array) -> Array:
-        return np.asarray(self._lu.solve(np.asarray(b, dtype=float)))
+        return np.asarray(self._lu.solve(np.asarray(b, dtype=self._dtype)))
 
     @property
     def negatives(self) -> int | None:
@@ -28,7 +30,7 @@ class _Factors:
 
         Then P A Pᵀ = L U with unit L; A symmetric, so that U = D Lᵀ and D is congruent to A.
         """
-        if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+        if self._dtype.kind == "c" or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
             return None
         return int(np.count_nonzero(self._lu.U.diagonal() < 0))
 
@@ -53,4 +55,4 @@ def factorised(A: csc_array, *, definite: bool) -> _Factors:
             "the matrix is exactly singular",
             remedy="Look for DOFs without mass and stiffness, or shift the matrix.",
         ) from None
-    return _Factors(lu)
+    return _Factors(lu, A.dtype)

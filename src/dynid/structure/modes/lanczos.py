@@ -21,8 +21,8 @@ _CONVERGED = 1e-10
 _RESTARTS = 200
 # What is left of a vector that lies in the span of the others.
 _NOTHING = 1e-11
-# Steps between looks at the convergence.
-_LOOK = 3
+# Steps between looks at the convergence, at least; and as a part of the modes asked for.
+_LOOK, _LOOK_PART = 3, 8
 
 
 def largest(
@@ -63,10 +63,11 @@ def largest(
     if known is not None:
         basis.hold(*known)
     alive = basis.begin()
+    look = max(_LOOK, count // _LOOK_PART)
     for _ in range(_RESTARTS):
         while alive and basis.size < basis.width:
             alive = basis.extend()
-            if basis.size >= count + 2 and basis.size % _LOOK == 0 and basis.converged() >= count:
+            if basis.size >= count + 2 and basis.size % look == 0 and basis.converged() >= count:
                 return basis.pairs(count)
         if not alive:  # the whole space is spanned: all pairs are exact
             return basis.pairs(min(count, basis.size))

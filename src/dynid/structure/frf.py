@@ -1,0 +1,239 @@
+"""Frequency response functions: by solving at every frequency, or on modes with residual vectors.
+
+Both give ``(i omega)^p rows (K + i omega C - omega^2 M)^-1 forces``: receptance (p = 0), mobility (1) and
+accelerance (2). The modes of the band, completed by what static solutions of forces and read-outs leave over
+(residual vectors, D. J. Rixen, Proc. IMAC XIX (2001); of higher orders, as A. Y. T. Leung 1978), make a small
+model that keeps the damping between them; vectors are added until the response stands.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import NumericalError, UsageError
+from dynid.lti.frequency import WORST_CONDITION, on_a_pole, second_order_response
+from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
+from dynid.structure.modes import modes
+from dynid.structure.modes.pencil import scaled, times
+from dynid.words import did_you_mean
+
+if TYPE_CHECKING:
+    from dynid.structure.factorisation import Factor
+    from dynid.structure.modes.pencil import Pencil
+
+ComplexArray = NDArray[np.complex128]
+
+METHODS = ("auto", "direct", "modal")
+"""How a response can be computed."""
+
+# Up to this size a dense solution at every frequency is the simplest and the most accurate.
+_DENSE = 400
+# A sparse solution at this many frequencies takes as long as the modes of the band.
+_FEW = 8
+# Modes are kept up to this multiple of the highest frequency.
+_BAND = 1.5
+_MOST_ORDERS = 16
+_INDEPENDENT = 1e-9
+
+
+class Ports(NamedTuple):
+    """Force directions (n x inputs), displacement rows (outputs x n), and powers of i omega (outputs)."""
+
+    forces: Array
+    rows: Array
+    powers: list[int]
+
+
+class FrequencyResponse(NamedTuple):
+    """A response (omega x output x input) and how it was found.
+
+    `method` is direct or modal; `modes` is how many are kept, 0 of a direct solution, `vectors` the number of
+    residual vectors beside them. `error` is relative to the sum of a channel's response and its median: of
+    modal responses the larger of the last change and of the difference from a direct solution where that
+    change was largest and at the highest frequency; 0 of direct ones, whose solutions are checked.
+    """
+
+    response: ComplexArray
+    method: str
+    modes: int
+    vectors: int
+    error: float
+
+
+def frequency_response_functions(
+    M: Matrix,
+    C: Matrix,
+    K: Matrix,
+    ports: Ports,
+    omega: ArrayLike,
+    *,
+    method: str = "auto",
+    accuracy: float = 1e-8,
+    backend: str = "splu",
+) -> FrequencyResponse:
+    """Compute frequency response functions.
+
+    Parameters
+    ----------
+    M, C, K
+        Mass, damping and stiffness (n x n), dense or sparse.
+    ports
+        Where forces act and what is read.
+    omega
+        Angular frequencies, rad/s.
+    method
+        ``direct``; ``modal``; or ``auto``: modal where matrices are large and sparse and frequencies many.
+    accuracy
+        Relative error that is asked for of modal responses.
+    backend
+        Factorisation backend of modes and residual vectors.
+
+    Raises
+    ------
+    Singular
+        If a frequency lies on an undamped pole, to rounding.
+    NumericalError
+        If the accuracy is not reached by modes; a direct solution does.
+    UsageError
+        If there is no such method.
+    """
+    w = np.atleast_1d(np.asarray(omega, dtype=float))
+    if method not in METHODS:
+        raise UsageError(
+            f"there is no way {method!r} to a frequency response{did_you_mean(method, METHODS)}",
+            remedy=f"Use one of {', '.join(METHODS)}.",
+            names=(method,),
+        )
+    if method == "auto":
+        large = is_sparse(K) and K.shape[0] > _DENSE
+        method = "modal" if large and len(w) > _FEW and accuracy >= 1e-10 else "direct"
+    if method == "direct":
+        return FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
+    return by_modes(M, C, K, ports, w, accuracy, backend)
+
+
+def direct(M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array) -> ComplexArray:
+    """Solve with the dynamic stiffness at every frequency.
+
+    Raises
+    ------
+    Singular
+        If a frequency lies on an undamped pole, to rounding.
+    """
+    if not is_sparse(K) or K.shape[0] <= _DENSE:
+        return second_order_response(as_array(M), as_array(C), as_array(K), *ports, omega)
+    out = np.empty((len(omega), len(ports.rows), ports.forces.shape[1]), dtype=complex)
+    for at, w in enumerate(omega):
+        X = _solved(M, C, K, ports.forces, float(w))
+        out[at] = (1j * w) ** np.array(ports.powers)[:, None] * (ports.rows @ X)
+    return out
+
+
+def _solved(M: Matrix, C: Matrix, K: Matrix, forces: Array, omega: float) -> Array | ComplexArray:
+    """Return the displacements (n x inputs) at one frequency."""
+    from scipy.sparse import csc_array
+
+    from dynid.structure.factorisation import factorise
+
+    damping = csc_array(C)
+    Z = csc_array(K) - omega**2 * csc_array(M)
+    if omega and damping.nnz:
+        Z = Z + csc_array(1j * omega * damping.astype(complex))
+    weight = np.abs(K.diagonal()) + omega**2 * np.abs(M.diagonal()) + omega * np.abs(C.diagonal())
+    scale = np.exp2(np.round(-0.5 * np.log2(np.where(weight > 0, weight, 1.0))))
+    Z = csc_array(Z)
+    Z.data *= scale[Z.indices] * np.repeat(scale, np.diff(Z.indptr))
+    try:
+        factor = factorise(Z)
+    except NumericalError:
+        raise on_a_pole(omega) from None
+    if factor.condition > WORST_CONDITION:
+        raise on_a_pole(omega)
+    return np.asarray(scale[:, None] * factor.solve(scale[:, None] * forces))
+
+
+def by_modes(
+    M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, accuracy: float, backend: str = "splu"
+) -> FrequencyResponse:
+    """Compute the response of the modes of the band with residual vectors.
+
+    Raises
+    ------
+    Singular
+        If a frequency lies on an undamped pole, to rounding.
+    NumericalError
+        If the accuracy is not reached.
+    """
+    from scipy.sparse import csc_array
+
+    from dynid.structure.factorisation import factorise
+
+    kept, limit = 0, _BAND * float(omega.max(initial=0.0))
+    pencil = scaled(csc_array(K), csc_array(M))
+    basis = np.zeros((pencil.size, 0))
+    if limit > 0:
+        found = modes(M, C, K, below=limit, backend="dense" if pencil.size <= _DENSE else backend)
+        kept = len(found.omega)
+        basis = _orthonormal(found.shapes / pencil.scale[:, None], basis)
+    shifted = csc_array(pencil.K + pencil.shift * pencil.M)
+    factor: Factor = factorise(shifted, backend, definite=True)
+    block = factor.solve(pencil.scale[:, None] * np.column_stack([ports.forces, ports.rows.T]))
+    before, change = _projected(M, C, K, ports, omega, pencil, basis), np.full(len(omega), np.inf)
+    for _ in range(_MOST_ORDERS):
+        new = _orthonormal(block, basis)
+        basis = np.column_stack([basis, new])
+        response = _projected(M, C, K, ports, omega, pencil, basis)
+        change, before = _difference(response, before), response
+        if change.max(initial=0.0) <= accuracy or not new.shape[1]:
+            break
+        block = factor.solve(times(pencil.M, new))
+    error = max(float(change.max(initial=0.0)), _checked(M, C, K, ports, omega, response, change))
+    if error > 10 * accuracy:
+        raise NumericalError(
+            f"the response of {kept} modes and {basis.shape[1] - kept} residual vectors has errors of "
+            f"{error:.1g}",
+            remedy="Compute it by direct solution, or ask for less accuracy.",
+        )
+    return FrequencyResponse(response, "modal", kept, basis.shape[1] - kept, error)
+
+
+def _projected(
+    M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, pencil: Pencil, basis: Array
+) -> ComplexArray:
+    """Return the response of the model in a scaled basis."""
+    T = pencil.scale[:, None] * basis
+    small = [T.T @ times(matrix, T) for matrix in (M, C, K)]
+    M_, C_, K_ = ((matrix + matrix.T) / 2 for matrix in small)
+    if not T.shape[1]:
+        return np.zeros((len(omega), len(ports.rows), ports.forces.shape[1]), dtype=complex)
+    return second_order_response(M_, C_, K_, T.T @ ports.forces, ports.rows @ T, ports.powers, omega)
+
+
+def _orthonormal(vectors: Array, basis: Array) -> Array:
+    """Return what the vectors add to an orthonormal basis, orthonormal; nothing where they add nothing."""
+    size = np.linalg.norm(vectors, axis=0)
+    new = vectors / np.where(size > 0, size, 1.0)
+    for _ in range(2):
+        new = new - basis @ (basis.T @ new)
+        Q, values, _ = np.linalg.svd(new, full_matrices=False)
+        new = Q[:, values > _INDEPENDENT]
+    return np.asarray(new)
+
+
+def _difference(one: ComplexArray, other: ComplexArray) -> Array:
+    """Return, by frequency, how far two responses differ at most, relative to the sizes of the channels."""
+    size = np.abs(one) + np.median(np.abs(one), axis=0)
+    return np.asarray((np.abs(one - other) / np.where(size > 0, size, 1.0)).max(axis=(1, 2), initial=0.0))
+
+
+def _checked(
+    M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, response: ComplexArray, change: Array
+) -> float:
+    """Return the difference from direct solutions at the highest frequency and at the worst one."""
+    at = np.unique([int(np.argmax(omega)), int(np.argmax(change))])
+    exact = response.copy()
+    exact[at] = direct(M, C, K, ports, omega[at])
+    return float(_difference(exact, response).max(initial=0.0))
