@@ -1,0 +1,66 @@
+"""Component mode synthesis with fixed interfaces.
+
+Source: R. R. Craig & M. C. C. Bampton, AIAA J. 6 (1968) 1313–1319.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynid.lti.floating import guarded
+from dynid.structure.matrices import Label
+from dynid.structure.model import StructuralModel
+from dynid.structure.reduction.guyan import constraint_modes
+from dynid.structure.reduction.masters import Masters
+from dynid.structure.reduction.reduction import Reduction, masters_alone
+from dynid.structure.reduction.selection import Interest, ModeRange, selected, wanted_modes
+from dynid.structure.reduction.static import partition
+
+
+@dataclass(frozen=True)
+class CraigBampton:
+    """Static condensation on the boundary, with modes of the structure whose boundary is held.
+
+    Exact for any joint between boundary DOFs as all modes are taken. Coordinates are the boundary's
+    displacements, then the modal ones of the fixed-interface modes.
+
+    Parameters
+    ----------
+    masters
+        The boundary: labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads.
+    modes
+        Fixed-interface modes: numbers or a range; a count of 0 is static condensation. Absent: those of
+        the band.
+    interest
+        What the model is for.
+    """
+
+    masters: Sequence[Label] | Masters | None = None
+    modes: Sequence[int] | ModeRange | None = None
+    interest: Interest = field(default_factory=Interest)
+
+    @guarded("the Craig–Bampton reduction")
+    def reduce(self, model: StructuralModel) -> Reduction:
+        """Reduce a structure.
+
+        Raises
+        ------
+        UsageError
+            If masters or modes do not exist or stand twice.
+        Singular
+            If the inside is not held by the boundary.
+        """
+        cut = partition(model, masters_alone(model, self.masters, self.interest))
+        static = constraint_modes(cut)
+        wanted = wanted_modes(self.modes, self.interest, None)
+        if wanted == ModeRange(count=0):
+            return Reduction(model.projected(cut.basis(static), cut.labels), cut.labels)
+        M, C, K = (cut.inner(matrix) for matrix in (model.M, model.C, model.K))
+        fixed = selected((M, C, K), wanted)
+        names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
+        # Of unit stiffness as well as the boundary's, whatever the units: modes of unit size at their largest.
+        shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
+        return Reduction(model.projected(cut.basis(static, shapes), names), cut.labels, fixed.numbers)

@@ -1,0 +1,226 @@
+"""Masters: the DOFs that a reduced model keeps, given or chosen, and whether they see the modes.
+
+Sources: pivoted QR of the mode matrix's rows, G. H. Golub & C. F. Van Loan, *Matrix Computations*, 5.4;
+effective independence, D. C. Kammer, *J. Guidance, Control, and Dynamics* 14 (1991) 251–259.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Singular, UsageError
+from dynid.structure.labels import listed
+from dynid.structure.matrices import Array, Label
+from dynid.structure.model import StructuralModel
+
+Indices = NDArray[np.int64]
+
+Choice = Literal["qr", "effective-independence", "mass"]
+
+HOPELESS = 1 / float(np.sqrt(np.finfo(float).eps))
+"""Condition of the modes at the masters beyond which half of all digits are lost: they are refused."""
+
+# A combination of modes that masters see less than this, relative to the modes, is to be seen by others.
+_BARELY = 1e-3
+# Effective independence drops DOFs one by one below this number, above it a tenth at a time.
+_ONE_BY_ONE = 2000
+
+
+@dataclass(frozen=True)
+class Masters:
+    """How to choose masters.
+
+    Parameters
+    ----------
+    count
+        Their number; absent: one a mode.
+    choose
+        ``qr``: column-pivoted QR of the mode matrix's rows; ``effective-independence``: drop the DOFs that
+        add least to the modes' information (Kammer); ``mass``: the largest diagonal masses, which often
+        see the modes badly and are there for comparison.
+    """
+
+    count: int | None = None
+    choose: Choice = "qr"
+
+    def __post_init__(self) -> None:
+        if self.count is not None and self.count < 1:
+            raise UsageError("at least one master is needed", names=("masters",))
+        if self.choose not in get_args(Choice):
+            raise UsageError(
+                f"masters cannot be chosen by {self.choose!r}",
+                remedy=f"Use one of {', '.join(get_args(Choice))}.",
+                names=("masters",),
+            )
+
+
+def chosen(choose: Choice, count: int, shapes: Array, mass: Array) -> Indices:
+    """Return the indices of `count` DOFs, ascending.
+
+    Parameters
+    ----------
+    choose
+        The rule, as of `Masters`.
+    count
+        How many.
+    shapes
+        The modes to be seen (n x r); `mass` needs none.
+    mass
+        Diagonal of the mass matrix (n).
+
+    Raises
+    ------
+    UsageError
+        If there are not that many DOFs.
+    """
+    if count > len(mass):
+        raise UsageError(
+            f"{count} masters are asked for, but the structure has {len(mass)} DOFs", names=("masters",)
+        )
+    if choose == "mass":
+        return np.sort(np.argsort(-mass, kind="stable")[:count])
+    if choose == "qr":
+        return _pivoted(count, shapes)
+    return _effectively_independent(count, shapes)
+
+
+def completed(given: Indices, shapes: Array) -> Indices:
+    """Add DOFs to the given ones, by pivoted QR of what these do not see of the modes, until all are seen.
+
+    Parameters
+    ----------
+    given
+        Indices of the DOFs taken for granted.
+    shapes
+        The modes (n x r).
+    """
+    _, s, Vt = np.linalg.svd(shapes[given])
+    rank = int(np.count_nonzero(s > _BARELY * _typical(shapes)))
+    unseen = shapes @ Vt[rank:].T
+    unseen[given] = 0.0
+    more = _pivots(unseen)[: shapes.shape[1] - rank]
+    return np.sort(np.concatenate([given, more]))
+
+
+def _pivoted(count: int, shapes: Array) -> Indices:
+    """Choose by pivoted QR; beyond one DOF a mode, the others see all modes over again."""
+    taken = _pivots(shapes)[: min(count, shapes.shape[1])]
+    while len(taken) < count:
+        rest = np.setdiff1d(np.arange(len(shapes)), taken)
+        again = rest[_pivots(shapes[rest])]
+        taken = np.concatenate([taken, again[: min(count - len(taken), shapes.shape[1])]])
+    return np.sort(taken)
+
+
+def _pivots(shapes: Array) -> Indices:
+    """Return the DOFs in the order in which column-pivoted QR of the modes' rows takes them."""
+    from scipy.linalg import qr  # heavy import, needed here only
+
+    return np.asarray(qr(shapes.T, mode="r", pivoting=True)[1], dtype=np.int64)
+
+
+def _typical(shapes: Array) -> float:
+    """Return the size of the modes where they are seen well."""
+    return float(np.abs(shapes).max(axis=0, initial=0.0).min(initial=np.inf))
+
+
+def _effectively_independent(count: int, shapes: Array) -> Indices:
+    """Drop the DOFs of least leverage until `count` are left (Kammer's backward deletion)."""
+    if count < shapes.shape[1]:
+        raise UsageError(
+            f"{count} masters cannot tell {shapes.shape[1]} modes apart", names=("masters",)
+        )
+    kept = np.arange(len(shapes))
+    while len(kept) > count:
+        Q = np.linalg.qr(shapes[kept])[0]
+        leverage = np.einsum("ij,ij->i", Q, Q)
+        spare = len(kept) - max(count, _ONE_BY_ONE)
+        if spare <= 0:
+            return _dropped_singly(kept, count, Q)
+        drop = min(spare, max(1, len(kept) // 10))
+        kept = np.delete(kept, np.argsort(leverage, kind="stable")[:drop])
+    return kept
+
+
+def _dropped_singly(kept: Indices, count: int, Q: Array) -> Indices:
+    """Drop one DOF after the other, the orthogonal factor brought up to date by a Householder reflection.
+
+    Removing the row q of an orthonormal Q multiplies what is left by (I - q q^T)^(-1/2).
+    """
+    Q = Q.copy()
+    while len(kept) > count:
+        leverage = np.einsum("ij,ij->i", Q, Q)
+        k = int(np.argmin(leverage))
+        q, size = Q[k], float(leverage[k])
+        Q, kept = np.delete(Q, k, axis=0), np.delete(kept, k)
+        if 0 < size < 1:
+            Q += np.outer(Q @ q, q) * ((1 / np.sqrt(1 - size) - 1) / size)
+    return kept
+
+
+def indices_of(model: StructuralModel, dofs: Sequence[Label], key: str = "masters") -> Indices:
+    """Return the indices of DOFs given by their labels under a key of a scene, by default masters.
+
+    Raises
+    ------
+    UsageError
+        If a DOF is named twice or does not exist, or none is named.
+    """
+    try:
+        given = [model.index(dof) for dof in dofs]
+    except UsageError as error:
+        raise UsageError(error.problem, remedy=error.remedy, names=(key,)) from None
+    if not given:
+        raise UsageError(f"the {key} name no DOF", remedy="Name at least one.", names=(key,))
+    twice = [dof for place, dof in enumerate(dofs) if given[place] in given[:place]]
+    if twice:
+        raise UsageError(f"DOF {twice[0]} stands twice among the {key}", names=(key,))
+    return np.array(given, dtype=np.int64)
+
+
+def checked_condition(seen: Array, numbers: Sequence[int], masters: Sequence[Label]) -> float:
+    """Return the condition of the modes at the masters.
+
+    Parameters
+    ----------
+    seen
+        The modes at the masters, U_m (m x r), normed to unit modal mass.
+    numbers
+        The modes' numbers (r).
+    masters
+        The masters' labels (m).
+
+    Raises
+    ------
+    UsageError
+        If there are more modes than masters.
+    Singular
+        If a mode is invisible at the masters: the condition is beyond 1/sqrt(eps).
+    """
+    if len(numbers) > len(masters):
+        raise UsageError(
+            f"{len(numbers)} modes are more than {_counted(masters)} can tell apart",
+            remedy="Take fewer modes or more masters; `masters: {count: N}` chooses them.",
+            names=("modes",),
+        )
+    _, s, Vt = np.linalg.svd(seen)
+    if s[-1] * HOPELESS > s[0]:
+        return float(s[0] / s[-1])
+    least = np.abs(Vt[-1])
+    hidden = [number for number, part in zip(numbers, least, strict=True) if part > 0.1 * least.max()]
+    subject = f"mode {hidden[0]} is" if len(hidden) == 1 else f"a combination of the modes {listed(hidden)} is"
+    raise Singular(
+        f"{subject} invisible at the {_counted(masters)} {listed(masters)} "
+        f"(condition {s[0] / s[-1] if s[-1] else np.inf:.2g})",
+        remedy="Add a master where it moves, leave it out, or let `masters: {choose: qr}` choose.",
+        names=("masters",),
+    )
+
+
+def _counted(masters: Sequence[Label]) -> str:
+    return f"{len(masters)} master{'s' * (len(masters) != 1)}"

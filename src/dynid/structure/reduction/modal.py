@@ -1,0 +1,85 @@
+"""Modal truncation with residual vectors.
+
+Source: T. G. Dickens, J. M. Nakagawa & M. J. Wittbrodt, *Computers & Structures* 62 (1997) 985–998.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dynid.lti.floating import guarded
+from dynid.structure.matrices import Array, Label
+from dynid.structure.model import StructuralModel
+from dynid.structure.reduction.masters import indices_of
+from dynid.structure.reduction.reduction import Reduction, interesting
+from dynid.structure.reduction.selection import Interest, ModeRange, Selected, selected, wanted_modes
+from dynid.structure.reduction.static import solver
+
+# The shift that holds rigid-body modes, relative to the square of the lowest elastic frequency.
+_SHIFT = 1e-4
+# A residual vector that the modes span but for this part of its energy is none.
+_SPANNED = 1e-12
+
+
+@dataclass(frozen=True)
+class Modal:
+    """Modes of the structure without its joints, and the static response to loads that they leave out.
+
+    Coordinates are modal ones; residual vectors are scaled to unit stiffness. They make the model exact at
+    rest for loads on their DOFs, joints' forces included.
+
+    Parameters
+    ----------
+    modes
+        Numbers from 1, rigid-body modes included, or a range. Absent: those of the band.
+    residuals
+        DOFs whose loads get residual vectors. Absent: those of joints, sensors and loads; none: ``()``.
+    interest
+        What the model is for.
+    """
+
+    modes: Sequence[int] | ModeRange | None = None
+    residuals: Sequence[Label] | None = None
+    interest: Interest = field(default_factory=Interest)
+
+    @guarded("the modal reduction")
+    def reduce(self, model: StructuralModel) -> Reduction:
+        """Reduce a structure.
+
+        Raises
+        ------
+        UsageError
+            If modes or DOFs do not exist or stand twice.
+        """
+        basis = selected((model.M, model.C, model.K), wanted_modes(self.modes, self.interest, None))
+        loads = interesting(model, self.interest)
+        if self.residuals is not None:
+            loads = indices_of(model, self.residuals, "residuals") if self.residuals else loads[:0]
+        extra = _residuals(model, basis, loads)
+        names = [f"mode_{number}" for number in basis.numbers]
+        names += [f"residual_{k}" for k in range(1, extra.shape[1] + 1)]
+        T = np.concatenate([basis.shapes, extra], axis=1)
+        return Reduction(model.projected(T, names), (), basis.numbers)
+
+
+def _residuals(model: StructuralModel, basis: Selected, loads: Array) -> Array:
+    """Return static responses to unit loads beyond the modes, of unit stiffness and orthogonal (n x k)."""
+    if not len(loads):
+        return np.empty((model.size, 0))
+    elastic = basis.omega[basis.omega > 0]
+    largest = float(np.abs(model.K.diagonal()).max() / max(np.abs(model.M.diagonal()).max(), 1e-300))
+    shift = _SHIFT * (elastic.min() ** 2 if len(elastic) else 1e-8 * largest)
+    held = model.K + shift * model.M
+    forces = np.zeros((model.size, len(loads)))
+    forces[loads, np.arange(len(loads))] = 1.0
+    X = solver(held, "the static response does not exist", "Check the stiffness of massless DOFs.")(forces)
+    energy = np.einsum("ij,ij->j", X, held @ X)
+    X = X / np.sqrt(energy)
+    for _ in range(2):  # twice is enough
+        X = X - basis.shapes @ (basis.shapes.T @ (model.M @ X))
+    values, vectors = np.linalg.eigh(X.T @ (held @ X))
+    kept = values > _SPANNED
+    return np.asarray(X @ (vectors[:, kept] / np.sqrt(values[kept])))

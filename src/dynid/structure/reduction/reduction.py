@@ -1,0 +1,103 @@
+"""What every reduction method returns, and the masters where none are given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid.errors import UsageError
+from dynid.structure.matrices import Array, Label
+from dynid.structure.model import StructuralModel
+from dynid.structure.reduction.masters import Indices, Masters, chosen, completed, indices_of
+from dynid.structure.reduction.selection import Interest, ModeRange, selected, wanted_modes
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """A reduced model and how it came about.
+
+    Attributes
+    ----------
+    model
+        The reduced model; it expands back to all DOFs (``model.expand``).
+    masters
+        Labels of the masters.
+    modes
+        Numbers of the modes that the basis is made of: of the structure that the method takes them from.
+    condition
+        Condition of the modes at the masters, where the basis is made of modes.
+    """
+
+    model: StructuralModel
+    masters: tuple[Label, ...] = ()
+    modes: tuple[int, ...] = ()
+    condition: float = 1.0
+
+    @property
+    def T(self) -> Array:
+        """The basis (n x r)."""
+        assert self.model.basis is not None
+        return self.model.basis.T
+
+
+def masters_for_modes(
+    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest, shapes: Array
+) -> Indices:
+    """Return masters that shall see these modes.
+
+    Parameters
+    ----------
+    model
+        The full structure.
+    given
+        Labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads, and as many others as
+        it takes to see all the modes.
+    interest
+        The DOFs of sensors and loads.
+    shapes
+        The modes (n x r).
+    """
+    if given is None:
+        return completed(interesting(model, interest), shapes)
+    if isinstance(given, Masters):
+        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
+    return indices_of(model, given)
+
+
+def masters_alone(
+    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest
+) -> Indices:
+    """Return the masters of a method that is not made of modes.
+
+    Absent: the DOFs of joints, sensors and loads. A rule to choose by looks at as many of the lowest modes
+    as masters are wanted; without a count, at those of the band.
+
+    Raises
+    ------
+    UsageError
+        If nothing says which or how many.
+    """
+    if isinstance(given, Masters):
+        if given.choose == "mass" and given.count is not None:
+            return chosen("mass", given.count, np.empty((model.size, 0)), model.M.diagonal())
+        wanted = wanted_modes(None, interest, given.count)
+        if isinstance(wanted, ModeRange) and wanted.count is not None:
+            wanted = ModeRange(count=min(wanted.count, model.size))
+        shapes = selected((model.M, model.C, model.K), wanted).shapes
+        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
+    masters = interesting(model, interest) if given is None else indices_of(model, given)
+    if not len(masters):
+        raise UsageError(
+            "nothing says which DOFs are masters: there are no joints, sensors or loads",
+            remedy="Give `masters: [DOF, …]`, or `masters: {count: N}` to have them chosen.",
+            names=("masters",),
+        )
+    return masters
+
+
+def interesting(model: StructuralModel, interest: Interest) -> Indices:
+    dofs = [dof for joint in model.joints for dof in joint.dofs]
+    labels = list(dict.fromkeys(model.label(dof) for dof in [*dofs, *interest.dofs]))
+    return indices_of(model, labels) if labels else np.array([], dtype=np.int64)

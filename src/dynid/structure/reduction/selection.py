@@ -1,0 +1,151 @@
+"""Which modes a basis is made of, and which DOFs it must show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dynid.errors import UsageError
+from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.modes import modes
+from dynid.structure.reduction.masters import Masters
+
+BAND = 2.0
+"""Without modes given, all below the band of interest times this are kept."""
+
+
+@dataclass(frozen=True)
+class ModeRange:
+    """The lowest modes: so many, or all below a frequency.
+
+    Parameters
+    ----------
+    count
+        Their number, rigid-body modes included.
+    below
+        The highest frequency, rad/s.
+    """
+
+    count: int | None = None
+    below: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.count is None) == (self.below is None):
+            raise UsageError("modes are given by their 'count' or as those 'below' a frequency", names=("modes",))
+        if self.count is not None and self.count < 0:
+            raise UsageError("a number of modes is not negative", names=("modes",))
+        if self.below is not None and not (math.isfinite(self.below) and self.below > 0):
+            raise UsageError("the frequency below which modes are kept must be positive", names=("modes",))
+
+
+@dataclass(frozen=True)
+class Interest:
+    """What a reduced model is for: what is not given is chosen from it.
+
+    Parameters
+    ----------
+    dofs
+        DOFs of sensors and loads; those of the joints are always of interest.
+    band
+        The highest frequency of excitation or response, rad/s.
+    """
+
+    dofs: tuple[Label, ...] = ()
+    band: float | None = None
+
+
+class Selected(NamedTuple):
+    """Modes by `numbers` (from 1): `omega` (r), rad/s, and `shapes` (n x r), normed to unit modal mass."""
+
+    numbers: tuple[int, ...]
+    omega: Array
+    shapes: Array
+
+
+def selected(matrices: tuple[Matrix, Matrix, Matrix], wanted: Sequence[int] | ModeRange) -> Selected:
+    """Compute the modes asked for.
+
+    Parameters
+    ----------
+    matrices
+        M, C, K of the structure that they are of.
+    wanted
+        Numbers, from 1 upwards in frequency, rigid-body modes included; or the lowest ones.
+
+    Raises
+    ------
+    UsageError
+        If a number stands twice or there are not so many modes.
+    """
+    if isinstance(wanted, ModeRange):
+        found = modes(*matrices, count=wanted.count, below=wanted.below)
+        if wanted.below is not None and not len(found.omega):
+            raise UsageError(f"no mode lies below {wanted.below:g} rad/s", names=("modes",))
+        numbers = tuple(range(1, len(found.omega) + 1))
+        if wanted.count is not None and len(numbers) < wanted.count:
+            raise _too_few(wanted.count, len(numbers))
+        return Selected(numbers, found.omega, found.shapes)
+    numbers = _checked(wanted)
+    found = modes(*matrices, count=max(numbers))
+    if len(found.omega) < max(numbers):
+        raise _too_few(max(numbers), len(found.omega))
+    places = np.array(numbers) - 1
+    return Selected(numbers, found.omega[places], found.shapes[:, places])
+
+
+def wanted_modes(
+    given: Sequence[int] | ModeRange | None, interest: Interest, masters: int | None
+) -> Sequence[int] | ModeRange:
+    """Return the modes to keep; where none are given one a master, else those of the band.
+
+    Parameters
+    ----------
+    given
+        What is asked for.
+    interest
+        What the model is for.
+    masters
+        The number of masters, if that is fixed.
+    """
+    if given is not None:
+        return given
+    if masters is not None:
+        return ModeRange(count=masters)
+    if interest.band is not None:
+        return ModeRange(below=BAND * interest.band)
+    raise UsageError(
+        "nothing says which modes to keep",
+        remedy="Give `modes: [1, 2, …]`, `{count: N}` or `{below: OMEGA}`.",
+        names=("modes",),
+    )
+
+
+def fixed_count(masters: Sequence[Label] | Masters | None) -> int | None:
+    """Return how many masters are asked for, where that is said."""
+    if masters is None:
+        return None
+    return masters.count if isinstance(masters, Masters) else len(masters)
+
+
+def _checked(numbers: Sequence[int]) -> tuple[int, ...]:
+    given = tuple(numbers)
+    if not given:
+        raise UsageError("no modes are given", remedy="Name at least one.", names=("modes",))
+    if min(given) < 1:
+        raise UsageError(f"modes count from 1; there is no mode {min(given)}", names=("modes",))
+    twice = [number for place, number in enumerate(given) if number in given[:place]]
+    if twice:
+        raise UsageError(f"the mode {twice[0]} is named twice", names=("modes",))
+    return given
+
+
+def _too_few(wanted: int, found: int) -> UsageError:
+    return UsageError(
+        f"there is no mode {wanted}: the structure has {found}",
+        remedy="Massless DOFs have no modes of their own.",
+        names=("modes",),
+    )

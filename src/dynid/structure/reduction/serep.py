@@ -1,0 +1,108 @@
+"""SEREP: the system equivalent reduction expansion process, on modes that are selected by number.
+
+Sources: K. T. Yang 1997, eqs 4–9; J. O'Callahan, P. Avitabile & R. Riemer, IMAC 1989.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dynid.lti.floating import guarded
+from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.model import StructuralModel
+from dynid.structure.reduction.masters import Masters, checked_condition
+from dynid.structure.reduction.reduction import Reduction, masters_for_modes
+from dynid.structure.reduction.selection import (
+    Interest,
+    ModeRange,
+    Selected,
+    fixed_count,
+    selected,
+    wanted_modes,
+)
+
+
+@dataclass(frozen=True)
+class Serep:
+    """SEREP on modes of the structure without its joints (Yang, eqs 2, 4–9).
+
+    With as many masters as modes the coordinates are the masters' displacements: ``T = U U_m^-1`` (eq 8).
+    With more masters ``T = U U_m^+`` (eq 7) would have dependent columns, and eq 9 a singular mass: the
+    coordinates are then the modal ones, ``T = U``, and the masters those displacements that determine them.
+    Both span the same motions, so that the models agree.
+
+    Parameters
+    ----------
+    masters
+        Labels, or a rule to choose by (`Masters`). Absent: the DOFs of joints, sensors and loads, with
+        others where these do not see all the modes.
+    modes
+        Numbers from 1, rigid-body modes included, or a range (`ModeRange`). Absent: one a master; with no
+        masters either, all of the band.
+    interest
+        What the model is for.
+    """
+
+    masters: Sequence[Label] | Masters | None = None
+    modes: Sequence[int] | ModeRange | None = None
+    interest: Interest = field(default_factory=Interest)
+
+    def reduce(self, model: StructuralModel) -> Reduction:
+        """Reduce a structure.
+
+        Raises
+        ------
+        UsageError
+            If masters or modes do not exist, stand twice, or the modes are more than the masters.
+        Singular
+            If a mode is invisible at the masters.
+        """
+        return on_modes(model, (model.M, model.C, model.K), self.masters, self.modes, self.interest)
+
+
+@guarded("the reduction on modes")
+def on_modes(
+    model: StructuralModel,
+    matrices: tuple[Matrix, Matrix, Matrix],
+    masters: Sequence[Label] | Masters | None,
+    modes: Sequence[int] | ModeRange | None,
+    interest: Interest,
+) -> Reduction:
+    """Reduce a structure on modes of `matrices`: its own, or those with joints."""
+    basis = selected(matrices, wanted_modes(modes, interest, fixed_count(masters)))
+    kept = masters_for_modes(model, masters, interest, basis.shapes)
+    labels = tuple(model.dofs[k] for k in kept)
+    seen = basis.shapes[kept]
+    condition = checked_condition(seen, basis.numbers, labels)
+    if len(kept) == len(basis.numbers):
+        inverse = np.linalg.inv(seen)
+        T = basis.shapes @ inverse
+        T[kept] = np.eye(len(kept))
+        names: tuple[Label, ...] = labels
+    else:
+        inverse, T = np.eye(len(basis.numbers)), basis.shapes
+        names = tuple(f"mode_{number}" for number in basis.numbers)
+    return Reduction(_projected(model, matrices, basis, T, inverse, names), labels, basis.numbers, condition)
+
+
+def _projected(
+    model: StructuralModel,
+    matrices: tuple[Matrix, Matrix, Matrix],
+    basis: Selected,
+    T: Array,
+    inverse: Array,
+    names: tuple[Label, ...],
+) -> StructuralModel:
+    """Project (eq 9), the stiffness by what the modes say of it: ``T^T K T = W^T Omega^2 W``, W = U_m^-1.
+
+    The product loses as many digits as the stiffness is worse conditioned than its low modes; the
+    frequencies do not. What joints are in the modes' stiffness is taken off again.
+    """
+    reduced = model.projected(T, names)
+    extra = matrices[2] - model.K
+    scaled = basis.omega[:, None] * inverse
+    K = scaled.T @ scaled - T.T @ (extra @ T)
+    return replace(reduced, K=(K + K.T) / 2)
