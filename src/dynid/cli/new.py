@@ -24,6 +24,7 @@ def new(name: str, output: str | None, force: bool, stages: int | None, distinct
     \b
     bond-graph      transfer functions, zeros, poles and responses of a motor
     identification  joints of a chain of masses, from a record
+    reduction       reductions of a beam, compared
     structure       frequency and time response of a chain of masses
     chain           a bond graph of any length: --stages N masses, springs and dampers
     """  # noqa: D301 - click's mark against wrapping

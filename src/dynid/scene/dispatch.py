@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 _RUNNERS = {
     "bond-graph": "dynid.scene.kinds.bond_graph",
     "identification": "dynid.scene.kinds.identification",
+    "reduction": "dynid.scene.kinds.reduction",
 }
 
 

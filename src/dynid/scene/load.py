@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 KINDS = {
     "bond-graph": ("dynid.scene.schema.bond_graph", "BondGraphScene"),
     "identification": ("dynid.scene.schema.identification", "IdentificationScene"),
+    "reduction": ("dynid.scene.schema.reduction", "ReductionScene"),
 }
 
 

@@ -28,6 +28,8 @@ _WANTED = {
     "model_attributes_type": "a mapping",
 }
 _BOUNDS = {"greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:,.12g}"}
+#: What tells the members of a union apart that are no models of their own.
+_FORMS = ("list", "mapping")
 _ENDS = {"too_short": "least", "too_long": "most"}
 
 
@@ -82,12 +84,13 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
             (*path, loc[-1]), f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'", key=True
         )
     if kind == "union_tag_not_found":
-        for key in (other for other in error["input"] if did_you_mean(str(other), ["kind"])):
-            message = f"'{key}' is not a key of {_dotted(path)}; did you mean 'kind'?"
+        tag = _tag(error)
+        for key in (other for other in error["input"] if did_you_mean(str(other), [tag])):
+            message = f"'{key}' is not a key of {_dotted(path)}; did you mean '{tag}'?"
             return source.fault((*path, key), message, key=True)
-        return source.fault((*path, "kind"), f"{_dotted(path)} needs the key 'kind'", key=True)
+        return source.fault((*path, tag), f"{_dotted(path)} needs the key '{tag}'", key=True)
     message = _message(kind, error, path)
-    place = (*path, "kind") if kind == "union_tag_invalid" else path
+    place = (*path, _tag(error)) if kind == "union_tag_invalid" else path
     return source.fault(place, message, key=loc[-1:] == ("[key]",))
 
 
@@ -101,7 +104,7 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
         expected = str(context.get("expected") or context.get("expected_tags"))
         options = [option.strip(" '\"") for option in expected.replace(" or ", ", ").split(",")]
         if kind == "union_tag_invalid":
-            key, given = "'kind'", given["kind"]
+            key, given = f"'{_tag(error)}'", given[_tag(error)]
         choice = f"is one of {', '.join(options)}" if len(options) > 1 else f"can only be {options[0]}"
         return f"{key} cannot be {_shown(given)}; it {choice}{did_you_mean(str(given), options)}"
     if kind in _WANTED:
@@ -115,6 +118,11 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
         return f"{key} has {context['actual_length']} entries; it takes at {_ENDS[kind]} {bound}"
     message = str(error["msg"])
     return f"{key} is {_shown(given)}: {message[:1].lower()}{message[1:]}"
+
+
+def _tag(error: dict[str, Any]) -> str:
+    """Return the key that tells the members of a union apart."""
+    return str(error["ctx"]["discriminator"]).strip("'")
 
 
 def _shown(given: Any) -> str:
@@ -161,6 +169,8 @@ def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
         if chosen is not None:
             current = chosen
             continue
+        if part in _FORMS:
+            continue
         holder = next((option for option in options if _is_model(option)), None)
         if holder is not None and part in holder.model_fields:
             current = holder.model_fields[part].annotation
@@ -189,7 +199,8 @@ def _is_model(option: Any) -> bool:
 
 def _is_tagged(option: Any, tag: Any) -> bool:
     """Tell whether an option is the member of a discriminated union that this tag selects."""
-    if not _is_model(option) or "kind" not in option.model_fields:
+    if not _is_model(option):
         return False
-    annotation = option.model_fields["kind"].annotation
-    return get_origin(annotation) is Literal and tag in get_args(annotation)
+    fields = (option.model_fields.get(key) for key in ("kind", "method"))
+    annotations = (field.annotation for field in fields if field is not None)
+    return any(get_origin(one) is Literal and tag in get_args(one) for one in annotations)

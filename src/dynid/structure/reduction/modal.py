@@ -62,7 +62,7 @@ class Modal:
         names = [f"mode_{number}" for number in basis.numbers]
         names += [f"residual_{k}" for k in range(1, extra.shape[1] + 1)]
         T = np.concatenate([basis.shapes, extra], axis=1)
-        return Reduction(model.projected(T, names), (), basis.numbers)
+        return Reduction(model.projected(T, names), (), basis.numbers, retained=not model.joints)
 
 
 def _residuals(model: StructuralModel, basis: Selected, loads: Array) -> Array:

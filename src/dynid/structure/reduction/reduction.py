@@ -28,12 +28,15 @@ class Reduction:
         Numbers of the modes that the basis is made of: of the structure that the method takes them from.
     condition
         Condition of the modes at the masters, where the basis is made of modes.
+    retained
+        Whether these modes are those of the structure with its joints, so that the reduced model has them.
     """
 
     model: StructuralModel
     masters: tuple[Label, ...] = ()
     modes: tuple[int, ...] = ()
     condition: float = 1.0
+    retained: bool = False
 
     @property
     def T(self) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid.errors import UsageError
 from dynid.structure.matrices import Array, Label, Matrix
-from dynid.structure.modes import modes
+from dynid.structure.reduction.spectrum import modes
 from dynid.structure.reduction.masters import Masters
 
 BAND = 2.0

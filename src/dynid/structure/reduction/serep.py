@@ -60,7 +60,8 @@ class Serep:
         Singular
             If a mode is invisible at the masters.
         """
-        return on_modes(model, (model.M, model.C, model.K), self.masters, self.modes, self.interest)
+        found = on_modes(model, (model.M, model.C, model.K), self.masters, self.modes, self.interest)
+        return replace(found, retained=not model.joints)
 
 
 @guarded("the reduction on modes")
@@ -85,7 +86,8 @@ def on_modes(
     else:
         inverse, T = np.eye(len(basis.numbers)), basis.shapes
         names = tuple(f"mode_{number}" for number in basis.numbers)
-    return Reduction(_projected(model, matrices, basis, T, inverse, names), labels, basis.numbers, condition)
+    reduced = _projected(model, matrices, basis, T, inverse, names)
+    return Reduction(reduced, labels, basis.numbers, condition, retained=True)
 
 
 def _projected(

@@ -1,0 +1,111 @@
+"""The screen of a comparison of reductions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from io import StringIO
+
+import numpy as np
+
+from dynid.cli.summary.numbers import quantity
+from dynid.result import Result
+
+#: Frequencies that a row still shows.
+_SHOWN = 4
+
+
+def method(result: Result) -> str:
+    """Name the kind of analysis."""
+    count = len(_names(result))
+    return f"reduction · {count} method{'s' * (count != 1)}"
+
+
+def lines(result: Result) -> list[str]:
+    """Return the screen, line by line."""
+    size = len(result["reduction/dof"].data)
+    took = _seconds(result.group_attrs.get("reduction", {}).get("seconds"))
+    effort = f"; its modes took {took}" if took else ""
+    return [f"  {size} DOFs{effort}", "", *_table(result), "", *_notes(result)]
+
+
+def _names(result: Result) -> list[str]:
+    return list(result["reduction/method"].data)
+
+
+def _table(result: Result) -> list[str]:
+    """Return one row a method: natural frequencies with the joints, what is wrong with them, and the cost."""
+    from rich.console import Console
+    from rich.table import Table
+
+    reference = {
+        int(number): float(omega)
+        for name in _names(result)
+        for number, omega in zip(_of(result, name, "mode"), _of(result, name, "reference"), strict=True)
+    }
+    shown = sorted(reference)[:_SHOWN]
+    responses = "reduction/frf/frac" in result
+    table = Table(box=None, padding=(0, 2), show_edge=False, header_style="")
+    headings = ["", "size", *(f"ω{number}" for number in shown), "worst error", "least MAC"]
+    for heading in [*headings, *(["least FRAC"] if responses else []), "condition", "time", "memory"]:
+        table.add_column(heading, justify="right" if heading else "left")
+    blank = [""] * (5 + responses)
+    table.add_row(
+        "full", str(len(result["reduction/dof"].data)), *(_omega(reference[k]) for k in shown), *blank
+    )
+    for place, name in enumerate(_names(result)):
+        table.add_row(name, *_row(result, name, shown), *_fractions(result, place), *_cost(result, name))
+    out = StringIO()
+    Console(file=out, width=200, color_system=None).print(table)
+    return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
+
+
+def _row(result: Result, name: str, shown: Iterable[int]) -> list[str]:
+    found = dict(zip(_of(result, name, "mode").tolist(), _of(result, name, "frequencies"), strict=True))
+    error = np.abs(_of(result, name, "frequency_error"))
+    agreement = np.diagonal(_of(result, name, "mac"))
+    return [
+        str(len(_of(result, name, "coordinate"))),
+        *(_omega(found[k]) if k in found else "" for k in shown),
+        f"{100 * error.max():.2g} %" if len(error) else "",
+        f"{agreement.min():.3f}" if len(agreement) else "",
+    ]
+
+
+def _fractions(result: Result, place: int) -> list[str]:
+    if "reduction/frf/frac" not in result:
+        return []
+    return [f"{result['reduction/frf/frac'].data[place].min():.3f}"]
+
+
+def _cost(result: Result, name: str) -> list[str]:
+    attrs = result.group_attrs.get(f"reduction/{name}", {})
+    peak = attrs.get("peak_megabytes")
+    condition = result.value(f"reduction/{name}/condition")
+    return [
+        f"{condition:.2g}" if len(_of(result, name, "modes")) and len(_of(result, name, "masters")) else "",
+        _seconds(attrs.get("seconds")),
+        f"{peak:.1f} MB" if isinstance(peak, float) else "",
+    ]
+
+
+def _notes(result: Result) -> Iterable[str]:
+    yield "  ω in rad/s, joints included; errors over all modes of the reduced model"
+    for name in _names(result):
+        masters = _of(result, name, "masters")
+        if len(masters):
+            few = ", ".join(map(str, masters[:12])) + (", …" if len(masters) > 12 else "")
+            yield f"  {name}: masters {few}"
+
+
+def _of(result: Result, name: str, part: str) -> np.ndarray:
+    return result[f"reduction/{name}/{part}"].data
+
+
+def _omega(value: float) -> str:
+    return quantity(value) if value else "0"
+
+
+def _seconds(value: object) -> str:
+    if not isinstance(value, float):
+        return ""
+    return f"{value:.2g} s" if value >= 1 else f"{1000 * value:.2g} ms"

@@ -1,0 +1,71 @@
+"""From a scene's reductions to the methods that make them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import NumericalError, UsageError
+from dynid.scene.schema.reduction import DynamicModel, MastersModel, ModesModel, in_radians
+from dynid.structure.reduction.masters import Masters
+from dynid.structure.reduction.methods import METHODS, Reductor
+from dynid.structure.reduction.selection import Interest, ModeRange
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.reduction import Reduction
+    from dynid.structure.model import StructuralModel
+    from dynid.structure.reduction.reduction import Reduction as Reduced
+
+
+class LocatedReductor:
+    """A method, whose errors name its place in the scene."""
+
+    def __init__(self, method: Reductor, place: str) -> None:
+        self.method = method
+        self.place = place
+
+    def reduce(self, model: StructuralModel) -> Reduced:
+        """Reduce a structure, as the method does."""
+        with _placed(self.place):
+            return self.method.reduce(model)
+
+
+def build_reductor(part: Reduction, interest: Interest, place: str) -> LocatedReductor:
+    """Build a reduction method from its part of a scene.
+
+    Parameters
+    ----------
+    part
+        The part.
+    interest
+        What the reduced model is for.
+    place
+        The dotted path of the part in the scene.
+    """
+    skipped = {"method", "unit"}
+    given = {name: getattr(part, name) for name in type(part).model_fields if name not in skipped}
+    options = {name: _option(value) for name, value in given.items() if value is not None}
+    if isinstance(part, DynamicModel) and part.frequency is not None:
+        options["frequency"] = in_radians(float(part.frequency), part.unit)
+    with _placed(place):
+        return LocatedReductor(METHODS[part.method](**options, interest=interest), place)
+
+
+def _option(value: Any) -> Any:
+    if isinstance(value, MastersModel):
+        return Masters(value.count, value.choose)
+    if isinstance(value, ModesModel):
+        below = None if value.below is None else in_radians(float(value.below), value.unit)
+        return ModeRange(value.count, below)
+    return value
+
+
+@contextmanager
+def _placed(place: str) -> Iterator[None]:
+    """Name the place of the key that an error is about, else that of the reduction."""
+    try:
+        yield
+    except (UsageError, NumericalError) as error:
+        names = [f"{place}.{name}" for name in error.names]
+        raise type(error)(error.problem, remedy=error.remedy, names=(*names, f"{place}.method")) from error

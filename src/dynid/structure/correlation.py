@@ -1,0 +1,143 @@
+"""How well a reduced model agrees with the full one: frequencies, shapes, responses, energies.
+
+Sources: R. J. Allemang, *Sound and Vibration* 37 (2003) 14–23 (MAC); W. Heylen & S. Lammens, *Proc. Int.
+Conf. Identification in Engineering Systems* 1996 (FRAC).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.structure.joints import Term
+from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.model import StructuralModel
+
+# Frequencies closer than this, relative, are one multiple frequency to double precision.
+_MULTIPLE = 1e-8
+
+
+def frequency_error(found: Array, reference: Array) -> Array:
+    """Return ``found / reference - 1``; of rigid-body modes ``found`` over the lowest elastic frequency.
+
+    Parameters
+    ----------
+    found, reference
+        Natural frequencies (r), rad/s.
+    """
+    elastic = reference[reference > 0]
+    size = np.where(reference > 0, reference, elastic.min() if len(elastic) else 1.0)
+    return np.asarray((found - reference) / size)
+
+
+def mac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
+    """Return the modal assurance criterion ``|a^H b|^2 / (a^H a) (b^H b)`` of all pairs (columns of a x b).
+
+    Parameters
+    ----------
+    a, b
+        Mode shapes (n x r, n x s); a shape that is zero agrees with none.
+    """
+    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    cosine = np.abs(a.conj().T @ b) / np.where(size > 0, size, 1.0)
+    return np.asarray(np.minimum(cosine, 1.0) ** 2)
+
+
+def frac(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
+    """Return the frequency response assurance criterion of each response (… of omega x …).
+
+    ``|sum a conj(b)|^2 / (sum |a|^2 sum |b|^2)`` over the frequencies; two responses of zero agree.
+
+    Parameters
+    ----------
+    a, b
+        Responses (omega x …), of one shape.
+    """
+    a, b = (part / np.where((size := np.abs(part).max(axis=0)) > 0, size, 1.0) for part in (a, b))
+    cross = np.abs((a * b.conj()).sum(axis=0)) ** 2
+    size = (np.abs(a) ** 2).sum(axis=0) * (np.abs(b) ** 2).sum(axis=0)
+    same = np.all(a == b, axis=0)
+    return np.asarray(np.where(size > 0, np.minimum(cross / np.where(size > 0, size, 1.0), 1.0), same))
+
+
+def orthogonality(a: Array, M: Matrix, b: Array) -> Array:
+    """Return the cross-orthogonality ``|a^T M b|`` of shapes, each normed to unit modal mass (r x s)."""
+    Ma, Mb = np.asarray(M @ a), np.asarray(M @ b)
+    size = np.sqrt(np.outer((a * Ma).sum(axis=0), (b * Mb).sum(axis=0)))
+    return np.asarray(np.abs(a.T @ Mb) / np.where(size > 0, size, 1.0))
+
+
+def aligned(shapes: Array, omega: Array, reference: Array, M: Matrix) -> Array:
+    """Turn the modes of each multiple frequency to match the reference: they are free to turn.
+
+    Parameters
+    ----------
+    shapes
+        Shapes of the reduced model at all DOFs (n x r), normed to unit modal mass.
+    omega
+        Its frequencies (r), ascending.
+    reference
+        The shapes to match (n x r).
+    M
+        Mass (n x n).
+    """
+    out = shapes.copy()
+    ends = np.flatnonzero(np.diff(omega) > _MULTIPLE * omega[1:]) + 1
+    for group in np.split(np.arange(len(omega)), ends):
+        if len(group) > 1:
+            left, _, right = np.linalg.svd(shapes[:, group].T @ (M @ reference[:, group]))
+            out[:, group] = shapes[:, group] @ (left @ right)
+    return out
+
+
+def energy_shares(
+    model: StructuralModel,
+    shapes: Array,
+    omega: Array,
+    *,
+    values: Mapping[str, float] | None = None,
+    parts: Mapping[str, Sequence[Label]] | None = None,
+) -> tuple[list[str], Array]:
+    """Return who stores the potential energy of each mode: substructures and joints.
+
+    The energy of the DOFs i of a substructure is ``sum x_i (K x)_i``, so that all of them add up.
+
+    Parameters
+    ----------
+    model
+        The full structure.
+    shapes, omega
+        Shapes at all DOFs (n x r), normed to unit modal mass, and their frequencies (r), rad/s.
+    values
+        Unknown joint parameters by name.
+    parts
+        Substructures: name and DOFs; absent: all is the one ``structure``. What they leave is ``rest``.
+
+    Returns
+    -------
+    list of str, Array
+        Names of the parts, the joints after the substructures, and the shares (r x parts), which are zero
+        in a rigid-body mode.
+    """
+    by_dof = shapes * np.asarray(model.K @ shapes)
+    sets = {name: [model.index(dof) for dof in dofs] for name, dofs in (parts or {}).items()}
+    left = np.setdiff1d(np.arange(model.size), [k for places in sets.values() for k in places])
+    if len(left):
+        sets["rest" if parts else "structure"] = left.tolist()
+    energies = {name: by_dof[places].sum(axis=0) for name, places in sets.items()}
+    for joint in model.joints:
+        ends = np.array([model.row(dof) for dof in joint.dofs]) @ shapes
+        energies[joint.name] = sum(
+            (_value(term, values) * np.einsum("ir,ij,jr->r", ends, term.block, ends))
+            for term in joint.terms
+            if term.letter == "k"
+        ) + np.zeros(len(omega))
+    total = np.where(omega > 0, omega, np.inf) ** 2
+    return list(energies), np.array(list(energies.values())).T / total[:, None]
+
+
+def _value(term: Term, values: Mapping[str, float] | None) -> float:
+    known = term.parameter.value
+    return (values or {})[term.name] if known is None else known
