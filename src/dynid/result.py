@@ -18,6 +18,8 @@ Scalar = str | bool | int | float
 
 # Root attributes that tell how a result came about, and not what it is.
 PROVENANCE = frozenset({"created", "dynid_version", "packages", "python", "scene"})
+# Attributes of groups that tell what the work cost: they differ from run to run.
+COSTS = frozenset({"seconds", "peak_megabytes"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,11 @@ class Variable:
             and self.data.shape == other.data.shape
             and _same_values(self.data, other.data)
         )
+
+
+def without_costs(attrs: Mapping[str, Scalar]) -> dict[str, Scalar]:
+    """Return the attributes that a run gives again."""
+    return {name: value for name, value in attrs.items() if name not in COSTS}
 
 
 def _same_values(a: NDArray[Any], b: NDArray[Any]) -> bool:
@@ -148,7 +155,8 @@ class Result(Mapping[str, Variable]):
         )
 
     def _annotations(self) -> dict[str, dict[str, Scalar]]:
-        groups = {group: attrs for group, attrs in self.group_attrs.items() if attrs}
+        groups = {group: without_costs(attrs) for group, attrs in self.group_attrs.items()}
+        groups = {group: attrs for group, attrs in groups.items() if attrs}
         root = {name: value for name, value in self.attrs.items() if name not in PROVENANCE}
         return groups | {"": groups.get("", {}) | root}
 

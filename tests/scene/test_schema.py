@@ -95,10 +95,10 @@ def test_a_misspelt_key_is_named_once_with_the_key_that_is_meant(kind, path):
     ("text", "fault"),
     [
         ("[]", "1:1: a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'"),
-        ("dynid: 1\n", "1:1: a scene needs the key 'kind': bond-graph, identification"),
+        ("dynid: 1\n", "1:1: a scene needs the key 'kind': bond-graph, identification, reduction"),
         (
             "dynid: 1\nkind: bondgraph\n",
-            "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification; "
+            "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification, reduction; "
             "did you mean 'bond-graph'?",
         ),
     ],

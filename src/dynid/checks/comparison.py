@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.result import Result, Scalar, Variable
+from dynid.result import Result, Scalar, Variable, without_costs
 
 RTOL = 1e-9
 
@@ -26,7 +26,7 @@ class Difference:
 
 
 def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list[Difference]:
-    """List where two results differ by more than tolerances; titles and provenance do not count.
+    """List where two results differ by more than tolerances; titles, provenance and costs do not count.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list
         else:
             found += _attr_differences(path, a[path].attrs, b[path].attrs, rtol, atol)
     for group in sorted(a.group_attrs.keys() | b.group_attrs.keys()):
-        mine, theirs = a.group_attrs.get(group, {}), b.group_attrs.get(group, {})
+        mine, theirs = (without_costs(result.group_attrs.get(group, {})) for result in (a, b))
         found += _attr_differences(group, mine, theirs, rtol, atol)
     return found
 

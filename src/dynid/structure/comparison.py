@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.result import Result
 from dynid.structure import correlation
@@ -72,6 +73,8 @@ def compare(
     UsageError, Singular
         As of the methods.
     """
+    import scipy.linalg  # noqa: F401 - loaded beforehand, so that no method pays for it
+
     candidates = {name: candidate(model, method) for name, method in methods.items()}
     result = Result("reduction")
     result.add_axis("reduction/method", list(methods))
@@ -156,6 +159,6 @@ def _add_responses(
     result.add(f"{group}/frac", np.array(agreement), ("method", "output", "input"))
 
 
-def _response(model: StructuralModel, asked: Responses) -> Array:
+def _response(model: StructuralModel, asked: Responses) -> NDArray[np.complex128]:
     result = frequency_response(model, asked.inputs, asked.outputs, asked.omega)
     return result["structure/frequency_response/response"].data

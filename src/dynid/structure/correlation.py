@@ -87,7 +87,7 @@ def aligned(shapes: Array, omega: Array, reference: Array, M: Matrix) -> Array:
     ends = np.flatnonzero(np.diff(omega) > _MULTIPLE * omega[1:]) + 1
     for group in np.split(np.arange(len(omega)), ends):
         if len(group) > 1:
-            left, _, right = np.linalg.svd(shapes[:, group].T @ (M @ reference[:, group]))
+            left, _, right = np.linalg.svd(shapes[:, group].T @ np.asarray(M @ reference[:, group]))
             out[:, group] = shapes[:, group] @ (left @ right)
     return out
 

@@ -44,7 +44,7 @@ def _table(result: Result) -> list[str]:
     }
     shown = sorted(reference)[:_SHOWN]
     responses = "reduction/frf/frac" in result
-    table = Table(box=None, padding=(0, 2), show_edge=False, header_style="")
+    table = Table(box=None, padding=(0, 1), show_edge=False, header_style="")
     headings = ["", "size", *(f"ω{number}" for number in shown), "worst error", "least MAC"]
     for heading in [*headings, *(["least FRAC"] if responses else []), "condition", "time", "memory"]:
         table.add_column(heading, justify="right" if heading else "left")

@@ -61,5 +61,7 @@ def _responses(model: ReductionScene) -> Responses | None:
     outputs = [Channel(item.dof, item.quantity) for item in model.outputs or ()]
     inputs = model.inputs or dofs[:1]
     return Responses(
-        inputs, outputs or [Channel(dof, "displacement") for dof in dofs], angular_frequencies(model.frequency)
+        inputs,
+        outputs or [Channel(dof, "displacement") for dof in dofs],
+        angular_frequencies(model.frequency),
     )

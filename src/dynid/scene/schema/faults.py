@@ -165,16 +165,15 @@ def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
     current: Any = model
     for part in loc:
         options = list(_unwrapped(current))
-        chosen = next((option for option in options if _is_tagged(option, part)), None)
-        if chosen is not None:
+        models = [option for option in options if _is_model(option)]
+        chosen = next((option for option in models if _is_tagged(option, part)), None)
+        if len(models) == 1 and part in models[0].model_fields:
+            current = models[0].model_fields[part].annotation
+        elif chosen is not None:
             current = chosen
+        elif part in _FORMS:
             continue
-        if part in _FORMS:
-            continue
-        holder = next((option for option in options if _is_model(option)), None)
-        if holder is not None and part in holder.model_fields:
-            current = holder.model_fields[part].annotation
-        elif holder is None:
+        elif not models:
             current = Union[tuple(get_args(option)[-1] for option in options if get_args(option)) or (None,)]  # noqa: UP007
         else:
             return None

@@ -45,7 +45,8 @@ def whole_faults(source: Source, names: Names) -> list[Fault]:
         faults = [*_bond_graph_faults(source), *_initial_faults(source), *_driving_faults(source)]
         faults += _port_faults(source)
     else:
-        faults = _structure_faults(source, names) if kind == "identification" else []
+        faults = _structure_faults(source, names) if kind in ("identification", "reduction") else []
+        faults += _unknown_joint_faults(source) if kind == "reduction" else []
     return [*faults, *_motionless_faults(source)]
 
 
@@ -272,8 +273,37 @@ def _dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
         yield ("analysis", "outputs", place, "dof"), _mapping_of(output).get("dof")
     for path, signal in _excitations(data):
         yield (*path, "dof"), signal.get("dof")
+    yield from _reduction_dofs(data)
     for dof in _mapping(data, "initial"):
         yield ("initial", dof), dof
+
+
+def _reduction_dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
+    """Yield the DOFs that reductions and their comparison name."""
+    parts: list[tuple[tuple[Any, ...], Any]] = [(("reduction",), data.get("reduction"))]
+    parts += [(("reduction", place), part) for place, part in enumerate(_list(data, "reduction"))]
+    for path, part in parts:
+        for key in ("masters", "residuals"):
+            yield from (((*path, key, place), dof) for place, dof in enumerate(_list(part, key)))
+    for place, dof in enumerate(_list(data, "inputs")):
+        yield ("inputs", place), dof
+    for place, output in enumerate(_list(data, "outputs")):
+        yield ("outputs", place, "dof"), _mapping_of(output).get("dof")
+    substructures = _mapping(data, "substructures")
+    for name in substructures:
+        for place, dof in enumerate(_list(substructures, name)):
+            yield ("substructures", name, place), dof
+
+
+def _unknown_joint_faults(source: Source) -> list[Fault]:
+    """Check that all joints are known: reductions are compared at one value of them."""
+    message = "the joints of a comparison are known: give a 'value', or the number alone"
+    return [
+        source.fault(("joints", name, part, "start"), message, key=True)
+        for name, joint in _mapping(source.data, "joints").items()
+        for part in ("k", "c")
+        if "start" in _mapping_of(_mapping_of(joint).get(part))
+    ]
 
 
 def _excitations(data: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:

@@ -15,20 +15,24 @@ from dynid.scene.schema.quantities import NotNegative, Positive, fault
 Unit = Literal["rad/s", "Hz"]
 
 
-def _each_once(listed: list[Any]) -> list[Any]:
-    twice = next((item for place, item in enumerate(listed) if item in listed[:place]), None)
-    if twice is not None:
-        raise fault(f"{twice} stands twice")
-    return listed
+def _once(what: str) -> AfterValidator:
+    """Check that a list names nothing twice."""
+
+    def check(listed: list[Any]) -> list[Any]:
+        twice = next((item for place, item in enumerate(listed) if item in listed[:place]), None)
+        if twice is not None:
+            raise fault(f"{what}{f' {twice}' if isinstance(twice, int | str) else ''} stands twice")
+        return listed
+
+    return AfterValidator(check)
 
 
 def _form(raw: Any) -> str:
     return "mapping" if isinstance(raw, dict) else "list"
 
 
-_ONCE = AfterValidator(_each_once)
-_Dofs = Annotated[list[Dof], Field(min_length=1, max_length=100_000), _ONCE]
-_Numbers = Annotated[list[Annotated[int, Field(ge=1, strict=True)]], Field(min_length=1), _ONCE]
+_Dofs = Annotated[list[Dof], Field(min_length=1, max_length=100_000), _once("DOF")]
+_Numbers = Annotated[list[Annotated[int, Field(ge=1, strict=True)]], Field(min_length=1), _once("mode")]
 
 
 class MastersModel(Part):
@@ -135,17 +139,11 @@ class ModalModel(_Modal):
     """Modes, with residual vectors for loads; absent: at joints, sensors and loads."""
 
     method: Literal["modal"]
-    residuals: Annotated[list[Dof], _ONCE] | None = None
+    residuals: Annotated[list[Dof], _once("DOF")] | None = None
 
 
 Reduction = Annotated[
-    SerepModel
-    | GuyanModel
-    | DynamicModel
-    | IrsModel
-    | CraigBamptonModel
-    | ModalModel
-    | JointAwareModel,
+    SerepModel | GuyanModel | DynamicModel | IrsModel | CraigBamptonModel | ModalModel | JointAwareModel,
     Discriminator("method"),
 ]
 
@@ -173,8 +171,8 @@ class ReductionScene(SceneModel):
     joints: dict[str, JointModel] = {}
     reduction: list[Reduction] = Field(min_length=1, max_length=1000)
     frequency: FrequencyGrid | None = None
-    inputs: Annotated[list[Dof], Field(min_length=1), _ONCE] | None = None
-    outputs: Annotated[list[OutputModel], Field(min_length=1), _ONCE] | None = None
+    inputs: _Dofs | None = None
+    outputs: Annotated[list[OutputModel], Field(min_length=1), _once("this output")] | None = None
     substructures: dict[str, _Dofs] = {}
 
     @model_validator(mode="after")

@@ -61,6 +61,6 @@ class CraigBampton:
         M, C, K = (cut.inner(matrix) for matrix in (model.M, model.C, model.K))
         fixed = selected((M, C, K), wanted)
         names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
-        # Of unit stiffness as well as the boundary's, whatever the units: modes of unit size at their largest.
+        # Of unit size at their largest, like the boundary's coordinates.
         shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
         return Reduction(model.projected(cut.basis(static, shapes), names), cut.labels, fixed.numbers)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
@@ -50,7 +51,7 @@ class Dynamic:
         """
         omega = self._omega()
         cut = partition(model, masters_alone(model, self.masters, self.interest))
-        Z = model.K - omega**2 * model.M
+        Z: Any = model.K - omega**2 * model.M
         solve = solver(
             cut.inner(Z),
             f"the slaves resonate at {omega:g} rad/s while the masters are held: they do not follow",

@@ -21,6 +21,9 @@ from dynid.structure.reduction.reduction import Reduction, masters_alone
 from dynid.structure.reduction.selection import Interest
 from dynid.structure.reduction.static import partition, solver
 
+# A change of the basis, relative to it, that is none.
+_SETTLED = 1e-14
+
 
 @dataclass(frozen=True)
 class Irs:
@@ -34,7 +37,7 @@ class Irs:
     masters, interest
         As of `Guyan`.
     iterations
-        Number of steps; 1 is IRS itself.
+        Number of steps, 1 is IRS itself; it ends earlier where nothing changes any more.
     """
 
     masters: Sequence[Label] | Masters | None = None
@@ -62,8 +65,11 @@ class Irs:
         slaves = static
         for _ in range(self.iterations):
             T = cut.basis(slaves)
-            inertia = model.M @ T
-            slaves = static + solve(inertia[cut.slaves]) @ _accelerations(T.T @ inertia, T.T @ (model.K @ T))
+            inertia = np.asarray(model.M @ T)
+            back = _accelerations(T.T @ inertia, T.T @ np.asarray(model.K @ T))
+            last, slaves = slaves, static + solve(inertia[cut.slaves]) @ back
+            if np.abs(slaves - last).max(initial=0.0) <= _SETTLED * np.abs(slaves).max(initial=0.0):
+                break
         return Reduction(model.projected(cut.basis(slaves), cut.labels), cut.labels)
 
 

@@ -132,9 +132,7 @@ def _typical(shapes: Array) -> float:
 def _effectively_independent(count: int, shapes: Array) -> Indices:
     """Drop the DOFs of least leverage until `count` are left (Kammer's backward deletion)."""
     if count < shapes.shape[1]:
-        raise UsageError(
-            f"{count} masters cannot tell {shapes.shape[1]} modes apart", names=("masters",)
-        )
+        raise UsageError(f"{count} masters cannot tell {shapes.shape[1]} modes apart", names=("masters",))
     kept = np.arange(len(shapes))
     while len(kept) > count:
         Q = np.linalg.qr(shapes[kept])[0]
@@ -213,7 +211,9 @@ def checked_condition(seen: Array, numbers: Sequence[int], masters: Sequence[Lab
         return float(s[0] / s[-1])
     least = np.abs(Vt[-1])
     hidden = [number for number, part in zip(numbers, least, strict=True) if part > 0.1 * least.max()]
-    subject = f"mode {hidden[0]} is" if len(hidden) == 1 else f"a combination of the modes {listed(hidden)} is"
+    subject = (
+        f"mode {hidden[0]} is" if len(hidden) == 1 else f"a combination of the modes {listed(hidden)} is"
+    )
     raise Singular(
         f"{subject} invisible at the {_counted(masters)} {listed(masters)} "
         f"(condition {s[0] / s[-1] if s[-1] else np.inf:.2g})",

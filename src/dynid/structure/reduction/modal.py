@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.masters import indices_of
+from dynid.structure.reduction.masters import Indices, indices_of
 from dynid.structure.reduction.reduction import Reduction, interesting
 from dynid.structure.reduction.selection import Interest, ModeRange, Selected, selected, wanted_modes
 from dynid.structure.reduction.static import solver
@@ -65,18 +66,18 @@ class Modal:
         return Reduction(model.projected(T, names), (), basis.numbers, retained=not model.joints)
 
 
-def _residuals(model: StructuralModel, basis: Selected, loads: Array) -> Array:
+def _residuals(model: StructuralModel, basis: Selected, loads: Indices) -> Array:
     """Return static responses to unit loads beyond the modes, of unit stiffness and orthogonal (n x k)."""
     if not len(loads):
         return np.empty((model.size, 0))
     elastic = basis.omega[basis.omega > 0]
     largest = float(np.abs(model.K.diagonal()).max() / max(np.abs(model.M.diagonal()).max(), 1e-300))
     shift = _SHIFT * (elastic.min() ** 2 if len(elastic) else 1e-8 * largest)
-    held = model.K + shift * model.M
+    held: Any = model.K + shift * model.M
     forces = np.zeros((model.size, len(loads)))
     forces[loads, np.arange(len(loads))] = 1.0
     X = solver(held, "the static response does not exist", "Check the stiffness of massless DOFs.")(forces)
-    energy = np.einsum("ij,ij->j", X, held @ X)
+    energy = (X * np.asarray(held @ X)).sum(axis=0)
     X = X / np.sqrt(energy)
     for _ in range(2):  # twice is enough
         X = X - basis.shapes @ (basis.shapes.T @ (model.M @ X))

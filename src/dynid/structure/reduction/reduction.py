@@ -101,6 +101,7 @@ def masters_alone(
 
 
 def interesting(model: StructuralModel, interest: Interest) -> Indices:
+    """Return the DOFs of joints, then those of sensors and loads, each once."""
     dofs = [dof for joint in model.joints for dof in joint.dofs]
     labels = list(dict.fromkeys(model.label(dof) for dof in [*dofs, *interest.dofs]))
     return indices_of(model, labels) if labels else np.array([], dtype=np.int64)

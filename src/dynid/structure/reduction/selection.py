@@ -11,8 +11,8 @@ import numpy as np
 
 from dynid.errors import UsageError
 from dynid.structure.matrices import Array, Label, Matrix
-from dynid.structure.reduction.spectrum import modes
 from dynid.structure.reduction.masters import Masters
+from dynid.structure.reduction.spectrum import modes
 
 BAND = 2.0
 """Without modes given, all below the band of interest times this are kept."""
@@ -35,7 +35,9 @@ class ModeRange:
 
     def __post_init__(self) -> None:
         if (self.count is None) == (self.below is None):
-            raise UsageError("modes are given by their 'count' or as those 'below' a frequency", names=("modes",))
+            raise UsageError(
+                "modes are given by their 'count' or as those 'below' a frequency", names=("modes",)
+            )
         if self.count is not None and self.count < 0:
             raise UsageError("a number of modes is not negative", names=("modes",))
         if self.below is not None and not (math.isfinite(self.below) and self.below > 0):

@@ -79,7 +79,7 @@ def on_modes(
     seen = basis.shapes[kept]
     condition = checked_condition(seen, basis.numbers, labels)
     if len(kept) == len(basis.numbers):
-        inverse = np.linalg.inv(seen)
+        inverse = np.asarray(np.linalg.inv(seen), dtype=np.float64)
         T = basis.shapes @ inverse
         T[kept] = np.eye(len(kept))
         names: tuple[Label, ...] = labels

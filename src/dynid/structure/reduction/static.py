@@ -35,11 +35,12 @@ class Partition(NamedTuple):
 
     def inner(self, matrix: Matrix) -> Matrix:
         """Return the slaves' rows at the slaves' columns (s x s)."""
-        block: Any = matrix[:, self.slaves][self.slaves]
+        rows: Any = matrix[:, self.slaves]
+        block: Matrix = rows[self.slaves]
         return block
 
     def basis(self, slaves: Array, modes: Array | None = None) -> Array:
-        """Return T (n x (m + k)): the unit matrix at the masters, beside it `slaves` (s x m), `modes` (s x k)."""
+        """Return T (n x (m + k)), unit at the masters, from rows of slaves (s x m) and modes (s x k)."""
         m = len(self.masters)
         T = np.zeros((self.model.size, m + (0 if modes is None else modes.shape[1])))
         T[self.masters, np.arange(m)] = 1.0
