@@ -12,9 +12,9 @@ from dynid.errors import SceneError
 from dynid.scene.load import KINDS, check_source, kind_model
 from dynid.scene.yaml.dump import dump
 from dynid.scene.yaml.source import apply_overrides, parse_source
-from tests.scene.written import ISOLATOR, JOINTS, check, faults_of
+from tests.scene.written import ISOLATOR, JOINTS, REDUCTIONS, check, faults_of
 
-EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS}
+EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS, "reduction": REDUCTIONS}
 WRONG = [
     None, True, -1, 0, 1.5, 10**399, 1e300, 5e-324, math.nan, math.inf, "", "x", "9**9**9", "1/0",
     "on", "{message}",
@@ -70,7 +70,7 @@ def test_any_wrong_value_anywhere_is_a_located_sentence_or_harmless(kind, path):
         for path in paths_in(parse_source(text).data)
         if path
         and isinstance(path[-1], str)
-        and not {"parameters", "nodes", "joints", "initial"} & {*path[-2:-1]}
+        and not {"parameters", "nodes", "joints", "initial", "substructures"} & {*path[-2:-1]}
     ],
     ids=lambda part: part if isinstance(part, str) else ".".join(map(str, part)),
 )

@@ -58,6 +58,31 @@ measurement:
 estimator: {method: filter, passes: 2}
 """
 
+REDUCTIONS = """\
+dynid: 1
+kind: reduction
+structure:
+  lumped:
+    masses: [2, 2, 1.5, 1, 1]
+    links: [{dofs: [1], k: 2.0e4, c: 20}, {dofs: [1, 2], k: 3.0e4, c: 30}, {dofs: [4, 5], k: 2.0e4, c: 20}]
+joints:
+  upper: {dofs: [2, 3], k: 2.0e4, c: 20}
+  lower: {dofs: [3, 4], k: {value: 2.0e4}}
+reduction:
+  - {method: serep, masters: [1, 3, 5], modes: [1, 2, 3]}
+  - {method: joint-aware, masters: {count: 3, choose: qr}, modes: {count: 3}}
+  - {method: guyan}
+  - {method: irs, masters: [1, 3], iterations: 3}
+  - {method: dynamic, masters: [1, 3], frequency: 10, unit: Hz}
+  - {method: craig-bampton, masters: [2, 3, 4], modes: {below: 30, unit: Hz}}
+  - {method: modal, modes: [1, 2], residuals: [5]}
+  - {method: serep, modes: {count: 4}}
+frequency: {start: 10, stop: 100}
+inputs: [5]
+outputs: [{dof: 2, quantity: velocity}]
+substructures: {base: [1, 2]}
+"""
+
 
 def check(text):
     """Read and check a scene."""

@@ -113,3 +113,9 @@ def test_a_soft_suspension_is_no_rigid_body():
     found = modes(*lumped([1.0] * 6, springs).with_joints())
     assert found.rigid == 0
     np.testing.assert_allclose(found.omega[0] ** 2, 1e-7 / 6, rtol=1e-4)
+
+
+def test_masses_that_nothing_holds_are_rigid_bodies():
+    found = modes(np.diag([2.0, 1.0]), np.zeros((2, 2)), np.diag([0.0, 9.0]))
+    np.testing.assert_allclose(found.omega, [0, 3])
+    assert found.rigid == 1

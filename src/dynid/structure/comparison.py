@@ -12,11 +12,10 @@ from dynid.result import Result
 from dynid.structure import correlation
 from dynid.structure.matrices import Array, Label, as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes import Modes
+from dynid.structure.modes import Modes, modes
 from dynid.structure.reduction.cost import Cost, measured
 from dynid.structure.reduction.methods import Reductor
 from dynid.structure.reduction.reduction import Reduction
-from dynid.structure.reduction.spectrum import modes
 from dynid.structure.response import Channel, common_unit, frequency_response
 
 
@@ -120,7 +119,8 @@ def _add(
     masters = [model.index(label) + 1 for label in made.reduction.masters]
     result.add(f"{group}/masters", np.array(masters, dtype=np.int64), ("master",))
     result.add(f"{group}/modes", np.array(made.reduction.modes, dtype=np.int64), ("basis_mode",))
-    result.add(f"{group}/condition", made.reduction.condition)
+    if made.reduction.condition is not None:
+        result.add(f"{group}/condition", made.reduction.condition)
     places = np.array(numbers, dtype=np.int64) - 1
     reference, target = full.omega[places], full.shapes[:, places]
     M = model.with_joints()[0]

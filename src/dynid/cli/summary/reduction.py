@@ -80,9 +80,9 @@ def _fractions(result: Result, place: int) -> list[str]:
 def _cost(result: Result, name: str) -> list[str]:
     attrs = result.group_attrs.get(f"reduction/{name}", {})
     peak = attrs.get("peak_megabytes")
-    condition = result.value(f"reduction/{name}/condition")
+    condition = result.get(f"reduction/{name}/condition")
     return [
-        f"{condition:.2g}" if len(_of(result, name, "modes")) and len(_of(result, name, "masters")) else "",
+        "" if condition is None else f"{condition.data.item():.2g}",
         _seconds(attrs.get("seconds")),
         f"{peak:.1f} MB" if isinstance(peak, float) else "",
     ]

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, cast
 
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies
-from dynid.scene.kinds.identification import build_structure
 from dynid.scene.kinds.reductions import build_reductor
+from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.reduction import ReductionScene, result_names
 from dynid.structure.comparison import Responses, compare
@@ -29,7 +29,7 @@ def run(scene: Scene) -> Result:
         Where masters or modes do not exist.
     """
     model = cast("ReductionScene", scene.model)
-    structure = build_structure(model)
+    structure = build_structure(scene, model.structure, model.joints)
     responses = _responses(model)
     dofs: tuple[Label, ...] = ()
     band = None

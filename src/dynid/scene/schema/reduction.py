@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel
-from dynid.scene.schema.identification import Dof, JointModel, OutputModel, StructureModel
+from dynid.scene.schema.common import Dof, FrequencyGrid, Part, SceneModel
+from dynid.scene.schema.identification import OutputModel
 from dynid.scene.schema.quantities import NotNegative, Positive, fault
+from dynid.scene.schema.structure import JointModel, StructureModel
 
 Unit = Literal["rad/s", "Hz"]
 
@@ -92,7 +93,7 @@ class _OnModes(_Mastered, _Modal):
         return self
 
 
-def _count(given: list[int] | MastersModel | ModesModel | None) -> int | None:
+def _count(given: list[int] | list[Dof] | MastersModel | ModesModel | None) -> int | None:
     return len(given) if isinstance(given, list) else given.count if given is not None else None
 
 

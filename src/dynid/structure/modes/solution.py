@@ -77,7 +77,8 @@ def finished(
     Kx, Mx = times(pencil.K, shapes), times(pencil.M, shapes)
     parts = times(absolute(pencil.K), np.abs(shapes))
     inertia = np.abs(square) * times(absolute(pencil.M), np.abs(shapes))
-    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.linalg.norm(parts + inertia, axis=0)
+    size = np.linalg.norm(parts + inertia, axis=0)
+    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.where(size > 0, size, 1.0)
     rigid = _rigid(square, np.einsum("im,im->m", np.abs(shapes), parts))
     square = np.where(rigid, 0.0, square)
     if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:

@@ -15,7 +15,7 @@ from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.guyan import constraint_modes
 from dynid.structure.reduction.masters import Masters
-from dynid.structure.reduction.reduction import Reduction, masters_alone
+from dynid.structure.reduction.reduction import Reduction, masters_alone, projected, with_known_joints
 from dynid.structure.reduction.selection import Interest, ModeRange, selected, wanted_modes
 from dynid.structure.reduction.static import partition
 
@@ -57,10 +57,10 @@ class CraigBampton:
         static = constraint_modes(cut)
         wanted = wanted_modes(self.modes, self.interest, None)
         if wanted == ModeRange(count=0):
-            return Reduction(model.projected(cut.basis(static), cut.labels), cut.labels)
-        M, C, K = (cut.inner(matrix) for matrix in (model.M, model.C, model.K))
+            return Reduction(projected(model, cut.basis(static), cut.labels), cut.labels)
+        M, C, K = (cut.inner(matrix) for matrix in with_known_joints(model))
         fixed = selected((M, C, K), wanted)
         names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
         # Of unit size at their largest, like the boundary's coordinates.
         shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
-        return Reduction(model.projected(cut.basis(static, shapes), names), cut.labels, fixed.numbers)
+        return Reduction(projected(model, cut.basis(static, shapes), names), cut.labels, fixed.numbers)

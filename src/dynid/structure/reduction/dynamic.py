@@ -15,7 +15,7 @@ from dynid.lti.floating import guarded
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.masters import Masters
-from dynid.structure.reduction.reduction import Reduction, masters_alone
+from dynid.structure.reduction.reduction import Reduction, masters_alone, projected, with_known_joints
 from dynid.structure.reduction.selection import Interest
 from dynid.structure.reduction.static import partition, solver
 
@@ -51,13 +51,14 @@ class Dynamic:
         """
         omega = self._omega()
         cut = partition(model, masters_alone(model, self.masters, self.interest))
-        Z: Any = model.K - omega**2 * model.M
+        M, _, K = with_known_joints(model)
+        Z: Any = K - omega**2 * M
         solve = solver(
             cut.inner(Z),
             f"the slaves resonate at {omega:g} rad/s while the masters are held: they do not follow",
             "Condense at another frequency, or take more masters.",
         )
-        return Reduction(model.projected(cut.basis(-solve(cut.coupling(Z))), cut.labels), cut.labels)
+        return Reduction(projected(model, cut.basis(-solve(cut.coupling(Z))), cut.labels), cut.labels)
 
     def _omega(self) -> float:
         omega = self.frequency

@@ -17,7 +17,7 @@ from dynid.structure.matrices import Array, Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.guyan import FREE, REMEDY
 from dynid.structure.reduction.masters import Masters
-from dynid.structure.reduction.reduction import Reduction, masters_alone
+from dynid.structure.reduction.reduction import Reduction, masters_alone, projected, with_known_joints
 from dynid.structure.reduction.selection import Interest
 from dynid.structure.reduction.static import partition, solver
 
@@ -60,17 +60,18 @@ class Irs:
             If the slaves are not held by the masters, or the masters move without inertia.
         """
         cut = partition(model, masters_alone(model, self.masters, self.interest))
-        solve = solver(cut.inner(model.K), FREE, REMEDY)
-        static = -solve(cut.coupling(model.K))
+        M, _, K = with_known_joints(model)
+        solve = solver(cut.inner(K), FREE, REMEDY)
+        static = -solve(cut.coupling(K))
         slaves = static
         for _ in range(self.iterations):
             T = cut.basis(slaves)
-            inertia = np.asarray(model.M @ T)
-            back = _accelerations(T.T @ inertia, T.T @ np.asarray(model.K @ T))
+            inertia = np.asarray(M @ T)
+            back = _accelerations(T.T @ inertia, T.T @ np.asarray(K @ T))
             last, slaves = slaves, static + solve(inertia[cut.slaves]) @ back
             if np.abs(slaves - last).max(initial=0.0) <= _SETTLED * np.abs(slaves).max(initial=0.0):
                 break
-        return Reduction(model.projected(cut.basis(slaves), cut.labels), cut.labels)
+        return Reduction(projected(model, cut.basis(slaves), cut.labels), cut.labels)
 
 
 def _accelerations(M: Array, K: Array) -> Array:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Label
+from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.masters import Indices, indices_of
-from dynid.structure.reduction.reduction import Reduction, interesting
+from dynid.structure.reduction.reduction import Reduction, interesting, projected, with_known_joints
 from dynid.structure.reduction.selection import Interest, ModeRange, Selected, selected, wanted_modes
 from dynid.structure.reduction.static import solver
 
@@ -27,7 +27,7 @@ _SPANNED = 1e-12
 
 @dataclass(frozen=True)
 class Modal:
-    """Modes of the structure without its joints, and the static response to loads that they leave out.
+    """Modes of the structure with its known joints, and the static response to loads that they leave out.
 
     Coordinates are modal ones; residual vectors are scaled to unit stiffness. They make the model exact at
     rest for loads on their DOFs, joints' forces included.
@@ -55,32 +55,34 @@ class Modal:
         UsageError
             If modes or DOFs do not exist or stand twice.
         """
-        basis = selected((model.M, model.C, model.K), wanted_modes(self.modes, self.interest, None))
+        matrices = with_known_joints(model)
+        basis = selected(matrices, wanted_modes(self.modes, self.interest, None))
         loads = interesting(model, self.interest)
         if self.residuals is not None:
             loads = indices_of(model, self.residuals, "residuals") if self.residuals else loads[:0]
-        extra = _residuals(model, basis, loads)
+        extra = _residuals(matrices, basis, loads)
         names = [f"mode_{number}" for number in basis.numbers]
         names += [f"residual_{k}" for k in range(1, extra.shape[1] + 1)]
         T = np.concatenate([basis.shapes, extra], axis=1)
-        return Reduction(model.projected(T, names), (), basis.numbers, retained=not model.joints)
+        return Reduction(projected(model, T, names), (), basis.numbers, retained=not model.unknowns)
 
 
-def _residuals(model: StructuralModel, basis: Selected, loads: Indices) -> Array:
+def _residuals(matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, loads: Indices) -> Array:
     """Return static responses to unit loads beyond the modes, of unit stiffness and orthogonal (n x k)."""
+    M, _, K = matrices
     if not len(loads):
-        return np.empty((model.size, 0))
+        return basis.shapes[:, :0]
     elastic = basis.omega[basis.omega > 0]
-    largest = float(np.abs(model.K.diagonal()).max() / max(np.abs(model.M.diagonal()).max(), 1e-300))
+    largest = float(np.abs(K.diagonal()).max() / max(np.abs(M.diagonal()).max(), 1e-300))
     shift = _SHIFT * (elastic.min() ** 2 if len(elastic) else 1e-8 * largest)
-    held: Any = model.K + shift * model.M
-    forces = np.zeros((model.size, len(loads)))
+    held: Any = K + shift * M
+    forces = np.zeros((len(basis.shapes), len(loads)))
     forces[loads, np.arange(len(loads))] = 1.0
     X = solver(held, "the static response does not exist", "Check the stiffness of massless DOFs.")(forces)
     energy = (X * np.asarray(held @ X)).sum(axis=0)
     X = X / np.sqrt(energy)
     for _ in range(2):  # twice is enough
-        X = X - basis.shapes @ (basis.shapes.T @ (model.M @ X))
+        X = X - basis.shapes @ (basis.shapes.T @ (M @ X))
     values, vectors = np.linalg.eigh(X.T @ (held @ X))
     kept = values > _SPANNED
     return np.asarray(X @ (vectors[:, kept] / np.sqrt(values[kept])))

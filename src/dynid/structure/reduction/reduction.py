@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dynid.errors import UsageError
-from dynid.structure.matrices import Array, Label
+from dynid.structure.matrices import Array, Label, Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.masters import Indices, Masters, chosen, completed, indices_of
 from dynid.structure.reduction.selection import Interest, ModeRange, selected, wanted_modes
+
+# What rounding leaves of a sum of positive and negative terms, relative to their sizes.
+_ROUNDING = 16 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +30,7 @@ class Reduction:
     modes
         Numbers of the modes that the basis is made of: of the structure that the method takes them from.
     condition
-        Condition of the modes at the masters, where the basis is made of modes.
+        Condition of the modes at the masters, where masters stand for modes.
     retained
         Whether these modes are those of the structure with its joints, so that the reduced model has them.
     """
@@ -35,7 +38,7 @@ class Reduction:
     model: StructuralModel
     masters: tuple[Label, ...] = ()
     modes: tuple[int, ...] = ()
-    condition: float = 1.0
+    condition: float | None = None
     retained: bool = False
 
     @property
@@ -43,6 +46,35 @@ class Reduction:
         """The basis (n x r)."""
         assert self.model.basis is not None
         return self.model.basis.T
+
+
+def projected(model: StructuralModel, T: Array, names: Sequence[Label]) -> StructuralModel:
+    """Project a structure; stiffness that is rounding of the sum it is made of is taken for none.
+
+    Rigid-body motions stay such in the reduced model, where nothing tells the size of that sum any more.
+
+    Parameters
+    ----------
+    model
+        The full structure.
+    T
+        The basis (n x r).
+    names
+        Labels of the coordinates (r).
+    """
+    reduced = model.projected(T, names)
+    parts = np.einsum("ij,ij->j", np.abs(T), np.asarray(abs(model.K) @ np.abs(T)))
+    size = np.sqrt(np.where(parts > 0, parts, 1.0))
+    values, vectors = np.linalg.eigh(as_array(reduced.K) / size / size[:, None])
+    if values[0] > _ROUNDING:
+        return reduced
+    root = size[:, None] * vectors * np.sqrt(np.where(values > _ROUNDING, values, 0.0))
+    return replace(reduced, K=root @ root.T)
+
+
+def with_known_joints(model: StructuralModel) -> tuple[Matrix, Matrix, Matrix]:
+    """Return M, C and K with the joints that are known; unknown ones are left out."""
+    return model.with_joints({unknown.name: 0.0 for unknown in model.unknowns})
 
 
 def masters_for_modes(
@@ -88,7 +120,7 @@ def masters_alone(
         wanted = wanted_modes(None, interest, given.count)
         if isinstance(wanted, ModeRange) and wanted.count is not None:
             wanted = ModeRange(count=min(wanted.count, model.size))
-        shapes = selected((model.M, model.C, model.K), wanted).shapes
+        shapes = selected(with_known_joints(model), wanted).shapes
         return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
     masters = interesting(model, interest) if given is None else indices_of(model, given)
     if not len(masters):

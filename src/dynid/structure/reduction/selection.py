@@ -11,8 +11,8 @@ import numpy as np
 
 from dynid.errors import UsageError
 from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.modes import modes
 from dynid.structure.reduction.masters import Masters
-from dynid.structure.reduction.spectrum import modes
 
 BAND = 2.0
 """Without modes given, all below the band of interest times this are kept."""
@@ -87,14 +87,9 @@ def selected(matrices: tuple[Matrix, Matrix, Matrix], wanted: Sequence[int] | Mo
         found = modes(*matrices, count=wanted.count, below=wanted.below)
         if wanted.below is not None and not len(found.omega):
             raise UsageError(f"no mode lies below {wanted.below:g} rad/s", names=("modes",))
-        numbers = tuple(range(1, len(found.omega) + 1))
-        if wanted.count is not None and len(numbers) < wanted.count:
-            raise _too_few(wanted.count, len(numbers))
-        return Selected(numbers, found.omega, found.shapes)
+        return Selected(tuple(range(1, len(found.omega) + 1)), found.omega, found.shapes)
     numbers = _checked(wanted)
     found = modes(*matrices, count=max(numbers))
-    if len(found.omega) < max(numbers):
-        raise _too_few(max(numbers), len(found.omega))
     places = np.array(numbers) - 1
     return Selected(numbers, found.omega[places], found.shapes[:, places])
 
@@ -143,11 +138,3 @@ def _checked(numbers: Sequence[int]) -> tuple[int, ...]:
     if twice:
         raise UsageError(f"the mode {twice[0]} is named twice", names=("modes",))
     return given
-
-
-def _too_few(wanted: int, found: int) -> UsageError:
-    return UsageError(
-        f"there is no mode {wanted}: the structure has {found}",
-        remedy="Massless DOFs have no modes of their own.",
-        names=("modes",),
-    )

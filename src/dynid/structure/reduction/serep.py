@@ -13,7 +13,7 @@ import numpy as np
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.masters import Masters, checked_condition
+from dynid.structure.reduction.masters import Masters, checked_condition, indices_of
 from dynid.structure.reduction.reduction import Reduction, masters_for_modes
 from dynid.structure.reduction.selection import (
     Interest,
@@ -73,6 +73,8 @@ def on_modes(
     interest: Interest,
 ) -> Reduction:
     """Reduce a structure on modes of `matrices`: its own, or those with joints."""
+    if masters is not None and not isinstance(masters, Masters):
+        indices_of(model, masters)  # what is wrong with them is said before the modes are computed
     basis = selected(matrices, wanted_modes(modes, interest, fixed_count(masters)))
     kept = masters_for_modes(model, masters, interest, basis.shapes)
     labels = tuple(model.dofs[k] for k in kept)

@@ -14,7 +14,6 @@ from dynid.structure.reduction.masters import Indices
 
 # Condition of the scaled matrix beyond which fewer than two digits of a solution are left.
 _WORST = 1e14
-_RESIDUAL = 1e-9
 
 
 class Partition(NamedTuple):
@@ -56,14 +55,14 @@ def partition(model: StructuralModel, masters: Indices) -> Partition:
 
 
 def solver(matrix: Matrix, what: str, remedy: str) -> Callable[[Array], Array]:
-    """Factorise a symmetric matrix; return what solves with it, residuals checked.
+    """Factorise a symmetric matrix; return what solves with it, every solution checked.
 
     Parameters
     ----------
     matrix
         The matrix (s x s), dense or sparse; it is scaled to a unit diagonal.
     what
-        What does not exist if it is singular, the subject of the error's sentence.
+        What is so if it is singular, as a clause.
     remedy
         What to do then.
 
@@ -76,47 +75,41 @@ def solver(matrix: Matrix, what: str, remedy: str) -> Callable[[Array], Array]:
         return lambda right: right
     size = np.abs(np.asarray(matrix.diagonal()))
     scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
-    scaled, solve, condition = _factorised(matrix, scale)
+    factorised = _sparse if is_sparse(matrix) else _dense_factors
+    try:
+        solve, condition = factorised(matrix, scale)
+    except Singular:
+        condition = np.inf
     if not condition < _WORST:
         raise Singular(f"{what} (condition {condition:.2g})", remedy=remedy, names=("masters",))
-
-    def checked(right: Array) -> Array:
-        b = scale[:, None] * right
-        x = solve(b)
-        x = x + solve(b - scaled @ x)  # one refinement: the pivots of a sparse factorisation are not the best
-        left = np.linalg.norm(b - scaled @ x, axis=0)
-        if np.any(left > _RESIDUAL * (np.linalg.norm(x, axis=0) + np.linalg.norm(b, axis=0))):
-            raise Singular(what, remedy=remedy, names=("masters",))
-        return np.asarray(scale[:, None] * x)
-
-    return checked
+    return lambda right: np.asarray(scale[:, None] * solve(scale[:, None] * right))
 
 
-def _factorised(matrix: Matrix, scale: Array) -> tuple[Any, Callable[[Array], Array], float]:
-    """Return the scaled matrix, what solves with it, and its condition (1-norm, estimated)."""
-    if not is_sparse(matrix):
-        from scipy.linalg import lapack, lu_solve
+def _dense_factors(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]:
+    """Return what solves with the scaled matrix, and its condition (1-norm, estimated)."""
+    from scipy.linalg import lapack, lu_solve
 
-        scaled = np.asarray(matrix * scale * scale[:, None])
-        if not np.isfinite(scaled).all():
-            return scaled, lambda right: right, np.inf
-        norm = np.abs(scaled).sum(axis=0).max()
-        factor, pivots, info = lapack.dgetrf(scaled)
-        reciprocal = 0.0 if info > 0 else lapack.dgecon(factor, norm)[0]
-        condition = 1 / reciprocal if reciprocal else np.inf
-        return scaled, lambda right: np.asarray(lu_solve((factor, pivots), right)), condition
-    from scipy.sparse import diags_array
-    from scipy.sparse.linalg import LinearOperator, onenormest, splu
+    scaled = matrix * scale * scale[:, None]
+    factor, pivots, info = lapack.dgetrf(scaled)
+    reciprocal = lapack.dgecon(factor, np.abs(scaled).sum(axis=0).max())[0] if info == 0 else 0.0
+
+    def solve(b: Array) -> Array:
+        x = lu_solve((factor, pivots), b)
+        return np.asarray(x + lu_solve((factor, pivots), b - scaled @ x))
+
+    return solve, 1 / reciprocal if reciprocal else np.inf
+
+
+def _sparse(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]:
+    from scipy.sparse import csc_array, diags_array
+    from scipy.sparse.linalg import LinearOperator, onenormest
+
+    from dynid.structure.factorisation import factorise
 
     D = diags_array(scale)
-    sparse = (D @ matrix @ D).tocsc()
-    try:
-        lu = splu(sparse, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:  # exactly singular
-        return sparse, lambda right: right, np.inf
-    inverse = LinearOperator(sparse.shape, matvec=lu.solve, rmatvec=lu.solve, dtype=np.float64)
-    condition = float(onenormest(inverse) * abs(sparse).sum(axis=0).max())
-    return sparse, lu.solve, condition
+    factor = factorise(csc_array(D @ matrix @ D))
+    inverse = LinearOperator(matrix.shape, matvec=factor.solve, rmatvec=factor.solve, dtype=np.float64)
+    return factor.solve, float(onenormest(inverse)) * factor.size
 
 
 def _dense(matrix: Matrix) -> Array:
