@@ -13,6 +13,7 @@ from dynid.identification.filter import Prior, filter_pass
 from dynid.identification.fit import fitter
 from dynid.identification.information import information
 from dynid.identification.measurement import data
+from dynid.identification.passes import Filter
 from dynid.lti.signals import Impact, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -227,7 +228,7 @@ def test_the_distance_to_the_optimum_is_the_one_that_a_search_of_the_maximum_lik
     """Loud noise: an optimiser that knows nothing of the filter or its sensitivities ends where it says."""
     measurement = simulated(0.5)
     model = suspension()
-    result = run(model, measurement)
+    result = run(model, measurement, estimator=Filter(2))
     record = data(model, CASE_LOADS, measurement)
     joint = augmented(model, CASE_LOADS, measurement.channels, measurement.record.times)
     fits = fitter(joint, model, measurement.channels, record)

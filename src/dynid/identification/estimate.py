@@ -11,11 +11,12 @@ import numpy as np
 
 from dynid.errors import Diverged
 from dynid.identification.augmented import augmented
+from dynid.identification.auto import Auto
+from dynid.identification.estimation import Estimator
 from dynid.identification.filter import ASTRAY
 from dynid.identification.fit import Fit, Fitter, fitter
 from dynid.identification.measurement import Measurement, as_estimated, data
 from dynid.identification.outcome import Outcome
-from dynid.identification.passes import Filter, run_passes
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -26,7 +27,7 @@ def identify(
     model: StructuralModel,
     loads: Sequence[Load],
     measurement: Measurement,
-    estimator: Filter | None = None,
+    estimator: Estimator | None = None,
     *,
     truth: StructuralModel | None = None,
 ) -> Result:
@@ -41,7 +42,7 @@ def identify(
     measurement
         Channels and sampling, with measured values or a simulation.
     estimator
-        Filter options; absent: `Filter()`.
+        How to estimate; absent: `Auto()`.
     truth
         The structure that simulated records are made with; absent: `model`.
 
@@ -70,14 +71,14 @@ def identify(
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identification of {', '.join(names)}", names=names):
-        return _identified(model, loads, measurement, estimator or Filter(), truth or model)
+        return _identified(model, loads, measurement, estimator or Auto(), truth or model)
 
 
 def _identified(
     model: StructuralModel,
     loads: Sequence[Load],
     measurement: Measurement,
-    estimator: Filter,
+    estimator: Estimator,
     truth: StructuralModel,
 ) -> Result:
     record = measurement.record
@@ -87,9 +88,9 @@ def _identified(
     origin = np.log([unknown.start for unknown in joint.unknowns])
     _check_visible(fits, fits.fit(origin, values.values))
     names = [unknown.name for unknown in joint.unknowns]
-    with guarded("the filter", Diverged, remedy=ASTRAY, names=names):
-        histories, results = run_passes(fits, estimator, origin)
-    outcome = Outcome(fits, measurement, model.dofs, source_names(loads), histories, results)
+    with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
+        estimation = estimator.run(fits, origin)
+    outcome = Outcome(fits, measurement, model.dofs, source_names(loads), estimator.name, estimation)
     outcome.check()
     return outcome.result()
 

@@ -67,10 +67,13 @@ class Fitter:
     data: Data
     root: Array
 
-    def fit(self, logs: Array, values: Array) -> Fit:
-        """Fit the initial state to `values` (times x channels) at the parameters exp(logs)."""
+    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> Fit:
+        """Fit the initial state to `values` (times x channels) at the parameters exp(logs).
+
+        Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
+        """
         free, transitions = free_prediction(self.model, logs)
-        weight = self._weight(self.data.rms, values)
+        weight = self._weight(self.data.rms if noise is None else noise, values)
         target = np.nan_to_num(values - free.forced) * weight
         matrix = ((free.by_state @ self.root) * weight[..., None]).reshape(target.size, -1)
         # Rank-revealing: initial states that the record does not show stay at zero.
@@ -94,9 +97,9 @@ class Fitter:
         """Return the noise to assume: never less than a small part of each channel's RMS."""
         return np.maximum(noise, _LEAST_NOISE * self.data.rms)
 
-    def wide_prior(self, logs: Array) -> Prior:
-        """Return the prior of the first pass: any state the record allows, parameters within a factor."""
-        return Prior(np.zeros(self.model.states), logs, self._wide_root())
+    def wide_prior(self, logs: Array, spread: float = _FACTOR) -> Prior:
+        """Return the prior of a first pass: any state the record allows, logarithms with this deviation."""
+        return Prior(np.zeros(self.model.states), logs, self._wide_root(spread))
 
     def unit_prior(self, fit: Fit) -> Prior:
         """Return a fresh prior around a fit that weighs as much as a single measured value.
@@ -113,11 +116,11 @@ class Fitter:
         seen[: len(s)] = s**2 / np.count_nonzero(weight)
         return Prior(p.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + seen)))
 
-    def _wide_root(self) -> Array:
+    def _wide_root(self, spread: float = _FACTOR) -> Array:
         n, p = self.model.states, self.model.parameters
         root = np.zeros((n + p, n + p))
         root[:n, :n] = self.root
-        root[n:, n:] = _FACTOR * np.eye(p)
+        root[n:, n:] = spread * np.eye(p)
         return root
 
     def _weight(self, noise: Array, values: Array) -> Array:

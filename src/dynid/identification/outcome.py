@@ -17,6 +17,7 @@ from dynid.identification.diagnostics import (
     root_mean_square,
     whiteness,
 )
+from dynid.identification.estimation import Estimation
 from dynid.identification.filter import Pass
 from dynid.identification.fit import Fit, Fitter
 from dynid.identification.information import Information, untold
@@ -50,20 +51,22 @@ class Outcome:
         Labels of the DOFs.
     sources
         Names of the loads.
-    histories, fits
-        One of each a pass; the last fit is the estimate.
+    method
+        Name of the estimator.
+    estimation
+        What the estimator found.
     """
 
     fitter: Fitter
     measurement: Measurement
     dofs: Sequence[Label]
     sources: Sequence[str]
-    histories: Sequence[Pass]
-    fits: Sequence[Fit]
+    method: str
+    estimation: Estimation
 
     @property
     def _final(self) -> Fit:
-        return self.fits[-1]
+        return self.estimation.fit
 
     @property
     def _noise(self) -> Array:
@@ -122,9 +125,11 @@ class Outcome:
         """Return everything under ``identification/``."""
         result = Result("identification")
         self._add_parameters(result)
-        self._add_history(result, "identification/history", self.histories[-1])
-        if len(self.histories) > 1:
-            self._add_history(result, "identification/first_pass", self.histories[0])
+        histories = self.estimation.histories or [self._whole_record()]
+        self._add_history(result, "identification/history", histories[-1])
+        if len(histories) > 1:
+            self._add_history(result, "identification/first_pass", histories[0])
+        self._add_stages(result)
         self._add_measurement(result)
         self._add_diagnostics(result)
         return result
@@ -163,6 +168,24 @@ class Outcome:
         if not noise.all():
             return np.zeros(len(true))  # clean data
         return np.asarray(values * self.fitter.information(fit, noise).deviations())
+
+    def _whole_record(self) -> Pass:
+        """Return the history of an estimator of the whole record: it knows as much at any time."""
+        states = self._final.predicted.states
+        every = np.ones((len(states), 1))
+        return Pass(every * self._final.logs, every * self.information.deviations(), states)
+
+    def _add_stages(self, result: Result) -> None:
+        group, stages = "identification/stages", self.estimation.stages
+        result.annotate("identification", estimator=self.method)
+        result.add_axis(f"{group}/stage", [stage.name for stage in stages])
+        result.add_axis(f"{group}/parameter", [unknown.name for unknown in self.fitter.model.unknowns])
+        estimates = np.exp([stage.fit.logs for stage in stages])
+        unit = self._common_unit_of_parameters()
+        result.add(f"{group}/estimate", estimates, ("stage", "parameter"), unit)
+        left = [np.max(root_mean_square(stage.fit.residual) / self.fitter.data.rms) for stage in stages]
+        result.add(f"{group}/residual_ratio", left, ("stage",))
+        result.add(f"{group}/iterations", [len(stage.fits) - 1 for stage in stages], ("stage",))
 
     def _add_history(self, result: Result, group: str, history: Pass) -> None:
         model = self.fitter.model
@@ -213,7 +236,7 @@ class Outcome:
         result.add(f"{group}/whiteness_p", self.whiteness_p)
         result.add(f"{group}/white", not is_coloured(self.whiteness_p))
         result.add(f"{group}/condition", self.information.condition())
-        result.add(f"{group}/passes", len(self.histories))
+        result.add(f"{group}/passes", len(self.estimation.histories))
 
     def _times(self) -> Array:
         return np.asarray(np.arange(self.measurement.samples) * self.measurement.step)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
+from dynid.identification.estimation import Estimation, Stage
 from dynid.identification.filter import Pass, filter_pass
-from dynid.identification.fit import Fit, Fitter
+from dynid.identification.fit import Fitter
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,10 @@ Array = NDArray[np.float64]
 _FIRST_NOISE = 2.0
 _LAST_NOISE = 0.05
 _FALL = 0.125
+
+
+# Annealing, pass by pass: the noise assumed, over the RMS, and the prior's deviation of the logarithms.
+_ANNEALED = ((0.5, 2.0), (0.2, 1.0), (0.08, 0.5), (0.03, 0.3))
 
 
 @dataclass(frozen=True)
@@ -41,21 +46,34 @@ class Filter:
     """
 
     passes: int = 2
+    name: str = "filter"
 
     def __post_init__(self) -> None:
         if self.passes < 1:
             raise UsageError("the filter needs at least one pass")
 
+    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+        """Estimate, from the logarithms `origin` (p).
 
-def run_passes(fitter: Fitter, estimator: Filter, origin: Array) -> tuple[list[Pass], list[Fit]]:
-    """Run the passes; return each one's history and the fit at its final parameters.
+        Raises
+        ------
+        Diverged
+            If the parameters run away.
+        """
+        histories = run_passes(fitter, self.passes, origin)
+        fit = fitter.fit(histories[-1].logs[-1], fitter.data.values)
+        return Estimation(fit, histories, [Stage("filter", [fit])])
+
+
+def run_passes(fitter: Fitter, passes: int, origin: Array) -> list[Pass]:
+    """Run passes of the filter.
 
     Parameters
     ----------
     fitter
         The record and the model.
-    estimator
-        The number of passes.
+    passes
+        How many.
     origin
         Logarithms of the initial parameters (p).
 
@@ -67,14 +85,36 @@ def run_passes(fitter: Fitter, estimator: Filter, origin: Array) -> tuple[list[P
     values, rms = fitter.data.values, fitter.data.rms
     progress = np.arange(len(values)) / (_FALL * len(values))
     level = np.maximum(_LAST_NOISE, _FIRST_NOISE * np.exp(-progress))
-    deviation = level[:, None] * rms
-    prior = fitter.wide_prior(origin)
-    histories, fits = [], []
-    for _ in range(estimator.passes):
-        history = filter_pass(fitter.model, values, prior, deviation, origin)
-        fit = fitter.fit(history.logs[-1], values)
-        histories.append(history)
-        fits.append(fit)
-        prior = fitter.unit_prior(fit)
-        deviation = fitter.floored(fit.noise)
-    return histories, fits
+    histories = [filter_pass(fitter.model, values, fitter.wide_prior(origin), level[:, None] * rms, origin)]
+    while len(histories) < passes:
+        fit = fitter.fit(histories[-1].logs[-1], values)
+        prior, noise = fitter.unit_prior(fit), fitter.floored(fit.noise)
+        histories.append(filter_pass(fitter.model, values, prior, noise, origin))
+    return histories
+
+
+def annealed_passes(fitter: Fitter, origin: Array) -> list[Pass]:
+    """Run passes that trust the record, and themselves, more from one to the next.
+
+    It takes longer than `run_passes` and gets there from farther away.
+
+    Parameters
+    ----------
+    fitter
+        The record and the model.
+    origin
+        Logarithms of the initial parameters (p).
+
+    Raises
+    ------
+    Diverged
+        If the parameters run away.
+    """
+    histories: list[Pass] = []
+    logs = origin
+    for level, spread in _ANNEALED:
+        prior = fitter.wide_prior(logs, spread)
+        noise = level * fitter.data.rms
+        histories.append(filter_pass(fitter.model, fitter.data.values, prior, noise, logs))
+        logs = histories[-1].logs[-1]
+    return histories

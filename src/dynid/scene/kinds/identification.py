@@ -9,7 +9,7 @@ from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.kinds.structures import build_structure, number
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import IdentificationScene
+from dynid.scene.schema.identification import EstimatorModel, IdentificationScene
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load, frequency_response, time_response
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.identification.estimation import Estimator
     from dynid.identification.measurement import Measurement
     from dynid.lti.generator import Record
     from dynid.scene.schema.common import SignalPart, TimeGrid
@@ -43,16 +44,29 @@ def run(scene: Scene) -> Result:
     values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
     if model.measurement is not None:
         from dynid.identification.estimate import identify
-        from dynid.identification.passes import Filter
 
         measurement = _measurement(scene, model)
         loads = _loads(scene, "excitation", model.excitation, measurement.record)
-        result.merge(identify(structure, loads, measurement, Filter(passes=model.estimator.passes)))
+        result.merge(identify(structure, loads, measurement, _estimator(model.estimator)))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
     if model.analysis is not None:
         result.merge(_responses(scene, model, structure, values))
     return result
+
+
+def _estimator(given: EstimatorModel) -> Estimator:
+    """Return the estimator that a scene names."""
+    from dynid.identification.auto import Auto
+    from dynid.identification.output_error import OutputError
+    from dynid.identification.passes import Filter
+
+    match given.method:
+        case "filter":
+            return Filter() if given.passes is None else Filter(given.passes)
+        case "output-error":
+            return OutputError() if given.iterations is None else OutputError(given.iterations)
+    return Auto()
 
 
 def _loads(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:

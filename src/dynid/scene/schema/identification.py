@@ -57,8 +57,16 @@ class MeasurementModel(Part):
 class EstimatorModel(Part):
     """How to identify."""
 
-    method: Literal["filter"] = "filter"
-    passes: int = Field(default=2, ge=1, le=100, strict=True)
+    method: Literal["auto", "filter", "output-error"] = "auto"
+    passes: int | None = Field(default=None, ge=1, le=100, strict=True)
+    iterations: int | None = Field(default=None, ge=1, le=1000, strict=True)
+
+    @model_validator(mode="after")
+    def _options_fit(self) -> Self:
+        for option, method in (("passes", "filter"), ("iterations", "output-error")):
+            if getattr(self, option) is not None and self.method != method:
+                raise fault(f"'{option}' belongs to the method '{method}', not to '{self.method}'")
+        return self
 
 
 class OutputModel(Part):

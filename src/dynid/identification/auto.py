@@ -1,0 +1,127 @@
+"""The default estimator: the cheapest that the residuals accept.
+
+A pass of the filter goes over local minima that a fit of the whole record from far off falls into; Levenberg–
+Marquardt then goes to the maximum of the likelihood, where the filter does not. Where the residuals reject
+what that gives, passes follow whose assumed noise is annealed; where these end elsewhere or nowhere, the
+likelihood is looked at on a net of starts, and the best of them are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import DynidError
+from dynid.identification.diagnostics import is_coloured, is_explained, root_mean_square, whiteness
+from dynid.identification.estimation import Estimation, Stage
+from dynid.identification.filter import Pass
+from dynid.identification.fit import Fitter
+from dynid.identification.output_error import misfit, refine
+from dynid.identification.passes import annealed_passes, run_passes
+
+Array = NDArray[np.float64]
+
+#: Nets of starts: how many, how far from the given start (a factor), and how many of the best are tried.
+_NETS = ((64, 100.0, 6), (512, 300.0, 12))
+#: Two results are one optimum if the logarithms agree to this.
+_SAME = 0.02
+#: Residuals below this part of a channel's RMS are accepted whatever their colour.
+_EXACT = 1e-6
+
+
+@dataclass(frozen=True)
+class Auto:
+    """Estimator: a filter pass and maximum likelihood; more passes or starts only where they are needed."""
+
+    name: str = "auto"
+
+    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+        """Estimate, from the logarithms `origin` (p).
+
+        Raises
+        ------
+        DynidError
+            What went wrong at first, if no attempt came to an end.
+        """
+        search = _Search(fitter)
+        search.attempt("filter pass", partial(run_passes, fitter, 1, origin))
+        if not search.accepted:
+            search.attempt("annealed passes", partial(annealed_passes, fitter, origin))
+        for count, reach, tried in _NETS:
+            if search.accepted or search.agreed:
+                break
+            for place, logs in enumerate(_best_of_net(fitter, origin, count, reach)[:tried], 1):
+                search.attempt(f"start {place} of {count}", partial(run_passes, fitter, 1, logs))
+                if search.accepted:
+                    break
+        return search.best()
+
+
+class _Search:
+    """Attempts so far, and whether they are enough."""
+
+    def __init__(self, fitter: Fitter) -> None:
+        self.fitter = fitter
+        self.attempts: list[tuple[Stage, list[Pass]]] = []
+        self.failure: DynidError | None = None
+
+    def attempt(self, name: str, filtered: Callable[[], list[Pass]]) -> None:
+        """Run passes, and go from where they end to the nearest optimum."""
+        try:
+            histories = filtered()
+            way = refine(self.fitter, histories[-1].logs[-1])
+        except DynidError as error:  # far off a pass may run away: another start may not
+            self.failure = self.failure or error
+            return
+        self.attempts.append((Stage(name, way.fits), histories))
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the residuals of the last attempt are noise, or nothing."""
+        if not self.attempts:
+            return False
+        residual = self.attempts[-1][0].fit.residual
+        small = root_mean_square(residual) <= _EXACT * self.fitter.data.rms
+        return bool(small.all()) or not is_coloured(whiteness(residual))
+
+    @property
+    def agreed(self) -> bool:
+        """Whether the two best attempts end at one optimum, with residuals that are small."""
+        ranked = self._ranked()
+        if len(ranked) < 2:
+            return False
+        best, second = (stage.fit for stage, _ in ranked[:2])
+        explained = is_explained(root_mean_square(best.residual), self.fitter.data.rms, 0.0)
+        return explained and bool(np.all(np.abs(best.logs - second.logs) <= _SAME))
+
+    def best(self) -> Estimation:
+        """Return the attempt of the greatest likelihood."""
+        if not self.attempts:
+            assert self.failure is not None
+            raise self.failure
+        stage, histories = self._ranked()[0]
+        return Estimation(stage.fit, histories, [stage for stage, _ in self.attempts])
+
+    def _ranked(self) -> list[tuple[Stage, list[Pass]]]:
+        return sorted(self.attempts, key=lambda attempt: misfit(self.fitter, attempt[0].fit))
+
+
+def _best_of_net(fitter: Fitter, origin: Array, count: int, reach: float) -> list[Array]:
+    """Return starts spread evenly around the origin, the likeliest first."""
+    from scipy.stats import qmc  # heavy import, needed only here
+
+    net = qmc.Sobol(len(origin), rng=np.random.Generator(np.random.PCG64(0))).random(count)
+    starts = origin + np.log(reach) * (2 * net - 1)
+    misfits = [_misfit_at(fitter, logs) for logs in starts]
+    return [starts[place] for place in np.argsort(misfits, kind="stable")]
+
+
+def _misfit_at(fitter: Fitter, logs: Array) -> float:
+    try:
+        return misfit(fitter, fitter.fit(logs, fitter.data.values))
+    except DynidError:
+        return np.inf

@@ -1,0 +1,154 @@
+"""Maximum likelihood by output error: Levenberg–Marquardt on the logarithms of the parameters.
+
+The initial state is linear for fixed parameters and is solved for in every step (variable projection: G. H.
+Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413–432), so that steps are taken in the parameters alone,
+with exact sensitivities. The noise of each channel is unknown: what is minimised is the concentrated
+likelihood, the sum over channels of the count of values times the logarithm of the residuals' RMS.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import DynidError, UsageError
+from dynid.identification.diagnostics import root_mean_square
+from dynid.identification.estimation import Estimation, Stage
+from dynid.identification.filter import RUNAWAY, run_away
+from dynid.identification.fit import Fit, Fitter
+from dynid.identification.information import Information, least_squares
+
+Array = NDArray[np.float64]
+
+#: Longest step of a logarithm: a factor of 4.5.
+_LONGEST = 1.5
+#: First damping, its least and its most; it falls and rises tenfold.
+_DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
+#: A step is the last if it is below this part of the standard errors, or this size.
+_PART, _SIZE = 1e-3, 1e-11
+#: Residuals below this part of a channel's RMS are rounding.
+_ROUNDING = 1e-13
+
+
+class Iterations(NamedTuple):
+    """The way to an optimum.
+
+    `fits`: one an iteration, the start first; `damping`: that of the step to each (0: the start); `finished`:
+    whether the last step was as small as it has to be.
+    """
+
+    fits: list[Fit]
+    damping: list[float]
+    finished: bool
+
+
+@dataclass(frozen=True)
+class OutputError:
+    """Estimator: maximum likelihood from the start values, without a filter.
+
+    Parameters
+    ----------
+    iterations
+        Most steps.
+    """
+
+    iterations: int = 50
+    name: str = "output-error"
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1:
+            raise UsageError("output error needs at least one iteration")
+
+    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+        """Estimate, from the logarithms `origin` (p).
+
+        Raises
+        ------
+        Diverged
+            If the parameters run away.
+        """
+        fits = refine(fitter, origin, self.iterations).fits
+        return Estimation(fits[-1], [], [Stage("output error", fits)])
+
+
+def refine(fitter: Fitter, logs: Array, iterations: int = 50) -> Iterations:
+    """Go to the nearest maximum of the likelihood.
+
+    Parameters
+    ----------
+    fitter
+        The record and the model.
+    logs
+        Logarithms to start from (p).
+    iterations
+        Most steps.
+
+    Raises
+    ------
+    Diverged
+        If a parameter leaves its start by a factor of a million.
+    """
+    fit = fitter.fit(logs, fitter.data.values)
+    way = Iterations([fit], [0.0], finished=False)
+    damping = _DAMPING
+    for _ in range(iterations):
+        noise = _noise(fitter, fit)
+        information = fitter.information(fit, noise)
+        residual = fitter.weighted(fit, noise)
+        better = None
+        while better is None and damping <= _MOST:
+            step = _step(information, residual, damping)
+            better = _improved(fitter, fit, step, noise)
+            damping *= 1.0 if better else 10.0
+        if better is None:  # no step improves: rounding is all that is left
+            return way._replace(finished=True)
+        fit = better
+        way.fits.append(fit)
+        way.damping.append(damping)
+        _check(fitter, fit.logs, logs)
+        if np.all(np.abs(step) <= np.maximum(_PART * information.deviations(), _SIZE)):
+            return way._replace(finished=True)
+        damping = max(damping / 10, _LEAST)
+    return way
+
+
+def misfit(fitter: Fitter, fit: Fit) -> float:
+    """Return minus the concentrated logarithm of the likelihood, up to a constant."""
+    counts = np.count_nonzero(~np.isnan(fit.residual), axis=0)
+    return float(counts @ np.log(_noise(fitter, fit)))
+
+
+def _noise(fitter: Fitter, fit: Fit) -> Array:
+    """Return the RMS of the residuals (channels), not below rounding."""
+    return np.hypot(root_mean_square(fit.residual), _ROUNDING * fitter.data.rms)
+
+
+def _step(information: Information, residual: Array, damping: float) -> Array:
+    """Return a damped Gauss–Newton step (Marquardt's scaling), no logarithm moved too far."""
+    J = information.projected
+    size = np.linalg.norm(J, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    p = len(size)
+    rows = np.concatenate([J / size, np.sqrt(damping) * np.eye(p)])
+    right = np.concatenate([residual, np.zeros(p)])
+    step = least_squares(rows, right, 0.0) / size
+    return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
+
+
+def _improved(fitter: Fitter, fit: Fit, step: Array, noise: Array) -> Fit | None:
+    """Return the fit after a step if it is better, else None."""
+    try:
+        new = fitter.fit(fit.logs + step, fitter.data.values, noise)
+    except DynidError:  # so far off that numbers leave their range
+        return None
+    return new if misfit(fitter, new) < misfit(fitter, fit) else None
+
+
+def _check(fitter: Fitter, logs: Array, origin: Array) -> None:
+    away = np.abs(logs - origin) > RUNAWAY
+    if away.any():
+        unknowns = fitter.model.unknowns
+        raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad])
