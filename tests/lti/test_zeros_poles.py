@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from fractions import Fraction
 from itertools import combinations
 from pathlib import Path
@@ -86,6 +87,26 @@ def test_what_drowns_in_rounding_is_refused():
     """The CD player's zero at -7e15 hangs on a product C B of 1e-10 that cancels from 1e6."""
     with pytest.raises(Undecided, match="exact engine"):
         zeros_poles(*benchmark("cdplayer")[0], engine="float")
+
+
+@published
+@pytest.mark.parametrize("reading", ["binary", "decimal"])
+def test_phase_verdicts_of_the_cd_player_name_its_far_zeros(reading):
+    """Of channel (2, 2) all but one of 119 zeros lie on the left; that one is 6e15 times the largest pole."""
+    model = loadmat(SHARED / "fe/official_cdplayer.mat")
+    found = zeros_poles(model["A"], model["B"][:, 1:], model["C"][1:], 0, reading=reading)
+    assert (found.relative_degree, len(found.zeros), found.minimum_phase) == (1, 119, False)
+    assert found.far_zeros == pytest.approx([2.755e20], rel=1e-3)
+    assert found.zero_stability == (
+        "non-minimum phase: zero at 2.755e+20 lies in the right half-plane; its inverse is unstable; far, "
+        "6e+15 times beyond the largest pole, and without it minimum phase"
+    )
+    assert found.stable
+    found = zeros_poles(model["A"], model["B"][:, :1], model["C"][:1], 0, reading=reading)
+    assert found.far_zeros == pytest.approx([-6.887e15], rel=1e-3)
+    assert found.zero_stability == (
+        "non-minimum phase: zero at 1.598e+05 lies in the right half-plane; its inverse is unstable"
+    )
 
 
 # --- planted structure, and an oracle that knows nothing of the engines --------------------------
@@ -292,3 +313,45 @@ def test_faults_are_named(changes, message):
     system = {"A": [[0, 1], [-2, -3]], "B": [[0], [1]], "C": [[1, 0]], "D": [[0]], **changes}
     with pytest.raises(UsageError, match=message):
         zeros_poles(**system)
+
+
+# --- verdicts ------------------------------------------------------------------------------------
+
+COMPANION = [[0, 1], [-2, -3]]
+
+
+@pytest.mark.parametrize("engine", ["exact", "float"])
+@pytest.mark.parametrize(
+    ("A", "C", "stability", "phase"),
+    [
+        (COMPANION, [1, 0], "stable", "minimum phase: there are no finite zeros"),
+        (COMPANION, [3, 1], "stable", "minimum phase: every zero lies in the open left half-plane"),
+        (COMPANION, [-3, 1], "stable", "non-minimum phase: zero at 3 lies in the right half-plane"),
+        (COMPANION, [0, 1], "stable", "marginal, not minimum phase: zero at 0 lies on the imaginary axis"),
+        ([[0, 1], [0, 0]], [1, 0], "unstable: poles at 0 lie repeated", "minimum phase"),
+        ([[0, 1], [2, 1]], [1, 0], "unstable: pole at 2 lies in the right", "minimum phase"),
+        (
+            COMPANION,
+            [-1e5, 1],
+            "stable",
+            "non-minimum phase: .* far, 5e\\+04 times beyond .* it minimum phase",
+        ),
+        (COMPANION, [0, 0], "stable", "undefined: the input does not reach the output"),
+    ],
+)
+def test_verdicts_in_words(engine, A, C, stability, phase):
+    found = zeros_poles(A, [0, 1], C, 0, engine=engine)
+    assert re.match(phase, found.zero_stability)
+    assert re.match(stability, found.stability)
+    assert found.stable is (stability == "stable")
+    assert found.minimum_phase is phase.startswith("minimum")
+
+
+def test_a_side_that_rounding_hides_is_left_open():
+    """An undamped oscillator in skew coordinates: exactly on the axis, and within the bound."""
+    T = np.array([[2, 1], [7, 4]])
+    A = T @ [[0, 1], [-2, 0]] @ [[4, -1], [-7, 2]]
+    exact, rough = (zeros_poles(A, [[1], [0]], [[1, 0]], 0, engine=engine) for engine in ("exact", "float"))
+    assert exact.stability.startswith("marginal, not stable: poles at ±1.414j lie on the imaginary axis")
+    assert rough.stability.startswith("undecided")
+    assert (exact.stable, rough.stable) == (False, None)

@@ -8,8 +8,8 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from dynid.bondgraph.verdicts import Verdicts
 from dynid.lti.certified import Root, certified_roots
+from dynid.lti.verdicts import Verdicts
 
 if TYPE_CHECKING:
     import numpy as np

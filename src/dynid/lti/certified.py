@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.lti.verdicts import Root as Sided
+
 #: Working precision in bits of square roots.
 _PRECISION = 128
 #: A prime modulo which coprimality is proved.
@@ -82,7 +84,7 @@ def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) ->
     return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
 
 
-def repeated(roots: Iterable[Root]) -> NDArray[np.complex128]:
+def repeated(roots: Iterable[Sided]) -> NDArray[np.complex128]:
     """Return the values of roots as an array, each as often as its multiplicity says."""
     import numpy as np
 

@@ -22,8 +22,8 @@ from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import spectrum
 from dynid.bondgraph.natural import determinant, integrates
 from dynid.bondgraph.reduced import Channel, ReducedGraph
-from dynid.bondgraph.verdicts import Verdicts
 from dynid.errors import NumericalError, Undecided
+from dynid.lti.verdicts import Verdicts
 
 #: Most states whose eigenvalues are sought: the matrix is dense.
 _LARGEST = 8000

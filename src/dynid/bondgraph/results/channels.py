@@ -14,8 +14,8 @@ from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.transfer import TransferFunction
-from dynid.bondgraph.verdicts import Root, Verdicts
 from dynid.errors import Undecided
+from dynid.lti.verdicts import Root, Verdicts
 from dynid.result import Result
 
 if TYPE_CHECKING:

@@ -15,12 +15,15 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from dynid.errors import Singular, UsageError
 from dynid.lti.certified import Root, certified_roots, repeated
+from dynid.lti.verdicts import Root as Sided
+from dynid.lti.verdicts import all_left, far, stability, zero_stability
 from dynid.words import did_you_mean
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.lti.pencil.eigenvalues import FiniteEigenvalues
     from dynid.lti.pencil.integer import IntegerPencil
     from dynid.lti.pencil.reading import Reading
 
@@ -37,7 +40,8 @@ class SystemZerosPoles(NamedTuple):
     zero_bounds, pole_bounds
         Bounds on their absolute errors: certified by the exact engine, first-order by the float engine.
     zero_roots, pole_roots
-        The exact engine's roots with exact multiplicities and half-planes; empty from the float engine.
+        The same with multiplicities and half-planes: exact from the exact engine; from the float engine one
+        by one, on the side that the bound leaves no doubt of.
     normal_rank
         Rank of the transfer matrix at almost every s.
     relative_degree
@@ -56,14 +60,76 @@ class SystemZerosPoles(NamedTuple):
     poles: NDArray[np.complex128]
     zero_bounds: NDArray[np.float64]
     pole_bounds: NDArray[np.float64]
-    zero_roots: tuple[Root, ...]
-    pole_roots: tuple[Root, ...]
+    zero_roots: tuple[Sided, ...]
+    pole_roots: tuple[Sided, ...]
     normal_rank: int
     relative_degree: int | float | None
     infinite_zeros: int | None
     gain: float | None
     engine: Engine
     reading: Reading
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether every finite pole lies in the open left half-plane; None where that is undecided."""
+        return all_left(self.pole_roots)
+
+    @property
+    def stability(self) -> str:
+        """The stability verdict in words, with the poles that decide it."""
+        return stability(self.pole_roots)
+
+    @property
+    def minimum_phase(self) -> bool | None:
+        """Whether every zero lies in the open left half-plane; None where that is undecided."""
+        return False if self.vanishes else all_left(self.zero_roots)
+
+    @property
+    def zero_stability(self) -> str:
+        """The phase verdict in words, with the zeros that decide it, and whether those are far."""
+        return zero_stability(self.zero_roots, self.pole_roots, vanishes=self.vanishes)
+
+    @property
+    def far_zeros(self) -> NDArray[np.complex128]:
+        """The zeros more than 1,000 times beyond the largest pole."""
+        return repeated(far(self.zero_roots, self.pole_roots))
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether no input reaches any output."""
+        return self.normal_rank == 0
+
+
+@dataclass(frozen=True)
+class FloatRoot:
+    """A root in floating point.
+
+    Parameters
+    ----------
+    value, radius
+        The root, and a first-order bound on its error.
+    side
+        -1 in the open left half-plane, +1 in the open right half-plane, 0 on the imaginary axis (at the
+        origin, which is exact); None where the bound leaves that open.
+    multiplicity
+        Exact at the origin; elsewhere 1, and roots that cannot be told apart stand side by side.
+    """
+
+    value: complex
+    radius: float
+    side: int | None
+    multiplicity: int = 1
+
+    @classmethod
+    def all_of(cls, found: FiniteEigenvalues) -> tuple[FloatRoot, ...]:
+        """Tell sides from the error bounds; what is known to be 0 is one root."""
+        at_origin = (found.values == 0) & (found.bounds == 0)
+        origin = [cls(0j, 0.0, 0, int(at_origin.sum()))] if at_origin.any() else []
+        others = zip(found.values[~at_origin].tolist(), found.bounds[~at_origin].tolist(), strict=True)
+        sides = (
+            (z, bound, (z.real > 0) - (z.real < 0) if abs(z.real) > bound else None) for z, bound in others
+        )
+        return (*origin, *(cls(*each) for each in sides))
 
 
 def zeros_poles(
@@ -234,8 +300,8 @@ def _in_floats(system: _System) -> SystemZerosPoles:
         poles=poles.values,
         zero_bounds=zeros.bounds,
         pole_bounds=poles.bounds,
-        zero_roots=(),
-        pole_roots=(),
+        zero_roots=FloatRoot.all_of(zeros),
+        pole_roots=FloatRoot.all_of(poles),
         gain=None,
         engine="float",
         **system.structure(of_zeros.rank, of_zeros.finite, of_poles.finite),

@@ -8,6 +8,8 @@ from typing import Protocol
 
 #: Most zeros or poles that a verdict names.
 _SHOWN = 4
+#: A zero is far where it lies so many times beyond the largest pole: the dynamics below never feel it.
+FAR = 1e3
 
 
 class Root(Protocol):
@@ -71,21 +73,12 @@ class Verdicts(ABC):
     @property
     def stable(self) -> bool | None:
         """Whether every pole lies in the open left half-plane; None where that is undecided."""
-        return _all_left(self.poles)
+        return all_left(self.poles)
 
     @property
     def stability(self) -> str:
         """The stability verdict in words, with the poles that decide it."""
-        right, axis, open_ones = _by_side(self.poles)
-        repeated = [pole for pole in axis if pole.multiplicity > 1]
-        if right or repeated:
-            where = "in the right half-plane" if right else "repeated on the imaginary axis"
-            return f"unstable: {_place(right or repeated, 'pole')} {where}"
-        if open_ones:
-            return _undecided(open_ones, "pole")
-        if axis:
-            return f"marginal, not stable: {_place(axis, 'pole')} on the imaginary axis"
-        return "stable" if self.poles else "stable: there are no poles"
+        return stability(self.poles)
 
     @property
     def minimum_phase(self) -> bool | None:
@@ -93,26 +86,66 @@ class Verdicts(ABC):
 
         None where that is undecided.
         """
-        return False if self.vanishes else _all_left(self.zeros)
+        return False if self.vanishes else all_left(self.zeros)
 
     @property
     def zero_stability(self) -> str:
         """The phase verdict in words, with the zeros that decide it."""
-        right, axis, open_ones = _by_side(self.zeros)
-        if self.vanishes:
-            return "undefined: the input does not reach the output"
-        if right:
-            return (
-                f"non-minimum phase: {_place(right, 'zero')} in the right half-plane; its inverse is unstable"
-            )
-        if open_ones:
-            return _undecided(open_ones, "zero")
-        if axis:
-            where = f"{_place(axis, 'zero')} on the imaginary axis"
-            return f"marginal, not minimum phase: {where}, so {_consequence(axis)}"
-        if not self.zeros:
-            return "minimum phase: there are no finite zeros"
-        return "minimum phase: every zero lies in the open left half-plane"
+        return zero_stability(self.zeros, self.poles, vanishes=self.vanishes)
+
+
+def stability(poles: Sequence[Root]) -> str:
+    """Return the stability verdict in words, with the poles that decide it."""
+    right, axis, open_ones = _by_side(poles)
+    repeated = [pole for pole in axis if pole.multiplicity > 1]
+    if right or repeated:
+        where = "in the right half-plane" if right else "repeated on the imaginary axis"
+        return f"unstable: {_place(right or repeated, 'pole')} {where}"
+    if open_ones:
+        return _undecided(open_ones, "pole")
+    if axis:
+        return f"marginal, not stable: {_place(axis, 'pole')} on the imaginary axis"
+    return "stable" if poles else "stable: there are no poles"
+
+
+def zero_stability(zeros: Sequence[Root], poles: Sequence[Root], *, vanishes: bool) -> str:
+    """Return the phase verdict in words, with the zeros that decide it, and whether those are far."""
+    right, axis, open_ones = _by_side(zeros)
+    if vanishes:
+        return "undefined: the input does not reach the output"
+    if right:
+        where = f"{_place(right, 'zero')} in the right half-plane"
+        return f"non-minimum phase: {where}; its inverse is unstable{_remoteness(right, zeros, poles)}"
+    if open_ones:
+        return _undecided(open_ones, "zero")
+    if axis:
+        where = f"{_place(axis, 'zero')} on the imaginary axis"
+        return f"marginal, not minimum phase: {where}, so {_consequence(axis)}"
+    if not zeros:
+        return "minimum phase: there are no finite zeros"
+    return "minimum phase: every zero lies in the open left half-plane"
+
+
+def far(zeros: Sequence[Root], poles: Sequence[Root]) -> tuple[Root, ...]:
+    """Return the zeros more than `FAR` times beyond the largest pole; none where all poles are 0."""
+    largest = _largest(poles)
+    return tuple(zero for zero in zeros if largest and abs(zero.value) > FAR * largest)
+
+
+def _remoteness(deciding: Sequence[Root], zeros: Sequence[Root], poles: Sequence[Root]) -> str:
+    """Say so where a verdict hangs on far zeros alone, and what it would be without them."""
+    remote = far(deciding, poles)
+    if len(remote) < len(deciding):
+        return ""
+    ratio = min(abs(zero.value) for zero in remote) / _largest(poles)
+    near = [zero for zero in zeros if zero not in remote]
+    rest, _, _ = zero_stability(near, poles, vanishes=False).partition(":")
+    them = "it" if len(remote) == remote[0].multiplicity == 1 else "them"
+    return f"; far, {ratio:.1g} times beyond the largest pole, and without {them} {rest}"
+
+
+def _largest(poles: Sequence[Root]) -> float:
+    return max((abs(pole.value) for pole in poles), default=0.0)
 
 
 def _by_side(roots: Sequence[Root]) -> tuple[list[Root], list[Root], list[Root]]:
@@ -122,7 +155,8 @@ def _by_side(roots: Sequence[Root]) -> tuple[list[Root], list[Root], list[Root]]
     return right, axis, [root for root in roots if root.side is None]
 
 
-def _all_left(roots: Sequence[Root]) -> bool | None:
+def all_left(roots: Sequence[Root]) -> bool | None:
+    """Tell whether all roots lie in the open left half-plane; None where that is open."""
     right, axis, open_ones = _by_side(roots)
     return False if right or axis else None if open_ones else True
 
