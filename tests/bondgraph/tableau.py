@@ -20,6 +20,21 @@ def transfer_at(types, values, bonds, inputs, output, s):
     return {name: _fraction(solution[row, k]) * scale for k, name in enumerate(inputs)}
 
 
+def transfers_at(types, values, bonds, inputs, outputs, s):
+    """Return {(output, input): T(s)} for several outputs, named as ports, or None where it is singular."""
+    rows, rights = _equations(types, values, bonds, inputs, s)
+    try:
+        solution = _matrix(rows).solve(_matrix(rights))
+    except ZeroDivisionError:
+        return None
+    found = {}
+    for output in outputs:
+        row, scale = _unknown(bonds, output, s)
+        for k, name in enumerate(inputs):
+            found[".".join(output), name] = _fraction(solution[row, k]) * scale
+    return found
+
+
 def determined_at(types, values, bonds, inputs, output, s):
     """Return {input: T(s)} where the equations determine the output although they may be singular elsewhere.
 

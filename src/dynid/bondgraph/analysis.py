@@ -6,6 +6,7 @@ Only what is asked for is computed.
 from __future__ import annotations
 
 from dynid.bondgraph.graph import Bond, BondGraph
+from dynid.bondgraph.need import dropped
 from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.results.channels import add_channels
@@ -15,6 +16,9 @@ from dynid.bondgraph.results.trace import add_prototypes, add_steps
 from dynid.bondgraph.results.zero_input import add_zero_input
 from dynid.errors import Singular
 from dynid.result import Result
+
+#: Most nodes that are named as left out.
+_SHOWN = 500
 
 
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
@@ -99,5 +103,7 @@ def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: B
 
 def _dropped(reduced: ReducedGraph) -> str:
     """Say what was left out, because no output depends on it."""
-    reductions = reduced.reductions.values()
-    return ", ".join(name for name in reduced.graph.nodes if all(name in red.dropped for red in reductions))
+    left_out = [set(dropped(reduced, port)) for port in reduced.outputs]
+    names = [name for name in reduced.graph.nodes if all(name in one for one in left_out)]
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more

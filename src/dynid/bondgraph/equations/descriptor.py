@@ -89,7 +89,8 @@ class Descriptor:
             return scaled(self._common(place), size) if size else {}
         if on_one is (node.type == "I"):  # it answers with a rate: e = I f' - I f(0) delta(t)
             return {**scaled(rate(self._common(place)), value), **stored} if value else {}
-        # it integrates: C e' = f + C e(0) delta(t)
+        # it integrates: C e' = f + C e(0) delta(t); what it stores is given along the arrow of its bond
+        stored = scaled(stored, self.field.one * bond_sign(self.graph, element))
         equation: Form = {("dw", element): value, **stored} if value else {}
         add(equation, self._common(place), -self.field.one)
         self.equations.append(equation)

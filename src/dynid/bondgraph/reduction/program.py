@@ -184,6 +184,12 @@ class Program:
             self._known[key] = register
         return register
 
+    def parameters(self, wanted: Iterable[Register]) -> set[str]:
+        """Return the nodes whose values the wanted registers are made of."""
+        needed = self._needed(list(wanted))
+        ops = (self.ops[register] for register in filter(needed.__getitem__, range(len(needed))))
+        return {str(name) for op, name, _ in ops if op is Op.PARAMETER}
+
     def vanishing(self, wanted: Iterable[Register], divisors: Iterable[Register], point: Point) -> bool:
         """Tell whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
         from flint import nmod

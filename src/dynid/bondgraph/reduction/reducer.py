@@ -203,7 +203,11 @@ class Reducer:
         """Return the nodes on the junctions that were reduced, and what drives them from outside."""
         structure, reached = self.net.structure, set(self.net.depth)
         inside = {name for name, place in structure.place.items() if place in reached}
-        inside |= {name for row in self.nodal_form.sources.values() for name in row}
+        driving = {name for row in self.nodal_form.sources.values() for name in row}
+        inside |= driving
+        for junction in structure.junctions.values():
+            if junction.fixing in driving:  # the port depends on it through its known variable only
+                inside |= set(junction.members)
         for coupling in structure.couplings:
             if coupling.two_port and reached & {coupling.tail, coupling.head}:
                 inside.add(coupling.two_port)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from dynid.bondgraph.need import dropped
 from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.bondgraph.reduction.notation import express, length
 from dynid.bondgraph.reduction.prototypes import Prototype
@@ -48,6 +49,8 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
         result.add("bond_graph/reduction/prototype", letters[0])
     else:
         result.add("bond_graph/reduction/prototype", letters, ("output",))
+    left_out = [", ".join(dropped(reduced, port)) for port in ports]
+    result.add("bond_graph/reduction/dropped", left_out, ("output",))
     prototypes = [reduced.reductions[port].prototype for port in ports]
     for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
         texts = [prototype.equation(hand) for prototype in prototypes]
