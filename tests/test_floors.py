@@ -41,7 +41,7 @@ LIBRARIES = {
     "pydantic_core": {"scene"},
     "sympy": {"bondgraph"},  # formulas
     "flint": {"lti", "bondgraph"},  # exact numbers
-    "control": set(),
+    "control": {"result"},  # state equations for users' hands
     "matplotlib": set(),
     "numba": {"lti", "identification"},
 }

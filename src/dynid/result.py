@@ -9,10 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import UsageError
+
+if TYPE_CHECKING:
+    import control
 
 Scalar = str | bool | int | float
 
@@ -133,6 +138,40 @@ class Result(Mapping[str, Variable]):
         """Return the array at `path`, or the Python scalar where it has no axes."""
         data = self._variables[path].data
         return data.item() if data.ndim == 0 else data
+
+    def to_control(self) -> control.StateSpace:
+        """Return the state equations of a bond graph as a system of python-control.
+
+        Signals keep their names, with an underscore for the dot that python-control does not allow:
+        `m_s.f` is `m_s_f`.
+
+        Raises
+        ------
+        UsageError
+            Where the result holds no state equations, or an output differentiates an input.
+        """
+        import control
+
+        group = "bond_graph/state_space"
+        if f"{group}/A" not in self:
+            raise UsageError(
+                "the result holds no state equations", remedy="Add state_space to analysis.results."
+            )
+        names = {
+            axis: [str(name).replace(".", "_") for name in self[f"{group}/{axis}"].data]
+            for axis in ("state", "input", "output")
+        }
+        improper = self[f"{group}/feedthrough"].data[1:].any(axis=0)
+        for output, source in np.argwhere(improper):
+            raise UsageError(
+                f"output '{self[f'{group}/output'].data[output]}' follows a derivative of input "
+                f"'{self[f'{group}/input'].data[source]}': no state space in python-control can hold that",
+                remedy="Ask for other outputs, or put into the graph what limits them.",
+            )
+        matrices = (self[f"{group}/{name}"].data for name in "ABCD")
+        return control.StateSpace(
+            *matrices, states=names["state"], inputs=names["input"], outputs=names["output"]
+        )
 
     def merge(self, other: Result) -> None:
         """Take over every array and group attribute of another result."""

@@ -71,9 +71,9 @@ def test_the_input_that_holds_the_output_still():
     """No force on the mass: it keeps its velocity, and the input is what spring and damper take."""
     graph = written("Se F, 1 v, I m 2, C k 1/3, R b 5", "F -> v -> m, v -> k, v -> b", "m.e")
     inside = zero_dynamics(graph, only_port(graph), "F")
-    assert inside.states == ("k.e", "v.f")
-    assert inside.A.tolist() == [[0, 3], [0, 0]]
-    assert inside.C.tolist() == [[1, 5]]
+    assert inside.states == ("v.f", "k.e")
+    assert inside.A.tolist() == [[0, 0], [3, 0]]
+    assert inside.C.tolist() == [[5, 1]]
 
 
 def test_an_input_that_is_differentiated_holds_the_output_by_standing_still():

@@ -9,8 +9,8 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.reduced import Channel, Planned, ReducedGraph
-from dynid.bondgraph.reduction.notation import express
-from dynid.bondgraph.reduction.program import Op, Program, Register, operands
+from dynid.bondgraph.reduction.notation import express, free_letter, shared
+from dynid.bondgraph.reduction.program import Register
 from dynid.bondgraph.reduction.writing import TEXT, Hand
 from dynid.errors import NumericalError, UsageError
 
@@ -115,7 +115,7 @@ def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: Hand = TE
     UsageError
         Where a name is ambiguous.
     """
-    _names(reduced)
+    symbol_names(reduced)
     wanted = list(dict.fromkeys(registers))
     labels = _labels(reduced, wanted)
     nodes = reduced.graph.nodes
@@ -128,47 +128,14 @@ def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: Hand = TE
 
 def _labels(reduced: ReducedGraph, wanted: list[Register]) -> dict[Register, str]:
     """Name what is used more than once or grows long, in the order of the program."""
-    program = reduced.program
-    order = _needed(program, wanted)
-    uses: dict[Register, int] = {}
-    for register in order:
-        for operand in operands(*program.ops[register]):
-            uses[operand] = uses.get(operand, 0) + 1
     taken = {*reduced.graph.nodes, *_parameters(reduced)}
-    size: dict[Register, int] = {}
-    named: list[Register] = []
-    for register in order:
-        if program.ops[register][0] < Op.ADD:
-            size[register] = 1
-            continue
-        size[register] = 1 + sum(size[operand] for operand in operands(*program.ops[register]))
-        if register in wanted or uses[register] > 1 or size[register] > _NESTED:
-            named.append(register)
-            size[register] = 1
-    letter = _free_letter(taken)
+    named = shared(reduced.program, wanted, _NESTED)
+    letter = free_letter(taken)
     inner = [register for register in named if register not in wanted]
     names = {register: f"{letter}{k}" for k, register in enumerate(inner, 1)}
-    final = _free_letter(taken, "T")
+    final = free_letter(taken, "T")
     ends = {r: final if len(wanted) == 1 else f"{final}{k}" for k, r in enumerate(wanted, 1)}
     return {**names, **ends}
-
-
-def _needed(program: Program, wanted: list[Register]) -> list[Register]:
-    """Return what some registers are made of, in the order of the program."""
-    found = set(wanted)
-    for register in range(max(wanted, default=-1), -1, -1):
-        if register in found:
-            found.update(operands(*program.ops[register]))
-    return sorted(found)
-
-
-def _free_letter(taken: set[str], letter: str = "t") -> str:
-    """Return a beginning of names that no node and no parameter has."""
-    while any(
-        (name.startswith(letter) and name[len(letter) :].isdigit()) or name == letter for name in taken
-    ):
-        letter += "_"
-    return letter
 
 
 def _polynomials(reduced: ReducedGraph, limit: int) -> dict[Channel, Polynomials]:
@@ -183,8 +150,8 @@ def _register_polynomials(
     from dynid.bondgraph.algebra.symbolic import variables
 
     wanted = list(registers)
-    symbols, one = variables(["s", *_names(planned)], limit)
-    values = {name: _value(planned, name, symbols, one) for name in planned.valued}
+    symbols, one = variables(["s", *symbol_names(planned)], limit)
+    values = {name: symbol_value(planned, name, symbols, one) for name in planned.valued}
     run = planned.run(wanted, values, symbols["s"], one)
     degrees = _degrees(planned, values, wanted)
     return {register: _lowest(run[register], *degrees[register]) for register in wanted}
@@ -241,7 +208,7 @@ def _degrees(
     return {r: (int(above.degree()), int(below.degree())) for r, (above, below) in lowest.items()}
 
 
-def _names(reduced: Planned) -> list[str]:
+def symbol_names(reduced: Planned) -> list[str]:
     """Return the symbols needed.
 
     Raises
@@ -276,7 +243,14 @@ def _ambiguous(name: str, why: str) -> UsageError:
     )
 
 
-def _value(reduced: Planned, name: str, symbols: dict[str, Formula], one: Formula) -> Formula:
+def symbol_value(reduced: Planned, name: str, symbols: dict[str, Formula], one: Formula) -> Formula:
+    """Return the value of a node as a formula in the symbols.
+
+    Raises
+    ------
+    KeyError
+        Where its expression is no rational function.
+    """
     from dynid.bondgraph.algebra.symbolic import apply
 
     formula = reduced.graph.nodes[name].formula

@@ -44,6 +44,7 @@ class Descriptor:
         self.equations: list[Form] = []
         self._owners: list[str] = []  # the storage or junction behind each equation
         self._responses: dict[str, Form] = {}
+        self._integrals: dict[str, Form] = {}
         self._balance: dict[str, Form] = {name: {} for name in structure.junctions if name in modelled}
         for name, balance in self._balance.items():
             for element in structure.junctions[name].elements:
@@ -57,6 +58,8 @@ class Descriptor:
             if structure.junctions[name].fixing is None:
                 self.equations.append(form)
                 self._owners.append(name)
+        self.equations += self._integrals.values()
+        self._owners += self._integrals
 
     def _couple(self, coupling: Coupling) -> None:
         if coupling.tail not in self._balance and coupling.head not in self._balance:
@@ -93,8 +96,7 @@ class Descriptor:
         stored = scaled(stored, self.field.one * bond_sign(self.graph, element))
         equation: Form = {("dw", element): value, **stored} if value else {}
         add(equation, self._common(place), -self.field.one)
-        self.equations.append(equation)
-        self._owners.append(element)
+        self._integrals[element] = equation
         return {("w", element): self.field.one}
 
     def name(self, unknown: str) -> str:

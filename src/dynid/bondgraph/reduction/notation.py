@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Collection, Container, Iterator, Mapping
 
 from dynid.bondgraph.graph import Node
 from dynid.bondgraph.reduction.program import Op, Program, Register, operands
@@ -88,3 +88,56 @@ def _write(
             return hand.product(known[a], known[b])
         case Op.DIV:
             return hand.quotient(known[a], known[b])
+
+
+def shared(program: Program, wanted: Collection[Register], longest: int) -> list[Register]:
+    """Return what is worth a name: the wanted, what is used more than once, and what grows long.
+
+    Parameters
+    ----------
+    program
+        Holds the registers.
+    wanted
+        What is to be written.
+    longest
+        Most operations of a formula before a part of it is named.
+
+    Returns
+    -------
+    list
+        Registers in the order of the program.
+    """
+    order = _needed(program, wanted)
+    uses: dict[Register, int] = {}
+    for register in order:
+        for operand in operands(*program.ops[register]):
+            uses[operand] = uses.get(operand, 0) + 1
+    size: dict[Register, int] = {}
+    named: list[Register] = []
+    for register in order:
+        if program.ops[register][0] < Op.ADD:
+            size[register] = 1
+            continue
+        size[register] = 1 + sum(size[operand] for operand in operands(*program.ops[register]))
+        if register in wanted or uses[register] > 1 or size[register] > longest:
+            named.append(register)
+            size[register] = 1
+    return named
+
+
+def _needed(program: Program, wanted: Collection[Register]) -> list[Register]:
+    """Return what some registers are made of, in the order of the program."""
+    found = set(wanted)
+    for register in range(max(wanted, default=-1), -1, -1):
+        if register in found:
+            found.update(operands(*program.ops[register]))
+    return sorted(found)
+
+
+def free_letter(taken: Collection[str], letter: str = "t") -> str:
+    """Return a beginning of names that no node and no parameter has."""
+    while any(
+        (name.startswith(letter) and name[len(letter) :].isdigit()) or name == letter for name in taken
+    ):
+        letter += "_"
+    return letter

@@ -30,11 +30,19 @@ _DIRAC = (
 )
 
 
+_SHIFTED = (
+    "an input's derivative enters the state equations: the states of the matrices are these variables less a "
+    "multiple of the input, so that it does not"
+)
+
+
 def add_state_space(result: Result, reduced: ReducedGraph) -> None:
     """Add the state equations; `feedthrough` holds D and, where improper, the matrices on u', u'', …."""
+    from dynid.bondgraph.equations.symbolic import state_equations
     from dynid.bondgraph.state_space import state_space
 
     system, group = state_space(reduced), "bond_graph/state_space"
+    written = state_equations(reduced, system.states)
     for axis, names in (("state", system.states), ("input", system.inputs), ("output", system.outputs)):
         result.add_axis(f"{group}/{axis}", np.array(names, dtype=object))
     result.add_axis(f"{group}/rate_of", np.array(system.states, dtype=object))
@@ -45,6 +53,13 @@ def add_state_space(result: Result, reduced: ReducedGraph) -> None:
     result.add_axis(f"{group}/derivative", np.arange(len(feedthrough)))
     result.add(f"{group}/D", feedthrough[0], ("output", "input"))
     result.add(f"{group}/feedthrough", feedthrough, ("derivative", "output", "input"))
+    result.add(f"{group}/equations", np.array(written.states, dtype=object), ("rate_of",))
+    result.add(f"{group}/output_equations", np.array(written.outputs, dtype=object), ("output",))
+    if written.definitions:
+        result.add_axis(f"{group}/definition", np.arange(1, len(written.definitions) + 1))
+        result.add(f"{group}/definitions", np.array(written.definitions, dtype=object), ("definition",))
+    if any("(d" in equation for equation in written.states):
+        result.annotate(group, note=_SHIFTED)
 
 
 def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray[np.float64]) -> None:

@@ -1,0 +1,221 @@
+"""State equations in the user's symbols: the same index reduction, run on a growing program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
+from dynid.bondgraph.equations.descriptor import Descriptor
+from dynid.bondgraph.equations.forms import Field, Form, Symbol
+from dynid.bondgraph.equations.index import solve
+from dynid.bondgraph.formula import symbol_names, symbol_value
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduction.notation import express, free_letter, length, shared
+from dynid.bondgraph.reduction.program import Point, Program, Register
+from dynid.bondgraph.reduction.writing import ATOM, POWER, PRODUCT, SUM, TEXT, Written
+from dynid.errors import UsageError
+
+#: Most symbols and terms with which coefficients are brought to lowest terms.
+_SYMBOLS, _TERMS = 100, 12
+#: Else: most operations of a coefficient that is written out whole; of one that is made of named parts.
+_WHOLE, _PART = 24, 12
+
+
+class Symbolic:
+    """A number that is written down, not computed: a register of a program.
+
+    Parameters
+    ----------
+    program
+        Where operations are written.
+    register
+        What stands for the number; it is zero where its image at the program's point is.
+    """
+
+    __slots__ = ("program", "register")
+
+    def __init__(self, program: Program, register: Register) -> None:
+        self.program, self.register = program, register
+
+    def _made(self, register: Register) -> Self:
+        return type(self)(self.program, register)
+
+    def _constant(self, integer: int) -> Register:
+        return self.program.constant(integer)
+
+    def __bool__(self) -> bool:
+        return not self.program.is_zero(self.register)
+
+    def __add__(self, other: Self) -> Self:
+        return self._made(self.program.add(self.register, other.register))
+
+    def __neg__(self) -> Self:
+        return self._made(self.program.neg(self.register))
+
+    def __mul__(self, other: Self | int) -> Self:
+        if isinstance(other, int):  # of equations: a sign
+            return self if other == 1 else -self if other == -1 else self._made(self._constant(0))
+        return self._made(self.program.mul(self.register, other.register))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Self) -> Self:
+        return self._made(self.program.div(self.register, other.register))
+
+    def __rtruediv__(self, other: int) -> Self:
+        return self._made(self.program.one) * other / self
+
+
+@dataclass(frozen=True)
+class StateEquations:
+    """State equations as text.
+
+    Parameters
+    ----------
+    definitions
+        Parts that coefficients share, each in terms of those before it (`t1 = …`); empty where all are short.
+    states
+        One equation for the rate of each state.
+    outputs
+        One equation for each output.
+    """
+
+    definitions: tuple[str, ...]
+    states: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> StateEquations:
+    """Write the state equations of a graph in its symbols.
+
+    They hold for all values of the parameters but those that make a divisor vanish; where the graph's own
+    values do, or leave other states, they are written for these values.
+
+    Parameters
+    ----------
+    reduced
+        The graph with its inputs and outputs.
+    states
+        The states of `state_space`, of which these are the equations.
+
+    Raises
+    ------
+    Singular
+        Where the equations have no unique solution.
+    """
+    values = {name: reduced.graph.value(name) for name in reduced.valued}
+    prime = prime_for(values.values())
+    own = numeric_point(values, prime)
+    general = _Solved(reduced, random_point(reduced.valued, prime))
+    if general.states == tuple(states) and not general.program.vanishing(general.registers, (), own):
+        return general.written()
+    return _Solved(reduced, own).written()
+
+
+class _Solved:
+    """State equations whose coefficients are registers."""
+
+    def __init__(self, reduced: ReducedGraph, point: Point) -> None:
+        self.reduced, self.graph = reduced, reduced.graph
+        program = self.program = Program(point)
+        field = Field(lambda name: Symbolic(program, program.parameter(name)), Symbolic(program, program.one))
+        junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
+        self.system = Descriptor(reduced.structure, junctions, field, inputs=reduced.inputs)
+        forms = [self.system.output(port) for port in reduced.outputs]
+        self.rates, self.outputs = solve(self.system.equations, forms)
+        self.ports = [str(port) for port in reduced.outputs]
+        self.places = {name: k for names in (self.rates, reduced.inputs) for k, name in enumerate(names)}
+        self.states = tuple(self.system.name(name) for name in self.rates)
+
+    @property
+    def registers(self) -> list[Register]:
+        """The coefficients."""
+        return [value.register for form in (*self.rates.values(), *self.outputs) for value in form.values()]
+
+    def written(self) -> StateEquations:
+        whole = self._lowest_terms()
+        labels = {} if whole else self._labels()
+        nodes = self.graph.nodes
+        if not whole:
+            whole = {
+                register: TEXT.name(labels[register])
+                if register in labels
+                else express(self.program, register, nodes, labels)
+                for register in self.registers
+            }
+        left = [f"d/dt {name}" for name in self.states]
+        return StateEquations(
+            tuple(f"{name} = {express(self.program, r, nodes, labels)[0]}" for r, name in labels.items()),
+            tuple(self._equations(left, self.rates.values(), whole)),
+            tuple(self._equations(self.ports, self.outputs, whole)),
+        )
+
+    def _lowest_terms(self) -> dict[Register, Written]:
+        """Write coefficients as quotients of polynomials; nothing where one of them grows long."""
+        from dynid.bondgraph.algebra.symbolic import TooLong, variables
+
+        try:
+            names = symbol_names(self.reduced)
+            if len(names) > _SYMBOLS:
+                return {}
+            symbols, one = variables(names or ["s"], _TERMS**2)
+            values = {name: symbol_value(self.reduced, name, symbols, one) for name in self.reduced.valued}
+            found = self.program.run(self.registers, values, one, one)
+            lowest = {register: value.lowest_terms() for register, value in found.items()}
+        except (UsageError, TooLong, KeyError, ZeroDivisionError):
+            return {}
+        if any(max(len(above), len(below)) > _TERMS for above, below in lowest.values()):
+            return {}
+        return {register: _quotient(above, below) for register, (above, below) in lowest.items()}
+
+    def _labels(self) -> dict[Register, str]:
+        """Name what coefficients share, where one of them would be long."""
+        wanted = set(self.registers)
+        if all(length(self.program, register, _WHOLE) < _WHOLE for register in wanted):
+            return {}
+        formulas = (node.formula.names for node in self.graph.nodes.values() if node.formula)
+        letter = free_letter({*self.graph.nodes, *(name for names in formulas for name in names)})
+        named = [r for r in shared(self.program, wanted, _PART) if length(self.program, r, 4) == 4]
+        return {register: f"{letter}{k}" for k, register in enumerate(named, 1)}
+
+    def _equations(
+        self, left: Iterable[str], forms: Iterable[Form], coefficients: dict[Register, Written]
+    ) -> Iterable[str]:
+        for name, form in zip(left, forms, strict=True):
+            terms = [
+                TEXT.scaled(coefficients[form[symbol].register], self._variable(symbol))
+                for symbol in sorted(form, key=self._place)
+            ]
+            yield f"{name} = {TEXT.listed(terms)[0]}"
+
+    def _place(self, symbol: Symbol) -> tuple[int, int]:
+        """States first, in their order, then inputs, then their derivatives."""
+        if len(symbol) == 2:
+            return 0, self.places[symbol[1]]
+        return 1 + symbol[2], self.places[symbol[1]]
+
+    def _variable(self, symbol: Symbol) -> str:
+        if len(symbol) == 2:
+            return self.system.name(symbol[1])
+        times = "" if symbol[2] == 1 else str(symbol[2])
+        return f"(d{times}/dt{times} {symbol[1]})" if symbol[2] else symbol[1]
+
+
+def _quotient(above: Any, below: Any) -> Written:
+    """Write a quotient of polynomials, its sign in front."""
+    if below.leading_coefficient() < 0:
+        above, below = -above, -below
+    negative = above.leading_coefficient() < 0
+    top = _polynomial(-above if negative else above)
+    written = top if below == 1 else TEXT.quotient(top, _polynomial(below))
+    return TEXT.negative(written) if negative else written
+
+
+def _polynomial(polynomial: Any) -> Written:
+    """Write a polynomial whose first coefficient is positive."""
+    text = str(polynomial).replace("^", "**")
+    if len(polynomial) > 1:
+        return text, SUM
+    return text, PRODUCT if "*" in text.replace("**", "") else POWER if "**" in text else ATOM
