@@ -77,9 +77,11 @@ def finished(
     Kx, Mx = times(pencil.K, shapes), times(pencil.M, shapes)
     parts = times(absolute(pencil.K), np.abs(shapes))
     inertia = np.abs(square) * times(absolute(pencil.M), np.abs(shapes))
-    size = np.linalg.norm(parts + inertia, axis=0)
-    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.where(size > 0, size, 1.0)
-    rigid = _rigid(square, np.einsum("im,im->m", np.abs(shapes), parts))
+    sizes = np.linalg.norm(parts + inertia, axis=0)  # 0 for a mass that nothing holds
+    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.where(sizes > 0, sizes, 1.0)
+    # The strain energy of the shape itself: its rounding is that of its parts, not of the highest mode.
+    strain = np.einsum("im,im->m", shapes, Kx)
+    rigid = _rigid(strain, np.einsum("im,im->m", np.abs(shapes), parts))
     square = np.where(rigid, 0.0, square)
     if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:
         raise NumericalError(
