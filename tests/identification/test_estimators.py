@@ -98,7 +98,7 @@ def test_channels_count_by_their_noise():
 
 def test_stages_tell_what_was_tried():
     result = run(measurement=simulated(0.05))
-    assert list(result.value("identification/stages/stage")) == ["filter pass"]
+    assert list(result.value("identification/stages/stage")) == ["a filter pass"]
     assert result.value("identification/stages/iterations")[0] >= 1
     np.testing.assert_array_equal(
         result.value("identification/stages/estimate")[-1], parameter(result, "estimate")

@@ -48,7 +48,7 @@ class Auto:
             What went wrong at first, if no attempt came to an end.
         """
         search = _Search(fitter)
-        search.attempt("filter pass", partial(run_passes, fitter, 1, origin))
+        search.attempt("a filter pass", partial(run_passes, fitter, 1, origin))
         if not search.accepted:
             search.attempt("annealed passes", partial(annealed_passes, fitter, origin))
         for count, reach, tried in _NETS:

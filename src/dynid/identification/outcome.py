@@ -186,6 +186,8 @@ class Outcome:
         left = [np.max(root_mean_square(stage.fit.residual) / self.fitter.data.rms) for stage in stages]
         result.add(f"{group}/residual_ratio", left, ("stage",))
         result.add(f"{group}/iterations", [len(stage.fits) - 1 for stage in stages], ("stage",))
+        chosen = [stage.fit is self._final for stage in stages].index(True) + 1
+        result.add(f"{group}/chosen", chosen)
 
     def _add_history(self, result: Result, group: str, history: Pass) -> None:
         model = self.fitter.model

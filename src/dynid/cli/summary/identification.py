@@ -19,11 +19,17 @@ _BADLY = 1e3
 
 
 def method(result: Result) -> str:
-    """Name the kind of analysis, and how often the filter went over the record."""
+    """Name the kind of analysis, and how the estimate was come by."""
     if "identification/diagnostics/passes" not in result:
         return "structure"
     passes = result.value("identification/diagnostics/passes")
-    return f"identification · {passes} filter pass{'es' if passes > 1 else ''}"
+    stages = result["identification/stages/stage"].data
+    how = {
+        "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
+        "output-error": "maximum likelihood",
+        "auto": f"maximum likelihood after {stages[result.value('identification/stages/chosen') - 1]}",
+    }
+    return f"identification · {how[str(result.group_attrs['identification']['estimator'])]}"
 
 
 def lines(result: Result) -> list[str]:
