@@ -235,8 +235,18 @@ def _polished(F: Any, G: Any, starts: Complex) -> tuple[Complex, Real]:
         others = np.abs(starts - start)
         room = float(np.min(others[others > 0], initial=np.inf))
         values[k], bounds[k] = _refined(F, G, complex(start), room)
+    _refuse_merged(upper, values, bounds)
     mirrored = upper.imag > 0
     return np.concatenate([values, values[mirrored].conj()]), np.concatenate([bounds, bounds[mirrored]])
+
+
+def _refuse_merged(starts: Complex, values: Complex, bounds: Real) -> None:
+    """Raise where two eigenvalues have become one on the way, and so another may be missing."""
+    both = bounds[:, None] + bounds[None, :]
+    merged = (np.abs(values[:, None] - values) <= both) & (np.abs(starts[:, None] - starts) > 4 * both)
+    if merged.any():
+        z = values[np.argwhere(merged)[0][0]]
+        raise Undecided(f"two eigenvalues near {z:.4g} cannot be told apart", remedy=EXACT)
 
 
 def _refined(F: Any, G: Any, z: complex, room: float) -> tuple[complex, float]:
