@@ -11,6 +11,7 @@ from flint import fmpq, fmpq_poly, fmpz_poly
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from dynid.errors import UsageError
 from dynid.lti.certified import certified_roots, integer_polynomial, repeated, roots
 
 FILE = Path(__file__).parents[2] / "../shared/data/zeros/transfer_function.json"
@@ -187,6 +188,52 @@ def test_a_float_means_its_binary_value():
     (binary,) = roots([1], [3, -0.3]).pole_roots
     assert exact.value == 0.1
     assert binary.value == float(Fraction(0.3) / 3)
+
+
+def test_a_float_may_mean_its_shortest_decimal():
+    assert roots([1], [3, -0.3], reading="decimal").poles.tolist() == [0.1]
+    found = roots([1, -0.3], np.array([1, -0.5, 0.06]), reading="decimal")
+    assert (found.zeros.tolist(), found.poles.tolist()) == ([0.3], [0.2, 0.3])
+
+
+@pytest.mark.parametrize("coefficient", [float("nan"), float("inf"), "1/0", "one", None, 1j, "1e999999999"])
+def test_a_coefficient_that_is_no_number_is_refused(coefficient):
+    with pytest.raises(UsageError, match=r"numerator"):
+        roots([1, coefficient], [1, 2])
+
+
+def test_starts_change_nothing():
+    """Good, repeated, foreign, too few and no starts."""
+    polynomial = built(
+        {(Fraction(1, 3), Fraction(2)): 2, (Fraction(-5), Fraction(0)): 1, (Fraction(7), Fraction(1)): 1}
+    )
+    expected = certified_roots(polynomial)
+    close = [root.value * (1 + 1e-9) for root in expected]
+    for starts in (close, [1.0] * 7, [9j, *close, -40.0, 0.0], close[:2], []):
+        found = certified_roots(polynomial, starts)
+        assert [(r.value, r.multiplicity, r.side) for r in found] == [
+            (r.value, r.multiplicity, r.side) for r in expected
+        ]
+
+
+@pytest.mark.parametrize("gap", [1e-9, 1e-20, 1e-60])
+def test_roots_that_nearly_meet_are_told_apart(gap):
+    """1 and 1 ± gap, and a pair of conjugates as near to the real axis at 3."""
+    gap = Fraction(gap)
+    product = (
+        integer_polynomial([1, -1]) * integer_polynomial([1, -1 - gap]) * integer_polynomial([1, -1 + gap])
+    )
+    found = certified_roots(product * integer_polynomial([1, -6, 9 + gap**2]))
+    assert [root.multiplicity for root in found] == [1] * 5
+    assert sum(root.value.imag == 0 for root in found) == 3
+    assert sorted(root.value.imag for root in found if root.value.imag) == [-float(gap), float(gap)]
+
+
+def test_a_wilkinson_polynomial_of_degree_60():
+    product = fmpz_poly([1])
+    for k in range(1, 61):
+        product *= fmpz_poly([k, 1])
+    assert [root.value for root in certified_roots(product)] == [-k for k in range(1, 61)]
 
 
 def test_common_factors_are_kept():

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.lti.pencil.reading import Reading
     from dynid.lti.verdicts import Root as Sided
 
 #: Working precision in bits of square roots.
@@ -92,23 +93,34 @@ def repeated(roots: Iterable[Sided]) -> NDArray[np.complex128]:
 
 
 def roots(
-    numerator: Sequence[float | Fraction | str], denominator: Sequence[float | Fraction | str]
+    numerator: Sequence[float | Fraction | str],
+    denominator: Sequence[float | Fraction | str],
+    reading: Reading = "binary",
 ) -> ZerosPoles:
     """Return zeros and poles of one rational function, certified; common factors are kept.
 
     Parameters
     ----------
     numerator, denominator
-        Coefficients in descending powers; floats mean their exact binary value, text an exact fraction
-        such as '3125/47'.
+        Coefficients in descending powers: ints, floats, Fractions or text such as '3125/47'.
+    reading
+        What a float means: 'binary', its value to the last bit, or 'decimal', the shortest decimal that
+        prints it (0.1 is 1/10).
 
     Raises
     ------
     ValueError
         Where either polynomial is zero.
+    UsageError
+        For a coefficient that is no finite real number, or an unknown reading.
     """
-    zero_roots = certified_roots(integer_polynomial(numerator))
-    pole_roots = certified_roots(integer_polynomial(denominator))
+    from dynid.lti.pencil.reading import exact_rows
+
+    above, below = (
+        integer_polynomial([x for row in exact_rows(name, [list(polynomial)], reading) for x in row])
+        for name, polynomial in (("numerator", numerator), ("denominator", denominator))
+    )
+    zero_roots, pole_roots = certified_roots(above), certified_roots(below)
     return ZerosPoles(repeated(zero_roots), repeated(pole_roots), zero_roots, pole_roots)
 
 

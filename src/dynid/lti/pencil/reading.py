@@ -10,11 +10,20 @@ from typing import Any, Literal
 import numpy as np
 
 from dynid.errors import UsageError
+from dynid.words import did_you_mean
 
 Reading = Literal["binary", "decimal"]
 Rows = list[list[Fraction]]
 #: Largest exponent of ten in text; beyond, a number takes no place in a matrix but fills the memory.
 _EXPONENT = 5000
+
+
+def one_of(what: str, name: object, known: tuple[str, ...]) -> None:
+    """Raise a `UsageError` unless a name is a known one."""
+    if name not in known:
+        raise UsageError(
+            f"no {what} {name!r}{did_you_mean(str(name), known)}", remedy=f"Use one of {', '.join(known)}."
+        )
 
 
 def exact_rows(name: str, matrix: Any, reading: Reading, shape: tuple[int, int] | None = None) -> Rows:
@@ -37,6 +46,7 @@ def exact_rows(name: str, matrix: Any, reading: Reading, shape: tuple[int, int] 
     UsageError
         For another shape, or an entry that is no finite real number.
     """
+    one_of("reading", reading, ("binary", "decimal"))
     array = _shaped(_table(name, matrix), shape)
     if array.ndim != 2 or (shape is not None and array.shape != shape):
         wanted = f"{shape[0]} x {shape[1]}" if shape else "a matrix"

@@ -17,7 +17,6 @@ from dynid.errors import Singular, UsageError
 from dynid.lti.certified import Root, certified_roots, repeated
 from dynid.lti.verdicts import Root as Sided
 from dynid.lti.verdicts import all_left, far, stability, zero_stability
-from dynid.words import did_you_mean
 
 if TYPE_CHECKING:
     import numpy as np
@@ -158,17 +157,11 @@ def zeros_poles(
     Undecided
         Where the float engine cannot tell.
     """
-    _one_of("engine", engine, ("exact", "float"))
-    _one_of("reading", reading, ("binary", "decimal"))
+    from dynid.lti.pencil.reading import one_of
+
+    one_of("engine", engine, ("exact", "float"))
     system = _System.read((A, B, C, D, E), reading)
     return (_exactly if engine == "exact" else _in_floats)(system)
-
-
-def _one_of(what: str, name: object, known: tuple[str, ...]) -> None:
-    if name not in known:
-        raise UsageError(
-            f"no {what} {name!r}{did_you_mean(str(name), known)}", remedy=f"Use one of {', '.join(known)}."
-        )
 
 
 @dataclass(frozen=True)
