@@ -43,7 +43,7 @@ LIBRARIES = {
     "flint": {"lti", "bondgraph"},  # exact numbers
     "control": {"result"},  # state equations for users' hands
     "matplotlib": set(),
-    "numba": {"lti", "identification"},
+    "numba": {"lti", "identification", "bondgraph.algebra.doubled"},
 }
 
 

@@ -1,8 +1,9 @@
 """The frequency response of a graph, with no frequency at which it is silently wrong.
 
-The reduction runs on complex arrays that carry their error bounds. Where a pivot (nearly) vanishes at a
-frequency the bound says so, and that point is run again in ball arithmetic with as many bits as it takes;
-a point exactly on a pole of some intermediate result is taken from the exact transfer function.
+The reduction runs on complex arrays that carry their error bounds: in double precision where the graph is
+small, in doubled precision, compiled, where it is large and roundings could add up. Where a pivot (nearly)
+vanishes at a frequency the bound says so, and that point is run again in ball arithmetic with as many bits
+as it takes; a point exactly on a pole of some intermediate result is taken from the exact transfer function.
 """
 
 from __future__ import annotations
@@ -15,10 +16,18 @@ from numpy.typing import NDArray
 from dynid.bondgraph.algebra.bounded import Bounded
 from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.bondgraph.transfer import TransferFunction
+from dynid.errors import NumericalError
 
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
 #: adds up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
 _TOLERANCE = 1e-12
+#: Programs longer than this run in doubled precision, with bounds below 1e-12 whatever their length. Shorter
+#: ones do not pay for loading the compiler.
+_LONG = 2000
+#: Programs longer than this are not run on exact rational functions for the sake of one frequency.
+_EXACT = 10_000
+#: Responses smaller than this are near the end of the range of doubles: 1e-12 of this is their error bound.
+_SMALLEST = 1e-290
 _PRECISIONS = (128, 256, 512)
 
 
@@ -31,6 +40,11 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
         The reduced graph.
     omega
         Angular frequencies in rad/s, not negative.
+
+    Raises
+    ------
+    NumericalError
+        Where a large graph has a pivot at one of the frequencies that is zero to 150 digits.
     """
     registers = list(reduced.channels().values())
     return on_axis(reduced, registers, omega).reshape(len(omega), len(reduced.outputs), len(reduced.inputs))
@@ -38,6 +52,29 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
 
 def on_axis(planned: Planned, registers: list[int], omega: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Return registers at s = j omega, shape (omega, register); a pole on the axis gives inf."""
+    evaluate = _doubled if len(planned.program.ops) > _LONG else _double
+    response, trusted = evaluate(planned, registers, omega)
+    trusted &= np.isfinite(response)
+    for point in np.flatnonzero(~trusted.all(axis=1)):
+        response[point] = _certified(planned, registers, float(omega[point]))
+    return response
+
+
+def _doubled(
+    planned: Planned, registers: list[int], omega: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+    """Return the registers from doubled precision, and where they can be trusted."""
+    from dynid.bondgraph.algebra.sweep import sweep
+
+    response, bounds = sweep(planned.program, registers, planned.graph.value, omega)
+    with np.errstate(all="ignore"):
+        return response, bounds <= _TOLERANCE * np.maximum(np.abs(response), _SMALLEST)
+
+
+def _double(
+    planned: Planned, registers: list[int], omega: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
+    """Return the registers from double precision, and where they can be trusted."""
     values = {name: Bounded.rounded(float(planned.graph.value(name))) for name in planned.valued}
     s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
     with np.errstate(all="ignore"):
@@ -46,25 +83,27 @@ def on_axis(planned: Planned, registers: list[int], omega: NDArray[np.float64]) 
         bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
         response = np.stack(columns, axis=-1)
         tolerance = _TOLERANCE * max(1.0, len(planned.program.ops) / 10)
-        trusted = np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
-    trusted &= np.isfinite(response)
-    for point in np.flatnonzero(~trusted.all(axis=1)):
-        response[point] = _certified(planned, registers, float(omega[point]))
-    return response
+        return response, np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
 
 
-def _certified(reduced: Planned, registers: list[int], omega: float) -> list[complex]:
+def _certified(planned: Planned, registers: list[int], omega: float) -> list[complex]:
     """Return the channels at one frequency to full double precision."""
     from flint import acb, arb, ctx, fmpq
 
     for precision in _PRECISIONS:
         with ctx.workprec(precision):
-            exact = {name: reduced.graph.value(name) for name in reduced.valued}
+            exact = {name: planned.graph.value(name) for name in planned.valued}
             values = {name: acb(arb(fmpq(v.numerator, v.denominator))) for name, v in exact.items()}
-            balls = reduced.run(registers, values, acb(0, omega), acb(1))
+            balls = planned.run(registers, values, acb(0, omega), acb(1))
             if all(ball.is_zero() or ball.rel_accuracy_bits() > 60 for ball in balls.values()):
                 return [_to_complex(balls[register]) for register in registers]
-    ratios = reduced.rational(registers)
+    if len(planned.program.ops) > _EXACT:
+        raise NumericalError(
+            f"the frequency response at {omega!r} rad/s: a part of this large graph resonates there so "
+            f"sharply that {_PRECISIONS[-1]} bits do not tell it from a pole",
+            remedy="Leave this frequency out, or move it by a little.",
+        )
+    ratios = planned.rational(registers)
     return [_at(TransferFunction.of(ratios[register]), omega) for register in registers]
 
 

@@ -1,0 +1,144 @@
+"""The compiled run in doubled precision, against exact evaluation and against its own bounds."""
+
+import random
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynid.bondgraph import frequency
+from dynid.bondgraph.algebra.sweep import sweep
+from dynid.bondgraph.algebra.tape import schedule
+from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity, uniform
+from dynid.bondgraph.frequency import frequency_response
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.errors import Singular
+from tests.bondgraph.graphs import reduced, transfers, written
+from tests.bondgraph.random_graphs import coincident_graph, random_graph
+from tests.bondgraph.test_frequency import Gaussian, assert_exact, exact
+
+
+def swept(graph, omega):
+    registers = list(graph.channels().values())
+    return sweep(graph.program, registers, graph.graph.value, np.asarray(omega, dtype=float))
+
+
+def chain_of(stages):
+    return ReducedGraph(chain(stages), [FORCE], [last_velocity(len(stages))])
+
+
+def by_recursion(stages, omega):
+    """Return v_N / F of a chain with 60 digits, by the impedances seen from the far end."""
+    with mpmath.workdps(60):
+        s = mpmath.mpc(0, omega)
+        values = [tuple(mpmath.mpf(v.numerator) / v.denominator for v in stage) for stage in stages]
+        force, seen = mpmath.mpf(1), mpmath.mpf(0)  # Thevenin equivalent of what lies before the stage
+        for index, (m, k, b) in enumerate(values):
+            seen += s * m
+            joint = k / s + b
+            if index == len(values) - 1:
+                return complex(force / (seen + joint))
+            force, seen = force * joint / (seen + joint), seen * joint / (seen + joint)
+
+
+@pytest.mark.parametrize("make", [random_graph, coincident_graph])
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers())
+def test_the_error_is_within_its_bound(make, seed):
+    rng = random.Random(seed)
+    arguments = (rng.choice([0, 1, 3]),) if make is random_graph else ()
+    types, values, bonds, inputs, (node, quantity) = make(rng, rng.randint(1, 7), *arguments)
+    try:
+        graph = reduced(types, values, bonds, inputs, f"{node}.{quantity}")
+    except Singular:
+        return
+    omega = [0, 1e-9, 0.3, 1, 2, 17.5, 1e6]
+    found, bounds = swept(graph, omega)
+    for column, channel in enumerate(transfers(graph).values()):
+        for w, value, bound in zip(omega, found[:, column], bounds[:, column], strict=True):
+            expected = exact(channel, w)
+            if bound < 1e-12 * abs(value):
+                assert abs(value - expected) <= bound + 2.3e-16 * abs(expected)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers())
+def test_flagged_points_are_computed_again(seed):
+    rng = random.Random(seed)
+    types, values, bonds, inputs, (node, quantity) = coincident_graph(rng, rng.randint(1, 5))
+    try:
+        graph = reduced(types, values, bonds, inputs, f"{node}.{quantity}")
+    except Singular:
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frequency, "_LONG", -1)
+        assert_exact(graph, [0.25, 1.0, 2.0, 3.3], tolerance=4.5e-16)
+
+
+@pytest.mark.parametrize("stages", [uniform(300), distinct(300)])
+def test_a_long_chain_is_right_to_the_last_bits(stages):
+    omega = np.geomspace(0.01, 100, 50)
+    response = frequency_response(chain_of(stages), omega)[:, 0, 0]
+    expected = np.array([by_recursion(stages, w) for w in omega])
+    assert (np.abs(expected) > 0).all()
+    np.testing.assert_allclose(response, expected, rtol=4.5e-16, atol=1e-302)
+
+
+def test_bounds_of_a_chain_grow_slowly():
+    _, bounds = swept(chain_of(uniform(300)), [0.5, 5.0])
+    assert (bounds < 1e-24).all()
+
+
+@pytest.mark.parametrize("make", [uniform, distinct])
+def test_memory_does_not_grow_with_the_chain_and_work_grows_in_step(make):
+    needs = {}
+    for stages in (50, 100, 400):
+        graph = chain_of(make(stages))
+        tape, _, slots = schedule(graph.program, list(graph.channels().values()))
+        needs[stages] = (len(tape), slots)
+    assert needs[50][1] == needs[400][1] < 12
+    assert (needs[400][0] - needs[100][0]) == 6 * (needs[100][0] - needs[50][0])
+
+
+def test_stiff_values():
+    nodes = "Sf v, 0 base, 1 body, I m 1e12, R b 1e-12, TF t 1/1000000, 1 fluid, I i 1e12, C c 1e-12"
+    bonds = "v -> base -> body, body -> m, body -> b, base -> t -> fluid, fluid -> i, fluid -> c"
+    graph = written(nodes, bonds, "m.f")
+    omega = [3e-12, 3e-6, 0.3, 3e6, 3e12]  # off the exact resonances
+    found, bounds = swept(graph, omega)
+    (channel,) = transfers(graph).values()
+    expected = np.array([exact(channel, w) for w in omega])
+    assert (bounds[:, 0] <= 1e-12 * np.abs(found[:, 0])).all()
+    np.testing.assert_allclose(found[:, 0], expected, rtol=4.5e-16)
+
+
+def test_an_undamped_ladder_at_a_resonance_of_a_part_is_flagged():
+    """At omega = 1 the first mass and spring cancel exactly: a pivot is zero, the bound infinite."""
+    graph = written(
+        "Se u, 1 j, I m 1, C c 1, R r 1, 0 k, I n 3", "u -> j -> m, j -> c, j -> k -> n, k -> r", "n.f"
+    )
+    _, bounds = swept(graph, [1.0])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frequency, "_LONG", -1)
+        found = frequency_response(graph, np.array([1.0]))[0, 0, 0]
+    (channel,) = transfers(graph).values()
+    assert found == pytest.approx(exact(channel, 1.0), rel=1e-15)
+    assert not (bounds <= 1e-12).any()
+
+
+@pytest.mark.parametrize("points", [0, 1, 63, 64, 65, 200])
+def test_any_number_of_frequencies(points):
+    graph = chain_of(uniform(3))
+    omega = np.linspace(1.0, 40.0, points)
+    found, bounds = swept(graph, omega)
+    assert found.shape == bounds.shape == (points, 1)
+    expected = [by_recursion(uniform(3), w) for w in omega]
+    np.testing.assert_allclose(found[:, 0], expected, rtol=4.5e-16)
+
+
+def test_the_oracles_agree():
+    (channel,) = transfers(chain_of(distinct(5))).values()
+    assert by_recursion(distinct(5), 7.0) == pytest.approx(exact(channel, 7.0), rel=1e-15)
+    assert Gaussian(1).over(Gaussian(2)) == 0.5
