@@ -131,6 +131,17 @@ def test_the_isolators_zero_dynamics_are_its_fluid_and_its_air():
     )
 
 
+def test_the_isolators_zero_dynamics_are_written_in_its_symbols():
+    result = analysed(*ISOLATOR, "m_s.f")
+    group = "bond_graph/causality/zero_dynamics/m_s.f/v_in"
+    states = result[f"{group}/state"].data.tolist()
+    assert dict(zip(states, result[f"{group}/equations"].data, strict=True)) == {
+        "fluid.f": "d/dt fluid.f = -1/I_f*C_a.e",
+        "C_a.e": "d/dt C_a.e = 1/C_a*fluid.f",
+    }
+    assert result.value(f"{group}/input_equation") == "v_in = 1/tuning*fluid.f"  # the fluid swallows the base
+
+
 def test_every_zero_of_a_chain_is_carried_by_one_spring_and_its_damper():
     graph = written(*chain(5), "m5.f")
     found = zero_parts(graph, graph.outputs[0], "F")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynid.bondgraph.equations.blocks import Block, irreducible_blocks
-from dynid.bondgraph.equations.descriptor import Descriptor
+from dynid.bondgraph.equations.descriptor import Descriptor, constrained
 from dynid.bondgraph.equations.forms import Field, Form, Symbol
 from dynid.bondgraph.equations.index import solve, without_input_rates
 from dynid.bondgraph.graph import BondGraph, Port
@@ -105,7 +105,7 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
     NumericalError
         Where a coefficient leaves the range of doubles.
     """
-    system, equations = _constrained(reduced, port, source)
+    system, equations = constrained(reduced, port, source, Field.rational(reduced.graph))
     with _unreached(port, source):
         rates, outputs = solve(equations, [system.signal(source)])
     return rounded(system, rates, outputs, [], [source])
@@ -185,7 +185,7 @@ def _solved_blocks(
     reduced: ReducedGraph, port: Port, source: str
 ) -> tuple[Descriptor, list[tuple[Block, dict[str, Form]]]]:
     """Return the blocks of the constrained equations that have states."""
-    system, equations = _constrained(reduced, port, source)
+    system, equations = constrained(reduced, port, source, Field.rational(reduced.graph))
     with _unreached(port, source):
         solved = [(block, solve(block.forms, [])[0]) for block in irreducible_blocks(equations)]
     return system, [(block, rates) for block, rates in solved if rates]
@@ -197,18 +197,6 @@ def _characteristic_polynomial(rates: dict[str, Form]) -> Any:
 
     matrix = fmpq_mat([[form.get(("w", name), fmpq(0)) for name in rates] for form in rates.values()])
     return matrix.charpoly().numer()
-
-
-def _constrained(reduced: ReducedGraph, port: Port, source: str) -> tuple[Descriptor, list[Form]]:
-    """Return the equations with the output at zero and the input unknown."""
-    system = Descriptor(
-        reduced.structure,
-        reduced.reductions[port].junctions,
-        Field.rational(reduced.graph),
-        freed=source,
-    )
-    output = system.output(port)
-    return system, [*system.equations, output]
 
 
 @contextmanager

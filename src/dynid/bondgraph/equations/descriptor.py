@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from typing import TYPE_CHECKING
 
 from dynid.bondgraph.equations.forms import Field, Form, add, rate, scaled
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
 from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.reduced import ReducedGraph
 
 
 class Descriptor:
@@ -143,3 +147,12 @@ class Descriptor:
         if node.type in SOURCES:  # the reaction of a source that fixes the junction
             return scaled(self._balance[place], -sign)
         return scaled(self._responses[name], sign)
+
+
+def constrained(
+    reduced: ReducedGraph, port: Port, source: str, field: Field
+) -> tuple[Descriptor, list[Form]]:
+    """Return the equations of a channel with its output at zero and its input unknown, all others zero."""
+    system = Descriptor(reduced.structure, reduced.reductions[port].junctions, field, freed=source)
+    output = system.output(port)
+    return system, [*system.equations, output]

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
-from dynid.bondgraph.equations.descriptor import Descriptor
+from dynid.bondgraph.equations.descriptor import Descriptor, constrained
 from dynid.bondgraph.equations.forms import Field, Form, Symbol
 from dynid.bondgraph.equations.index import solve
 from dynid.bondgraph.formula import symbol_names, symbol_value
+from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.notation import express, free_letter, length, shared
 from dynid.bondgraph.reduction.program import Point, Program, Register
@@ -105,27 +106,53 @@ def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> StateEquati
     Singular
         Where the equations have no unique solution.
     """
+    return _written(reduced, states, None)
+
+
+def zero_equations(reduced: ReducedGraph, port: Port, source: str, states: Sequence[str]) -> StateEquations:
+    """Write the zero dynamics of a channel in the graph's symbols; the output is the input that holds it.
+
+    Parameters
+    ----------
+    reduced, port, source
+        As for `zero_dynamics`.
+    states
+        Its states.
+
+    Raises
+    ------
+    Singular
+        Where the input does not reach the output.
+    """
+    return _written(reduced, states, (port, source))
+
+
+def _written(reduced: ReducedGraph, states: Sequence[str], held: tuple[Port, str] | None) -> StateEquations:
     values = {name: reduced.graph.value(name) for name in reduced.valued}
     prime = prime_for(values.values())
     own = numeric_point(values, prime)
-    general = _Solved(reduced, random_point(reduced.valued, prime))
+    general = _Solved(reduced, random_point(reduced.valued, prime), held)
     if general.states == tuple(states) and not general.program.vanishing(general.registers, (), own):
         return general.written()
-    return _Solved(reduced, own).written()
+    return _Solved(reduced, own, held).written()
 
 
 class _Solved:
     """State equations whose coefficients are registers."""
 
-    def __init__(self, reduced: ReducedGraph, point: Point) -> None:
+    def __init__(self, reduced: ReducedGraph, point: Point, held: tuple[Port, str] | None) -> None:
         self.reduced, self.graph = reduced, reduced.graph
         program = self.program = Program(point)
         field = Field(lambda name: Symbolic(program, program.parameter(name)), Symbolic(program, program.one))
-        junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
-        self.system = Descriptor(reduced.structure, junctions, field, inputs=reduced.inputs)
-        forms = [self.system.output(port) for port in reduced.outputs]
-        self.rates, self.outputs = solve(self.system.equations, forms)
-        self.ports = [str(port) for port in reduced.outputs]
+        if held is None:
+            junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
+            self.system = Descriptor(reduced.structure, junctions, field, inputs=reduced.inputs)
+            forms = [self.system.output(port) for port in reduced.outputs]
+            equations, self.ports = self.system.equations, [str(port) for port in reduced.outputs]
+        else:
+            self.system, equations = constrained(reduced, *held, field)
+            forms, self.ports = [self.system.signal(held[1])], [held[1]]
+        self.rates, self.outputs = solve(equations, forms)
         self.places = {name: k for names in (self.rates, reduced.inputs) for k, name in enumerate(names)}
         self.states = tuple(self.system.name(name) for name in self.rates)
 

@@ -7,6 +7,7 @@ import numpy as np
 from dynid.bondgraph.causality.bicausal import ZeroCausality, zero_causality
 from dynid.bondgraph.causality.report import Causality
 from dynid.bondgraph.causality.wording import listed, titled
+from dynid.bondgraph.equations.symbolic import zero_equations
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.state_space import ZeroPart, natural_order, zero_dynamics, zero_parts
@@ -98,6 +99,12 @@ def _add_matrices(result: Result, group: str, reduced: ReducedGraph, port: Port,
     result.add_axis(f"{group}/rate_of", names)
     result.add(f"{group}/A", inside.A, ("rate_of", "state"))
     result.add(f"{group}/input", inside.C[0], ("state",))
+    written = zero_equations(reduced, port, source, inside.states)
+    result.add(f"{group}/equations", np.array(written.states, dtype=object), ("rate_of",))
+    result.add(f"{group}/input_equation", written.outputs[0])
+    if written.definitions:
+        result.add_axis(f"{group}/definition", np.arange(1, len(written.definitions) + 1))
+        result.add(f"{group}/definitions", np.array(written.definitions, dtype=object), ("definition",))
 
 
 def _meaning(reduced: ReducedGraph, port: Port, source: str, parts: tuple[ZeroPart, ...]) -> str:

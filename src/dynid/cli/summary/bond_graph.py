@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.cli.summary.causality import causality_lines
+from dynid.cli.summary.causality import causality_lines, equation_lines
 from dynid.cli.summary.numbers import MOST_ROOTS, root_text, roots_text
 from dynid.cli.summary.port import port_lines
 from dynid.cli.summary.responses import response_lines
@@ -36,6 +36,7 @@ def lines(result: Result) -> list[str]:
     said += port_lines(result)
     for channel in _channels(result):
         said += [*_channel(result, *channel), ""]
+    said += equation_lines(result, "bond_graph/state_space")
     said += response_lines(result, "bond_graph")
     return said
 

@@ -51,6 +51,27 @@ def _zero_dynamics(result: Result, prefix: str) -> Iterable[str]:
             yield from _hanging("", str(note))
 
 
+def equation_lines(result: Result, group: str) -> Iterable[str]:
+    """Yield the state equations, where they are few."""
+    if f"{group}/equations" not in result:
+        return
+    lines = [
+        str(line)
+        for name in ("definitions", "equations", "output_equations")
+        if f"{group}/{name}" in result
+        for line in result[f"{group}/{name}"].data
+    ]
+    yield "  state equations"
+    if len(lines) > _STATES:
+        yield f"    {len(lines)} lines, in the file"
+    else:
+        for line in lines:
+            first, *rest = wrap(line, 92, break_long_words=False, break_on_hyphens=False)
+            yield f"    {first}"
+            yield from (f"        {more}" for more in rest)
+    yield ""
+
+
 def _hanging(title: str, text: str) -> Iterable[str]:
     first, *rest = wrap(text, 86)
     yield f"    {title:<9} {first}"
