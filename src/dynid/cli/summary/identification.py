@@ -12,6 +12,8 @@ from dynid.cli.summary.numbers import quantity, with_error
 from dynid.cli.summary.responses import response_lines
 from dynid.result import Result
 
+#: The most modes and massless DOFs on the screen.
+_MOST_MODES, _SHOWN = 20, 8
 #: Half width of a 95 % interval in standard errors.
 _WIDE = 1.959963984540054
 #: Condition of the information above which parameters are told apart badly.
@@ -37,8 +39,33 @@ def lines(result: Result) -> list[str]:
     said: list[str] = []
     if "identification/parameters/name" in result:
         said += [_record(result), "", *_table(result), "", *_verdict(result), ""]
+    if "structure/modes/omega" in result:
+        said += [*_modes(result), ""]
     said += response_lines(result, "structure")
     return said[:-1] if not said[-1] else said
+
+
+def _modes(result: Result) -> Iterable[str]:
+    """Yield the modes, one a line, and what has none."""
+    group = "structure/modes"
+    get = {name: result[f"{group}/{name}"].data for name in ("omega", "damping", "name")}
+    count, size = len(get["omega"]), len(result[f"{group}/dof"].data)
+    without = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
+    rigid = int(result.value(f"{group}/rigid"))
+    said = f"  {count} modes of {size} DOFs; {rigid or 'no'} rigid-body mode{'s' * (rigid != 1)}"
+    yield f"{said}, {len(without) or 'no'} massless DOF{'s' * (len(without) != 1)}"
+    if len(without):
+        shown = ", ".join(without[:_SHOWN])
+        yield f"    massless: {shown}{f' … {without[-1]}' if len(without) > _SHOWN else ''}"
+    yield f"    {'mode':>4}  {'rad/s':>10}  {'Hz':>10}  {'damping':>9}"
+    for k in range(min(count, _MOST_MODES)):
+        omega, damping, name = (get[part][k] for part in ("omega", "damping", "name"))
+        line = (
+            f"    {k + 1:>4}  {omega:>10.5g}  {omega / (2 * math.pi):>10.5g}  {100 * damping:>7.3g} %  {name}"
+        )
+        yield line.rstrip()
+    if count > _MOST_MODES:
+        yield f"    … up to {get['omega'][-1]:.5g} rad/s"
 
 
 def _record(result: Result) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, cast
 
 from dynid.errors import FileError
@@ -129,6 +130,13 @@ def _responses(
     result = Result("identification", scene.title)
     sensors = model.measurement.channels if model.measurement else []
     outputs = [Channel(item.dof, item.quantity) for item in wanted.outputs or sensors]
+    if wanted.modes is not None:
+        from dynid.structure.description import modal_analysis
+
+        asked = wanted.modes
+        factor = 2 * math.pi if asked.unit == "Hz" else 1.0
+        below = None if asked.below is None else factor * float(asked.below)
+        result.merge(modal_analysis(structure, asked.count, below, values))
     if wanted.frequency is not None:
         inputs = list(dict.fromkeys(wanted.inputs or [part.dof or 0 for part in model.excitation]))
         omega = angular_frequencies(wanted.frequency)

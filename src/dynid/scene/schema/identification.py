@@ -76,6 +76,14 @@ class OutputModel(Part):
     quantity: MotionQuantity = "displacement"
 
 
+class ModesModel(Part):
+    """Which modes: so many, or all below a frequency; with neither all of a small structure."""
+
+    count: int | None = Field(default=None, ge=1, le=10_000, strict=True)
+    below: Positive | None = None
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+
 class ResponseModel(Part):
     """Linear responses of the structure with its joints."""
 
@@ -83,11 +91,12 @@ class ResponseModel(Part):
     outputs: list[OutputModel] | None = None
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
+    modes: ModesModel | None = None
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:
-        if self.frequency is None and self.time is None:
-            raise fault("an analysis needs a 'frequency' or a 'time' block")
+        if self.frequency is None and self.time is None and self.modes is None:
+            raise fault("an analysis needs a 'frequency', a 'time' or a 'modes' block")
         return self
 
 
@@ -114,7 +123,8 @@ class IdentificationScene(SceneModel):
     def _asks_something(self) -> Self:
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
-        if self.analysis and not self.analysis.outputs and not self.measurement:
+        responds = self.analysis and (self.analysis.frequency or self.analysis.time)
+        if self.analysis and responds and not self.analysis.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
         if self.analysis and self.analysis.frequency and not (self.analysis.inputs or self.excitation):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
