@@ -12,6 +12,8 @@ import numpy as np
 from dynid.errors import NumericalError, Singular
 from dynid.structure.matrices import Array, Matrix, combined, is_sparse
 
+# Backward error, without refinement, of factors whose signs of pivots are those of the eigenvalues.
+_ROUNDING = 1e-12
 _NUDGES = (0.0, 1e-10, 1e-9, 1e-8)
 _DENSE = 3000
 """Size up to which a sparse matrix whose pivots do not tell is counted by dense pivots."""
@@ -38,9 +40,11 @@ def negatives(A: Matrix, backend: str = "splu") -> int:
         return _of_dense(np.asarray(A))
     from dynid.structure.factorisation import factorise
 
-    found = factorise(A, backend).negatives
-    if found is not None:
-        return found
+    for diagonal in (False, True) if backend == "splu" else (False,):
+        factor = factorise(A, backend, definite=diagonal)  # of SuperLU: pivots on the diagonal at any price
+        if factor.error <= _ROUNDING and (found := factor.negatives) is not None:
+            return found
+        del factor  # before the next one is made
     if A.shape[0] > _DENSE:
         raise NumericalError(
             f"the inertia count of the backend {backend} needs pivots off the diagonal",

@@ -51,7 +51,6 @@ BACKENDS = {
     "splu": Backend("scipy", "scipy", indefinite=True),
     "cholespy": Backend("cholespy", "cholespy", indefinite=False),
     "pardiso": Backend("pypardiso", "pypardiso", indefinite=True),
-    "cholmod": Backend("sksparse", "scikit-sparse", indefinite=False),
 }
 """The backends by name; a module of this package has the name of each."""
 

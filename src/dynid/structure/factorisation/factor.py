@@ -39,6 +39,13 @@ class Factor:
         return self.size * float(np.abs(self.solve(b)).max(initial=0.0) / np.abs(b).max(initial=1.0))
 
     @property
+    def error(self) -> float:
+        """Backward error of the factors themselves, seen on a random right-hand side without refinement."""
+        b = np.random.Generator(np.random.PCG64(1)).standard_normal(self.matrix.shape[0])
+        x = self._bare(b)
+        return self._error(x, b, b - self.matrix @ x)
+
+    @property
     def memory(self) -> int:
         """Size of the factors, bytes."""
         return self.solver.memory

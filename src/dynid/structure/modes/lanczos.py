@@ -93,6 +93,7 @@ class _Basis:
         self.P = np.empty_like(self.V)  # M V
         self.T = np.zeros((self.width, self.width))
         self.size, self.coupling = 0, 0.0
+        self.held = 0  # vectors that T couples with the one behind
 
     def hold(self, theta: Array, X: Array) -> None:
         """Start from eigenpairs."""
@@ -103,15 +104,16 @@ class _Basis:
     def begin(self) -> bool:
         """Put a random vector behind the others; False if nothing is left of it."""
         w = self.solve(self.M @ self.rng.standard_normal(len(self.V)))
-        self.coupling = 0.0
+        self.coupling, self.held = 0.0, self.size
         before = _norm(w, self.M @ w)
-        self._project_out(w, self.size)
+        self._project_out(w, 0, self.size)
         return self._put(w, _NOTHING * before) > 0
 
     def extend(self) -> bool:
         """Take the vector behind the others in; False if that exhausts the space."""
         w = self.solve(self.P[:, self.size])
-        column = self._project_out(w, self.size + 1)
+        recent = 0 if self.size == self.held else self.size - 1
+        column = self._project_out(w, recent, self.size + 1)
         self.T[: self.size + 1, self.size] = self.T[self.size, : self.size + 1] = column
         self.size += 1
         self.coupling = self._put(w, _NOTHING * float(np.linalg.norm(column)))
@@ -143,16 +145,18 @@ class _Basis:
             vectors[:, :held], vectors[:, held] = vectors[:, : self.size] @ S, vectors[:, self.size].copy()
         self.T[:] = 0.0
         self.T[:held, :held] = np.diag(self.theta[:held])
-        self.size = held
+        self.size = self.held = held
 
-    def _project_out(self, w: Array, count: int) -> Array:
-        """Make w orthogonal to the first vectors, in place and twice; return its components."""
-        V, P = self.V[:, :count], self.P[:, :count]
+    def _project_out(self, w: Array, recent: int, count: int) -> Array:
+        """Make w orthogonal to the first `count` vectors, in place; return its components.
+
+        It is done twice, at first for those from `recent` on, which are all that it has large components of.
+        """
         components = np.zeros(count)
-        for _ in range(2):
-            part = P.T @ w
-            w -= V @ part
-            components += part
+        for first in (recent, 0):
+            part = self.P[:, first:count].T @ w
+            w -= self.V[:, first:count] @ part
+            components[first:] += part
         return components
 
     def _put(self, w: Array, negligible: float) -> float:

@@ -11,7 +11,7 @@ from dynid.structure.modes.pencil import Pencil, scaled
 from dynid.structure.modes.solution import Modes, finished, too_many
 
 # Below this size dense matrices are faster whatever is asked; above the other, out of question.
-_SMALL, _LARGE = 400, 6000
+_SMALL, _LARGE = 400, 4000
 # The part of all modes beyond which Lanczos is slower than dense matrices.
 _PART = 8
 
@@ -64,9 +64,7 @@ def modes(
         backend = _chosen(K.shape[0], count, below)
     if backend == "dense":
         return _dense(scaled(as_array(K), as_array(M)), C, count, below)
-    from scipy.sparse import csc_array
-
-    return _sparse(scaled(csc_array(K), csc_array(M)), C, count, below, backend, proof)
+    return _sparse(M, C, K, count, below, backend, proof)
 
 
 def _check(count: int | None, below: float | None) -> None:
@@ -104,10 +102,13 @@ def _dense(pencil: Pencil, C: Matrix, count: int | None, below: float | None) ->
 
 
 def _sparse(
-    pencil: Pencil, C: Matrix, count: int | None, below: float | None, backend: str, proof: bool
+    M: Matrix, C: Matrix, K: Matrix, count: int | None, below: float | None, backend: str, proof: bool
 ) -> Modes:
+    from scipy.sparse import csc_array
+
     from dynid.structure.modes.sparse import Spectrum
 
+    pencil = scaled(csc_array(K), csc_array(M))
     spectrum = Spectrum(pencil, backend)
     if below is not None:
         square, shapes, counted = spectrum.below(below**2)
