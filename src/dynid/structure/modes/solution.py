@@ -25,8 +25,9 @@ class Modes(NamedTuple):
     damping ratios, 0 of rigid-body modes; `shapes` (n x modes): normed to unit modal mass, the largest
     component positive; `residuals` (modes): ``K phi - omega^2 M phi`` relative to the sizes of its parts;
     `rigid`: number of rigid-body modes among them; `massless`: dimension of the massless directions, whose
-    frequencies are infinite (by sparse methods: number of massless DOFs); `counted`: rad/s up to which pivots have proved that no mode is missing
-    (infinite where all modes were computed, 0 where no proof was asked for); `method`: how they were found.
+    frequencies are infinite (by sparse methods: number of massless DOFs); `counted`: rad/s up to which pivots
+    have proved that no mode is missing (infinite where all modes were computed, 0 where no proof was asked
+    for); `method`: how they were found.
     """
 
     omega: Array
