@@ -18,6 +18,7 @@ from dynid.bondgraph.equations.blocks import irreducible_blocks
 from dynid.bondgraph.equations.forms import Form
 from dynid.bondgraph.equations.index import solve
 from dynid.bondgraph.floating.discs import Discs
+from dynid.errors import Undecided
 from dynid.lti.floating import finite, guarded
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ _UNIT = 2.0**-53
 _ALLOWANCE = 8.0
 #: Inverse iterations on one factorisation, and factorisations before a root is left as it is.
 _ITERATIONS, _FACTORISATIONS = 2, 4
+#: How far beside a root its equations are factorised, if they are exactly singular at it.
+_SHIFTS = (_UNIT, 2.0**-40, 2.0**-26, 2.0**-18)
 
 
 def spectrum(equations: Sequence[Form]) -> Discs:
@@ -91,11 +94,13 @@ class _Pencil:
         self.constant, self.slope = np.ascontiguousarray(values[order].T)
         finite("a coefficient of the equations", self.constant, self.slope)
         self.starts_of = np.searchsorted(self.columns, np.arange(self.size + 1)).astype(np.int32)
+        self.unit = 1.0  # rad/s: the largest root
         self.seed = np.random.default_rng(0).uniform(0.5, 1.5, self.size)
 
     def refined(self, starts: NDArray[np.complex128]) -> Discs:
         """Refine roots that come in conjugate pairs; those of the lower half-plane follow the upper ones."""
         upper = starts[starts.imag >= 0]
+        self.unit = float(np.max(np.abs(starts))) or 1.0
         nearest = _distance_to_next(starts)[starts.imag >= 0]
         found = [self._refined(complex(s), float(d)) for s, d in zip(upper, nearest, strict=True)]
         value, radius, residual = (np.array(part) for part in zip(*found, strict=True))
@@ -133,7 +138,7 @@ class _Pencil:
         """
         entries = self.constant + s * self.slope
         sizes = np.abs(self.constant) + abs(s) * np.abs(self.slope)
-        x, y = self._null_vectors(entries, sizes)
+        x, y = self._null_vectors(s)
         left, right = y.conj()[self.rows], x[self.columns]
         slope = np.sum(left * self.slope * right)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -142,30 +147,38 @@ class _Pencil:
             residual = abs(correction) / sensitivity
         return complex(correction), float(sensitivity), float(residual)
 
-    def _null_vectors(
-        self, entries: NDArray[np.complex128], sizes: NDArray[np.float64]
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def _null_vectors(self, s: complex) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return right and left null vectors of the equilibrated matrix.
 
         Each is solved for from the other, as singular vectors: from itself a right vector that is nearly
         orthogonal to the left one would lose what it has gained (Ipsen 1997, section 5).
         """
+        reach = max(abs(s), _UNIT * self.unit)
+        row, column = self._scales(np.abs(self.constant) + reach * np.abs(self.slope))
+        scale = row[self.rows] * column[self.columns]
+        factors = self._factors(s, reach, scale)
+        x = self.seed.astype(np.complex128)
+        for _ in range(_ITERATIONS):
+            y = factors.solve(x / np.max(np.abs(x)), trans="H")
+            x = factors.solve(y / np.max(np.abs(y)))
+        return x * column, y * row
+
+    def _factors(self, s: complex, reach: float, scale: NDArray[np.float64]) -> Any:
+        """Factorise the equilibrated matrix; where it is exactly singular, a little beside the root."""
         from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
-        row, column = self._scales(sizes)
-        scaled = entries * row[self.rows] * column[self.columns]
-        matrix = csc_array((scaled, self.rows, self.starts_of), shape=(self.size, self.size))
-        try:
-            factors = splu(matrix)
-        except RuntimeError:  # exactly singular: move by less than the rounding of its entries
-            matrix.data = matrix.data * (1 + _UNIT * self.seed[self.rows])
-            factors = splu(matrix)
-        x = self.seed.astype(np.complex128)
-        for _ in range(_ITERATIONS):
-            y = factors.solve(x / np.max(np.abs(x)), trans="H")  # type: ignore[call-overload]
-            x = factors.solve(y / np.max(np.abs(y)))
-        return x * column, y * row
+        for shift in (0.0, *(part * size for size in (reach, self.unit) for part in _SHIFTS)):
+            entries = (self.constant + (s + shift) * self.slope) * scale
+            matrix = csc_array((entries, self.rows, self.starts_of), shape=(self.size, self.size))
+            try:
+                return splu(matrix)
+            except RuntimeError:
+                continue
+        raise Undecided(
+            f"the float engine cannot resolve the roots near {s:.6g} rad/s",
+            remedy="Use 'analysis.engine: exact', which does.",
+        )
 
     def _scales(self, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return powers of two that bring rows and columns near 1."""
