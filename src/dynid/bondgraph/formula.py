@@ -15,7 +15,6 @@ from dynid.bondgraph.reduction.writing import TEXT, Hand
 from dynid.errors import NumericalError, UsageError
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.algebra.rational import Ratio
     from dynid.bondgraph.algebra.symbolic import Formula
 
 #: Most terms of numerator or denominator that a reader would read, and most on the way there.
@@ -153,59 +152,59 @@ def _register_polynomials(
     symbols, one = variables(["s", *symbol_names(planned)], limit)
     values = {name: symbol_value(planned, name, symbols, one) for name in planned.valued}
     run = planned.run(wanted, values, symbols["s"], one)
-    degrees = _degrees(planned, values, wanted)
-    return {register: _lowest(run[register], *degrees[register]) for register in wanted}
+    common = _common_factors(planned, values, symbols["s"], one, wanted)
+    return {register: _lowest(run[register], common[register]) for register in wanted}
 
 
-def _lowest(formula: Formula, above: int, below: int) -> Polynomials:
-    """Return numerator and denominator without a common factor; one is sought only if there is one."""
-    numerator, denominator = formula.multiplied_out()
-    if numerator == 0 or (numerator.total_degree(), denominator.total_degree()) != (above, below):
-        numerator, denominator = formula.lowest_terms()
+def _lowest(formula: Formula, common: bool) -> Polynomials:
+    """Return numerator and denominator without a common factor; one is sought only where there is one."""
+    numerator, denominator = formula.lowest_terms() if common else formula.multiplied_out()
     if denominator.leading_coefficient() < 0:
         numerator, denominator = -numerator, -denominator
-    common = math.gcd(int(numerator.content()), int(denominator.content()))
-    return numerator // common, denominator // common
+    content = int(numerator.content()) if numerator != 0 else 1
+    whole = math.gcd(content, int(denominator.content())) if content > 1 else 1
+    return (numerator // whole, denominator // whole) if whole > 1 else (numerator, denominator)
 
 
-def _degrees(
-    reduced: Planned, values: dict[str, Formula], registers: Iterable[Register]
-) -> dict[Register, tuple[int, int]]:
-    """Return the total degrees of numerators and denominators in lowest terms.
+def _common_factors(
+    reduced: Planned, values: dict[str, Formula], s: Formula, one: Formula, registers: Iterable[Register]
+) -> dict[Register, bool]:
+    """Tell of which registers numerator and denominator, multiplied out, have a common factor.
 
-    On a random line through the space of s and the parameters a quotient of polynomials becomes one of
-    polynomials in one variable, modulo a prime, of the same degrees and with common factors only where there
-    are some in the large.
+    On a random line through the space of s and the parameters polynomials become polynomials in one variable,
+    modulo a prime, which have a common factor only if there is one in the large.
     """
-    from dynid.bondgraph.algebra.residue import polynomial, ratios_modulo
+    from dynid.bondgraph.algebra.quotient import Factor
+    from dynid.bondgraph.algebra.residue import Residue, polynomial
 
     registers, prime = list(registers), reduced.program.prime
-    source, residue, unity = random.Random(0x11AE), ratios_modulo(prime), polynomial([1], prime)
-
-    def line() -> Any:
-        return polynomial([source.randrange(prime), source.randrange(1, prime)], prime)
-
-    any_value = next(iter(values.values()), None)
-    lines = [line() for _ in any_value.ring.names()] if any_value is not None else [line()]
+    source = random.Random(0x11AE)
+    lines = [polynomial([source.randrange(prime), source.randrange(1, prime)], prime) for _ in s.ring.names()]
 
     def on_line(part: Any) -> Any:
         total = polynomial([0], prime)
         for exponents, coefficient in part.terms():
             term = polynomial([int(coefficient) % prime], prime)
-            for variable, power in zip(lines, exponents, strict=True):
+            for line, power in zip(lines, exponents, strict=True):
                 if power:
-                    term = term * variable ** int(power)
+                    term = term * line ** int(power)
             total = total + term
         return total
 
-    def restricted(value: Formula) -> Ratio:
-        above, below = (on_line(part) for part in value.multiplied_out())
-        return residue.of(above, below)
+    met: dict[Factor, Factor] = {}
+
+    def restricted(value: Formula) -> Residue:
+        if value.factors is None:
+            return Residue(None, 1, prime)
+        for factor in value.factors:
+            if factor not in met:
+                met[factor] = Factor(on_line(factor.polynomial))
+        return Residue({met[factor]: power for factor, power in value.factors.items()}, value.sign, prime)
 
     images = {name: restricted(value) for name, value in values.items()}
-    run = reduced.run(registers, images, residue.of(lines[0], unity), residue.of(unity, unity))
-    lowest = {register: run[register].lowest_terms() for register in registers}
-    return {r: (int(above.degree()), int(below.degree())) for r, (above, below) in lowest.items()}
+    run = reduced.run(registers, images, restricted(s), restricted(one))
+    parts = {register: run[register].multiplied_out() for register in registers}
+    return {r: above == 0 or above.gcd(below).degree() > 0 for r, (above, below) in parts.items()}
 
 
 def symbol_names(reduced: Planned) -> list[str]:

@@ -9,7 +9,8 @@ inverse is gone without any search. Only a sum multiplies out, and only what its
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from functools import reduce
 from typing import Any, Self
 
 
@@ -60,17 +61,21 @@ class Quotient(ABC):
 
     def multiplied_out(self) -> tuple[Any, Any]:
         """Return numerator and denominator as polynomials, which may have common factors."""
-        one, factors = self._zero() ** 0, self.factors
-        if factors is None:
-            return self._zero(), one
-        numerator = self._product(one * self.sign, ((f, power) for f, power in factors.items() if power > 0))
-        return numerator, self._product(one, ((f, -power) for f, power in factors.items() if power < 0))
+        if self.factors is None:
+            return self._zero(), self._zero() ** 0
+        above = {factor: power for factor, power in self.factors.items() if power > 0}
+        below = {factor: -power for factor, power in self.factors.items() if power < 0}
+        numerator = self._product(above)
+        return numerator if self.sign > 0 else -numerator, self._product(below)
 
-    def _product(self, start: Any, factors: Iterable[tuple[Factor, int]]) -> Any:
-        """Multiply out a product of powers."""
-        for factor, power in factors:
-            start = start * (factor.polynomial if power == 1 else factor.polynomial**power)
-        return start
+    def _product(self, factors: Mapping[Factor, int]) -> Any:
+        """Multiply out a product of positive powers, short factors first."""
+        parts = [f.polynomial if power == 1 else f.polynomial**power for f, power in factors.items()]
+        return reduce(self._multiplied, sorted(parts, key=len)) if parts else self._zero() ** 0
+
+    def _multiplied(self, a: Any, b: Any) -> Any:
+        """Multiply two polynomials."""
+        return a * b
 
     def __neg__(self) -> Self:
         return self._made(self.factors, -self.sign, self)
@@ -104,15 +109,13 @@ class Quotient(ABC):
             for factor in {**self.factors, **other.factors}
             if (power := min(self.factors.get(factor, 0), other.factors.get(factor, 0)))
         }
-        one = self._zero() ** 0
-        left, right = (
-            self._product(one * value.sign, _combined(value.factors or {}, shared, -1).items())
-            for value in (self, other)
-        )
+        left, right = (self._product(_combined(value.factors or {}, shared, -1)) for value in (self, other))
+        if self.sign != other.sign:
+            right = -right
         total = left + right
         if total == 0:
             return self._made(None, 1, other)
-        return self._made(shared if total == 1 else {Factor(total): 1, **shared}, 1, other)
+        return self._made(shared if total == 1 else {Factor(total): 1, **shared}, self.sign, other)
 
 
 def _combined(a: Mapping[Factor, int], b: Mapping[Factor, int], times: int) -> dict[Factor, int]:

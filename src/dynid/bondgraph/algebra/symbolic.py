@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from fractions import Fraction
 from functools import reduce
 from typing import Any, Self
@@ -45,16 +45,11 @@ class Formula(Quotient):
     def _zero(self) -> Any:
         return self.ring.constant(0)
 
-    def _product(self, start: Any, factors: Iterable[tuple[Factor, int]]) -> Any:
-        """Multiply out, as long as the number of terms met on the way is bounded."""
-        for factor, power in factors:
-            for _ in range(power):
-                if len(start) * len(factor.polynomial) > _WORK * self.limit:
-                    raise TooLong
-                start = start * factor.polynomial
-                if len(start) > self.limit:
-                    raise TooLong
-        return start
+    def _multiplied(self, a: Any, b: Any) -> Any:
+        """Multiply, as long as the number of products of terms is bounded."""
+        if len(a) * len(b) > _WORK * self.limit:
+            raise TooLong
+        return a * b
 
     def constant(self, value: Fraction) -> Formula:
         """Return a number as a formula of the same ring."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.engines import Choice, choose
 from dynid.bondgraph.exact import ExactEngine
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.question import Analysis, Formulas
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.transfer import TransferFunction
@@ -49,7 +49,8 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: Choice) -> Resu
     if "transfer_function" in analysis.results:
         from dynid.bondgraph.results.formulas import add_formulas
 
-        add_formulas(result, reduced, analysis.formulas)
+        nested = Formulas() if choice.engine == "symbolic" else None
+        add_formulas(result, reduced, analysis.formulas or nested)
     if choice.engine == "symbolic":
         return result
     engine = _engine(choice, reduced)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from textwrap import wrap
 from typing import Any
 
@@ -21,8 +21,8 @@ _MOST = MOST_ROOTS
 
 def method(result: Result) -> str:
     """Name the kind of analysis and its engine."""
-    exact = any(attrs.get("engine") == "exact" for attrs in result.group_attrs.values())
-    return "bond graph · exact engine" if exact else "bond graph"
+    engine = result.group_attrs.get("bond_graph", {}).get("engine")
+    return f"bond graph · {engine} engine" if engine else "bond graph"
 
 
 def lines(result: Result) -> list[str]:
@@ -31,6 +31,7 @@ def lines(result: Result) -> list[str]:
     said = [f"  {need.get('nodes')} nodes, {need.get('bonds')} bonds"]
     if need.get("dropped"):
         said.append(f"  not modelled, because no output depends on it: {need['dropped']}")
+    said += _engine(need)
     said += causality_lines(result)
     said += [*_reduction(result), ""]
     said += port_lines(result)
@@ -39,6 +40,16 @@ def lines(result: Result) -> list[str]:
     said += equation_lines(result, "bond_graph/state_space")
     said += response_lines(result, "bond_graph")
     return said
+
+
+def _engine(attributes: Mapping[str, Any]) -> Iterable[str]:
+    """Say why an engine other than the exact one answered, what it cannot do, and how numbers are read."""
+    if attributes.get("engine", "exact") != "exact" or "decides" in str(attributes["engine_reason"]):
+        yield f"  {attributes['engine']} engine: {attributes['engine_reason']}"
+        if attributes["engine"] != "exact":
+            yield from (f"    {line}" for line in wrap(str(attributes["engine_limits"]), 100))
+    if attributes.get("reading") == "binary":
+        yield "  every value is read as the double nearest to it (reading: binary)"
 
 
 def _reduction(result: Result) -> Iterable[str]:
@@ -86,16 +97,35 @@ def _channel(result: Result, output: str, source: str) -> Iterable[str]:
 
 def _formula(result: Result, group: str) -> Iterable[str]:
     """Write a short transfer function in numbers, and in symbols where they were kept."""
+    written = [*_in_numbers(result, group)]
+    formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
+    if formula and written != ["0"]:
+        written.append(formula if len(formula) < 160 else "(its formula is in the file)")
+    for place, text in enumerate(written):
+        yield f"    {'T(s)' if place == 0 else '    '} = {text}"
+    if f"{group}/program" in result:
+        program = str(result.value(f"{group}/program")).splitlines()
+        yield f"    nested, in {len(program)} assignment{'' if len(program) == 1 else 's'}:"
+        yield from (f"      {line}" for line in program[:_MOST])
+        if len(program) > _MOST:
+            yield f"      … {len(program) - _MOST} more in the file"
+    for part in ("numerator", "denominator"):
+        if f"{group}/symbolic_{part}" in result:
+            terms = result[f"{group}/symbolic_{part}"].attrs["terms"]
+            yield f"    expanded {part} of {terms:,} term{'' if terms == 1 else 's'} in the file"
+
+
+def _in_numbers(result: Result, group: str) -> Iterable[str]:
+    if f"{group}/gain" in result:
+        gain = result.value(f"{group}/gain")
+        yield f"{gain:.6g} ∏(s − zeros) / ∏(s − poles)" if gain else "0"
     if f"{group}/numerator" not in result:
         return
     numerator, denominator = result[f"{group}/numerator"].data, result[f"{group}/denominator"].data
     if not numerator.any():
-        yield "    T(s) = 0"
+        yield "0"
     elif len(numerator) + len(denominator) <= 12:
-        yield f"    T(s) = ({_polynomial(numerator)}) / ({_polynomial(denominator)})"
-    formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
-    if formula and numerator.any():
-        yield f"         = {formula}" if len(formula) < 160 else "         (its formula is in the file)"
+        yield f"({_polynomial(numerator)}) / ({_polynomial(denominator)})"
 
 
 def _numbers(result: Result, group: str) -> Iterable[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import BondGraph, Node, NodeType
-from dynid.bondgraph.question import Analysis, Parameter
+from dynid.bondgraph.question import Analysis, Formulas, Parameter
 from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.bond_graph import BondGraphScene, InitialModel
@@ -41,6 +41,9 @@ def run(scene: Scene) -> Result:
         initial={name: _stored(given) for name, given in model.initial.items()},
         port=wanted.port,
         parameters=_parameters(model) if "sensitivities" in asked else None,
+        engine=wanted.engine,
+        reading=wanted.reading,
+        formulas=Formulas(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
     )
     return analyse(graph, analysis, scene.title)
 

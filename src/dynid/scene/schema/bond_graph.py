@@ -17,7 +17,7 @@ from pydantic import (
 )
 
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
-from dynid.bondgraph.question import USUAL, ResultName
+from dynid.bondgraph.question import NUMERIC, USUAL, Engine, Form, Reading, ResultName
 from dynid.scene.schema.chains import chain_ends
 from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, TimeGrid
 from dynid.scene.schema.quantities import Value, fault, names_of
@@ -149,8 +149,15 @@ class GraphModel(Part):
     bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), _TEXT]] = Field(min_length=1)
 
 
+class SymbolicModel(Part):
+    """Formulas of the transfer function: its program, or numerator and denominator multiplied out, too."""
+
+    form: Form = "nested"
+    terms: int = Field(default=100_000, ge=1, le=10_000_000)
+
+
 class AnalysisModel(Part):
-    """What to compute."""
+    """What to compute, and by which engine."""
 
     inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], _ONCE] | None = None
     outputs: Annotated[list[Annotated[Port, PlainValidator(_port), _TEXT]], _ONCE] = Field(min_length=1)
@@ -158,6 +165,9 @@ class AnalysisModel(Part):
     port: Annotated[Bond, PlainValidator(_link), _TEXT] | None = None
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
+    engine: Engine = "auto"
+    reading: Reading = "decimal"
+    symbolic: SymbolicModel | None = None
 
     @model_validator(mode="after")
     def _blocks_stand(self) -> Self:
@@ -171,7 +181,8 @@ class AnalysisModel(Part):
         if self.results is not None:
             return frozenset(self.results)
         responses: set[ResultName] = {"frequency_response"} if self.frequency else set()
-        return USUAL | responses | ({"time_response"} if self.time else set())
+        usual = USUAL - NUMERIC if self.engine == "symbolic" else USUAL
+        return usual | responses | ({"time_response"} if self.time else set())
 
 
 class InitialModel(Part):

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from dynid.bondgraph.cut import bond_fault, loop_fault
 from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
+from dynid.bondgraph.question import NUMERIC
 from dynid.errors import Fault
 from dynid.scene.arithmetic.expression import resolve_parameters
 from dynid.scene.schema.chains import chain_ends
@@ -43,7 +44,7 @@ def whole_faults(source: Source, names: Names) -> list[Fault]:
     kind = source.data.get("kind")
     if kind == "bond-graph":
         faults = [*_bond_graph_faults(source), *_initial_faults(source), *_driving_faults(source)]
-        faults += _port_faults(source)
+        faults += [*_port_faults(source), *_engine_faults(source)]
     else:
         faults = _structure_faults(source, names) if kind in ("identification", "reduction") else []
         faults += _unknown_joint_faults(source) if kind == "reduction" else []
@@ -175,6 +176,27 @@ def _driving_faults(source: Source) -> list[Fault]:
             )
         if "dof" in signal:
             faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))
+    return faults
+
+
+def _engine_faults(source: Source) -> list[Fault]:
+    """Check that the engine has what is asked for, and that formulas have a transfer function to be of."""
+    analysis = _mapping(source.data, "analysis")
+    results = _list(analysis, "results")
+    faults = []
+    if analysis.get("engine") == "symbolic":
+        faults = [
+            source.fault(
+                ("analysis", "results", place),
+                f"'{name}' needs numbers, and the symbolic engine has formulas alone; write 'engine: auto'",
+            )
+            for place, name in enumerate(results)
+            if isinstance(name, str) and name in NUMERIC
+        ]
+    asks_for_it = any(did_you_mean(str(name), ["transfer_function"]) for name in results)
+    if analysis.get("symbolic") is not None and results and not asks_for_it:
+        message = "formulas are of the transfer function; 'results' does not list 'transfer_function'"
+        faults.append(source.fault(("analysis", "symbolic"), message, key=True))
     return faults
 
 
