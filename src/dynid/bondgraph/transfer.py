@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -26,10 +27,13 @@ class TransferFunction(Verdicts):
     ----------
     numerator, denominator
         Integer polynomials without a common factor (flint `fmpz_poly`).
+    starts
+        Gives approximate zeros (asked for `zeros`) or poles (`poles`), where there is a quick way to them.
     """
 
     numerator: Any
     denominator: Any
+    starts: Callable[[str], Sequence[complex] | None] = field(default=lambda _: None, compare=False)
 
     @classmethod
     def of(cls, ratio: Ratio) -> TransferFunction:
@@ -62,12 +66,12 @@ class TransferFunction(Verdicts):
     @cached_property
     def zeros(self) -> tuple[Root, ...]:
         """The finite zeros; none where the channel vanishes."""
-        return () if self.vanishes else certified_roots(self.numerator)
+        return () if self.vanishes else certified_roots(self.numerator, self.starts("zeros"))
 
     @cached_property
     def poles(self) -> tuple[Root, ...]:
         """The poles."""
-        return certified_roots(self.denominator)
+        return certified_roots(self.denominator, self.starts("poles"))
 
     @property
     def order(self) -> int:

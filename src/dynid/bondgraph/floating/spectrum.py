@@ -49,23 +49,34 @@ def spectrum(equations: Sequence[Form]) -> Discs:
     return Discs.joined([_roots_of(block.forms) for block in irreducible_blocks(equations)])
 
 
+def first_values(equations: Sequence[Form]) -> list[complex]:
+    """Return the roots of the determinant of equations as the eigenvalues come, without any judgement."""
+    return [complex(s) for block in irreducible_blocks(equations) for s in _eigenvalues(_states(block.forms))]
+
+
 def _roots_of(block: list[Form]) -> Discs:
-    rates, _ = solve(block, [])
-    names = list(rates)
-    if not names:
-        return Discs.none()
-    if len(names) == 1:  # exact, rounded once
-        value = _float(next(iter(rates.values()), {}).get(("w", names[0]), 0))
+    states = _states(block)
+    if len(states) == 1:  # exact, rounded once
+        (value,) = states[0]
         return Discs(np.array([value], dtype=np.complex128), np.array([_UNIT * abs(value)]), np.zeros(1))
-    place = {name: k for k, name in enumerate(names)}
-    matrix = np.zeros((len(names), len(names)))
+    return _Pencil(block).refined(_eigenvalues(states)) if len(states) else Discs.none()
+
+
+def _states(block: list[Form]) -> NDArray[np.float64]:
+    """Return the matrix of the state equations that a block comes down to."""
+    rates, _ = solve(block, [])
+    place = {name: k for k, name in enumerate(rates)}
+    matrix = np.zeros((len(place), len(place)))
     for name, form in rates.items():
         for symbol, value in form.items():
             matrix[place[name], place[symbol[1]]] = _float(value)
     finite("a coefficient of the state equations", matrix)
+    return matrix
+
+
+def _eigenvalues(matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
     with guarded("the eigenvalues of the state equations"):
-        starts = np.linalg.eigvals(matrix).astype(np.complex128)
-    return _Pencil(block).refined(starts)
+        return np.linalg.eigvals(matrix).astype(np.complex128)
 
 
 def _float(value: Any) -> float:

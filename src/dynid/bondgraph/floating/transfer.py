@@ -14,19 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.equations.descriptor import Descriptor
-from dynid.bondgraph.equations.forms import Field
 from dynid.bondgraph.floating.counts import Counts, modular_ratios
 from dynid.bondgraph.floating.discs import Discs
 from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import spectrum
+from dynid.bondgraph.floating.systems import natural_equations, zero_equations
 from dynid.bondgraph.natural import determinant, integrates
 from dynid.bondgraph.reduced import Channel, ReducedGraph
-from dynid.errors import NumericalError, Undecided
+from dynid.errors import Undecided
 from dynid.lti.verdicts import Verdicts
-
-#: Most states whose eigenvalues are sought: the matrix is dense.
-_LARGEST = 8000
 
 
 @dataclass(frozen=True)
@@ -90,27 +86,14 @@ class FloatEngine:
         junctions = frozenset(self.reduced.reductions[port].junctions)
         if junctions not in self._spectra:
             self._spectra[junctions] = _checked(
-                spectrum(self._descriptor(channel).equations), self.natural_counts[port].degree
+                spectrum(natural_equations(self.reduced, port)), self.natural_counts[port].degree
             )
         origin = Discs(np.zeros(1, dtype=np.complex128), np.zeros(1), np.zeros(1))
         return Discs.joined([self._spectra[junctions], *[origin] * integrates(self.reduced, port)])
 
     def invariant_zeros(self, channel: Channel) -> Discs:
         """Return what an input can do while its output is held at zero: zeros and hidden modes."""
-        system = self._descriptor(channel, freed=channel[1])
-        output = system.output(channel[0])
-        return spectrum([*system.equations, output])
-
-    def _descriptor(self, channel: Channel, freed: str | None = None) -> Descriptor:
-        reduced = self.reduced
-        states = len(reduced.storages)
-        if states > _LARGEST:
-            raise NumericalError(
-                f"zeros and poles of {states:,} storages are beyond dense eigenvalues (at most {_LARGEST:,})",
-                remedy="Ask for the frequency response, which needs no roots, or for a smaller part.",
-            )
-        junctions = reduced.reductions[channel[0]].junctions
-        return Descriptor(reduced.structure, junctions, Field.rational(reduced.graph), freed=freed)
+        return spectrum(zero_equations(self.reduced, channel))
 
     @cached_property
     def at_zero(self) -> dict[int, tuple[int, Any]]:
