@@ -9,7 +9,9 @@ from dynid.bondgraph.question import NUMERIC, Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 
 #: Most storages for which roots are certified unasked, and for which polynomials alone are formed.
-_ROOTS, _POLYNOMIALS = 200, 1000
+_ROOTS, _POLYNOMIALS = 400, 1000
+#: The same for junction structures with more loops than this: polynomials grow on them.
+_ROOTS_WITH_LOOPS, _POLYNOMIALS_WITH_LOOPS, _LOOPS = 80, 150, 4
 
 _LIMITS = {
     "exact": "none: zeros and poles carry certified bounds, every verdict is decided",
@@ -70,8 +72,12 @@ def choose(reduced: ReducedGraph, analysis: Analysis) -> Choice:
         return Choice(analysis.engine, "as asked for", forced=True)
     modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
     size = sum(name in modelled for name in reduced.storages)
-    most = _ROOTS if analysis.results & NUMERIC else _POLYNOMIALS
-    what = "exact roots" if analysis.results & NUMERIC else "exact polynomials"
-    if size <= most:
-        return Choice("exact", f"{size} storages: {what} are taken up to {most}")
-    return Choice("float", f"{size} storages: {what} are taken up to {most} only")
+    roots = bool(analysis.results & NUMERIC)
+    structure = reduced.structure
+    loops = len(structure.couplings) - len(structure.junctions) + 1
+    looped = loops > _LOOPS
+    most = (_POLYNOMIALS, _ROOTS, _POLYNOMIALS_WITH_LOOPS, _ROOTS_WITH_LOOPS)[2 * looped + roots]
+    what = f"exact {'roots' if roots else 'polynomials'} are taken up to {most}"
+    where = f" on {loops} loops" if looped else ""
+    reason = f"{size:,} storages{where}: {what}"
+    return Choice("exact", reason) if size <= most else Choice("float", f"{reason} only")
