@@ -12,7 +12,8 @@ dynid: 1
 kind: bond-graph
 parameters: {a: 0.1, b: 0.2, c: -0.3}
 graph:
-  nodes: {u: Se, j: 1, m: {type: I, value: 1}, r: {type: R, value: a}, q: {type: R, value: b}, w: {type: R, value: c}}
+  nodes: {u: Se, j: 1, m: {type: I, value: 1}, r: {type: R, value: a}, q: {type: R, value: b},
+    w: {type: R, value: c}}
   bonds: [u -> j -> m, j -> r, j -> q, j -> w]
 analysis:
   outputs: [m.f]
@@ -84,27 +85,27 @@ def test_a_guard_that_is_hit_is_found_in_the_scene(tmp_path):
     loaded = load_scene(path)
     with pytest.raises(NumericalError, match="more than 2 terms") as caught:
         dynid.run(loaded)
-    assert str(loaded.locate(caught.value)).startswith(f"{path}:9:")
+    assert str(loaded.locate(caught.value)).startswith(f"{path}:10:")
 
 
 @pytest.mark.parametrize(
     ("lines", "fault"),
     [
-        (["engine: exactly"], "scene.yaml:9:11: 'engine' cannot be 'exactly'"),
-        (["reading: hex"], "scene.yaml:9:12: 'reading' cannot be 'hex'"),
+        (["engine: exactly"], "scene.yaml:10:11: 'engine' cannot be 'exactly'"),
+        (["reading: hex"], "scene.yaml:10:12: 'reading' cannot be 'hex'"),
         (
             ["engine: symbolic", "results: [transfer_function, poles]"],
-            "scene.yaml:10:32: 'poles' needs numbers",
+            "scene.yaml:11:32: 'poles' needs numbers",
         ),
         (
             ["symbolic: {form: nested}", "results: [poles]"],
-            "scene.yaml:9:3: formulas are of the transfer function",
+            "scene.yaml:10:3: formulas are of the transfer function",
         ),
-        (["symbolic: {form: flat}"], "scene.yaml:9:20: 'form' cannot be 'flat'"),
-        (["symbolic: {terms: 0}"], "scene.yaml:9:21: "),
+        (["symbolic: {form: flat}"], "scene.yaml:10:20: 'form' cannot be 'flat'"),
+        (["symbolic: {terms: 0}"], "scene.yaml:10:21: "),
         (
             ["symbolic: {term: 10}"],
-            "scene.yaml:9:14: 'term' is not a key of analysis.symbolic; did you mean 'terms'?",
+            "scene.yaml:10:14: 'term' is not a key of analysis.symbolic; did you mean 'terms'?",
         ),
     ],
 )
