@@ -90,7 +90,7 @@ def test_what_drowns_in_rounding_is_refused():
 
 
 @published
-@pytest.mark.parametrize("reading", ["binary", "decimal"])
+@pytest.mark.parametrize("reading", ["binary", pytest.param("decimal", marks=pytest.mark.slow)])
 def test_phase_verdicts_of_the_cd_player_name_its_far_zeros(reading):
     """Of channel (2, 2) all but one of 119 zeros lie on the left; that one is 6e15 times the largest pole."""
     model = loadmat(SHARED / "fe/official_cdplayer.mat")
