@@ -8,6 +8,7 @@ from dynid.errors import UsageError
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
+from dynid.structure.response import Channel
 
 
 def test_joint_pattern_between_dofs_and_to_ground():
@@ -272,3 +273,15 @@ def test_a_structure_without_its_joints_apart_is_the_same_structure():
     assert joined.joints == ()
     for one, other in zip(joined.with_joints(), model.with_joints({"j.k": 4.0}), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_units_follow_what_a_joint_holds():
+    unknown = JointParameter(start=1.0)
+    joints = (
+        Joint("turn", ("theta_1",), unknown, unknown),
+        Joint("push", ("w_2",), unknown, unknown),
+        Joint("both", ("w_2", "theta_1"), JointParameter(start=1.0, matrix=np.eye(2))),
+    )
+    model = StructuralModel(np.eye(2), np.zeros((2, 2)), np.eye(2), joints, ("theta_1", "w_2"))
+    assert [u.unit for u in model.unknowns] == ["N.m/rad", "N.m.s/rad", "N/m", "N.s/m", ""]
+    assert [Channel(dof, "velocity").unit for dof in ("theta_1", "w_2", 1)] == ["rad/s", "m/s", "m/s"]

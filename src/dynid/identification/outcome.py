@@ -28,7 +28,6 @@ from dynid.structure.response import Channel, common_unit
 
 Array = NDArray[np.float64]
 
-_UNIT = {"k": "N/m", "c": "N.s/m"}
 # Residuals above this part of a channel's RMS void the estimates if they are not noise …
 _VOID = 0.5
 # … and above this one (all channels together) whatever they are.
@@ -142,7 +141,7 @@ class Outcome:
         true = np.array([np.nan if unknown.true is None else unknown.true for unknown in unknowns])
         result.add_axis(f"{group}/parameter", names)
         result.add(f"{group}/name", names, dims)
-        result.add(f"{group}/unit", [_UNIT[unknown.letter] for unknown in unknowns], dims)
+        result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
         unit = self._common_unit_of_parameters()
         result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
         result.add(f"{group}/true", true, dims, unit)
@@ -152,7 +151,7 @@ class Outcome:
         result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
 
     def _common_unit_of_parameters(self) -> str:
-        return common_unit(_UNIT[unknown.letter] for unknown in self.fitter.model.unknowns)
+        return common_unit(unknown.unit for unknown in self.fitter.model.unknowns)
 
     def _bound(self, true: Array) -> Array:
         """Return the Cramér–Rao bound, at the true values and noise where they are known."""

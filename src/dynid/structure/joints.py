@@ -6,7 +6,7 @@ Source: K. T. Yang 1997, eq 1 (the matrices C_s, K_s).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -128,13 +128,22 @@ class Term(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """An unknown joint parameter: its name, letter, unit pattern (n x n), start and true value."""
+    """An unknown joint parameter: name, letter, unit pattern (n x n), start, true value, physical unit."""
 
     name: str
     letter: str
     pattern: Matrix
     start: float
     true: float | None
+    unit: str
+
+
+def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:
+    """Return the unit of a stiffness or damping between DOFs of these kinds; a block's factor has none."""
+    if part.matrix is not None:
+        return ""
+    turning = set(kinds) == {"rotation"}
+    return {"k": ("N/m", "N.m/rad"), "c": ("N.s/m", "N.m.s/rad")}[letter][turning]
 
 
 def _parameter(part: JointParameter | float | Block | None) -> JointParameter | None:

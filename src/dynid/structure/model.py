@@ -15,7 +15,7 @@ import numpy as np
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.structure import labels
-from dynid.structure.joints import Joint, Unknown
+from dynid.structure.joints import Joint, Unknown, unit_of
 from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
 
 # Beyond this a matrix with all its zeros is not made: 5000 x 5000 takes 0.2 GB.
@@ -195,7 +195,14 @@ class StructuralModel:
     def unknowns(self) -> tuple[Unknown, ...]:
         """The unknown joint parameters, joint by joint, stiffness before damping."""
         return tuple(
-            Unknown(name, letter, self._pattern(joint, block), part.start, part.true)
+            Unknown(
+                name,
+                letter,
+                self._pattern(joint, block),
+                part.start,
+                part.true,
+                unit_of(letter, part, [labels.kind(self.label(dof)) for dof in joint.dofs]),
+            )
             for joint in self.joints
             for name, letter, part, block in joint.terms
             if part.start is not None

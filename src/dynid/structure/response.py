@@ -14,6 +14,7 @@ from dynid.lti.frequency import QUANTITIES
 from dynid.lti.propagate import response
 from dynid.lti.signals import Signal
 from dynid.result import Result
+from dynid.structure import labels
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
@@ -38,8 +39,9 @@ class Channel(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Its unit, SI."""
-        return UNITS[self.quantity]
+        """Its unit, SI: of rotations, where the label tells, in rad."""
+        turning = labels.kind(self.dof) == "rotation"
+        return UNITS[self.quantity].replace("m", "rad", 1) if turning else UNITS[self.quantity]
 
     @property
     def order(self) -> int:

@@ -108,7 +108,7 @@ def _table(result: Result) -> list[str]:
         truth = (quantity(true), _percent(get["error_percent"][k])) if known else ()
         bound = (_percent(100 * float(get["cramer_rao"][k]) / true),) if bounded else ()
         row = (
-            f"{name} [{get['unit'][k]}]".replace("[", r"\["),
+            f"{name} [{get['unit'][k]}]".removesuffix(" []").replace("[", r"\["),
             quantity(get["start"][k]),
             with_error(estimate, error),
             f"{quantity(estimate / factor, error)} … {quantity(estimate * factor, error)}",
