@@ -6,6 +6,7 @@ import pytest
 from flint import fmpz_poly
 
 from dynid.bondgraph.chains import FORCE, Stage, chain, distinct, last_velocity, uniform
+from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.reduced import ReducedGraph
 from tests.bondgraph.graphs import transfers
 from tests.bondgraph.tableau import transfer_at
@@ -63,3 +64,22 @@ def test_a_plan_grows_with_the_number_of_stages_alone(make):
     """Operations per stage stay the same from 50 stages to 1600."""
     counts = [len(reduced_chain(make(stages)).program.ops) for stages in (50, 100, 800, 1600)]
     assert counts[1] - counts[0] == (counts[3] - counts[2]) / 16
+
+
+def test_a_plan_without_its_steps_has_the_same_transfer_functions():
+    graph = chain(distinct(5))
+    plain = ReducedGraph(graph, [FORCE], [last_velocity(5)], traced=False)
+    assert transfers(plain) == transfers(ReducedGraph(graph, [FORCE], [last_velocity(5)]))
+    assert all(reduction.steps == () for reduction in plain.reductions.values())
+
+
+def test_a_junction_with_thousands_of_elements():
+    """Their impedances add up; looking at each again for every other would take minutes."""
+    count = 3000
+    nodes = [Node("u", "Se"), Node("j", "1"), *(Node(f"r{k}", "R", Fraction(k)) for k in range(1, count + 1))]
+    bonds = [Bond("u", "j"), *(Bond("j", f"r{k}") for k in range(1, count + 1))]
+    reduced = ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port("j", "f")])
+    (transfer,) = transfers(reduced).values()
+    assert Fraction(int(transfer.numerator[0]), int(transfer.denominator[0])) == Fraction(
+        2, count * (count + 1)
+    )

@@ -55,7 +55,8 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
         causality = add_causality(result, graph)
     try:
-        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
+        told = bool(analysis.results & {"reduction", "prototype"})
+        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=told)
     except Singular:
         if asked == {"causality"}:
             return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
@@ -44,7 +45,13 @@ class Planned(ABC):
 
     def _plan(self, point: Point) -> None:
         self.program = Program(point)
-        self._write()
+        collecting = gc.isenabled()
+        gc.disable()  # a plan makes millions of small objects and no garbage in circles
+        try:
+            self._write()
+        finally:
+            if collecting:
+                gc.enable()
 
     @abstractmethod
     def _write(self) -> None:
@@ -94,6 +101,8 @@ class ReducedGraph(Planned):
         Names of the sources kept as inputs; all others are zero.
     outputs
         The variables asked for.
+    traced
+        Whether the reductions tell their steps.
 
     Raises
     ------
@@ -101,14 +110,17 @@ class ReducedGraph(Planned):
         Where the graph has no unique solution at an output, in general or with its numbers.
     """
 
-    def __init__(self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port]) -> None:
-        self.inputs, self.outputs = tuple(inputs), tuple(outputs)
+    def __init__(
+        self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port], *, traced: bool = True
+    ) -> None:
+        self.inputs, self.outputs, self._traced = tuple(inputs), tuple(outputs), traced
         self.structure = JunctionStructure(graph)
         super().__init__(graph)
 
     def _write(self) -> None:
         self.reductions: dict[Port, Reduction] = {
-            port: reduce_graph(self.structure, self.program, port, self.inputs) for port in self.outputs
+            port: reduce_graph(self.structure, self.program, port, self.inputs, traced=self._traced)
+            for port in self.outputs
         }
 
     def _pivots(self) -> Iterable[int]:

@@ -27,6 +27,8 @@ class Elimination:
         The network; it shrinks.
     watch
         Called whenever the network is whole: after every step, and after a change that needs none.
+    traced
+        Whether superpositions and swaps, of which a large graph has many, are told as steps.
 
     Attributes
     ----------
@@ -36,8 +38,9 @@ class Elimination:
         Names of registers in the equations of the steps.
     """
 
-    def __init__(self, network: Network, watch: Callable[[], None]) -> None:
+    def __init__(self, network: Network, watch: Callable[[], None], *, traced: bool = True) -> None:
         self.net, self.program, self.root = network, network.program, network.root
+        self.traced = traced
         self._watch = watch
         self.steps: list[Step] = []
         self.pivots: list[Register] = []
@@ -79,7 +82,7 @@ class Elimination:
     def superpose(self, junction: str, terms: list[Term], name: str | None) -> Register:
         """Series on a 1-junction, parallel on a 0-junction (eqs 1, 2)."""
         total = self.program.sum(term.register for term in terms)
-        if len(terms) < 2:
+        if len(terms) < 2 or not self.traced:
             return total
         series = self.net.kind[junction] == "1"
         letter = "Z" if series else "Y"
@@ -164,6 +167,13 @@ class Elimination:
         """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
         net, program = self.net, self.program
         scale = program.neg(net.entry(into, leaf))
+        if not self.traced:
+            factor = program.mul(scale, seen.register)
+            for source, amount in net.sources[leaf].items():
+                self._add_source(into, source, program.mul(factor, amount))
+            net.add_term(into, seen)
+            net.remove(leaf)
+            return
         letter = "e" if net.kind[into] == "1" else "f"  # what a source feeds into a junction's balance
         label = self._fresh(f"{letter}_eq_{leaf}")
         origin, sources = self._origin(leaf), tuple(net.drives[leaf])

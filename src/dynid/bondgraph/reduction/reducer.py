@@ -71,7 +71,12 @@ class Reduction:
 
 
 def reduce_graph(
-    structure: JunctionStructure, program: Program, port: Port, inputs: Iterable[str]
+    structure: JunctionStructure,
+    program: Program,
+    port: Port,
+    inputs: Iterable[str],
+    *,
+    traced: bool = True,
 ) -> Reduction:
     """Reduce a graph to a prototype at the junction that carries an output.
 
@@ -85,13 +90,16 @@ def reduce_graph(
         The output; its junction is the port of interest.
     inputs
         The sources to keep; all others are zero.
+    traced
+        Whether the steps are told; without them a large graph is planned in half the time.
 
     Raises
     ------
     Singular
         Where the equations have no solution or more than one; it names the junctions and sources.
     """
-    return Reducer(Network(structure, program, structure.place[port.node], inputs)).run(port)
+    network = Network(structure, program, structure.place[port.node], inputs)
+    return Reducer(network, traced=traced).run(port)
 
 
 class Reducer:
@@ -103,6 +111,8 @@ class Reducer:
         The network to reduce; it shrinks.
     watch
         Called whenever the network is whole, if somebody wants to look at it on the way.
+    traced
+        Whether the steps are told.
 
     Attributes
     ----------
@@ -110,9 +120,11 @@ class Reducer:
         The elimination, with the steps taken so far.
     """
 
-    def __init__(self, network: Network, watch: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, network: Network, watch: Callable[[], None] = lambda: None, *, traced: bool = True
+    ) -> None:
         self.net, self.program, self.root = network, network.program, network.root
-        self.work = Elimination(network, watch)
+        self.work = Elimination(network, watch, traced=traced)
         self.nodal_form = NodalForm.of(network)
 
     def run(self, port: Port) -> Reduction:
@@ -125,13 +137,14 @@ class Reducer:
                 raise self._singular()
             self.work.pivots.append(total)
         form = port_form(self.net, port, total)
-        self.work.record(self._last_step(prototype, port, form))
+        if self.work.traced:
+            self.work.record(self._last_step(prototype, port, form))
         modelled = self._modelled()
         inside = set(modelled)
         return Reduction(
             port=port,
             root=self.root,
-            steps=tuple(self.work.steps),
+            steps=tuple(self.work.steps) if self.work.traced else (),
             prototype=prototype,
             drives=dict(self.net.sources[self.root]),
             channels={
