@@ -108,7 +108,7 @@ class Cut:
         cut = cls(graph, port, drawn)
         structure = cut.structure({})
         here, there = (structure.place[cut.probe(end)] for end in (port.tail, port.head))
-        if there in reach(structure, here):
+        if structure.junctions[here].fixing is None and there in reach(structure, here):
             raise OnLoop(
                 f"the bond '{port}' lies on a loop: without it both ends are still connected, power also "
                 "goes round the other way, and neither side has an impedance of its own",

@@ -18,6 +18,7 @@ from typing import Any
 from dynid.bondgraph.cut import Cut
 from dynid.bondgraph.graph import JUNCTIONS, Bond, BondGraph, NodeType, Port
 from dynid.bondgraph.reduced import Planned
+from dynid.bondgraph.reduction.junctions import Junction
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.program import Program, Register
 from dynid.bondgraph.reduction.prototypes import Prototype
@@ -246,8 +247,9 @@ def _side(cut: Cut, program: Program, name: str, inputs: Sequence[str]) -> Side:
         except Singular as error:
             failure = failure or error
             continue
-        held = reduction.prototype.fixed and junction.fixing != probe
-        return _read(cut, program, name, end, reduction, held=held)
+        if reduction.prototype.fixed and junction.fixing != probe:
+            return _ideal(cut, program, name, end, reduction, junction)
+        return _read(cut, program, name, end, reduction)
     assert failure is not None
     raise Singular(
         f"the {name} side of the port '{cut.port}' has no equivalent: {failure.problem}",
@@ -256,20 +258,37 @@ def _side(cut: Cut, program: Program, name: str, inputs: Sequence[str]) -> Side:
     )
 
 
-def _read(cut: Cut, program: Program, name: str, end: str, reduction: Reduction, *, held: bool) -> Side:
-    """Read a side's equivalent off its reduction; `held`: an ideal source in it fixes the port."""
-    kind, probe = reduction.prototype.kind, cut.probe(end)
-    given = reduction.channels if held else reduction.drives
-    given = {source: r for source, r in given.items() if source != probe and not program.is_zero(r)}
+def _ideal(cut: Cut, program: Program, name: str, end: str, reduction: Reduction, junction: Junction) -> Side:
+    """Read off the variable that a side fixes at the port, whatever stands opposite."""
+    nodes, fixed = _nodes(cut, reduction), _product(program, reduction.pivots, reduction.integrators)
+    if junction.fixing is not None:  # nothing else of this side reaches the port
+        nodes, fixed = (junction.fixing, *junction.members), program.one
+    given = _given(cut, program, end, reduction.prototype.kind, reduction.channels)
+    if junction.kind == "1":
+        return Side(name, end, nodes, reduction, None, None, program.zero, given, None, fixed)
+    return Side(name, end, nodes, reduction, program.zero, given, None, None, fixed, None)
+
+
+def _given(
+    cut: Cut, program: Program, end: str, kind: str, registers: Mapping[str, Register]
+) -> dict[str, Register]:
+    """Return what drives the port out of a side, without the probe and without what does not reach it."""
+    probe = cut.probe(end)
+    given = {source: r for source, r in registers.items() if source != probe and not program.is_zero(r)}
     if kind == "1" and not cut.points_out(end):  # the bond as drawn enters here: what drives it counts back
-        given = {source: program.neg(register) for source, register in given.items()}
-    nodes = tuple(node for node in reduction.modelled if node in cut.graph.nodes)
-    side = partial(Side, name, end, nodes, reduction)
-    if held:
-        fixed = _product(program, reduction.pivots, reduction.integrators)
-        if kind == "1":
-            return side(None, None, program.zero, given, None, fixed)
-        return side(program.zero, given, None, None, fixed, None)
+        return {source: program.neg(register) for source, register in given.items()}
+    return given
+
+
+def _nodes(cut: Cut, reduction: Reduction) -> tuple[str, ...]:
+    return tuple(node for node in reduction.modelled if node in cut.graph.nodes)
+
+
+def _read(cut: Cut, program: Program, name: str, end: str, reduction: Reduction) -> Side:
+    """Read a side's equivalent off its reduction."""
+    kind = reduction.prototype.kind
+    given = _given(cut, program, end, kind, reduction.drives)
+    side = partial(Side, name, end, _nodes(cut, reduction), reduction)
     total = program.add(reduction.prototype.part_a, reduction.prototype.part_b)
     pivots = reduction.pivots if reduction.prototype.fixed else reduction.pivots[:-1]  # the last is the total
     bare = _product(program, pivots, reduction.integrators)

@@ -22,6 +22,9 @@ from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.lti.certified import Root
 
+#: Bits to refine a mode to, and Newton steps at most: each doubles the bits.
+_DIGITS, _MOST_STEPS = 192, 40
+
 
 @dataclass(frozen=True)
 class Dynamics:
@@ -91,24 +94,41 @@ class Dynamics:
         """Return the net power over the link port at natural modes, relative to what passes it (eq 9).
 
         With the driving port removed, what A gives B must take: on a 1-junction Z_A f + Z_B f = 0 for the
-        common flow f, on a 0-junction Y_A e + Y_B e = 0. What is left is the rounding of the modes.
+        common flow f, on a 0-junction Y_A e + Y_B e = 0. The modes are refined first to many digits, or far
+        parts of a long line, which hardly feel the port, would show nothing but the rounding of their modes.
         """
-        from flint import acb, ctx
+        from flint import ctx
 
         a, given = self.systems
         turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
         b = TransferFunction(given.denominator, given.numerator) if turned else given
+        simple = self.natural // self.natural.gcd(self.natural.derivative())
         powers = []
-        with ctx.workprec(128 + 64 * (self.natural.degree() + 1)):
+        with ctx.workprec(_DIGITS + 16 * int(self.natural.degree())):
             for mode in modes:
-                s = acb(mode.value.real, mode.value.imag)
+                s = _refined(simple, mode.value)
                 from_a = a.numerator(s) * b.denominator(s)
                 from_b = b.numerator(s) * a.denominator(s)
-                passing = float(abs(from_a).mid()) + float(abs(from_b).mid())
-                powers.append(float(abs(from_a + from_b).mid()) / passing if passing else 0.0)
-        return np.array(
-            [power for power, mode in zip(powers, modes, strict=True) for _ in range(mode.multiplicity)]
-        )
+                passing = abs(from_a).mid() + abs(from_b).mid()
+                net = float(abs(from_a + from_b).mid() / passing) if passing > 0 else 0.0
+                powers += [net] * mode.multiplicity
+        return np.array(powers, dtype=float)
+
+
+def _refined(polynomial: Any, value: complex) -> Any:
+    """Return a simple root near a value to the working precision, by Newton's method."""
+    from flint import acb, ctx
+
+    s, derivative = acb(value.real, value.imag), polynomial.derivative()
+    for _ in range(_MOST_STEPS):
+        slope = derivative(s)
+        if slope.contains(0):
+            break
+        step = (polynomial(s) / slope).mid()
+        s = (s - step).mid()
+        if abs(step) <= abs(s) * 2 ** (16 - ctx.prec):
+            break
+    return s
 
 
 def dynamics_of(planned: Planned, prototype: Prototype) -> Dynamics:

@@ -9,9 +9,8 @@ import numpy as np
 from dynid.bondgraph.dynamics import Dynamics, dynamics_of
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.writing import TEXT
-from dynid.bondgraph.results.roots import add_roots
+from dynid.bondgraph.results.roots import add_roots, roots_of
 from dynid.bondgraph.transfer import TransferFunction
-from dynid.lti.certified import certified_roots
 from dynid.result import Result
 
 
@@ -40,12 +39,12 @@ def add_dynamics(result: Result, group: str, dynamics: Dynamics) -> None:
     result.annotate(pole, note=_pole_note(dynamics))
     if dynamics.driving_point is not None:
         add_ratio(result, f"{group}/driving_point", dynamics.driving_point)
-        if not dynamics.driving_point.vanishes:
-            add_roots(result, f"{group}/driving_point", "zeros", dynamics.driving_point.zeros)
-        add_roots(result, f"{group}/driving_point", "poles", dynamics.driving_point.poles)
+        zeros = roots_of(dynamics.driving_point.numerator) if not dynamics.driving_point.vanishes else ()
+        add_roots(result, f"{group}/driving_point", "zeros", zeros)
+        add_roots(result, f"{group}/driving_point", "poles", roots_of(dynamics.driving_point.denominator))
         result.annotate(f"{group}/driving_point", equation=dynamics.prototype.equation(TEXT))
     if dynamics.natural != 0:
-        modes = certified_roots(dynamics.natural)
+        modes = roots_of(dynamics.natural)
         add_roots(result, group, "natural_modes", modes)
         result.add(f"{group}/net_power", dynamics.net_power(modes), ("natural_mode",))
 
@@ -79,7 +78,7 @@ def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> 
     if polynomial != 0:
         polynomial = polynomial // polynomial.content() * (1 if polynomial.leading_coefficient() > 0 else -1)
     result.add(f"{group}/{prefix}polynomial", polynomial_text(polynomial))
-    roots = certified_roots(polynomial) if polynomial != 0 else ()
+    roots = roots_of(polynomial) if polynomial != 0 else ()
     add_roots(result, group, f"{prefix}roots", roots)
 
 

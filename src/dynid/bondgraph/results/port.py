@@ -16,10 +16,9 @@ from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.writing import TEXT
 from dynid.bondgraph.results.dynamics import add_dynamics, add_ratio
-from dynid.bondgraph.results.roots import add_roots
+from dynid.bondgraph.results.roots import add_roots, roots_of
 from dynid.bondgraph.results.trace import add_traces, system_text
 from dynid.bondgraph.transfer import TransferFunction
-from dynid.lti.certified import certified_roots
 from dynid.result import Result
 
 if TYPE_CHECKING:
@@ -54,7 +53,7 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
     add_dynamics(result, _GROUP, dynamics)
     whole = parts.characteristic()
     unseen = whole // whole.gcd(dynamics.natural) if whole != 0 and dynamics.natural != 0 else whole**0
-    add_roots(result, _GROUP, "hidden_modes", certified_roots(unseen))
+    add_roots(result, _GROUP, "hidden_modes", roots_of(unseen))
     _add_performance(result, parts)
 
 

@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from dynid.lti.certified import Root, repeated
+from dynid.lti.certified import Root, certified_roots, repeated
 from dynid.result import Result
+
+
+def roots_of(polynomial: Any) -> tuple[Root, ...]:
+    """Return certified roots; the same polynomial is the answer to several questions of a port."""
+    return _roots(tuple(int(c) for c in (polynomial // polynomial.content()).coeffs()))
+
+
+@lru_cache(maxsize=32)
+def _roots(coefficients: tuple[int, ...]) -> tuple[Root, ...]:
+    from flint import fmpz_poly
+
+    return certified_roots(fmpz_poly(list(coefficients)))
 
 
 def add_roots(result: Result, group: str, name: str, roots: Sequence[Root]) -> None:
