@@ -67,6 +67,7 @@ def side_by_tableau(types, values, bonds, place, end, inputs, kind):
 
 def assert_decomposes(types, values, bonds, inputs, place, *, turned):
     tail, head = bonds[place]
+    turned = turned and (head, tail) not in bonds  # that would be another bond
     link = Bond(head, tail) if turned else Bond(tail, head)
     try:
         parts = Decomposition(build(types, values, bonds), link, inputs)
@@ -252,3 +253,16 @@ def test_the_modes_of_both_sides_joined_are_those_of_the_whole_graph():
             )
             compared += 1
     assert compared > 20
+
+
+@pytest.mark.parametrize(
+    ("seed", "link"), [(500050, "n5 -> n0"), (500061, "n2 -> n18"), (500079, "n1 -> n3")]
+)
+def test_corners_that_random_graphs_found(seed, link):
+    """A GY back onto its own junction; values that make a pivot zero; a part behind an ideal source."""
+    rng = random.Random(seed)
+    types, values, bonds, inputs, _ = coincident_graph(rng, rng.randint(1, 7))
+    tail, head = link.split(" -> ")
+    parts = assert_decomposes(types, values, bonds, inputs, bonds.index((tail, head)), turned=False)
+    dynamics_of(parts, parts.prototype)
+    parts.characteristic()

@@ -64,8 +64,9 @@ def loop_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> s
 
 
 def drawn_bond(bonds: Iterable[Bond], port: Bond) -> Bond | None:
-    """Return the bond of a graph that a port names, whichever way it is written."""
-    return next((bond for bond in bonds if {bond.tail, bond.head} == {port.tail, port.head}), None)
+    """Return the bond of a graph that a port names, as it is written or else the other way round."""
+    between = [bond for bond in bonds if {bond.tail, bond.head} == {port.tail, port.head}]
+    return next((bond for bond in between if bond == port), between[0] if between else None)
 
 
 class OnLoop(UsageError):

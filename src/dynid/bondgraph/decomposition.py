@@ -42,7 +42,7 @@ class Side:
     nodes
         The nodes that the port depends on, on this side.
     reduction
-        How it was reduced.
+        How it was reduced; None where a source at the port is all that counts.
     impedance, effort
         Z_eq, and e_eq for each input that reaches the port; None: an ideal flow source has none.
     admittance, flow
@@ -55,7 +55,7 @@ class Side:
     name: str
     end: str
     nodes: tuple[str, ...]
-    reduction: Reduction
+    reduction: Reduction | None
     impedance: Register | None
     effort: Contributions | None
     admittance: Register | None
@@ -89,6 +89,8 @@ class Decomposition(Planned):
         The sources kept, and the same with the equivalent sources of stored energy.
     source, load
         The two sides.
+    driven
+        The load driven by an ideal source side; None where the source side is not ideal.
     effort, flow
         What each input makes of the port: its effort, and its flow into the load.
 
@@ -114,19 +116,28 @@ class Decomposition(Planned):
         self.total = self._total()
         if self.total is not None and self.program.is_zero(self.total):
             raise _contradiction(self.port)
+        self.driven = self._driven_load() if self.source.ideal else None
         self.effort = {name: self._effort(name) for name in self.inputs}
         self.flow = {name: self._flow(name) for name in self.inputs}
 
     def _pivots(self) -> Iterable[int]:
         for side in (self.source, self.load):
-            yield from side.reduction.pivots
+            yield from side.reduction.pivots if side.reduction is not None else ()
             immittances = (side.impedance, side.admittance)
             yield from (r for r in immittances if r is not None and not self.program.is_zero(r))
+        if self.driven is not None:
+            yield from self.driven.pivots
         if self.total is not None:
             yield self.total
 
     def _answers(self) -> Iterable[int]:
-        return [*self.effort.values(), *self.flow.values()]
+        yield from [*self.effort.values(), *self.flow.values()]
+        for side in (self.source, self.load):
+            yield from [*(side.effort or {}).values(), *(side.flow or {}).values()]
+            own = (side.impedance, side.admittance, side.opened, side.shorted)
+            yield from (register for register in own if register is not None)
+        if self.driven is not None:
+            yield from (register for _, register in self.driven.prototype.systems)
 
     def _total(self) -> Register | None:
         """Write Z_eq + Z_eq of both sides where they have one, else Y_eq + Y_eq, else nothing."""
@@ -175,8 +186,8 @@ class Decomposition(Planned):
         the load the other; B is the one that sets the common variable by integration, the load where both
         could.
         """
-        if self.source.ideal:
-            return self._driven_load()
+        if self.driven is not None:
+            return self.driven.prototype
         kind = self._junction_kind()
         source, load = (
             (self.source.impedance, self.load.impedance)
@@ -204,13 +215,14 @@ class Decomposition(Planned):
             return "0" if self.load.ideal == "flow" else "1"
         return kinds[0] if kinds else "1"
 
-    def _driven_load(self) -> Prototype:
+    def _driven_load(self) -> Reduction:
+        """Reduce the load with the source side, which is ideal, as its source."""
         probe: NodeType = "Se" if self.source.ideal == "effort" else "Sf"
         structure = self.cut.structure({self.load.end: probe})
         name = self.cut.probe(self.load.end)
         kind = structure.junctions[structure.place[name]].kind
         port = Port(name, "f" if kind == "1" else "e")
-        return reduce_graph(structure, self.program, port, [name]).prototype
+        return reduce_graph(structure, self.program, port, [name])
 
     @property
     def meeting(self) -> str:
@@ -242,13 +254,15 @@ def _side(cut: Cut, program: Program, name: str, inputs: Sequence[str]) -> Side:
         try:
             structure = cut.structure({end: kind})
             junction = structure.junctions[structure.place[probe]]
+            if junction.fixing not in (None, probe):  # nothing else of this side reaches the port
+                return _fixed(cut, program, name, end, junction, inputs)
             port = Port(probe, "f" if junction.kind == "1" else "e")
             reduction = reduce_graph(structure, program, port, [*inputs, probe])
         except Singular as error:
             failure = failure or error
             continue
         if reduction.prototype.fixed and junction.fixing != probe:
-            return _ideal(cut, program, name, end, reduction, junction)
+            return _held(cut, program, name, end, reduction)
         return _read(cut, program, name, end, reduction)
     assert failure is not None
     raise Singular(
@@ -258,15 +272,27 @@ def _side(cut: Cut, program: Program, name: str, inputs: Sequence[str]) -> Side:
     )
 
 
-def _ideal(cut: Cut, program: Program, name: str, end: str, reduction: Reduction, junction: Junction) -> Side:
-    """Read off the variable that a side fixes at the port, whatever stands opposite."""
-    nodes, fixed = _nodes(cut, reduction), _product(program, reduction.pivots, reduction.integrators)
-    if junction.fixing is not None:  # nothing else of this side reaches the port
-        nodes, fixed = (junction.fixing, *junction.members), program.one
-    given = _given(cut, program, end, reduction.prototype.kind, reduction.channels)
+def _fixed(
+    cut: Cut, program: Program, name: str, end: str, junction: Junction, inputs: Sequence[str]
+) -> Side:
+    """Return a side whose junction at the port has its common variable fixed by a source on it."""
+    source = str(junction.fixing)
+    registers = {source: program.one} if source in inputs else {}
+    given = _given(cut, program, end, junction.kind, registers)
+    side = partial(Side, name, end, (source, *junction.members), None)
     if junction.kind == "1":
-        return Side(name, end, nodes, reduction, None, None, program.zero, given, None, fixed)
-    return Side(name, end, nodes, reduction, program.zero, given, None, None, fixed, None)
+        return side(None, None, program.zero, given, None, program.one)
+    return side(program.zero, given, None, None, program.one, None)
+
+
+def _held(cut: Cut, program: Program, name: str, end: str, reduction: Reduction) -> Side:
+    """Read off the variable that a constraint fixes at the port, whatever stands opposite."""
+    fixed = _product(program, reduction.pivots, reduction.integrators)
+    given = _given(cut, program, end, reduction.prototype.kind, reduction.channels)
+    side = partial(Side, name, end, _nodes(cut, reduction), reduction)
+    if reduction.prototype.kind == "1":
+        return side(None, None, program.zero, given, None, fixed)
+    return side(program.zero, given, None, None, fixed, None)
 
 
 def _given(

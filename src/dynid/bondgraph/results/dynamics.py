@@ -55,7 +55,7 @@ def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str 
         result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
         result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
     top, bottom = (polynomial_text(part) for part in (ratio.numerator, ratio.denominator))
-    result.add(f"{group}/exact", f"({top})/({bottom})")
+    result.add(f"{group}/exact", top if bottom == "1" else f"({top})/({bottom})")
     if formula is not None:
         result.annotate(group, symbolic=formula)
 

@@ -44,10 +44,11 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
     result.add(f"{_GROUP}/prototype_equation", prototype.equation(TEXT))
     result.add(f"{_GROUP}/type", prototype.type)
     result.add(f"{_GROUP}/meaning", prototype.describe(parts.meeting))
-    labels = {**parts.source.reduction.labels, **parts.load.reduction.labels}
+    sides = {side.name: side.reduction for side in (parts.source, parts.load) if side.reduction is not None}
+    reductions = [*sides.values(), *([parts.driven] if parts.driven is not None else [])]
+    labels = {r: label for reduction in reductions for r, label in reduction.labels.items()}
     for index, part in enumerate(("system_a", "system_b")):
         result.add(f"{_GROUP}/{part}", system_text(parts, prototype, index, labels, TEXT))
-    sides = {side.name: side.reduction for side in (parts.source, parts.load)}
     add_traces(result, _GROUP, parts, sides, "side")
     dynamics = dynamics_of(parts, prototype)
     add_dynamics(result, _GROUP, dynamics)

@@ -26,7 +26,7 @@ def port_lines(result: Result) -> Iterable[str]:
     for name in ("zero dynamics", "pole dynamics"):
         group = f"{_GROUP}/{name.replace(' ', '_')}"
         found, missed = (result[f"{group}/{key}"].data for key in ("roots", "missed_roots"))
-        more = f"   missed: {roots_text(missed)}" if len(missed) else ""
+        more = f"   missed: at {roots_text(missed)}" if len(missed) else ""
         yield f"      {name:<{_WIDTH}}{result.value(f'{group}/equation')}:  {roots_text(found)}{more}"
     if f"{_GROUP}/natural_modes" in result:
         modes, power = (result[f"{_GROUP}/{name}"].data for name in ("natural_modes", "net_power"))
