@@ -301,7 +301,7 @@ def test_masters_come_from_joints_sensors_and_loads_and_are_completed():
     assert {1, 6, 10} <= set(made.masters)
     assert len(made.masters) == 5
     assert made.condition < 100
-    assert METHODS["serep"](interest=Interest(band=100.0)).reduce(model).modes == (1, 2, 3)  # below 200 rad/s
+    assert METHODS["serep"](interest=Interest(band=50.0)).reduce(model).modes == (1, 2, 3)  # below 250 rad/s
 
 
 def test_more_masters_are_chosen_than_there_are_modes():

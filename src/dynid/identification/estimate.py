@@ -5,14 +5,14 @@ Source: K. T. Yang 1997.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from dynid.errors import Diverged
 from dynid.identification.augmented import augmented
 from dynid.identification.auto import Auto
-from dynid.identification.estimation import Estimator
+from dynid.identification.estimation import Estimation, Estimator
 from dynid.identification.filter import ASTRAY
 from dynid.identification.fit import Fit, Fitter, fitter
 from dynid.identification.measurement import Measurement, as_estimated, data
@@ -22,6 +22,14 @@ from dynid.result import Result
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Load, source_names
 
+Rebuild = Callable[[Mapping[str, float]], StructuralModel]
+"""Makes a model for joint parameters by name."""
+
+# A basis that follows the joints is made anew until the estimates move by less than this many standard
+# errors, or this part of themselves; and so often at the most.
+_STAYS, _LEAST = 0.01, 1e-6
+_MOST_ROUNDS = 10
+
 
 def identify(
     model: StructuralModel,
@@ -30,6 +38,7 @@ def identify(
     estimator: Estimator | None = None,
     *,
     truth: StructuralModel | None = None,
+    rebuild: Rebuild | None = None,
 ) -> Result:
     """Identify the unknown joint parameters of a structure from a record.
 
@@ -45,6 +54,9 @@ def identify(
         How to estimate; absent: `Auto()`.
     truth
         The structure that simulated records are made with; absent: `model`.
+    rebuild
+        Makes the model anew for parameters by name: a reduced one whose basis follows the joints. The
+        estimator goes on with it until the estimates stay, at most ten times. Absent: `model` stays.
 
     Returns
     -------
@@ -71,7 +83,7 @@ def identify(
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identification of {', '.join(names)}", names=names):
-        return _identified(model, loads, measurement, estimator or Auto(), truth or model)
+        return _identified(model, loads, measurement, estimator or Auto(), truth or model, rebuild)
 
 
 def _identified(
@@ -80,19 +92,33 @@ def _identified(
     measurement: Measurement,
     estimator: Estimator,
     truth: StructuralModel,
+    rebuild: Rebuild | None,
 ) -> Result:
-    record = measurement.record
-    joint = augmented(model, as_estimated(loads, record), measurement.channels, record.times)
     values = data(truth, loads, measurement)
-    fits = fitter(joint, model, measurement.channels, values)
-    origin = np.log([unknown.start for unknown in joint.unknowns])
-    _check_visible(fits, fits.fit(origin, values.values))
-    names = [unknown.name for unknown in joint.unknowns]
-    with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
-        estimation = estimator.run(fits, origin)
-    outcome = Outcome(fits, measurement, model.dofs, source_names(loads), estimator.name, estimation)
+    known = as_estimated(loads, measurement.record)
+    names = [unknown.name for unknown in model.unknowns]
+    logs = np.log([unknown.start for unknown in model.unknowns])
+    found: Estimation | None = None
+    for _ in range(1 if rebuild is None else _MOST_ROUNDS):
+        joint = augmented(model, known, measurement.channels, measurement.record.times)
+        fits = fitter(joint, model, measurement.channels, values)
+        if found is None:
+            _check_visible(fits, fits.fit(logs, values.values))
+        with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
+            found = _joined(found, estimator.run(fits, logs))
+        outcome = Outcome(fits, measurement, model.dofs, source_names(loads), estimator.name, found)
+        change, logs = np.abs(found.fit.logs - logs), found.fit.logs
+        if rebuild is None or np.all(change <= np.maximum(_STAYS * outcome.information.deviations(), _LEAST)):
+            break
+        model = rebuild(dict(zip(names, np.exp(logs).tolist(), strict=True)))
     outcome.check()
     return outcome.result()
+
+
+def _joined(before: Estimation | None, now: Estimation) -> Estimation:
+    if before is None:
+        return now
+    return Estimation(now.fit, [*before.histories, *now.histories], [*before.stages, *now.stages])
 
 
 def _check_visible(fits: Fitter, fit: Fit) -> None:

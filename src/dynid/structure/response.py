@@ -16,7 +16,7 @@ from dynid.lti.signals import Signal
 from dynid.result import Result
 from dynid.structure import labels
 from dynid.structure.frf import Ports, frequency_response_functions
-from dynid.structure.matrices import Label
+from dynid.structure.matrices import Label, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.state_space import state_space
 
@@ -205,6 +205,10 @@ def ports(
 
 
 def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Array:
+    if model.basis is not None:  # the nearest motion of the reduced model, by kinetic energy
+        M, full = as_array(model.M), _initial(model.basis.parent, given)
+        momentum = model.basis.T.T @ np.asarray(model.basis.parent.M @ full)
+        return np.asarray(np.linalg.lstsq(M, momentum, rcond=None)[0])
     start = np.zeros(model.size)
     for dof, value in (given or {}).items():
         start += value * model.row(dof)

@@ -42,7 +42,7 @@ def _table(result: Result) -> list[str]:
         for name in _names(result)
         for number, omega in zip(_of(result, name, "mode"), _of(result, name, "reference"), strict=True)
     }
-    shown = sorted(reference)[:_SHOWN]
+    shown, common = sorted(reference)[:_SHOWN], _common(result)
     responses = "reduction/frf/frac" in result
     table = Table(box=None, padding=(0, 1), show_edge=False, header_style="")
     headings = ["", "size", *(f"ω{number}" for number in shown), "worst error", "least MAC"]
@@ -53,16 +53,25 @@ def _table(result: Result) -> list[str]:
         "full", str(len(result["reduction/dof"].data)), *(_omega(reference[k]) for k in shown), *blank
     )
     for place, name in enumerate(_names(result)):
-        table.add_row(name, *_row(result, name, shown), *_fractions(result, place), *_cost(result, name))
+        table.add_row(
+            name, *_row(result, name, shown, common), *_fractions(result, place), *_cost(result, name)
+        )
     out = StringIO()
     Console(file=out, width=200, color_system=None).print(table)
     return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
 
 
-def _row(result: Result, name: str, shown: Iterable[int]) -> list[str]:
+def _common(result: Result) -> set[int]:
+    """Return the numbers of the modes that all methods have; where they share none, of all modes."""
+    numbers = [set(_of(result, name, "mode").tolist()) for name in _names(result)]
+    return set.intersection(*numbers) or set.union(*numbers)
+
+
+def _row(result: Result, name: str, shown: Iterable[int], common: set[int]) -> list[str]:
     found = dict(zip(_of(result, name, "mode").tolist(), _of(result, name, "frequencies"), strict=True))
-    error = np.abs(_of(result, name, "frequency_error"))
-    agreement = np.diagonal(_of(result, name, "mac"))
+    counted = np.isin(_of(result, name, "mode"), sorted(common))
+    error = np.abs(_of(result, name, "frequency_error"))[counted]
+    agreement = np.diagonal(_of(result, name, "mac"))[counted]
     return [
         str(len(_of(result, name, "coordinate"))),
         *(_omega(found[k]) if k in found else "" for k in shown),
@@ -89,7 +98,9 @@ def _cost(result: Result, name: str) -> list[str]:
 
 
 def _notes(result: Result) -> Iterable[str]:
-    yield "  ω in rad/s, joints included; errors over all modes of the reduced model"
+    common = sorted(_common(result))
+    span = f"modes {common[0]} … {common[-1]}" if len(common) > 1 else f"mode {common[0]}"
+    yield f"  ω in rad/s, joints included; worst error and least MAC of {span}"
     for name in _names(result):
         masters = _of(result, name, "masters")
         if len(masters):

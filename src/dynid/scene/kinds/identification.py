@@ -20,17 +20,20 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.identification.estimate import Rebuild
     from dynid.identification.estimation import Estimator
     from dynid.identification.measurement import Measurement
     from dynid.lti.generator import Record
+    from dynid.scene.kinds.reductions import LocatedReductor
     from dynid.scene.schema.common import SignalPart, TimeGrid
 
 
 def run(scene: Scene) -> Result:
     """Identify the joints of a structure from a record, and compute the responses asked for.
 
-    Responses are those of the structure with its joints as identified; without a record, unknown joints
-    have their true values where these are given, else their starts.
+    Where the structure is reduced, both are done with the reduced model. Responses are those with the
+    joints as identified; without a record, unknown joints have their true values where these are given,
+    else their starts.
 
     Raises
     ------
@@ -41,19 +44,38 @@ def run(scene: Scene) -> Result:
     """
     model = cast("IdentificationScene", scene.model)
     structure = build_structure(scene, model.structure, model.joints)
+    method = _reductor(model)
     result = Result("identification", scene.title)
     values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
     if model.measurement is not None:
-        from dynid.identification.estimate import identify
-
-        measurement = _measurement(scene, model)
-        loads = _loads(scene, "excitation", model.excitation, measurement.record)
-        result.merge(identify(structure, loads, measurement, _estimator(model.estimator)))
+        result.merge(_identified(scene, model, structure, method))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
     if model.analysis is not None:
-        result.merge(_responses(scene, model, structure, values))
+        responding = structure if method is None else method.at(values).reduce(structure).model
+        result.merge(_responses(scene, model, responding, values))
     return result
+
+
+def _identified(
+    scene: Scene, model: IdentificationScene, structure: StructuralModel, method: LocatedReductor | None
+) -> Result:
+    """Identify with the reduced model where there is one; its basis may follow the joints."""
+    from dynid.identification.estimate import identify
+
+    measurement = _measurement(scene, model)
+    loads = _loads(scene, "excitation", model.excitation, measurement.record)
+    estimator = _estimator(model.estimator)
+    if method is None:
+        return identify(structure, loads, measurement, estimator)
+    assert model.measurement is not None
+    simulate = model.measurement.simulate
+    truth = structure
+    if simulate is not None and simulate.model == "reduced":
+        truth = method.at(structure.true_values()).reduce(structure).model
+    reduced = method.reduce(structure).model
+    rebuild = _rebuilder(structure, method) if method.follows_joints else None
+    return identify(reduced, loads, measurement, estimator, truth=truth, rebuild=rebuild)
 
 
 def _estimator(given: EstimatorModel) -> Estimator:
@@ -68,6 +90,30 @@ def _estimator(given: EstimatorModel) -> Estimator:
         case "output-error":
             return OutputError() if given.iterations is None else OutputError(given.iterations)
     return Auto()
+
+
+def _reductor(model: IdentificationScene) -> LocatedReductor | None:
+    """Return the reduction of a scene, made for its sensors, loads and the band of its excitation."""
+    if model.reduction is None:
+        return None
+    from dynid.scene.kinds.reductions import band_of, build_reductor
+    from dynid.structure.reduction.selection import Interest
+
+    dofs = [part.dof for part in model.excitation]
+    band = None
+    if model.measurement is not None:
+        dofs += [channel.dof for channel in model.measurement.channels]
+        band = band_of(model.excitation, float(model.measurement.step))
+    if model.analysis is not None:
+        dofs += [*(model.analysis.inputs or ()), *(output.dof for output in model.analysis.outputs or ())]
+        if band is None and model.analysis.frequency is not None:
+            band = float(angular_frequencies(model.analysis.frequency)[-1])
+    interest = Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
+    return build_reductor(model.reduction, interest, "reduction")
+
+
+def _rebuilder(full: StructuralModel, method: LocatedReductor) -> Rebuild:
+    return lambda values: method.at(values).reduce(full).model
 
 
 def _loads(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from dynid.errors import NumericalError, UsageError
-from dynid.scene.schema.reduction import DynamicModel, MastersModel, ModesModel, in_radians
+from dynid.scene.schema.common import ChirpSignal, MultisineSignal, RandomSignal, SineSignal
+from dynid.scene.schema.reductions import DynamicModel, MastersModel, ModesModel, in_radians
+from dynid.structure.reduction.joint_aware import JointAware
 from dynid.structure.reduction.masters import Masters
 from dynid.structure.reduction.methods import METHODS, Reductor
 from dynid.structure.reduction.selection import Interest, ModeRange
 
 if TYPE_CHECKING:
-    from dynid.scene.schema.reduction import Reduction
+    from dynid.scene.schema.common import SignalPart
+    from dynid.scene.schema.reductions import Reduction
     from dynid.structure.model import StructuralModel
     from dynid.structure.reduction.reduction import Reduction as Reduced
 
@@ -29,6 +35,17 @@ class LocatedReductor:
         """Reduce a structure, as the method does."""
         with _placed(self.place):
             return self.method.reduce(model)
+
+    def at(self, values: Mapping[str, float]) -> LocatedReductor:
+        """Return the method for these values of the joints, where its basis depends on them."""
+        if isinstance(self.method, JointAware):
+            return LocatedReductor(self.method.at(values), self.place)
+        return self
+
+    @property
+    def follows_joints(self) -> bool:
+        """Whether the basis depends on the values of unknown joints."""
+        return isinstance(self.method, JointAware)
 
 
 def build_reductor(part: Reduction, interest: Interest, place: str) -> LocatedReductor:
@@ -69,3 +86,28 @@ def _placed(place: str) -> Iterator[None]:
     except (UsageError, NumericalError) as error:
         names = [f"{place}.{name}" for name in error.names]
         raise type(error)(error.problem, remedy=error.remedy, names=(*names, f"{place}.method")) from error
+
+
+def band_of(signals: Sequence[SignalPart], step: float) -> float:
+    """Return the highest frequency that signals excite, rad/s; what has no end goes to Nyquist's.
+
+    Parameters
+    ----------
+    signals
+        The signals.
+    step
+        Sampling step, s.
+    """
+    nyquist = math.pi / step
+    return min(nyquist, max((_highest(part) for part in signals), default=nyquist))
+
+
+def _highest(part: SignalPart) -> float:
+    given = part.parameters()
+    if isinstance(part, ChirpSignal):
+        return float(max(given["start"], given["stop"]))
+    if isinstance(part, RandomSignal):
+        return float(given["band"][1]) if part.band else math.inf
+    if isinstance(part, SineSignal | MultisineSignal):
+        return float(np.max(given["frequency"]))
+    return math.inf

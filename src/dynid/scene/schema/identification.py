@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from dynid.scene.schema.common import Dof, FrequencyGrid, Part, SceneModel, Signals, TimeGrid
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
+from dynid.scene.schema.reductions import Reduction
 from dynid.scene.schema.structure import JointModel, StructureModel
 
 MotionQuantity = Literal["displacement", "velocity", "acceleration"]
@@ -26,7 +27,7 @@ class SimulateModel(Part):
     noise_ratio: NotNegative | None = None
     seed: int = Field(default=0, ge=0, strict=True)
     settle: NotNegative | None = None
-    model: Literal["full"] = "full"
+    model: Literal["full", "reduced"] = "full"
 
 
 class MeasuredFileModel(Part):
@@ -113,6 +114,7 @@ class IdentificationScene(SceneModel):
     kind: Literal["identification"]
     structure: StructureModel
     joints: dict[str, JointModel] = {}
+    reduction: Reduction | None = None
     excitation: Signals = []
     measurement: MeasurementModel | None = None
     estimator: EstimatorModel = EstimatorModel()
@@ -123,6 +125,9 @@ class IdentificationScene(SceneModel):
     def _asks_something(self) -> Self:
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
+        simulate = self.measurement.simulate if self.measurement else None
+        if simulate and simulate.model == "reduced" and self.reduction is None:
+            raise fault("the record is to be simulated with the reduced model, but there is no 'reduction'")
         responds = self.analysis and (self.analysis.frequency or self.analysis.time)
         if self.analysis and responds and not self.analysis.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")

@@ -14,8 +14,12 @@ from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.modes import modes
 from dynid.structure.reduction.masters import Masters
 
-BAND = 2.0
-"""Without modes given, all below the band of interest times this are kept."""
+BAND = 5.0
+"""Without modes given, all below this many times the band of interest are kept.
+
+Modes left out still yield statically. On the beam of Yang, excited up to 271 rad/s, joints are identified
+to 3 % with modes up to twice that, and to a half with five times.
+"""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,108 @@
+"""Joints identified with reduced models, from records of the full structure."""
+
+import numpy as np
+import pytest
+
+import dynid
+from tests.scene.written import JOINTS, check, faults_of
+
+BEAM = """\
+dynid: 1
+kind: identification
+structure:
+  beam: {elements: 7, length: 7, EI: 1723.3, rhoA: 0.1, supports: [{node: 1, fix: [w]}],
+    damping: {alpha: 0.1}}
+joints:
+  root: {dofs: [1], k: {start: 2.5e3, true: 5.0e3}}
+  support: {dofs: [10], k: {start: 5.0e3, true: 1.0e4}, c: {start: 10, true: 20}}
+reduction: {method: joint-aware, modes: {count: 8}}
+excitation: [{dof: 6, kind: multisine, amplitude: [100, 100, 100], frequency: [45, 250, 300]}]
+measurement:
+  step: 0.002
+  samples: 800
+  channels: [{dof: 6, quantity: velocity}, {dof: 10, quantity: velocity}]
+  simulate: {noise_ratio: 0, settle: 20, model: full}
+"""
+SEREP = "{method: serep, masters: [1, 6, 10], modes: [2, 3, 4]}"
+
+
+def errors(text):
+    result = dynid.run(check(text))
+    return result, result["identification/parameters/error_percent"].data
+
+
+def test_a_basis_that_follows_the_joints_finds_them_where_the_papers_does_not():
+    result, aware = errors(BEAM)
+    # Excited where the paper's own basis is wrong (its Table 5 has 17 to 42 %).
+    assert aware.max() < 0.5
+    assert len(result["identification/history/component"].data) == 16
+    start = result["identification/parameters/start"].data
+    np.testing.assert_array_equal(start, [2.5e3, 5e3, 10])
+    assert result.value("identification/diagnostics/passes") > 2  # the basis was made anew
+    _, paper = errors(BEAM.replace("{method: joint-aware, modes: {count: 8}}", SEREP))
+    assert paper.max() > 20
+
+
+@pytest.mark.parametrize(
+    "reduction", [SEREP, "{method: craig-bampton, masters: [1, 6, 10], modes: {count: 3}}"]
+)
+def test_records_of_the_reduced_model_itself_are_explained_by_it(reduction):
+    text = BEAM.replace("{method: joint-aware, modes: {count: 8}}", reduction)
+    result, found = errors(text.replace("model: full", "model: reduced"))
+    assert found.max() < 0.05
+    assert result.value("identification/diagnostics/converged")
+
+
+def test_masters_and_modes_come_from_the_scene_where_they_are_not_given():
+    result, found = errors(
+        BEAM.replace("{method: joint-aware, modes: {count: 8}}", "{method: craig-bampton}")
+    )
+    components = list(result["identification/history/component"].data)
+    # The ends of the joints, then the sensors and the force, then the modes inside.
+    assert components[:3] == ["theta_1.displacement", "w_6.displacement", "w_4.displacement"]
+    assert components[3] == "fixed_mode_1.displacement"
+    assert found.max() < 1
+
+
+def test_responses_are_those_of_the_reduced_model():
+    text = BEAM[: BEAM.index("measurement:")].replace("{method: joint-aware, modes: {count: 8}}", SEREP)
+    text += "analysis:\n  outputs: [{dof: 3, quantity: displacement}]\n"
+    text += "  frequency: {start: 30, stop: 60, points: 3}\n  time: {stop: 0.1, step: 0.01}\n"
+    reduced = dynid.run(check(text))["structure/frequency_response/response"].data
+    full = dynid.run(check(text.replace(f"reduction: {SEREP}\n", "")))
+    full = full["structure/frequency_response/response"].data
+    assert reduced.shape == full.shape
+    assert np.abs(reduced / full - 1).max() > 0.1  # as wrong as that basis is
+
+
+def test_an_initial_motion_of_the_reduced_model_is_the_nearest_one():
+    text = JOINTS[: JOINTS.index("excitation")].replace("{start: 1.0e4, true: 2.0e4}", "2.0e4")
+    text = text.replace("{start: 10, true: 20}", "20").replace(
+        "{dofs: [4, 5]", "{dofs: [3, 4], k: 1.0e4}, {dofs: [4, 5]"
+    )
+    text += "reduction: {method: joint-aware, modes: [1, 2, 3, 4, 5]}\n"
+    text += "analysis: {outputs: [{dof: 2}, {dof: 5}], time: {stop: 0.1, step: 0.01}}\n"
+    text += "initial: {2: {x: 0.01}, 5: {v: 1}}\n"
+    reduced = dynid.run(check(text))["structure/time_response/response"].data
+    full = dynid.run(check(text.replace("reduction: {method: joint-aware, modes: [1, 2, 3, 4, 5]}\n", "")))
+    np.testing.assert_allclose(reduced, full["structure/time_response/response"].data, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ("modes: {count: 8}", "masters: [1, 16]", "9:47: there is no DOF 16; the structure has 15"),
+        ("modes: {count: 8}", "masters: [1, 6, 6]", "9:43: DOF 6 stands twice"),
+        ("joint-aware", "joint-awair", "9:21: 'method' cannot be 'joint-awair'; it is one of serep, guyan,"),
+        ("modes: {count", "mods: {count", "9:34: 'mods' is not a key of reduction; did you mean 'modes'?"),
+    ],
+)
+def test_a_mistake_in_a_reduction_is_one_sentence_at_its_place(right, wrong, fault):
+    found = faults_of(BEAM.replace(right, wrong))
+    assert len(found) == 1, found
+    assert found[0].startswith(fault), found
+
+
+def test_a_record_of_a_reduced_model_needs_one():
+    found = faults_of(JOINTS.replace("model: full", "model: reduced"))
+    assert found == ["1:1: the record is to be simulated with the reduced model, but there is no 'reduction'"]
