@@ -100,13 +100,13 @@ def _projected(
     inverse: Array,
     names: tuple[Label, ...],
 ) -> StructuralModel:
-    """Project (eq 9), the stiffness by what the modes say of it: ``T^T K T = W^T Omega^2 W``, W = U_m^-1.
+    """Project (eq 9), the stiffness by what the modes say of it: ``U^T K U = U^T M U Omega^2``.
 
     The product loses as many digits as the stiffness is worse conditioned than its low modes; the
     frequencies do not. What joints are in the modes' stiffness is taken off again.
     """
     reduced = model.projected(T, names)
     extra = matrices[2] - model.K
-    scaled = basis.omega[:, None] * inverse
-    K = scaled.T @ scaled - T.T @ (extra @ T)
+    energy = basis.shapes.T @ np.asarray(matrices[0] @ basis.shapes) * basis.omega**2
+    K = inverse.T @ energy @ inverse - T.T @ np.asarray(extra @ T)
     return replace(reduced, K=(K + K.T) / 2)
