@@ -22,6 +22,7 @@ measurement:
   samples: 800
   channels: [{dof: 6, quantity: velocity}, {dof: 10, quantity: velocity}]
   simulate: {noise_ratio: 0, settle: 20, model: full}
+estimator: {method: filter, passes: 2}
 """
 SEREP = "{method: serep, masters: [1, 6, 10], modes: [2, 3, 4]}"
 

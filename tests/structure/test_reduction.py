@@ -27,7 +27,7 @@ def squares(model, values=None):
 
 
 seeds = st.integers(0, 10**6)
-few = settings(max_examples=15, deadline=None)
+few = settings(max_examples=10, deadline=None)
 
 
 # --- what each method reproduces exactly ---------------------------------------------------------
@@ -135,7 +135,7 @@ def squares_of_free(model):
     return eigh(model.K, model.M, eigvals_only=True)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seeds, st.integers(0, 2))
 def test_iterated_irs_converges_to_serep_on_the_lowest_modes(seed, massless):
     model = random_structure(seed, massless=massless)
@@ -268,7 +268,7 @@ def test_the_beam_with_joints_has_the_published_frequencies(method, options, fre
 
 
 @pytest.mark.parametrize("number", ["01", "03", "08"])
-@pytest.mark.parametrize("count", [1, 4, 8, 12])
+@pytest.mark.parametrize("count", [4, 12])
 def test_serep_reproduces_the_modes_of_real_matrices(number, count):
     model = harwell_boeing(number)
     exact = json.loads((FE / "eigenvalues.json").read_text())[f"bcsstk{number}/bcsstm{number}"][
