@@ -8,6 +8,7 @@ import dynid
 from dynid.checks import compare
 from dynid.cli import main
 from tests.scene.written import REDUCTIONS, check, faults_of
+from tests.structure.systems import FE
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +176,23 @@ def test_the_screen_is_one_table(tmp_path, capsys):
     assert "reduction · 8 methods" in out
     row = next(line for line in out.splitlines() if line.strip().startswith("joint-aware "))
     assert row.split()[1:5] == ["3", "38.05", "94.80", "156.4"]  # size, then the natural frequencies
+
+
+@pytest.mark.parametrize(
+    ("mass", "stiffness"), [("bcsstm08", "bcsstk08"), ("blockC3D8_MASS1", "blockC3D8_STIF1")]
+)
+def test_multiple_and_rigid_modes_of_real_matrices_are_compared_with_their_like(mass, stiffness):
+    if not FE.is_dir():
+        pytest.skip(f"the matrices of {FE} are not here")
+    text = (
+        "dynid: 1\nkind: reduction\n"
+        f"structure: {{matrices: {{mass: {FE}/{mass}.mtx, stiffness: {FE}/{stiffness}.mtx}}}}\n"
+        "reduction:\n  - {method: serep, modes: {count: 10}}\n  - {method: serep, modes: [1, 3, 8]}\n"
+        "  - {method: guyan, masters: {count: 12}}\n"
+    )
+    result = dynid.run(check(text))
+    for name in ("serep", "serep_2"):
+        assert np.abs(result[f"reduction/{name}/frequency_error"].data).max() < 1e-10
+        np.testing.assert_allclose(result[f"reduction/{name}/mac"].data.diagonal(), 1, rtol=1e-6)
+    rigid = 6 if "block" in mass else 0
+    assert np.count_nonzero(result["reduction/guyan/frequencies"].data == 0) == rigid

@@ -122,9 +122,9 @@ def _add(
     if made.reduction.condition is not None:
         result.add(f"{group}/condition", made.reduction.condition)
     places = np.array(numbers, dtype=np.int64) - 1
-    reference, target = full.omega[places], full.shapes[:, places]
-    M = model.with_joints()[0]
-    shapes = correlation.aligned(reduced.expand(made.modes.shapes), made.modes.omega, target, M)
+    reference, M = full.omega[places], model.with_joints()[0]
+    shapes = reduced.expand(made.modes.shapes)
+    target = correlation.counterparts(shapes, places, full.shapes, full.omega, M)
     result.add_axis(f"{group}/mode", places + 1)
     result.add_axis(f"{group}/full_mode", places + 1)
     result.add(f"{group}/frequencies", made.modes.omega, ("mode",), "rad/s")

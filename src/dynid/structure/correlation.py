@@ -69,26 +69,33 @@ def orthogonality(a: Array, M: Matrix, b: Array) -> Array:
     return np.asarray(np.abs(a.T @ Mb) / np.where(size > 0, size, 1.0))
 
 
-def aligned(shapes: Array, omega: Array, reference: Array, M: Matrix) -> Array:
-    """Turn the modes of each multiple frequency to match the reference: they are free to turn.
+def counterparts(shapes: Array, places: NDArray[np.int64], full: Array, omega: Array, M: Matrix) -> Array:
+    """Return the full modes that reduced ones stand for; those of a multiple frequency are free to turn.
 
     Parameters
     ----------
     shapes
-        Shapes of the reduced model at all DOFs (n x r), normed to unit modal mass.
-    omega
-        Its frequencies (r), ascending.
-    reference
-        The shapes to match (n x r).
+        Shapes of the reduced model at all DOFs (n x r).
+    places
+        Indices of the full modes they stand for (r), ascending.
+    full, omega
+        Shapes (n x s) and frequencies (s) of the full model, normed to unit modal mass.
     M
         Mass (n x n).
+
+    Returns
+    -------
+    Array
+        Modes of the full structure (n x r): of each multiple frequency those nearest to the reduced ones.
     """
-    out = shapes.copy()
+    out = full[:, places].copy()
     ends = np.flatnonzero(np.diff(omega) > _MULTIPLE * omega[1:]) + 1
     for group in np.split(np.arange(len(omega)), ends):
-        if len(group) > 1:
-            left, _, right = np.linalg.svd(shapes[:, group].T @ np.asarray(M @ reference[:, group]))
-            out[:, group] = shapes[:, group] @ (left @ right)
+        mine = np.flatnonzero(np.isin(places, group))
+        if len(group) > 1 and len(mine):
+            cross = full[:, group].T @ np.asarray(M @ shapes[:, mine])
+            left, _, right = np.linalg.svd(cross, full_matrices=False)
+            out[:, mine] = full[:, group] @ (left @ right)
     return out
 
 

@@ -63,13 +63,19 @@ def projected(model: StructuralModel, T: Array, names: Sequence[Label]) -> Struc
         Labels of the coordinates (r).
     """
     reduced = model.projected(T, names)
-    parts = np.einsum("ij,ij->j", np.abs(T), np.asarray(abs(model.K) @ np.abs(T)))
+    return replace(reduced, K=without_rounding(as_array(reduced.K), T, model.K))
+
+
+def without_rounding(reduced: Array, T: Array, K: Matrix) -> Array:
+    """Return a projected stiffness without what is rounding of ``|T|^T |K| |T|``, motions and coordinates."""
+    parts = np.einsum("ij,ij->j", np.abs(T), np.asarray(abs(K) @ np.abs(T)))
     size = np.sqrt(np.where(parts > 0, parts, 1.0))
-    values, vectors = np.linalg.eigh(as_array(reduced.K) / size / size[:, None])
+    values, vectors = np.linalg.eigh((reduced + reduced.T) / 2 / size / size[:, None])
     if values[0] > _ROUNDING:
-        return reduced
+        return np.asarray((reduced + reduced.T) / 2)
     root = size[:, None] * vectors * np.sqrt(np.where(values > _ROUNDING, values, 0.0))
-    return replace(reduced, K=root @ root.T)
+    stiff = (root**2).sum(axis=1) > _ROUNDING * parts
+    return np.asarray(np.where(np.outer(stiff, stiff), root @ root.T, 0.0))
 
 
 def with_known_joints(model: StructuralModel) -> tuple[Matrix, Matrix, Matrix]:

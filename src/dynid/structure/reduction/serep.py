@@ -14,7 +14,7 @@ from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.masters import Masters, checked_condition, indices_of
-from dynid.structure.reduction.reduction import Reduction, masters_for_modes
+from dynid.structure.reduction.reduction import Reduction, masters_for_modes, without_rounding
 from dynid.structure.reduction.selection import (
     Interest,
     ModeRange,
@@ -108,5 +108,5 @@ def _projected(
     reduced = model.projected(T, names)
     extra = matrices[2] - model.K
     energy = basis.shapes.T @ np.asarray(matrices[0] @ basis.shapes) * basis.omega**2
-    K = inverse.T @ energy @ inverse - T.T @ np.asarray(extra @ T)
+    K = without_rounding(inverse.T @ energy @ inverse, T, matrices[2]) - T.T @ np.asarray(extra @ T)
     return replace(reduced, K=(K + K.T) / 2)
