@@ -319,7 +319,15 @@ def test_the_symbolic_engine_writes_formulas_alone():
     options = {"engine": "symbolic", "results": frozenset({"transfer_function"})}
     result, expanded_too = (asked(graph, formulas=f, **options) for f in (None, Formulas("expanded")))
     group = "bond_graph/transfer_function/m_s.f/v_in"
-    assert {path for path in result if path.startswith(group)} == {f"{group}/program"}
+    assert {path for path in result if path.startswith(group)} == {
+        f"{group}/program",
+        f"{group}/program_latex",
+    }
+    typeset = result.value(f"{group}/program_latex").splitlines()
+    assert typeset[:2] == [
+        r"t_{1} = s \, I_{f} + \frac{1}{s \, C_{a}}",
+        r"t_{2} = \mathrm{tuning}^{2} \, t_{1}",
+    ]
     assert expanded_too[f"{group}/symbolic_denominator"].attrs["terms"] == 4
     assert result.group_attrs[group]["latex"].startswith(r"\frac{")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dynid.bondgraph.formula import expanded, nested, readable
 from dynid.bondgraph.question import Formulas
 from dynid.bondgraph.reduced import Channel, ReducedGraph
-from dynid.bondgraph.reduction.writing import LATEX
+from dynid.bondgraph.reduction.writing import LATEX, TEXT
 from dynid.result import Result
 
 
@@ -13,8 +13,8 @@ def add_formulas(result: Result, reduced: ReducedGraph, wanted: Formulas | None)
     """Add what there is to read of every channel.
 
     A formula of a page is the attribute `symbolic` (and `latex`) of its channel. On demand a channel has the
-    dataset `program` (named assignments, none expanded), or the datasets `symbolic_numerator` and
-    `symbolic_denominator` besides, however long.
+    datasets `program` and `program_latex` (named assignments, none expanded), and where it is to be expanded
+    `symbolic_numerator` and `symbolic_denominator`, however long.
 
     Raises
     ------
@@ -27,7 +27,8 @@ def add_formulas(result: Result, reduced: ReducedGraph, wanted: Formulas | None)
     if wanted is None:
         return
     for channel, register in reduced.channels().items():
-        result.add(f"{_group(channel)}/program", nested(reduced, [register]))
+        for name, hand in (("program", TEXT), ("program_latex", LATEX)):
+            result.add(f"{_group(channel)}/{name}", nested(reduced, [register], hand))
     if wanted.form == "expanded":
         from dynid.bondgraph.algebra.symbolic import plain
 
