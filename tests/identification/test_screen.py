@@ -88,7 +88,7 @@ CASES = {
     "off the optimum": (
         {"settled": False, "distance_to_optimum": [2.8123, 0.2]},
         "NOT converged: 2.8 standard errors of a.c from the optimum",
-        "the filter's estimate of a.c is 2.8 standard errors from the optimum of this record",
+        "the estimate of a.c is 2.8 standard errors from the optimum of this record",
     ),
     "no noise": (
         {"explained": False, "white": False, "whiteness_p": 1e-9},

@@ -104,7 +104,7 @@ def _warn(result: Result, scene: str) -> None:
     warning = f"{scene}: warning: not converged:"
     if not result.value(f"{group}/settled"):
         name, distance = farthest(result)
-        reason = f"the filter's estimate of {name} is {distance:.2g} standard errors"
+        reason = f"the estimate of {name} is {distance:.2g} standard errors"
         click.echo(f"{warning} {reason} from the optimum of this record", err=True)
     if not result.value(f"{group}/explained"):
         click.echo(f"{warning} the residuals are not noise: check model, units and starts", err=True)

@@ -57,6 +57,8 @@ class AugmentedModel:
         Unit of each state (n), in SI.
     A, A_slopes
         System matrix without the unknowns (n x n), and its change by each unit unknown (p x n x n).
+    B
+        Input matrix (n x loads).
     drive
         Input matrix times the signals' read-out (n x q).
     C, C_slopes
@@ -73,6 +75,7 @@ class AugmentedModel:
     scale: Array
     A: Array
     A_slopes: Array
+    B: Array
     drive: Array
     C: Array
     C_slopes: Array
@@ -154,6 +157,7 @@ def augmented(
         scale=d,
         A=rescaled(system.A, d),
         A_slopes=rescaled(A_slopes, d),
+        B=system.B / d[:, None],
         drive=drive * w_scale,
         C=system.C * d,
         C_slopes=C_slopes * d,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -48,11 +48,14 @@ class Estimation:
         The passes over the record, in order; none where the estimator takes the record as a whole.
     stages
         What was tried, in order.
+    facts
+        What else is worth knowing of the work, by name.
     """
 
     fit: Fit
     histories: Sequence[Pass]
     stages: Sequence[Stage]
+    facts: Mapping[str, int] = field(default_factory=dict)
 
 
 class Estimator(Protocol):

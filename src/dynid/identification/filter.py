@@ -94,7 +94,7 @@ def filter_pass(
         innovation = measured[sample] - model.feedthrough[sample] - H[:, :n] @ z[:n]
         whitened = H * weight[sample][:, None], innovation * weight[sample]
         z += _update(S, *whitened, present[sample])
-        _check(model, z[n:], origin)
+        check_run_away(model, z[n:], origin)
         history.logs[sample] = z[n:]
         history.deviations[sample] = np.sqrt(np.einsum("ij,ij->i", S[n:], S[n:]))
         history.states[sample] = z[:n]
@@ -129,7 +129,8 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int]) -> Array:
     return correction
 
 
-def _check(model: AugmentedModel, logs: Array, origin: Array) -> None:
+def check_run_away(model: AugmentedModel, logs: Array, origin: Array) -> None:
+    """Refuse logarithms (p) that are not finite or a factor of a million from their origin."""
     away = ~(np.abs(logs - origin) < RUNAWAY)
     if away.any():
         raise run_away([unknown.name for unknown, bad in zip(model.unknowns, away, strict=True) if bad])

@@ -237,6 +237,8 @@ class Outcome:
         result.add(f"{group}/whiteness_p", self.whiteness_p)
         result.add(f"{group}/white", not is_coloured(self.whiteness_p))
         result.add(f"{group}/condition", self.information.condition())
+        for name, fact in self.estimation.facts.items():
+            result.add(f"{group}/{name}", fact)
         result.add(f"{group}/passes", len(self.estimation.histories))
 
     def _times(self) -> Array:

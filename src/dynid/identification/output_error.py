@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynid.errors import DynidError, UsageError
 from dynid.identification.diagnostics import root_mean_square
 from dynid.identification.estimation import Estimation, Stage
-from dynid.identification.filter import RUNAWAY, run_away
+from dynid.identification.filter import check_run_away
 from dynid.identification.fit import Fit, Fitter
 from dynid.identification.information import Information, least_squares
 
@@ -108,7 +108,7 @@ def refine(fitter: Fitter, logs: Array, iterations: int = 50) -> Iterations:
         fit = better
         way.fits.append(fit)
         way.damping.append(damping)
-        _check(fitter, fit.logs, logs)
+        check_run_away(fitter.model, fit.logs, logs)
         if np.all(np.abs(step) <= np.maximum(_PART * information.deviations(), _SIZE)):
             return way._replace(finished=True)
         damping = max(damping / 10, _LEAST)
@@ -145,10 +145,3 @@ def _improved(fitter: Fitter, fit: Fit, step: Array, noise: Array) -> Fit | None
     except DynidError:  # so far off that numbers leave their range
         return None
     return new if misfit(fitter, new) < misfit(fitter, fit) else None
-
-
-def _check(fitter: Fitter, logs: Array, origin: Array) -> None:
-    away = np.abs(logs - origin) > RUNAWAY
-    if away.any():
-        unknowns = fitter.model.unknowns
-        raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad])

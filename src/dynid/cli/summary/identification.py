@@ -29,6 +29,7 @@ def method(result: Result) -> str:
     how = {
         "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
         "output-error": "maximum likelihood",
+        "invariant-imbedding": "invariant imbedding",
         "auto": f"maximum likelihood after {stages[result.value('identification/stages/chosen') - 1]}",
     }
     return f"identification · {how[str(result.group_attrs['identification']['estimator'])]}"

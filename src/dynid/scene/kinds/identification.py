@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import FileError
 from dynid.result import Result
@@ -81,15 +81,14 @@ def _identified(
 def _estimator(given: EstimatorModel) -> Estimator:
     """Return the estimator that a scene names."""
     from dynid.identification.auto import Auto
+    from dynid.identification.imbedding import InvariantImbedding
     from dynid.identification.output_error import OutputError
     from dynid.identification.passes import Filter
 
-    match given.method:
-        case "filter":
-            return Filter() if given.passes is None else Filter(given.passes)
-        case "output-error":
-            return OutputError() if given.iterations is None else OutputError(given.iterations)
-    return Auto()
+    kinds = (Auto, Filter, OutputError, InvariantImbedding)
+    options: dict[str, Any] = given.options()
+    estimator: Estimator = next(kind for kind in kinds if kind.name == given.method)(**options)
+    return estimator
 
 
 def _reductor(model: IdentificationScene) -> LocatedReductor | None:

@@ -55,19 +55,38 @@ class MeasurementModel(Part):
         return self
 
 
+#: Which method an option belongs to.
+_OPTIONS = {
+    "passes": "filter",
+    "iterations": "output-error",
+    "noise_ratio": "invariant-imbedding",
+    "input_deviation": "invariant-imbedding",
+    "tolerance": "invariant-imbedding",
+}
+
+
 class EstimatorModel(Part):
     """How to identify."""
 
-    method: Literal["auto", "filter", "output-error"] = "auto"
+    method: Literal["auto", "filter", "output-error", "invariant-imbedding"] = "auto"
     passes: int | None = Field(default=None, ge=1, le=100, strict=True)
     iterations: int | None = Field(default=None, ge=1, le=1000, strict=True)
+    noise_ratio: Positive | None = None
+    input_deviation: NotNegative | None = None
+    tolerance: float | None = Field(default=None, ge=1e-12, le=1e-2)
 
     @model_validator(mode="after")
     def _options_fit(self) -> Self:
-        for option, method in (("passes", "filter"), ("iterations", "output-error")):
-            if getattr(self, option) is not None and self.method != method:
+        for option in self.model_fields_set - {"method"}:
+            method = _OPTIONS[option]
+            if self.method != method:
                 raise fault(f"'{option}' belongs to the method '{method}', not to '{self.method}'")
         return self
+
+    def options(self) -> dict[str, int | float]:
+        """Return the options that were given."""
+        given = {name: getattr(self, name) for name in _OPTIONS}
+        return {n: v if isinstance(v, int) else float(v) for n, v in given.items() if v is not None}
 
 
 class OutputModel(Part):
