@@ -27,7 +27,7 @@ HOPELESS = 1 / float(np.sqrt(np.finfo(float).eps))
 
 # A combination of modes that masters see less than this, relative to the modes, is to be seen by others.
 _BARELY = 1e-3
-# Effective independence drops DOFs one by one below this number, above it a tenth at a time.
+# Effective independence drops DOFs one by one below this number, above it a quarter at a time.
 _ONE_BY_ONE = 2000
 
 
@@ -140,7 +140,7 @@ def _effectively_independent(count: int, shapes: Array) -> Indices:
         spare = len(kept) - max(count, _ONE_BY_ONE)
         if spare <= 0:
             return _dropped_singly(kept, count, Q)
-        drop = min(spare, max(1, len(kept) // 10))
+        drop = min(spare, max(1, len(kept) // 4))
         kept = np.delete(kept, np.argsort(leverage, kind="stable")[:drop])
     return kept
 
