@@ -40,6 +40,9 @@ def guarded(
             yield
     except (FloatingPointError, OverflowError, np.linalg.LinAlgError):
         raise kind(f"{what} is beyond double precision", remedy=remedy, names=names) from None
+    except NumericalError as error:
+        error.names = error.names or tuple(names)  # whoever raised it knew less of the scene
+        raise
 
 
 def finite(what: str, *arrays: np.ndarray, remedy: str = REMEDY) -> None:
