@@ -10,7 +10,7 @@ import pytest
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.frequency import frequency_response
 from dynid.bondgraph.question import Analysis
-from tests.bondgraph.graphs import at, parse, transfer, transfers, written
+from tests.bondgraph.graphs import at, build, parse, port, transfer, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph
 from tests.bondgraph.test_frequency import exact
 from tests.bondgraph.test_reduction import assert_agrees
@@ -91,3 +91,19 @@ def test_a_hydraulic_servo_drive_agrees_with_its_equations():
     numerator, denominator = channel.coefficients()
     assert denominator.tolist() == [float(x / expected[0]) for x in expected]
     assert numerator.tolist() == [float(A / expected[0])]
+
+
+def test_natural_frequencies_and_damping_ratios_of_pairs_real_poles_and_integrators():
+    types, values, pairs = parse(
+        "Se u, 1 j, I m 1, R b 2, C k 1/5, 0 p, R r 1, C c 1/3, GY g 1",
+        "u -> j, j -> m, j -> b, j -> k, j -> g, g -> p, p -> r, p -> c",
+    )
+    question = Analysis(("u",), (port("m.q"),), frozenset({"properties", "poles"}))
+    result = analyse(build(types, values, pairs), question)
+    poles = result["bond_graph/transfer_function/m.q/u/poles"].data
+    group = "bond_graph/properties/m.q/u"
+    found = result[f"{group}/natural_frequency"].data, result[f"{group}/damping_ratio"].data
+    upper = [pole for pole in poles if pole.imag >= 0]
+    assert found[0] == pytest.approx([abs(pole) for pole in upper])
+    expected = [-np.cos(np.angle(pole)) if pole else 0.0 for pole in upper]
+    assert found[1] == pytest.approx(expected)

@@ -131,6 +131,17 @@ def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduct
     for name, value in values.items():
         if value is not None:
             result.add(f"{group}/{name}", value)
+    _add_natural_frequencies(result, group, _each(transfer.poles, "value", np.complex128))
+
+
+def _add_natural_frequencies(result: Result, group: str, poles: NDArray[np.complex128]) -> None:
+    """Add |s| and -Re s / |s| of the poles, a conjugate pair once; a pole at 0 has the damping ratio 0."""
+    upper = poles[poles.imag >= 0]
+    size = np.abs(upper)
+    result.add_axis(f"{group}/mode", np.arange(1, len(upper) + 1))
+    result.add(f"{group}/natural_frequency", size, ("mode",), "rad/s")
+    damping = -upper.real / np.where(size > 0, size, 1.0) + 0.0  # + 0: no -0
+    result.add(f"{group}/damping_ratio", damping, ("mode",))
 
 
 def _add_hidden_modes(
