@@ -1,0 +1,31 @@
+"""Errors over many noisy records, against the Cramér–Rao bound and the intervals that are reported."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dynid
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+RECORDS = 300
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["table2", "table4"])
+def test_errors_are_as_small_as_any_can_be_and_as_large_as_they_are_said_to_be(name):
+    errors, held = [], []
+    for seed in range(1, RECORDS + 1):
+        scene = dynid.load_scene(CONFIGS / f"{name}.yaml", [f"measurement.simulate.seed={seed}"])
+        result = dynid.run(scene)
+        assert result.value("identification/diagnostics/converged"), seed
+        group = "identification/parameters"
+        estimate, true, deviation, bound = (
+            result[f"{group}/{part}"].data for part in ("estimate", "true", "standard_error", "cramer_rao")
+        )
+        errors.append((estimate - true) / bound)
+        held.append(np.abs(np.log(true / estimate)) <= 1.959964 * deviation / estimate)
+    # Three standard errors of the figures themselves, from so many records: 12 % and 3.8 %.
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    np.testing.assert_allclose(rms, 1, atol=3 / np.sqrt(2 * RECORDS))
+    np.testing.assert_allclose(np.mean(held, axis=0), 0.95, atol=3 * np.sqrt(0.95 * 0.05 / RECORDS))
