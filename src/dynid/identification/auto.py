@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.diagnostics import is_coloured, is_explained, root_mean_square, whiteness
-from dynid.identification.estimation import Estimation, Stage
-from dynid.identification.filter import Pass
-from dynid.identification.fit import Fitter
-from dynid.identification.output_error import misfit, refine
-from dynid.identification.passes import annealed_passes, run_passes
+from dynid.identification.diagnostics import is_coloured, is_explained
+from dynid.identification.ensemble import Ensemble
+from dynid.identification.estimation import Estimation, Stage, Sweep
+from dynid.identification.output_error import refine
+from dynid.identification.passes import annealed_passes, last, run_passes
 
 Array = NDArray[np.float64]
 
@@ -39,7 +38,7 @@ class Auto:
 
     name: str = "auto"
 
-    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+    def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
         """Estimate, from the logarithms `origin` (p).
 
         Raises
@@ -47,15 +46,15 @@ class Auto:
         DynidError
             What went wrong at first, if no attempt came to an end.
         """
-        search = _Search(fitter)
-        search.attempt("a filter pass", partial(run_passes, fitter, 1, origin))
+        search = _Search(ensemble)
+        search.attempt("a filter pass", partial(run_passes, ensemble, 1, origin))
         if not search.accepted:
-            search.attempt("annealed passes", partial(annealed_passes, fitter, origin))
+            search.attempt("annealed passes", partial(annealed_passes, ensemble, origin))
         for count, reach, tried in _NETS:
             if search.accepted or search.agreed:
                 break
-            for place, logs in enumerate(_best_of_net(fitter, origin, count, reach)[:tried], 1):
-                search.attempt(f"start {place} of {count}", partial(run_passes, fitter, 1, logs))
+            for place, logs in enumerate(_best_of_net(ensemble, origin, count, reach)[:tried], 1):
+                search.attempt(f"start {place} of {count}", partial(run_passes, ensemble, 1, logs))
                 if search.accepted:
                     break
         return search.best()
@@ -64,16 +63,16 @@ class Auto:
 class _Search:
     """Attempts so far, and whether they are enough."""
 
-    def __init__(self, fitter: Fitter) -> None:
-        self.fitter = fitter
-        self.attempts: list[tuple[Stage, list[Pass]]] = []
+    def __init__(self, ensemble: Ensemble) -> None:
+        self.ensemble = ensemble
+        self.attempts: list[tuple[Stage, list[Sweep]]] = []
         self.failure: DynidError | None = None
 
-    def attempt(self, name: str, filtered: Callable[[], list[Pass]]) -> None:
+    def attempt(self, name: str, filtered: Callable[[], list[Sweep]]) -> None:
         """Run passes, and go from where they end to the nearest optimum."""
         try:
             histories = filtered()
-            way = refine(self.fitter, histories[-1].logs[-1])
+            way = refine(self.ensemble, last(histories))
         except DynidError as error:  # far off a pass may run away: another start may not
             self.failure = self.failure or error
             return
@@ -84,9 +83,9 @@ class _Search:
         """Whether the residuals of the last attempt are noise, or nothing."""
         if not self.attempts:
             return False
-        residual = self.attempts[-1][0].fit.residual
-        small = root_mean_square(residual) <= _EXACT * self.fitter.data.rms
-        return bool(small.all()) or not is_coloured(whiteness(residual))
+        fit = self.attempts[-1][0].fit
+        small = self.ensemble.residual_ratio(fit) <= _EXACT
+        return bool(small.all()) or not is_coloured(self.ensemble.whiteness(fit))
 
     @property
     def agreed(self) -> bool:
@@ -95,7 +94,7 @@ class _Search:
         if len(ranked) < 2:
             return False
         best, second = (stage.fit for stage, _ in ranked[:2])
-        explained = is_explained(root_mean_square(best.residual), self.fitter.data.rms, 0.0)
+        explained = is_explained(self.ensemble.residual_ratio(best), 0.0)
         return explained and bool(np.all(np.abs(best.logs - second.logs) <= _SAME))
 
     def best(self) -> Estimation:
@@ -106,22 +105,22 @@ class _Search:
         stage, histories = self._ranked()[0]
         return Estimation(stage.fit, histories, [stage for stage, _ in self.attempts])
 
-    def _ranked(self) -> list[tuple[Stage, list[Pass]]]:
-        return sorted(self.attempts, key=lambda attempt: misfit(self.fitter, attempt[0].fit))
+    def _ranked(self) -> list[tuple[Stage, list[Sweep]]]:
+        return sorted(self.attempts, key=lambda attempt: self.ensemble.misfit(attempt[0].fit))
 
 
-def _best_of_net(fitter: Fitter, origin: Array, count: int, reach: float) -> list[Array]:
+def _best_of_net(ensemble: Ensemble, origin: Array, count: int, reach: float) -> list[Array]:
     """Return starts spread evenly around the origin, the likeliest first."""
     from scipy.stats import qmc  # heavy import, needed only here
 
     net = qmc.Sobol(len(origin), rng=np.random.Generator(np.random.PCG64(0))).random(count)
     starts = origin + np.log(reach) * (2 * net - 1)
-    misfits = [_misfit_at(fitter, logs) for logs in starts]
+    misfits = [_misfit_at(ensemble, logs) for logs in starts]
     return [starts[place] for place in np.argsort(misfits, kind="stable")]
 
 
-def _misfit_at(fitter: Fitter, logs: Array) -> float:
+def _misfit_at(ensemble: Ensemble, logs: Array) -> float:
     try:
-        return misfit(fitter, fitter.fit(logs, fitter.data.values))
+        return ensemble.misfit(ensemble.fit(logs))
     except DynidError:
         return np.inf

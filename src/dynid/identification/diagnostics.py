@@ -26,39 +26,45 @@ def root_mean_square(residual: Array) -> Array:
     return np.asarray(np.sqrt(np.nanmean((residual / unit) ** 2, axis=0)) * unit)
 
 
-def whiteness(residual: Array) -> float:
+def whiteness(*residuals: Array) -> float:
     """Return the p-value of the Ljung–Box test that the residuals are white, all channels together.
 
     Parameters
     ----------
-    residual
-        Residuals (times x channels); NaN where missing.
+    *residuals
+        Residuals of each record (times x channels); NaN where missing.
 
     Returns
     -------
     float
-        Near 0: coloured. 1 where the record is too short to tell.
+        Near 0: coloured. 1 where the records are too short to tell.
 
     Notes
     -----
-    Q = N (N + 2) sum_l r_l^2 / (N - l), summed over channels, against chi-squared; lags up to
+    Q = N (N + 2) sum_l r_l^2 / (N - l), summed over channels and records, against chi-squared; lags up to
     min(20, N / 4). G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297–303.
     """
+    degrees, statistics = zip(*(_ljung_box(residual) for residual in residuals), strict=True)
+    return chi_squared_tail(sum(degrees), sum(statistics)) if any(degrees) else 1.0
+
+
+def _ljung_box(residual: Array) -> tuple[int, float]:
+    """Return degrees of freedom and statistic of one record."""
     n = len(residual)
     lags = min(20, n // 4)
     if lags == 0:
-        return 1.0
+        return 0, 0.0
     size = root_mean_square(residual)
     scaled = residual / np.where(size > 0, size, 1.0)
     centred = np.nan_to_num(scaled - np.nanmean(scaled, axis=0))
     power = np.sum(centred**2, axis=0)
     channels = np.flatnonzero(power > 0)
     if not len(channels):
-        return 1.0
+        return 0, 0.0
     r = np.array([np.sum(centred[lag:] * centred[:-lag], axis=0)[channels] for lag in range(1, lags + 1)])
     r = r / power[channels]
     weights = n * (n + 2) / (n - np.arange(1, lags + 1))
-    return chi_squared_tail(lags * len(channels), float(np.sum(weights[:, None] * r**2)))
+    return lags * len(channels), float(np.sum(weights[:, None] * r**2))
 
 
 def chi_squared_tail(degrees: int, x: float) -> float:
@@ -97,14 +103,14 @@ def is_settled(step: Array, deviations: Array) -> bool:
     return bool(np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP)))
 
 
-def is_explained(residual_rms: Array, rms: Array, whiteness_p: float) -> bool:
+def is_explained(residual_ratio: Array, whiteness_p: float) -> bool:
     """Tell whether residuals are small, or noise.
 
     Parameters
     ----------
-    residual_rms, rms
-        RMS of residuals and of measured values (channels).
+    residual_ratio
+        RMS of residuals over that of measured values (channels).
     whiteness_p
         p-value of the residuals' whiteness.
     """
-    return bool(np.all(residual_rms <= _EXPLAINED * rms)) or not is_coloured(whiteness_p)
+    return bool(np.all(residual_ratio <= _EXPLAINED)) or not is_coloured(whiteness_p)

@@ -1,4 +1,4 @@
-"""Joint identification: from a structure with unknown joints and a record to estimates with error bars.
+"""Joint identification: from a structure with unknown joints and records to estimates with error bars.
 
 Source: K. T. Yang 1997.
 """
@@ -8,19 +8,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.errors import Diverged
+from dynid.errors import Diverged, UsageError
 from dynid.identification.augmented import augmented
 from dynid.identification.auto import Auto
+from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimation import Estimation, Estimator
 from dynid.identification.filter import ASTRAY
-from dynid.identification.fit import Fit, Fitter, fitter
-from dynid.identification.measurement import Measurement, as_estimated, data
+from dynid.identification.fit import fitter
+from dynid.identification.measurement import Data, Experiment, Measurement, as_estimated, data
 from dynid.identification.outcome import Outcome
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Load, source_names
+from dynid.structure.response import Load
+
+Array = NDArray[np.float64]
 
 Rebuild = Callable[[Mapping[str, float]], StructuralModel]
 """Makes a model for joint parameters by name."""
@@ -40,16 +44,26 @@ def identify(
     truth: StructuralModel | None = None,
     rebuild: Rebuild | None = None,
 ) -> Result:
-    """Identify the unknown joint parameters of a structure from a record.
+    """Identify the unknown joint parameters of a structure from one record; see `identify_all`."""
+    return identify_all(model, [Experiment(loads, measurement)], estimator, truth=truth, rebuild=rebuild)
+
+
+def identify_all(
+    model: StructuralModel,
+    experiments: Sequence[Experiment],
+    estimator: Estimator | None = None,
+    *,
+    truth: StructuralModel | None = None,
+    rebuild: Rebuild | None = None,
+) -> Result:
+    """Identify the unknown joint parameters of a structure from records that share them.
 
     Parameters
     ----------
     model
         The structure the estimator works with.
-    loads
-        The forces. Their time is that of the simulation: with settling, the first sample is not t = 0.
-    measurement
-        Channels and sampling, with measured values or a simulation.
+    experiments
+        The records, each with its own loads, channels, sampling, noise and unknown initial state.
     estimator
         How to estimate; absent: `Auto()`.
     truth
@@ -69,44 +83,45 @@ def identify(
         standard errors, is below a half) and the record is `explained` (the residuals are small or `white`;
         small ones that are not white leave the error bars nominal).
         What differs in unit along an axis has the units beside it, as `unit`.
+        Of several records `history`, `first_pass` and `measurement` hold a group each, ``record_1``, …, and
+        the channels of the diagnostics are called ``record_1.<channel>``.
 
     Raises
     ------
     NotIdentifiable
-        If the record cannot see parameters or tell them apart, or a channel is dead.
+        If the records cannot see parameters or tell them apart, or a channel is dead.
     Diverged
-        If estimates run away, or the prediction explains nothing of the record.
+        If estimates run away, or the prediction explains nothing of a record.
     NumericalError
         If a number leaves the range of double precision.
     UsageError
-        If the call makes no sense, or the record is too large to be worked on.
+        If the call makes no sense, or a record is too large to be worked on.
     """
+    if not experiments:
+        raise UsageError("there is no record to identify from", names=("measurement",))
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identification of {', '.join(names)}", names=names):
-        return _identified(model, loads, measurement, estimator or Auto(), truth or model, rebuild)
+        return _identified(model, experiments, estimator or Auto(), truth or model, rebuild)
 
 
 def _identified(
     model: StructuralModel,
-    loads: Sequence[Load],
-    measurement: Measurement,
+    experiments: Sequence[Experiment],
     estimator: Estimator,
     truth: StructuralModel,
     rebuild: Rebuild | None,
 ) -> Result:
-    values = data(truth, loads, measurement)
-    known = as_estimated(loads, measurement.record)
+    values = [data(truth, *experiment) for experiment in experiments]
     names = [unknown.name for unknown in model.unknowns]
     logs = np.log([unknown.start for unknown in model.unknowns])
     found: Estimation | None = None
     for _ in range(1 if rebuild is None else _MOST_ROUNDS):
-        joint = augmented(model, known, measurement.channels, measurement.record.times)
-        fits = fitter(joint, model, measurement.channels, values)
+        ensemble = _ensemble(model, experiments, values)
         if found is None:
-            _check_visible(fits, fits.fit(logs, values.values))
+            _check_visible(ensemble, logs)
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
-            found = _joined(found, estimator.run(fits, logs))
-        outcome = Outcome(fits, measurement, model.dofs, source_names(loads), estimator.name, found)
+            found = _joined(found, estimator.run(ensemble, logs))
+        outcome = Outcome(ensemble, experiments, model.dofs, estimator.name, found)
         change, logs = np.abs(found.fit.logs - logs), found.fit.logs
         if rebuild is None or np.all(change <= np.maximum(_STAYS * outcome.information.deviations(), _LEAST)):
             break
@@ -115,11 +130,22 @@ def _identified(
     return outcome.result()
 
 
+def _ensemble(model: StructuralModel, experiments: Sequence[Experiment], values: Sequence[Data]) -> Ensemble:
+    """Return the records with the model of each, their loads as an estimator knows them."""
+    fitters = []
+    for (loads, measurement), measured in zip(experiments, values, strict=True):
+        record, channels = measurement.record, measurement.channels
+        joint = augmented(model, as_estimated(loads, record), channels, record.times)
+        fitters.append(fitter(joint, model, channels, measured, len(values)))
+    return Ensemble(tuple(fitters))
+
+
 def _joined(before: Estimation | None, now: Estimation) -> Estimation:
     if before is None:
         return now
     return Estimation(now.fit, [*before.histories, *now.histories], [*before.stages, *now.stages])
 
 
-def _check_visible(fits: Fitter, fit: Fit) -> None:
-    fits.information(fit, fits.data.rms).check()
+def _check_visible(ensemble: Ensemble, logs: Array) -> None:
+    rms = [record.data.rms for record in ensemble.records]
+    ensemble.information(ensemble.fit(logs), rms).check()

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.identification.ensemble import Ensemble, JointFit
 from dynid.identification.filter import Pass
-from dynid.identification.fit import Fit, Fitter
 
 Array = NDArray[np.float64]
+
+Sweep: TypeAlias = Sequence[Pass]
+"""One pass over each record, in order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +31,10 @@ class Stage:
     """
 
     name: str
-    fits: Sequence[Fit]
+    fits: Sequence[JointFit]
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> JointFit:
         """Its result."""
         return self.fits[-1]
 
@@ -45,15 +48,15 @@ class Estimation:
     fit
         The estimate.
     histories
-        The passes over the record, in order; none where the estimator takes the record as a whole.
+        The sweeps over the records, in order; none where the estimator takes each record as a whole.
     stages
         What was tried, in order.
     facts
         What else is worth knowing of the work, by name.
     """
 
-    fit: Fit
-    histories: Sequence[Pass]
+    fit: JointFit
+    histories: Sequence[Sweep]
     stages: Sequence[Stage]
     facts: Mapping[str, int] = field(default_factory=dict)
 
@@ -65,7 +68,7 @@ class Estimator(Protocol):
     def name(self) -> str:
         """Its name in a scene."""
 
-    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+    def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
         """Estimate, from the logarithms `origin` (p).
 
         Raises

@@ -42,11 +42,16 @@ class Prior(NamedTuple):
 
 
 class Pass(NamedTuple):
-    """One pass: logarithms and their standard deviations (times x p), physical states (times x n, scaled)."""
+    """One pass over a record.
+
+    `logs` and `deviations`: logarithms and their standard deviations (times x p); `states`: physical states
+    (times x n, scaled); `root`: a root of the logarithms' covariance after the last sample (p x any).
+    """
 
     logs: Array
     deviations: Array
     states: Array
+    root: Array
 
 
 def filter_pass(
@@ -78,7 +83,7 @@ def filter_pass(
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
     outputs_vary = bool(model.C_slopes.any())
     z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
-    history = Pass(np.empty((samples, p)), np.empty((samples, p)), np.empty((samples, n)))
+    history = Pass(np.empty((samples, p)), np.empty((samples, p)), np.empty((samples, n)), S[n:])
     H = np.zeros((measured.shape[1], n + p))
     H[:, :n] = model.C
     sample_of = np.full(len(model.line.nodes), -1)

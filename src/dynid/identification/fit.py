@@ -40,7 +40,7 @@ class Fit:
     residual
         Measured minus predicted (times x channels), NaN where missing.
     noise
-        Standard deviation of the noise estimated from the residuals (channels).
+        Standard deviation of the noise (channels): as given, else estimated from the residuals.
     """
 
     logs: Array
@@ -61,11 +61,23 @@ class Fitter:
         The record.
     root
         Lower root of the wide prior covariance of the state (n x n).
+    sharing
+        Number of records that share the parameters.
     """
 
     model: AugmentedModel
     data: Data
     root: Array
+    sharing: int = 1
+
+    @property
+    def given(self) -> Array:
+        """The noise's deviations (channels) as far as they are given, else NaN."""
+        return np.full(self.data.values.shape[1], np.nan) if self.data.given is None else self.data.given
+
+    def known_or(self, estimated: Array) -> Array:
+        """Return the noise's deviations (channels): those given, else these."""
+        return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
 
     def fit(self, logs: Array, values: Array, noise: Array | None = None) -> Fit:
         """Fit the initial state to `values` (times x channels) at the parameters exp(logs).
@@ -80,7 +92,7 @@ class Fitter:
         x0 = self.root @ least_squares(matrix, target.ravel(), STATE_RANK)
         predicted = prediction(self.model, logs, x0, free, transitions)
         residual = values - predicted.outputs
-        return Fit(logs, predicted, residual, self._noise(residual))
+        return Fit(logs, predicted, residual, self.known_or(self.scatter(residual)))
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
@@ -88,6 +100,12 @@ class Fitter:
         names = tuple(unknown.name for unknown in self.model.unknowns)
         weight = self._weight(noise, fit.residual)
         return information(names, p.by_parameter, p.by_state @ self.root, p.outputs, weight)
+
+    def scatter(self, residual: Array) -> Array:
+        """Return the RMS of residuals (channels), corrected for the number of fitted values."""
+        fitted = (self.model.states + self.model.parameters / self.sharing) / residual.shape[1]
+        count = np.count_nonzero(~np.isnan(residual), axis=0)
+        return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
 
     def weighted(self, fit: Fit, noise: Array) -> Array:
         """Return the residuals over noise (values), 0 where missing."""
@@ -116,6 +134,21 @@ class Fitter:
         seen[: len(s)] = s**2 / np.count_nonzero(weight)
         return Prior(p.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + seen)))
 
+    def continued(self, prior: Prior, logs: Array, root: Array) -> Prior:
+        """Return a prior of this record's state, with logarithms as another record left them.
+
+        Parameters
+        ----------
+        prior
+            State and its root.
+        logs, root
+            Logarithms (p) and a root of their covariance (p x any).
+        """
+        n, size = self.model.states, len(prior.root)
+        both = np.zeros((size, size))
+        both[:n, :n], both[n:, n:] = _square(prior.root[:n]), _square(root)
+        return Prior(prior.state, logs, both)
+
     def _wide_root(self, spread: float = _FACTOR) -> Array:
         n, p = self.model.states, self.model.parameters
         root = np.zeros((n + p, n + p))
@@ -126,15 +159,13 @@ class Fitter:
     def _weight(self, noise: Array, values: Array) -> Array:
         return np.asarray(np.where(np.isnan(values), 0.0, 1 / noise))
 
-    def _noise(self, residual: Array) -> Array:
-        """Return the RMS of the residuals, corrected for the number of fitted values."""
-        fitted = (self.model.states + self.model.parameters) / residual.shape[1]
-        count = np.count_nonzero(~np.isnan(residual), axis=0)
-        return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
-
 
 def fitter(
-    model: AugmentedModel, structure: StructuralModel, channels: tuple[Channel, ...], data: Data
+    model: AugmentedModel,
+    structure: StructuralModel,
+    channels: tuple[Channel, ...],
+    data: Data,
+    sharing: int = 1,
 ) -> Fitter:
     """Return the fitter of a record, with a prior on the state from the structure's energy.
 
@@ -161,7 +192,12 @@ def fitter(
     n = len(M)
     root = np.zeros((2 * n, 2 * n))
     root[:n, :n], root[n:, n:] = compliance, mobility
-    return Fitter(model, data, _WIDE * max(sizes) * root / model.scale[:, None])
+    return Fitter(model, data, _WIDE * max(sizes) * root / model.scale[:, None], sharing)
+
+
+def _square(root: Array) -> Array:
+    """Return the triangular root of ``root root^T``."""
+    return np.asarray(np.linalg.qr(root.T).R.T)
 
 
 def _inverse_root(M: Array) -> Array:

@@ -20,9 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
+from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimation import Estimation, Stage
-from dynid.identification.filter import ASTRAY, Pass, check_run_away
+from dynid.identification.filter import ASTRAY, Pass, Prior, check_run_away
 from dynid.identification.fit import Fitter
+from dynid.identification.passes import chained, last
 
 Array = NDArray[np.float64]
 
@@ -58,7 +60,7 @@ class InvariantImbedding:
         if not 1e-12 <= self.tolerance <= 1e-2:
             raise UsageError("the tolerance of the integration must lie between 1e-12 and 0.01")
 
-    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+    def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
         """Estimate, from the logarithms `origin` (p).
 
         Raises
@@ -66,18 +68,31 @@ class InvariantImbedding:
         Diverged
             If the integration breaks down, or parameters run away.
         """
+        facts = {"equations": 0, "evaluations": 0}
+
+        def passed(_: int, record: Fitter, prior: Prior) -> Pass:
+            history, equations, evaluations = self._integrated(record, prior, origin)
+            facts["equations"] = equations
+            facts["evaluations"] += evaluations
+            return history
+
+        sweep = chained(ensemble, [record.wide_prior(origin) for record in ensemble.records], passed)
+        fit = ensemble.fit(last([sweep]))
+        return Estimation(fit, [sweep], [Stage("invariant imbedding", [fit])], facts)
+
+    def _integrated(self, record: Fitter, prior: Prior, origin: Array) -> tuple[Pass, int, int]:
+        """Return the pass over one record, its number of equations, and that of their evaluations."""
         from scipy.integrate import solve_ivp  # heavy import, needed here only
 
-        flow = _Flow(fitter, self)
-        prior = fitter.wide_prior(origin)
+        flow = _Flow(record, self)
         start = flow.packed(np.concatenate([prior.state, prior.logs]), prior.root @ prior.root.T)
-        times = fitter.model.line.nodes
+        times = record.model.line.nodes
         solved = solve_ivp(
             flow.rate,
             (times[0], times[-1]),
             start,
             method="LSODA",
-            t_eval=times[fitter.model.line.wanted],
+            t_eval=times[record.model.line.wanted],
             jac=flow.jacobian,
             rtol=self.tolerance,
             atol=self.tolerance * flow.scale(prior.root),
@@ -86,10 +101,8 @@ class InvariantImbedding:
             raise Diverged(f"the integration of eqs 19 and 20 breaks down: {solved.message}", remedy=ASTRAY)
         history = flow.history(np.asarray(solved.y.T))
         for logs in history.logs[[len(history.logs) // 2, -1]]:
-            check_run_away(fitter.model, logs, origin)
-        fit = fitter.fit(history.logs[-1], fitter.data.values)
-        facts = {"equations": len(start), "evaluations": int(solved.nfev)}
-        return Estimation(fit, [history], [Stage("invariant imbedding", [fit])], facts)
+            check_run_away(record.model, logs, origin)
+        return history, len(start), int(solved.nfev)
 
 
 class _Flow:
@@ -128,7 +141,8 @@ class _Flow:
         variances = rows[:, [N + at for at in place]]
         if not np.all(variances > 0):
             raise Diverged("the covariance of eq 20 loses its sign in the integration", remedy=ASTRAY)
-        return Pass(rows[:, n:N], np.sqrt(variances), rows[:, :n])
+        left = self._unpacked(rows[-1])[1][n:, n:]
+        return Pass(rows[:, n:N], np.sqrt(variances), rows[:, :n], np.linalg.cholesky(left))
 
     def _input(self, t: float) -> Array:
         """Return the generators' state at any time, by the series of their exponential from the last node."""

@@ -6,6 +6,7 @@ it before they count.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,6 +135,17 @@ def information(
     total = np.linalg.norm(by_parameter, axis=0)
     freedom = int(np.count_nonzero(weight)) - U.shape[1]
     return Information(names, projected, total, float(np.linalg.norm(outputs * weight)), freedom)
+
+
+def joined(parts: Sequence[Information]) -> Information:
+    """Return the information of several records together, whose initial states are each their own."""
+    return Information(
+        parts[0].names,
+        np.concatenate([part.projected for part in parts]),
+        np.linalg.norm([part.total for part in parts], axis=0),
+        float(np.linalg.norm([part.signal for part in parts])),
+        sum(part.freedom for part in parts),
+    )
 
 
 def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:

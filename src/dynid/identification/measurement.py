@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -94,6 +95,16 @@ class Measurement:
         return Record(self.step, self.samples, start)
 
 
+class Experiment(NamedTuple):
+    """One record and the forces it was taken under.
+
+    The time of the forces is that of the simulation: with settling, the first sample is not t = 0.
+    """
+
+    loads: Sequence[Load]
+    measurement: Measurement
+
+
 @dataclass(frozen=True, eq=False)
 class Data:
     """A record.
@@ -106,11 +117,14 @@ class Data:
         Standard deviation of the noise (channels), if known.
     clean
         The values without noise (times x channels), if known.
+    given
+        Standard deviation of the noise that the estimator is told (channels), NaN where it is not told.
     """
 
     values: Array
     noise: Array | None = None
     clean: Array | None = None
+    given: Array | None = None
 
     @property
     def rms(self) -> Array:

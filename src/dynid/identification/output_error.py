@@ -2,12 +2,13 @@
 
 The initial state is linear for fixed parameters and is solved for in every step (variable projection: G. H.
 Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413–432), so that steps are taken in the parameters alone,
-with exact sensitivities. The noise of each channel is unknown: what is minimised is the concentrated
+with exact sensitivities. Where the noise of a channel is not given, what is minimised is the concentrated
 likelihood, the sum over channels of the count of values times the logarithm of the residuals' RMS.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,10 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, UsageError
-from dynid.identification.diagnostics import root_mean_square
+from dynid.identification.ensemble import Ensemble, JointFit
 from dynid.identification.estimation import Estimation, Stage
+<<<<<<< HEAD
 from dynid.identification.filter import check_run_away
 from dynid.identification.fit import Fit, Fitter
+=======
+from dynid.identification.filter import RUNAWAY, run_away
+>>>>>>> 7d38bf3 (Records that share their parameters are fitted together: an ensemble of records, one of one)
 from dynid.identification.information import Information, least_squares
 
 Array = NDArray[np.float64]
@@ -29,8 +34,6 @@ _LONGEST = 1.5
 _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
 #: A step is the last if it is below this part of the standard errors, or this size.
 _PART, _SIZE = 1e-3, 1e-11
-#: Residuals below this part of a channel's RMS are rounding.
-_ROUNDING = 1e-13
 
 
 class Iterations(NamedTuple):
@@ -40,7 +43,7 @@ class Iterations(NamedTuple):
     whether the last step was as small as it has to be.
     """
 
-    fits: list[Fit]
+    fits: list[JointFit]
     damping: list[float]
     finished: bool
 
@@ -62,7 +65,7 @@ class OutputError:
         if self.iterations < 1:
             raise UsageError("output error needs at least one iteration")
 
-    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+    def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
         """Estimate, from the logarithms `origin` (p).
 
         Raises
@@ -70,17 +73,17 @@ class OutputError:
         Diverged
             If the parameters run away.
         """
-        fits = refine(fitter, origin, self.iterations).fits
+        fits = refine(ensemble, origin, self.iterations).fits
         return Estimation(fits[-1], [], [Stage("output error", fits)])
 
 
-def refine(fitter: Fitter, logs: Array, iterations: int = 50) -> Iterations:
+def refine(ensemble: Ensemble, logs: Array, iterations: int = 50) -> Iterations:
     """Go to the nearest maximum of the likelihood.
 
     Parameters
     ----------
-    fitter
-        The record and the model.
+    ensemble
+        The records and the model.
     logs
         Logarithms to start from (p).
     iterations
@@ -91,39 +94,32 @@ def refine(fitter: Fitter, logs: Array, iterations: int = 50) -> Iterations:
     Diverged
         If a parameter leaves its start by a factor of a million.
     """
-    fit = fitter.fit(logs, fitter.data.values)
+    fit = ensemble.fit(logs)
     way = Iterations([fit], [0.0], finished=False)
     damping = _DAMPING
     for _ in range(iterations):
-        noise = _noise(fitter, fit)
-        information = fitter.information(fit, noise)
-        residual = fitter.weighted(fit, noise)
+        noise = ensemble.likeliest(fit)
+        information = ensemble.information(fit, noise)
+        residual = ensemble.weighted(fit, noise)
         better = None
         while better is None and damping <= _MOST:
             step = _step(information, residual, damping)
-            better = _improved(fitter, fit, step, noise)
+            better = _improved(ensemble, fit, step, noise)
             damping *= 1.0 if better else 10.0
         if better is None:  # no step improves: rounding is all that is left
             return way._replace(finished=True)
         fit = better
         way.fits.append(fit)
         way.damping.append(damping)
+<<<<<<< HEAD
         check_run_away(fitter.model, fit.logs, logs)
+=======
+        _check(ensemble, fit.logs, logs)
+>>>>>>> 7d38bf3 (Records that share their parameters are fitted together: an ensemble of records, one of one)
         if np.all(np.abs(step) <= np.maximum(_PART * information.deviations(), _SIZE)):
             return way._replace(finished=True)
         damping = max(damping / 10, _LEAST)
     return way
-
-
-def misfit(fitter: Fitter, fit: Fit) -> float:
-    """Return minus the concentrated logarithm of the likelihood, up to a constant."""
-    counts = np.count_nonzero(~np.isnan(fit.residual), axis=0)
-    return float(counts @ np.log(_noise(fitter, fit)))
-
-
-def _noise(fitter: Fitter, fit: Fit) -> Array:
-    """Return the RMS of the residuals (channels), not below rounding."""
-    return np.hypot(root_mean_square(fit.residual), _ROUNDING * fitter.data.rms)
 
 
 def _step(information: Information, residual: Array, damping: float) -> Array:
@@ -138,10 +134,20 @@ def _step(information: Information, residual: Array, damping: float) -> Array:
     return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
 
 
-def _improved(fitter: Fitter, fit: Fit, step: Array, noise: Array) -> Fit | None:
+def _improved(ensemble: Ensemble, fit: JointFit, step: Array, noise: Sequence[Array]) -> JointFit | None:
     """Return the fit after a step if it is better, else None."""
     try:
-        new = fitter.fit(fit.logs + step, fitter.data.values, noise)
+        new = ensemble.fit(fit.logs + step, noise)
     except DynidError:  # so far off that numbers leave their range
         return None
+<<<<<<< HEAD
     return new if misfit(fitter, new) < misfit(fitter, fit) else None
+=======
+    return new if ensemble.misfit(new) < ensemble.misfit(fit) else None
+
+
+def _check(ensemble: Ensemble, logs: Array, origin: Array) -> None:
+    away = np.abs(logs - origin) > RUNAWAY
+    if away.any():
+        raise run_away([name for name, bad in zip(ensemble.names, away, strict=True) if bad])
+>>>>>>> 7d38bf3 (Records that share their parameters are fitted together: an ensemble of records, one of one)

@@ -8,14 +8,16 @@ noise it can be several standard errors off, and more passes do not move it. How
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.estimation import Estimation, Stage
-from dynid.identification.filter import Pass, filter_pass
+from dynid.identification.ensemble import Ensemble
+from dynid.identification.estimation import Estimation, Stage, Sweep
+from dynid.identification.filter import Pass, Prior, filter_pass
 from dynid.identification.fit import Fitter
 
 Array = NDArray[np.float64]
@@ -35,9 +37,10 @@ _ANNEALED = ((0.5, 2.0), (0.2, 1.0), (0.08, 0.5), (0.03, 0.3))
 class Filter:
     """Estimator: several passes of the filter of the augmented state.
 
-    Each pass restarts from the last one's parameters with a fresh covariance (`Fitter.unit_prior`) and the
-    noise that the last one's residuals show. They converge to the filter's fixed point, which is not exactly
-    the maximum-likelihood point; where the two differ, more passes do not help.
+    Where there are several records a pass takes one after the other. Each pass restarts from the last one's
+    parameters with a fresh covariance (`Fitter.unit_prior`) and the noise that the last one's residuals show.
+    They converge to the filter's fixed point, which is not exactly the maximum-likelihood point; where the
+    two differ, more passes do not help.
 
     Parameters
     ----------
@@ -52,7 +55,7 @@ class Filter:
         if self.passes < 1:
             raise UsageError("the filter needs at least one pass")
 
-    def run(self, fitter: Fitter, origin: Array) -> Estimation:
+    def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
         """Estimate, from the logarithms `origin` (p).
 
         Raises
@@ -60,18 +63,23 @@ class Filter:
         Diverged
             If the parameters run away.
         """
-        histories = run_passes(fitter, self.passes, origin)
-        fit = fitter.fit(histories[-1].logs[-1], fitter.data.values)
+        histories = run_passes(ensemble, self.passes, origin)
+        fit = ensemble.fit(last(histories))
         return Estimation(fit, histories, [Stage("filter", [fit])])
 
 
-def run_passes(fitter: Fitter, passes: int, origin: Array) -> list[Pass]:
+def last(sweeps: Sequence[Sweep]) -> Array:
+    """Return the logarithms that sweeps end with (p)."""
+    return np.asarray(sweeps[-1][-1].logs[-1])
+
+
+def run_passes(ensemble: Ensemble, passes: int, origin: Array) -> list[Sweep]:
     """Run passes of the filter.
 
     Parameters
     ----------
-    fitter
-        The record and the model.
+    ensemble
+        The records and the model.
     passes
         How many.
     origin
@@ -82,26 +90,29 @@ def run_passes(fitter: Fitter, passes: int, origin: Array) -> list[Pass]:
     Diverged
         If the parameters run away.
     """
-    values, rms = fitter.data.values, fitter.data.rms
-    progress = np.arange(len(values)) / (_FALL * len(values))
-    level = np.maximum(_LAST_NOISE, _FIRST_NOISE * np.exp(-progress))
-    histories = [filter_pass(fitter.model, values, fitter.wide_prior(origin), level[:, None] * rms, origin)]
-    while len(histories) < passes:
-        fit = fitter.fit(histories[-1].logs[-1], values)
-        prior, noise = fitter.unit_prior(fit), fitter.floored(fit.noise)
-        histories.append(filter_pass(fitter.model, values, prior, noise, origin))
-    return histories
+    records = ensemble.records
+    priors = [record.wide_prior(origin) for record in records]
+    falling = _falling(len(records[0].data.values))[:, None] * records[0].data.rms
+    noise = [falling, *(_LAST_NOISE * record.data.rms for record in records[1:])]
+    sweeps = [_sweep(ensemble, priors, noise, origin)]
+    while len(sweeps) < passes:
+        fit = ensemble.fit(last(sweeps))
+        fits = list(zip(records, fit.parts, strict=True))
+        priors = [record.unit_prior(part) for record, part in fits]
+        noise = [record.floored(part.noise) for record, part in fits]
+        sweeps.append(_sweep(ensemble, priors, noise, origin))
+    return sweeps
 
 
-def annealed_passes(fitter: Fitter, origin: Array) -> list[Pass]:
-    """Run passes that trust the record, and themselves, more from one to the next.
+def annealed_passes(ensemble: Ensemble, origin: Array) -> list[Sweep]:
+    """Run passes that trust the records, and themselves, more from one to the next.
 
     It takes longer than `run_passes` and gets there from farther away.
 
     Parameters
     ----------
-    fitter
-        The record and the model.
+    ensemble
+        The records and the model.
     origin
         Logarithms of the initial parameters (p).
 
@@ -110,11 +121,46 @@ def annealed_passes(fitter: Fitter, origin: Array) -> list[Pass]:
     Diverged
         If the parameters run away.
     """
-    histories: list[Pass] = []
+    sweeps: list[Sweep] = []
     logs = origin
     for level, spread in _ANNEALED:
-        prior = fitter.wide_prior(logs, spread)
-        noise = level * fitter.data.rms
-        histories.append(filter_pass(fitter.model, fitter.data.values, prior, noise, logs))
-        logs = histories[-1].logs[-1]
-    return histories
+        priors = [record.wide_prior(logs, spread) for record in ensemble.records]
+        sweeps.append(_sweep(ensemble, priors, [level * r.data.rms for r in ensemble.records], logs))
+        logs = last(sweeps)
+    return sweeps
+
+
+def chained(
+    ensemble: Ensemble, priors: Sequence[Prior], passed: Callable[[int, Fitter, Prior], Pass]
+) -> Sweep:
+    """Run one pass over each record; what it tells of the parameters is the prior of the next.
+
+    Parameters
+    ----------
+    ensemble
+        The records.
+    priors
+        Of each record the state it starts from; of the first one the parameters, too.
+    passed
+        Runs the pass over a record, numbered from 0.
+    """
+    sweep: list[Pass] = []
+    for k, (record, prior) in enumerate(zip(ensemble.records, priors, strict=True)):
+        before = record.continued(prior, sweep[-1].logs[-1], sweep[-1].root) if sweep else prior
+        sweep.append(passed(k, record, before))
+    return sweep
+
+
+def _sweep(ensemble: Ensemble, priors: Sequence[Prior], noise: Sequence[Array], origin: Array) -> Sweep:
+    """Run the filter over each record, at these assumed noises."""
+
+    def passed(k: int, record: Fitter, prior: Prior) -> Pass:
+        return filter_pass(record.model, record.data.values, prior, noise[k], origin)
+
+    return chained(ensemble, priors, passed)
+
+
+def _falling(samples: int) -> Array:
+    """Return the noise that a first pass assumes over the RMS, sample by sample."""
+    progress = np.arange(samples) / (_FALL * samples)
+    return np.maximum(_LAST_NOISE, _FIRST_NOISE * np.exp(-progress))

@@ -1,0 +1,131 @@
+"""Records that share their parameters, fitted together; one record is an ensemble of one.
+
+Every record has its own loads, channels, sampling, noise and unknown initial state. The records are
+independent given the parameters: likelihoods add up, and so does the information.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.diagnostics import root_mean_square, whiteness
+from dynid.identification.fit import Fit, Fitter
+from dynid.identification.information import Information, joined
+from dynid.structure.joints import Unknown
+
+Array = NDArray[np.float64]
+
+# Residuals below this part of a channel's RMS are rounding.
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """The fits of all records at the same parameters.
+
+    Attributes
+    ----------
+    logs
+        Logarithms of the parameters (p).
+    parts
+        One fit a record.
+    """
+
+    logs: Array
+    parts: tuple[Fit, ...]
+
+    @property
+    def noise(self) -> list[Array]:
+        """Standard deviations of the noise (channels) of each record, estimated from its residuals."""
+        return [part.noise for part in self.parts]
+
+    @property
+    def residuals(self) -> list[Array]:
+        """Residuals of each record (times x channels), NaN where missing."""
+        return [part.residual for part in self.parts]
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Fits records with the same parameters.
+
+    Attributes
+    ----------
+    records
+        One fitter a record, all of the same unknowns.
+    """
+
+    records: tuple[Fitter, ...]
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknown parameters (p)."""
+        return self.records[0].model.unknowns
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the unknown parameters."""
+        return [unknown.name for unknown in self.unknowns]
+
+    def fit(self, logs: Array, noise: Sequence[Array] | None = None, *, clean: bool = False) -> JointFit:
+        """Fit the initial states at the parameters exp(logs).
+
+        Parameters
+        ----------
+        logs
+            Logarithms of the parameters (p).
+        noise
+            What the channels of each record count by; absent: their RMS.
+        clean
+            Whether to fit the records without their noise, where these are known.
+        """
+        parts = []
+        for k, record in enumerate(self.records):
+            values = record.data.values
+            if clean and record.data.clean is not None:
+                values = record.data.clean
+            parts.append(record.fit(logs, values, None if noise is None else noise[k]))
+        return JointFit(logs, tuple(parts))
+
+    def information(self, fit: JointFit, noise: Sequence[Array]) -> Information:
+        """Return the information on the parameters of a fit, for a noise of these deviations."""
+        each = zip(self.records, fit.parts, noise, strict=True)
+        return joined([record.information(part, level) for record, part, level in each])
+
+    def weighted(self, fit: JointFit, noise: Sequence[Array]) -> Array:
+        """Return the residuals over noise (values), 0 where missing."""
+        each = zip(self.records, fit.parts, noise, strict=True)
+        return np.concatenate([record.weighted(part, level) for record, part, level in each])
+
+    def misfit(self, fit: JointFit) -> float:
+        """Return minus the logarithm of the likelihood, up to a constant.
+
+        The noise of a channel whose deviation is not given is the one that makes the likelihood largest.
+        """
+        total = 0.0
+        for record, part, level in zip(self.records, fit.parts, self.likeliest(fit), strict=True):
+            counts = np.count_nonzero(~np.isnan(part.residual), axis=0)
+            given = ~np.isnan(record.given)
+            squares = (root_mean_square(part.residual) / level) ** 2
+            total += float(counts @ np.log(level) + counts[given] @ squares[given] / 2)
+        return total
+
+    def likeliest(self, fit: JointFit) -> list[Array]:
+        """Return the noise given, else the RMS of the residuals, not below rounding (channels)."""
+        return [
+            record.known_or(np.hypot(root_mean_square(part.residual), _ROUNDING * record.data.rms))
+            for record, part in zip(self.records, fit.parts, strict=True)
+        ]
+
+    def residual_ratio(self, fit: JointFit) -> Array:
+        """Return the RMS of the residuals over that of the measured values (channels of all records)."""
+        each = zip(self.records, fit.residuals, strict=True)
+        return np.concatenate([root_mean_square(residual) / record.data.rms for record, residual in each])
+
+    def whiteness(self, fit: JointFit) -> float:
+        """Return the p-value of the residuals' whiteness."""
+        return whiteness(*fit.residuals)

@@ -1,0 +1,64 @@
+"""What a result holds of each record: its measurement, and the histories of the passes over it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.augmented import AugmentedModel
+from dynid.identification.filter import Pass
+from dynid.identification.fit import Fit, Fitter
+from dynid.identification.measurement import Experiment, Measurement
+from dynid.result import Result
+from dynid.structure.matrices import Label
+from dynid.structure.response import Channel, common_unit, source_names
+
+Array = NDArray[np.float64]
+
+
+def add_history(
+    result: Result,
+    group: str,
+    model: AugmentedModel,
+    measurement: Measurement,
+    dofs: Sequence[Label],
+    history: Pass,
+) -> None:
+    """Add the histories of parameters and states over a record."""
+    estimate = np.exp(history.logs)
+    dims = ("time", "parameter")
+    result.add_axis(f"{group}/time", _times(measurement), "s")
+    result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
+    unit = common_unit(unknown.unit for unknown in model.unknowns)
+    result.add(f"{group}/estimate", estimate, dims, unit)
+    result.add(f"{group}/standard_deviation", estimate * history.deviations, dims, unit)
+    components = [Channel(dof, quantity) for quantity in ("displacement", "velocity") for dof in dofs]
+    result.add_axis(f"{group}/component", [component.name for component in components])
+    result.add(f"{group}/unit", [component.unit for component in components], ("component",))
+    # Not an axis named `state`: a variable of two axes cannot bear the name of one of them.
+    result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
+
+
+def add_measurement(result: Result, group: str, record: Fitter, experiment: Experiment, fit: Fit) -> None:
+    """Add a record as measured and as predicted, and what drove it."""
+    dims = ("time", "channel")
+    channels, data = experiment.measurement.channels, record.data
+    units = [channel.unit for channel in channels]
+    unit = common_unit(units)
+    result.add_axis(f"{group}/time", _times(experiment.measurement), "s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in channels])
+    result.add(f"{group}/unit", units, ("channel",))
+    result.add(f"{group}/measured", data.values, dims, unit)
+    result.add(f"{group}/predicted", fit.predicted.outputs, dims, unit)
+    result.add_axis(f"{group}/excitation", source_names(experiment.loads))
+    result.add(f"{group}/input", record.model.line.inputs(), ("time", "excitation"), "N")
+    if data.noise is not None:
+        result.add(f"{group}/noise", data.noise, ("channel",), unit)
+    if data.given is not None:
+        result.add(f"{group}/given_noise", data.given, ("channel",), unit)
+
+
+def _times(measurement: Measurement) -> Array:
+    return np.asarray(np.arange(measurement.samples) * measurement.step)
