@@ -132,9 +132,7 @@ def augmented(
     UsageError
         If nothing is unknown, nothing is measured, a DOF does not exist, or the record is too large.
     """
-    unknowns = model.unknowns
-    if not unknowns:
-        raise UsageError("no joint parameter is unknown", remedy="Give a joint's k or c a `start`.")
+    unknowns = unknowns_of(model)
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
     forces, rows, orders = ports(model, [load.dof for load in loads], channels)
@@ -165,6 +163,19 @@ def augmented(
         line=line,
         W=line.W / w_scale,
     )
+
+
+def unknowns_of(model: StructuralModel) -> tuple[Unknown, ...]:
+    """Return the unknown parameters of a structure, of which there must be one.
+
+    Raises
+    ------
+    UsageError
+        If there is none.
+    """
+    if not model.unknowns:
+        raise UsageError("no joint parameter is unknown", remedy="Give a joint's k or c a `start`.")
+    return model.unknowns
 
 
 def _check_cost(nodes: int, states: int, sensitivities: int) -> None:

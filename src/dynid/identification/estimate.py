@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
-from dynid.identification.augmented import augmented
+from dynid.identification.augmented import augmented, unknowns_of
 from dynid.identification.auto import Auto
 from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimation import Estimation, Estimator
@@ -99,7 +99,7 @@ def identify_all(
     """
     if not experiments:
         raise UsageError("there is no record to identify from", names=("measurement",))
-    names = [unknown.name for unknown in model.unknowns]
+    names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
         return _identified(model, experiments, estimator or Auto(), truth or model, rebuild)
 

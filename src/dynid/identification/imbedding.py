@@ -142,7 +142,7 @@ class _Flow:
         if not np.all(variances > 0):
             raise Diverged("the covariance of eq 20 loses its sign in the integration", remedy=ASTRAY)
         left = self._unpacked(rows[-1])[1][n:, n:]
-        return Pass(rows[:, n:N], np.sqrt(variances), rows[:, :n], np.linalg.cholesky(left))
+        return Pass(rows[:, n:N], np.sqrt(variances), rows[:, :n], np.asarray(np.linalg.cholesky(left)))
 
     def _input(self, t: float) -> Array:
         """Return the generators' state at any time, by the series of their exponential from the last node."""

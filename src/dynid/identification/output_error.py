@@ -18,12 +18,7 @@ from numpy.typing import NDArray
 from dynid.errors import DynidError, UsageError
 from dynid.identification.ensemble import Ensemble, JointFit
 from dynid.identification.estimation import Estimation, Stage
-<<<<<<< HEAD
 from dynid.identification.filter import check_run_away
-from dynid.identification.fit import Fit, Fitter
-=======
-from dynid.identification.filter import RUNAWAY, run_away
->>>>>>> 7d38bf3 (Records that share their parameters are fitted together: an ensemble of records, one of one)
 from dynid.identification.information import Information, least_squares
 
 Array = NDArray[np.float64]
@@ -111,11 +106,7 @@ def refine(ensemble: Ensemble, logs: Array, iterations: int = 50) -> Iterations:
         fit = better
         way.fits.append(fit)
         way.damping.append(damping)
-<<<<<<< HEAD
-        check_run_away(fitter.model, fit.logs, logs)
-=======
-        _check(ensemble, fit.logs, logs)
->>>>>>> 7d38bf3 (Records that share their parameters are fitted together: an ensemble of records, one of one)
+        check_run_away(ensemble.records[0].model, fit.logs, logs)
         if np.all(np.abs(step) <= np.maximum(_PART * information.deviations(), _SIZE)):
             return way._replace(finished=True)
         damping = max(damping / 10, _LEAST)
@@ -140,14 +131,4 @@ def _improved(ensemble: Ensemble, fit: JointFit, step: Array, noise: Sequence[Ar
         new = ensemble.fit(fit.logs + step, noise)
     except DynidError:  # so far off that numbers leave their range
         return None
-<<<<<<< HEAD
-    return new if misfit(fitter, new) < misfit(fitter, fit) else None
-=======
     return new if ensemble.misfit(new) < ensemble.misfit(fit) else None
-
-
-def _check(ensemble: Ensemble, logs: Array, origin: Array) -> None:
-    away = np.abs(logs - origin) > RUNAWAY
-    if away.any():
-        raise run_away([name for name, bad in zip(ensemble.names, away, strict=True) if bad])
->>>>>>> 7d38bf3 (Records that share their parameters are fitted together: an ensemble of records, one of one)

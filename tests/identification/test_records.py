@@ -1,0 +1,112 @@
+"""Several records that share their parameters: each has its own loads, channels, sampling and initial state."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.estimate import Experiment, identify_all
+from dynid.identification.imbedding import InvariantImbedding
+from dynid.identification.measurement import Measurement, Simulation
+from dynid.identification.output_error import OutputError
+from dynid.identification.passes import Filter
+from dynid.lti.propagate import response
+from dynid.lti.signals import Multisine
+from dynid.structure.response import Channel, Load, ports
+from dynid.structure.state_space import state_space
+from tests.identification.cases import LOADS, VELOCITIES, diagnostic, in_bounds, parameter, suspension
+from tests.identification.cases import run as run_one
+from tests.identification.cases import simulated as measured
+
+OTHER = Experiment(
+    (Load(1, Multisine([50, 80], [90, 160])),),
+    Measurement(0.003, 300, (Channel(4, "acceleration"),), Simulation(0.05, 7, 5.0)),
+)
+ONE = Experiment(LOADS, measured(0.05))
+SHORT = Experiment(LOADS, measured(0.05, samples=150))
+
+
+def decays(count=3, samples=400):
+    """Free decays of the true structure from different initial states, with noise; nothing drives them."""
+    model, generator = suspension(0.6), np.random.default_rng(3)
+    system = state_space(*model.dense(model.true_values()), *ports(model, [], VELOCITIES))
+    experiments = []
+    for _ in range(count):
+        x0 = np.concatenate([np.zeros(5), generator.standard_normal(5)])
+        clean = response(system, [], 0.002 * np.arange(samples), x0).outputs
+        noisy = clean + 0.01 * generator.standard_normal(clean.shape)
+        experiments.append(Experiment((), Measurement(0.002, samples, VELOCITIES, noisy)))
+    return model, experiments
+
+
+def test_two_records_know_more_than_either():
+    both = identify_all(suspension(), [ONE, OTHER])
+    alone = [identify_all(suspension(), [each]) for each in (ONE, OTHER)]
+    together = parameter(both, "cramer_rao")
+    best = np.minimum(*(parameter(result, "cramer_rao") for result in alone))
+    assert np.all(together < best)
+    assert np.abs(in_bounds(both)).max() < 4
+    assert diagnostic(both, "converged")
+
+
+def test_a_record_twice_halves_the_variance_and_changes_no_estimate():
+    once, twice = run_one(measurement=measured(0.05)), identify_all(suspension(), [ONE, ONE])
+    np.testing.assert_allclose(parameter(twice, "estimate"), parameter(once, "estimate"), rtol=1e-6)
+    np.testing.assert_allclose(
+        parameter(twice, "cramer_rao"), parameter(once, "cramer_rao") / np.sqrt(2), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("estimator", [None, OutputError(), Filter(2)], ids=lambda e: e and e.name)
+def test_free_decays_from_unknown_states_tell_the_joints(estimator):
+    model, experiments = decays()
+    result = identify_all(model, experiments, estimator)
+    error = parameter(result, "estimate") - parameter(result, "true")
+    assert np.abs(error / parameter(result, "standard_error")).max() < 4
+    np.testing.assert_allclose(
+        result["identification/diagnostics/residual_rms"].data, 0.01, rtol=0.1
+    )  # of 400 samples
+
+
+def test_one_free_decay_is_enough():
+    model, experiments = decays(1, 800)
+    result = identify_all(model, experiments)
+    error = parameter(result, "estimate") - parameter(result, "true")
+    assert np.abs(error / parameter(result, "standard_error")).max() < 4
+    assert diagnostic(result, "converged")
+    assert "identification/measurement/measured" in result
+
+
+def test_imbedding_takes_one_record_after_the_other():
+    result = identify_all(suspension(0.8), [SHORT, OTHER], InvariantImbedding(tolerance=1e-3))
+    assert np.abs(parameter(result, "error_percent")).max() < 10
+
+
+def test_every_record_has_its_groups():
+    result = identify_all(suspension(), [ONE, OTHER], Filter(2))
+    group = "identification/measurement"
+    assert result[f"{group}/record_1/measured"].data.shape == (800, 2)
+    assert result[f"{group}/record_2/predicted"].data.shape == (300, 1)
+    np.testing.assert_allclose(np.diff(result[f"{group}/record_2/time"].data), 0.003)
+    assert result["identification/history/record_2/estimate"].data.shape == (300, 4)
+    assert result["identification/first_pass/record_1/state"].data.shape == (800, 10)
+    names = ["record_1.2.velocity", "record_1.3.velocity", "record_2.4.acceleration"]
+    assert list(result["identification/diagnostics/channel"].data) == names
+    # The second record's filter goes on where the first one's ended.
+    before = result["identification/history/record_1/standard_deviation"].data[-1]
+    after = result["identification/history/record_2/standard_deviation"].data[0]
+    assert np.all(after < 1.1 * before)
+
+
+def test_what_one_record_does_not_see_another_may():
+    """A record of one sample tells nothing alone; beside a good one it does no harm."""
+    short = Experiment(LOADS, Measurement(0.002, 1, VELOCITIES, Simulation(0.05, 1, 10.0)))
+    with pytest.raises(NotIdentifiable):
+        identify_all(suspension(), [short])
+    result = identify_all(suspension(), [ONE, short])
+    alone = run_one(measurement=measured(0.05))
+    np.testing.assert_allclose(parameter(result, "estimate"), parameter(alone, "estimate"), rtol=1e-6)
+
+
+def test_no_record_is_refused():
+    with pytest.raises(UsageError, match="no record"):
+        identify_all(suspension(), [])
