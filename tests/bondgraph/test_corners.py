@@ -52,6 +52,18 @@ def test_a_hidden_mode_at_zero_is_not_taken_for_the_integrator_of_a_displacement
     assert result.value(f"bond_graph/properties/{output}/u/hidden_modes").tolist() == [0]
 
 
+@pytest.mark.parametrize(
+    ("nodes", "letter"), [("Sf u, 0 j, C a 0, C b 1", "c"), ("Se u, 1 j, I a 0, I b 1", "d")]
+)
+def test_a_storage_of_zero_may_be_the_system_that_sets_the_common_variable(nodes, letter):
+    output = "j.e" if letter == "c" else "j.f"
+    graph = written(nodes, "u -> j, j -> a, j -> b", output)
+    result = analyse(graph.graph, Analysis(graph.inputs, graph.outputs, frozenset({"prototype"})))
+    assert result.value("bond_graph/reduction/prototype") == letter
+    poles = result.value(f"bond_graph/reduction/dynamics/{output}/natural_modes")
+    assert poles.tolist() == [0]
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_gains_and_coefficients_beyond_doubles_are_infinite(sign):
     channel = transfer(f"Sf u, TF n {10**200}, R r {sign * 10**200}", "u -> n -> r", "u.e")

@@ -43,6 +43,12 @@ def test_the_integrator_of_an_output_is_no_hidden_mode(output):
     assert all(value != 0 for value, _, _ in found)
 
 
+@pytest.mark.parametrize("output", ["c.q", "c.e"])
+def test_a_charge_that_no_input_reaches_is_seen_where_it_is_asked_for(output):
+    nodes, bonds = "Se u, 1 j, R r 1, Sf v, 0 n, C c 1", "u -> j, j -> r, v -> n, n -> c"
+    assert hidden(nodes, bonds, output, "u") == [(0, "uncontrollable", "c 100 %")]
+
+
 def test_a_mode_of_irrational_place_is_explained_exactly():
     # two equal oscillators hang on one mass in opposition: the antisymmetric one has s^2 + s/2 + 1/2 = 0
     nodes = "Se u, 1 j, I m 3, 0 p, 1 d, C k 1, R b 1, I x 2, 1 w, 0 q, 1 h, C l 1, R c 1, I y 2, 1 v"

@@ -162,6 +162,15 @@ class BondGraph:
         """Tell whether an output is the state of a storage: the q of a C, the p of an I."""
         return (self.nodes[port.node].type, port.quantity) in (("C", "q"), ("I", "p"))
 
+    def integrates(self, port: Port) -> bool:
+        """Tell whether an output is an integral that is no mode of the graph (a storage's own state is)."""
+        return port.quantity in "qp" and not self.is_state(port)
+
+    def behind(self, port: Port) -> Port:
+        """Return the effort or flow that an output is made of: e of q = C e, f of p = I f and q = ∫f, …"""
+        effort = port.quantity in ("eq" if self.is_state(port) else "ep")
+        return Port(port.node, "e" if effort else "f")
+
     def bonds_of(self, name: str) -> list[Bond]:
         """Return the bonds at a node, in the user's order."""
         return list(self._bonds_at[name])

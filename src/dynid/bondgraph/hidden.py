@@ -99,7 +99,9 @@ def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Def
         exact = reduced.graph.value(name)
         return nmod(exact.numerator, prime) / nmod(exact.denominator, prime)
 
-    _, rates, (output,) = _equations(reduced, channel, Field(value, nmod(1, prime)), [_rated(channel[0])])
+    _, rates, (output,) = _equations(
+        reduced, channel, Field(value, nmod(1, prime)), [_rated(reduced, channel)]
+    )
     states: list[Symbol] = [("w", name) for name in rates]
     a = [
         [form.get(s, 0) - root * (s == own) for s in states]
@@ -144,9 +146,10 @@ def _equations(
     return system, rates, outputs
 
 
-def _rated(port: Port) -> Port:
-    """Return the effort or flow behind a displacement or momentum: its integrator is no mode of the graph."""
-    return Port(port.node, "f" if port.quantity in "fq" else "e")
+def _rated(reduced: ReducedGraph, channel: Channel) -> Port:
+    """Return a channel's output, without the integrator behind it: that is no mode of the graph."""
+    graph, port = reduced.graph, channel[0]
+    return graph.behind(port) if graph.integrates(port) else port
 
 
 def _energy(
@@ -159,7 +162,7 @@ def _energy(
     """
     graph = reduced.graph
     held = (Port(name, "e" if graph.nodes[name].type == "C" else "f") for name in storages)
-    ports = [_rated(channel[0]), *held]
+    ports = [_rated(reduced, channel), *held]
     solved = _equations(reduced, channel, Field.rational(graph), ports)
     system = rounded(*solved, [channel[1]], [str(port) for port in ports])
     sizes = np.array([abs(float(graph.value(name))) for name in storages])

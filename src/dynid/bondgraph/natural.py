@@ -42,16 +42,11 @@ def hidden_polynomial(reduced: ReducedGraph, port: Port, transfer: TransferFunct
     return natural // natural.gcd(_shown(reduced, port, transfer))
 
 
-def integrates(reduced: ReducedGraph, port: Port) -> bool:
-    """Tell whether an output is an integral that is no mode of the graph (a storage's own state is)."""
-    return port.quantity in "qp" and not reduced.graph.is_state(port)
-
-
 def _shown(reduced: ReducedGraph, port: Port, transfer: TransferFunction) -> Any:
     """Return the polynomial of the natural modes that a channel shows."""
     from flint import fmpz_poly
 
-    if not integrates(reduced, port) or transfer.denominator[0] != 0:
+    if not reduced.graph.integrates(port) or transfer.denominator[0] != 0:
         return transfer.denominator
     return transfer.denominator // fmpz_poly([0, 1])
 

@@ -127,7 +127,9 @@ class ReducedGraph(Planned):
         return [pivot for reduction in self.reductions.values() for pivot in reduction.pivots]
 
     def _answers(self) -> Iterable[int]:
-        return self.channels().values()
+        yield from self.channels().values()
+        for reduction in self.reductions.values():
+            yield from (register for _, register in reduction.prototype.systems)
 
     def channels(self) -> dict[Channel, int]:
         """Return the register of every channel (output, input)."""

@@ -101,7 +101,7 @@ def _with_detector(graph: BondGraph, port: Port) -> tuple[dict[str, str], list[t
     kinds: dict[str, str] = {name: node.type for name, node in graph.nodes.items()}
     bonds = [(bond.tail, bond.head) for bond in graph.bonds]
     detector = unique(str(port), kinds)
-    effort = port.quantity in ("eq" if graph.is_state(port) else "ep")  # q of a C is C e, p of an I is I f
+    effort = graph.behind(port).quantity == "e"
     wanted = "0" if effort else "1"
     at = port.node
     if kinds[at] in ONE_PORTS:

@@ -125,11 +125,10 @@ class Descriptor:
 
     def output(self, port: Port) -> Form:
         """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
+        form = self._variable(port.node, self.graph.behind(port).quantity)
         if self.graph.is_state(port):
             value = self.field.value(port.node) * bond_sign(self.graph, port.node)
-            form = self._variable(port.node, "e" if port.quantity == "q" else "f")
             return scaled(form, value) if value else {}
-        form = self._variable(port.node, "f" if port.quantity in "fq" else "e")
         if port.quantity in "ef":
             return form
         name = f"integral:{port}"

@@ -19,7 +19,7 @@ from dynid.bondgraph.floating.discs import Discs
 from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import spectrum
 from dynid.bondgraph.floating.systems import natural_equations, zero_equations
-from dynid.bondgraph.natural import determinant, integrates
+from dynid.bondgraph.natural import determinant
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.errors import Undecided
 from dynid.lti.verdicts import Verdicts
@@ -89,7 +89,7 @@ class FloatEngine:
                 spectrum(natural_equations(self.reduced, port)), self.natural_counts[port].degree
             )
         origin = Discs(np.zeros(1, dtype=np.complex128), np.zeros(1), np.zeros(1))
-        return Discs.joined([self._spectra[junctions], *[origin] * integrates(self.reduced, port)])
+        return Discs.joined([self._spectra[junctions], *[origin] * self.reduced.graph.integrates(port)])
 
     def invariant_zeros(self, channel: Channel) -> Discs:
         """Return what an input can do while its output is held at zero: zeros and hidden modes."""
@@ -169,7 +169,7 @@ class FloatTransferFunction(Verdicts):
     def hidden_modes(self) -> tuple[EstimatedRoot, ...]:
         """The natural modes that cancel; an output's own integrator is none."""
         hidden = self._roots[2]
-        if not integrates(self.engine.reduced, self.channel[0]) or self.below.at_origin:
+        if not self.engine.reduced.graph.integrates(self.channel[0]) or self.below.at_origin:
             return hidden
         rest = [replace(root, multiplicity=root.multiplicity - (root.value == 0)) for root in hidden]
         return tuple(root for root in rest if root.multiplicity)
@@ -197,7 +197,7 @@ class FloatTransferFunction(Verdicts):
         """Return the counts of all natural modes, the output's integrator included."""
         port = self.channel[0]
         counts = self.engine.natural_counts[port]
-        return counts.times_s() if integrates(self.engine.reduced, port) else counts
+        return counts.times_s() if self.engine.reduced.graph.integrates(port) else counts
 
 
 def settled(discs: Discs, counts: Counts) -> tuple[EstimatedRoot, ...]:

@@ -48,11 +48,10 @@ def port_form(net: Network, port: Port, total: Register) -> PortForm:
         What stands on the root: Z_A + Z_B on a 1-junction, Y_A + Y_B on a 0-junction.
     """
     program, graph = net.program, net.structure.graph
+    form = _form(net, port.node, graph.behind(port).quantity, total)
     if graph.is_state(port):
-        form = _form(net, port.node, "e" if port.quantity == "q" else "f", total)
         value = program.parameter(port.node)
         return form.scaled(program, value if bond_sign(graph, port.node) > 0 else program.neg(value))
-    form = _form(net, port.node, "e" if port.quantity in "ep" else "f", total)
     return form.scaled(program, program.inv(program.s)) if port.quantity in "qp" else form
 
 

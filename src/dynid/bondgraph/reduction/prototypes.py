@@ -114,13 +114,15 @@ def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Te
 
     Where a source fixes the common variable (a, b) B is the output's element. Else (c, d) B sets the common
     variable: the storage that integrates it there (I on a 1, C on a 0; the output's own first), else the
-    output's element, else any element, else the last subtree.
+    output's element, else any element, else the last subtree; what is zero with these values sets nothing.
     """
     graph, terms = network.structure.graph, network.terms[network.root]
     elements = network.structure.junctions[network.root].elements
     integrating = "I" if network.kind[network.root] == "1" else "C"
 
     def rank(term: Term) -> int:
+        if network.program.is_zero(term.register):
+            return 6
         if term.name not in elements:
             return 5
         own, kind = term.name == port.node, graph.nodes[term.name].type

@@ -31,7 +31,7 @@ def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causalit
         The graph's own causality.
     """
     for port in reduced.outputs:
-        integrated = port.quantity in "qp" and not reduced.graph.is_state(port)
+        integrated = reduced.graph.integrates(port)
         modelled = set(reduced.reductions[port].modelled)
         order = sum(state.element in modelled for state in causality.states) + integrated
         exact_order = natural_order(reduced.graph, reduced.reductions[port].junctions) + integrated
