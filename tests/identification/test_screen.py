@@ -6,11 +6,12 @@ import pytest
 from dynid.cli.run import _warn
 from dynid.cli.summary.identification import lines
 from dynid.cli.summary.numbers import quantity, with_error
+from dynid.identification.verdict import verdict
 from dynid.result import Result
 from tests.identification.cases import run, simulated
 
 
-def outcome(**changed):
+def outcome(warned=(), **changed):
     """Return a small result, made up: two parameters and what the screen reads of them."""
     values = {
         "start": [10.0, 5e3],
@@ -44,7 +45,11 @@ def outcome(**changed):
     result.add(f"{group}/converged", diagnostics["settled"] and diagnostics["explained"])
     result.add(f"{group}/residual_ratio", [0.05], ("channel",))
     result.add(f"{group}/parameter", ["a.c", "a.k"], ("parameter",))
-    result.add(f"{group}/distance_to_optimum", diagnostics.pop("distance_to_optimum"), ("parameter",))
+    distance = np.array(diagnostics.pop("distance_to_optimum"))
+    result.add(f"{group}/distance_to_optimum", distance, ("parameter",))
+    flags = {name: diagnostics[name] for name in ("settled", "explained")}
+    result.add(f"{group}/verdict", verdict(["a.c", "a.k"], distance, **flags))
+    result.add_axis(f"{group}/warnings", np.array(warned, dtype=object))
     for name, value in diagnostics.items():
         result.add(f"{group}/{name}", value)
     return result
@@ -124,6 +129,10 @@ def test_error_bars_of_what_is_no_noise_are_called_nominal():
     assert nominal not in lines(outcome(white=False, explained=False))
     assert nominal in lines(run(measurement=simulated(0.0)))
     assert nominal not in lines(run(measurement=simulated(0.05)))
+
+
+def test_warnings_stand_below_the_verdict():
+    assert lines(outcome(warned=["a.c may be clipped"]))[-1] == "  beware: a.c may be clipped"
 
 
 def test_a_condition_is_put_in_words():

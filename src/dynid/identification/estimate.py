@@ -19,6 +19,7 @@ from dynid.identification.filter import ASTRAY
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Data, Experiment, Measurement, as_estimated, data
 from dynid.identification.outcome import Outcome
+from dynid.identification.states import true_states
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -75,8 +76,11 @@ def identify_all(
     Returns
     -------
     Result
-        ``identification/{parameters, history, first_pass, passes, measurement, diagnostics}``. `history` is
-        the last pass, `first_pass` the first where there are several; `predicted` is the noise-free response
+        ``identification/{parameters, history, first_pass, stages, states, measurement, innovations,
+        residual_spectrum, diagnostics}``. `history` is the last pass, `first_pass` the first where there are
+        several; `states` are those at the estimate with bands given the whole record and, of a simulated
+        record, the true ones; `innovations` those of the filter's last pass; the `warnings` of the
+        diagnostics say in words what to be wary of. `predicted` is the noise-free response
         at the estimate from the best initial state; `error_percent` is unsigned. `true` and `error_percent`
         are NaN where a true value is not known, `measured` where a sample is missing, nothing else ever. An
         estimate has `converged` if it is `settled` (`distance_to_optimum`, the Gauss–Newton step left in
@@ -127,7 +131,7 @@ def _identified(
             break
         model = rebuild(dict(zip(names, np.exp(logs).tolist(), strict=True)))
     outcome.check()
-    return outcome.result()
+    return outcome.result([true_states(truth, model, *experiment) for experiment in experiments])
 
 
 def _ensemble(model: StructuralModel, experiments: Sequence[Experiment], values: Sequence[Data]) -> Ensemble:

@@ -44,14 +44,18 @@ class Prior(NamedTuple):
 class Pass(NamedTuple):
     """One pass over a record.
 
-    `logs` and `deviations`: logarithms and their standard deviations (times x p); `states`: physical states
-    (times x n, scaled); `root`: a root of the logarithms' covariance after the last sample (p x any).
+    `logs` and `deviations`: logarithms and their standard deviations (times x p); `states` and
+    `state_deviations`: physical states and theirs (times x n, scaled); `root`: a root of the logarithms'
+    covariance after the last sample (p x any); `innovations`: what each value had that was not foreseen, over
+    its deviation (times x channels; NaN where a sample is missing), if known.
     """
 
     logs: Array
     deviations: Array
     states: Array
+    state_deviations: Array
     root: Array
+    innovations: Array | None = None
 
 
 def filter_pass(
@@ -83,7 +87,8 @@ def filter_pass(
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
     outputs_vary = bool(model.C_slopes.any())
     z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
-    history = Pass(np.empty((samples, p)), np.empty((samples, p)), np.empty((samples, n)), S[n:])
+    logs, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
+    innovations = np.full(measured.shape, np.nan)
     H = np.zeros((measured.shape[1], n + p))
     H[:, :n] = model.C
     sample_of = np.full(len(model.line.nodes), -1)
@@ -98,12 +103,12 @@ def filter_pass(
             H[:, :n], H[:, n:] = C, (C_slopes @ z[:n]).T
         innovation = measured[sample] - model.feedthrough[sample] - H[:, :n] @ z[:n]
         whitened = H * weight[sample][:, None], innovation * weight[sample]
-        z += _update(S, *whitened, present[sample])
+        z += _update(S, *whitened, present[sample], innovations[sample])
         check_run_away(model, z[n:], origin)
-        history.logs[sample] = z[n:]
-        history.deviations[sample] = np.sqrt(np.einsum("ij,ij->i", S[n:], S[n:]))
-        history.states[sample] = z[:n]
-    return history
+        spread = np.sqrt(np.einsum("ij,ij->i", S, S))
+        logs[sample], deviations[sample] = z[n:], spread[n:]
+        states[sample], bands[sample] = z[:n], spread[:n]
+    return Pass(logs, deviations, states, bands, S[n:], innovations)
 
 
 def _propagate(model: AugmentedModel, node: int, z: Array, S: Array) -> None:
@@ -115,8 +120,10 @@ def _propagate(model: AugmentedModel, node: int, z: Array, S: Array) -> None:
     S[:n] = step[:, :n] @ S[:n] + (slopes @ driven).T @ S[n:]
 
 
-def _update(S: Array, H: Array, innovation: Array, present: list[int]) -> Array:
+def _update(S: Array, H: Array, innovation: Array, present: list[int], normalised: Array) -> Array:
     """Take one sample into account, channel by channel, in units of its noise; S in place (Potter).
+
+    Into `normalised` (channels) go the innovations over their deviations, each given the channels before it.
 
     Returns
     -------
@@ -129,7 +136,9 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int]) -> Array:
         phi = h @ S
         spread = float(phi @ phi) + 1.0
         gain = S @ phi / spread
-        correction += gain * (innovation[channel] - h @ correction)
+        unforeseen = innovation[channel] - h @ correction
+        normalised[channel] = unforeseen / math.sqrt(spread)
+        correction += gain * unforeseen
         S -= np.outer(gain / (1 + math.sqrt(1 / spread)), phi)
     return correction
 

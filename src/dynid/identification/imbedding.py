@@ -137,12 +137,13 @@ class _Flow:
     def history(self, rows: Array) -> Pass:
         """Return the estimates, their deviations, and the states."""
         n, N = self.model.states, self.size
-        place = [self.upper[0].tolist().index(k) for k in range(n, N)]  # a row starts at its diagonal
+        place = [self.upper[0].tolist().index(k) for k in range(N)]  # a row starts at its diagonal
         variances = rows[:, [N + at for at in place]]
         if not np.all(variances > 0):
             raise Diverged("the covariance of eq 20 loses its sign in the integration", remedy=ASTRAY)
         left = self._unpacked(rows[-1])[1][n:, n:]
-        return Pass(rows[:, n:N], np.sqrt(variances), rows[:, :n], np.asarray(np.linalg.cholesky(left)))
+        deviations, root = np.sqrt(variances), np.asarray(np.linalg.cholesky(left))
+        return Pass(rows[:, n:N], deviations[:, n:], rows[:, :n], deviations[:, :n], root)
 
     def _input(self, t: float) -> Array:
         """Return the generators' state at any time, by the series of their exponential from the last node."""

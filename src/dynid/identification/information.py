@@ -86,14 +86,26 @@ class Information:
 
     def covariance(self) -> Array:
         """Return the Cramér–Rao bound on the covariance of the logarithms (p x p)."""
+        root = self.root()
+        return np.asarray(root @ root.T)
+
+    def root(self) -> Array:
+        """Return a root of that covariance (p x p)."""
         size = np.linalg.norm(self.projected, axis=0)
         R = np.linalg.qr(self.projected / size, mode="r")
-        inverse = np.linalg.solve(R, np.eye(len(size))) / size[:, None]
-        return np.asarray(inverse @ inverse.T)
+        return np.asarray(np.linalg.solve(R, np.eye(len(size))) / size[:, None])
 
     def deviations(self) -> Array:
         """Return the lower bound on the standard deviations of the logarithms (p)."""
         return np.sqrt(self.covariance().diagonal())
+
+    def correlation(self) -> Array:
+        """Return the correlations of the estimates of the logarithms (p x p)."""
+        covariance = self.covariance()
+        deviations = np.sqrt(covariance.diagonal())
+        correlation = np.clip(covariance / np.outer(deviations, deviations), -1.0, 1.0)
+        np.fill_diagonal(correlation, 1.0)
+        return np.asarray(correlation)
 
     def condition(self) -> float:
         """Return the condition number of the information scaled to unit diagonal."""

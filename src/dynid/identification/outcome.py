@@ -22,7 +22,17 @@ from dynid.identification.estimation import Estimation, Sweep
 from dynid.identification.filter import Pass
 from dynid.identification.information import Information, untold
 from dynid.identification.measurement import Experiment
-from dynid.identification.record_results import add_history, add_measurement
+from dynid.identification.record_results import (
+    add_history,
+    add_innovations,
+    add_measurement,
+    add_spectrum,
+    add_states,
+    add_truth,
+)
+from dynid.identification.residuals import Consistency, autocorrelation, consistency
+from dynid.identification.states import state_deviations
+from dynid.identification.verdict import Facts, Sensor, verdict, warnings
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.response import common_unit
@@ -129,8 +139,35 @@ class Outcome:
         if blind.any():
             raise untold([name for name, yes in zip(self.ensemble.names, blind, strict=True) if yes])
 
-    def result(self) -> Result:
-        """Return everything under ``identification/``."""
+    @cached_property
+    def innovations(self) -> list[Array] | None:
+        """Innovations of the filter's last pass; none of a first one, which assumes a noise of its own."""
+        sweeps = self.estimation.histories
+        if self.method != "filter" or len(sweeps) < 2:
+            return None
+        return [history.innovations for history in sweeps[-1] if history.innovations is not None]
+
+    @property
+    def _consistency(self) -> Consistency | None:
+        """Mean square of the innovations of all records, as of one channel."""
+        every = self.innovations
+        return None if every is None else consistency(np.concatenate([e.ravel() for e in every])[:, None])
+
+    @cached_property
+    def _state_deviations(self) -> list[Array]:
+        """Deviations of the states (times x n, scaled) of each record, given all records."""
+        known = self.information.root()
+        each = zip(self.ensemble.records, self._final.parts, self._noise, strict=True)
+        return [state_deviations(record, part, noise, known) for record, part, noise in each]
+
+    def result(self, true_states: Sequence[Array | None]) -> Result:
+        """Return everything under ``identification/``.
+
+        Parameters
+        ----------
+        true_states
+            Of each record the states (times x n) that it was made with, where they are known.
+        """
         result = Result("identification")
         self._add_parameters(result)
         sweeps = self.estimation.histories or [self._whole_records()]
@@ -141,6 +178,7 @@ class Outcome:
         for k, record in enumerate(self.ensemble.records):
             group = self._group("identification/measurement", k)
             add_measurement(result, group, record, self.experiments[k], self._final.parts[k])
+            self._add_findings(result, k, true_states[k])
         self._add_diagnostics(result)
         return result
 
@@ -149,7 +187,7 @@ class Outcome:
         unknowns = self.ensemble.unknowns
         names = self.ensemble.names
         estimate = np.exp(self._final.logs)
-        true = np.array([np.nan if unknown.true is None else unknown.true for unknown in unknowns])
+        true = self._true
         result.add_axis(f"{group}/parameter", names)
         result.add(f"{group}/name", names, dims)
         result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
@@ -158,15 +196,25 @@ class Outcome:
         result.add(f"{group}/true", true, dims, unit)
         result.add(f"{group}/estimate", estimate, dims, unit)
         result.add(f"{group}/standard_error", estimate * self.information.deviations(), dims, unit)
-        result.add(f"{group}/cramer_rao", self._bound(true), dims, unit)
+        result.add(f"{group}/cramer_rao", self._bound, dims, unit)
         result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
+        # An axis of its own: two axes of one name could not be told apart.
+        result.add_axis(f"{group}/other", names)
+        result.add(f"{group}/correlation", self.information.correlation(), ("parameter", "other"))
 
     def _common_unit_of_parameters(self) -> str:
         return common_unit(unknown.unit for unknown in self.ensemble.unknowns)
 
-    def _bound(self, true: Array) -> Array:
-        """Return the Cramér–Rao bound, at the true values and noise where they are known."""
-        fit, values = self._final, np.exp(self._final.logs)
+    @property
+    def _true(self) -> Array:
+        """True values of the parameters (p), NaN where they are not known."""
+        unknowns = self.ensemble.unknowns
+        return np.array([np.nan if unknown.true is None else unknown.true for unknown in unknowns])
+
+    @cached_property
+    def _bound(self) -> Array:
+        """The Cramér–Rao bound (p), at the true values and noise where they are known."""
+        fit, values, true = self._final, np.exp(self._final.logs), self._true
         if not np.isnan(true).any():
             fit, values = self.ensemble.fit(np.log(true), clean=True), true
         each = zip(self.ensemble.records, self._noise, strict=True)
@@ -178,10 +226,10 @@ class Outcome:
     def _whole_records(self) -> Sweep:
         """Return the history of an estimator of whole records: it knows as much at any time."""
         sweep, deviations = [], self.information.deviations()
-        for part in self._final.parts:
+        for part, bands in zip(self._final.parts, self._state_deviations, strict=True):
             every = np.ones((len(part.residual), 1))
-            history = Pass(every * part.logs, every * deviations, part.predicted.states, np.diag(deviations))
-            sweep.append(history)
+            states, root = part.predicted.states, np.diag(deviations)
+            sweep.append(Pass(every * part.logs, every * deviations, states, bands, root))
         return sweep
 
     @property
@@ -197,6 +245,18 @@ class Outcome:
             measurement = self.experiments[k].measurement
             group = self._group(parent, k)
             add_history(result, group, record.model, measurement, self.dofs, history)
+
+    def _add_findings(self, result: Result, k: int, true: Array | None) -> None:
+        """Add what is found of a record beside its prediction: states, residuals, innovations."""
+        model, part = self.ensemble.records[k].model, self._final.parts[k]
+        measurement = self.experiments[k].measurement
+        add_truth(result, self._group("identification/history", k), model, true)
+        states = (part.predicted.states * model.scale, self._state_deviations[k] * model.scale)
+        add_states(result, self._group("identification/states", k), measurement, self.dofs, states, true)
+        add_spectrum(result, self._group("identification/residual_spectrum", k), measurement, part)
+        if self.innovations is not None:
+            group = self._group("identification/innovations", k)
+            add_innovations(result, group, measurement, self.innovations[k])
 
     def _add_stages(self, result: Result) -> None:
         group, stages = "identification/stages", self.estimation.stages
@@ -234,6 +294,41 @@ class Outcome:
         for name, fact in self.estimation.facts.items():
             result.add(f"{group}/{name}", fact)
         result.add(f"{group}/passes", len(self.estimation.histories))
+        self._add_autocorrelation(result)
+        self._add_words(result, settled=settled, explained=explained)
+
+    def _add_autocorrelation(self, result: Result) -> None:
+        group, residuals = "identification/diagnostics", self._final.residuals
+        found = [autocorrelation(residual) for residual in residuals]
+        lags = min(len(r) for r, _ in found)
+        result.add_axis(f"{group}/lag", np.arange(1, lags + 1))
+        joined = np.concatenate([r[:lags] for r, _ in found], axis=1)
+        result.add(f"{group}/autocorrelation", joined, ("lag", "channel"))
+        band = np.concatenate([band for _, band in found])
+        result.add(f"{group}/autocorrelation_band", band, ("channel",))
+        p = [whiteness(residuals[k][:, [column]]) for k, column, _ in self._channels]
+        result.add(f"{group}/channel_whiteness_p", p, ("channel",))
+
+    def _add_words(self, result: Result, *, settled: bool, explained: bool) -> None:
+        """Add the verdict and the warnings."""
+        group, names = "identification/diagnostics", self.ensemble.names
+        deviations, bound = self.information.deviations(), self._bound
+        off = np.abs(np.exp(self._final.logs) - self._true)
+        errors = np.where(bound > 0, off / np.where(bound > 0, bound, 1.0), np.nan)
+        sensors = [
+            Sensor(
+                name,
+                self.ensemble.records[k].data.values[:, column],
+                self._final.residuals[k][:, column],
+                self.experiments[k].measurement.step,
+            )
+            for k, column, name in self._channels
+        ]
+        correlation = self.information.correlation()
+        facts = Facts(names, deviations, correlation, errors, sensors, self._consistency)
+        distance = np.abs(self.step) / deviations
+        result.add(f"{group}/verdict", verdict(names, distance, settled=settled, explained=explained))
+        result.add_axis(f"{group}/warnings", np.array(warnings(facts), dtype=object))
 
 
 def _void(ensemble: Ensemble, why: str) -> Diverged:

@@ -11,6 +11,7 @@ from dynid.identification.augmented import AugmentedModel
 from dynid.identification.filter import Pass
 from dynid.identification.fit import Fit, Fitter
 from dynid.identification.measurement import Experiment, Measurement
+from dynid.identification.residuals import consistency, spectrum
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.response import Channel, common_unit, source_names
@@ -34,11 +35,66 @@ def add_history(
     unit = common_unit(unknown.unit for unknown in model.unknowns)
     result.add(f"{group}/estimate", estimate, dims, unit)
     result.add(f"{group}/standard_deviation", estimate * history.deviations, dims, unit)
+    _add_components(result, group, dofs)
+    # Not an axis named `state`: a variable of two axes cannot bear the name of one of them.
+    result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
+    band = history.state_deviations * model.scale
+    result.add(f"{group}/state_standard_deviation", band, ("time", "component"))
+
+
+def add_truth(result: Result, group: str, model: AugmentedModel, states: Array | None) -> None:
+    """Add to a history what it should come to: the true parameters, and states (times x n) if known."""
+    true = [np.nan if unknown.true is None else unknown.true for unknown in model.unknowns]
+    unit = common_unit(unknown.unit for unknown in model.unknowns)
+    result.add(f"{group}/true", true, ("parameter",), unit)
+    if states is not None:
+        result.add(f"{group}/true_state", states, ("time", "component"))
+
+
+def add_states(
+    result: Result,
+    group: str,
+    measurement: Measurement,
+    dofs: Sequence[Label],
+    states: tuple[Array, Array],
+    true: Array | None,
+) -> None:
+    """Add states and their deviations (times x n), measured or not, and the truth (Yang, Fig. 9)."""
+    dims = ("time", "component")
+    result.add_axis(f"{group}/time", _times(measurement), "s")
+    _add_components(result, group, dofs)
+    result.add(f"{group}/estimate", states[0], dims)
+    result.add(f"{group}/standard_deviation", states[1], dims)
+    if true is not None:
+        result.add(f"{group}/true", true, dims)
+
+
+def _add_components(result: Result, group: str, dofs: Sequence[Label]) -> None:
     components = [Channel(dof, quantity) for quantity in ("displacement", "velocity") for dof in dofs]
     result.add_axis(f"{group}/component", [component.name for component in components])
     result.add(f"{group}/unit", [component.unit for component in components], ("component",))
-    # Not an axis named `state`: a variable of two axes cannot bear the name of one of them.
-    result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
+
+
+def add_spectrum(result: Result, group: str, measurement: Measurement, fit: Fit) -> None:
+    """Add the power spectral densities of the residuals of a record."""
+    omega, density = spectrum(fit.residual, measurement.step)
+    units = [f"({channel.unit})2.s/rad" for channel in measurement.channels]
+    result.add_axis(f"{group}/omega", omega, "rad/s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
+    result.add(f"{group}/unit", units, ("channel",))
+    result.add(f"{group}/density", density, ("omega", "channel"), common_unit(units))
+
+
+def add_innovations(result: Result, group: str, measurement: Measurement, innovations: Array) -> None:
+    """Add the normalised innovations of a record (times x channels) and their mean squares."""
+    found = consistency(innovations)
+    result.add_axis(f"{group}/time", _times(measurement), "s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
+    result.add(f"{group}/normalised", innovations, ("time", "channel"))
+    for name in ("mean_square", "low", "high"):
+        result.add(f"{group}/{name}", getattr(found, name), ("channel",))
+    for name in ("overall", "overall_low", "overall_high", "consistent"):
+        result.add(f"{group}/{name}", getattr(found, name))
 
 
 def add_measurement(result: Result, group: str, record: Fitter, experiment: Experiment, fit: Fit) -> None:

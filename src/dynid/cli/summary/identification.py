@@ -136,26 +136,12 @@ def farthest(result: Result) -> tuple[str, float]:
     return str(result["identification/diagnostics/parameter"].data[k]), float(distance[k])
 
 
-def _convergence(result: Result) -> str:
-    """Say whether the estimate has converged, and if not, why."""
-    group = "identification/diagnostics"
-    if result.value(f"{group}/converged"):
-        return "converged"
-    reasons = []
-    if not result.value(f"{group}/settled"):
-        name, distance = farthest(result)
-        reasons.append(f"{distance:.2g} standard errors of {name} from the optimum")
-    if not result.value(f"{group}/explained"):
-        reasons.append("the residuals are not noise")
-    return f"NOT converged: {', and '.join(reasons)}"
-
-
 def _verdict(result: Result) -> Iterable[str]:
     group = "identification/diagnostics"
     p = result.value(f"{group}/whiteness_p")
     ratio = 100 * result[f"{group}/residual_ratio"].data
     left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
-    yield f"  {_convergence(result)} · {left} · white with p = {p:.2g}"
+    yield f"  {result.value(f'{group}/verdict')} · {left} · white with p = {p:.2g}"
     if result.value(f"{group}/converged") and not result.value(f"{group}/white"):
         yield "  error bars are nominal: what is left is no noise"
     condition = result.value(f"{group}/condition")
@@ -169,3 +155,5 @@ def _verdict(result: Result) -> Iterable[str]:
     )
     told = f"parameters {'badly' if condition > _BADLY else 'well'} told apart (condition {condition:.2g})"
     yield f"  {told} · {least}" if len(names) > 1 else f"  {least}"
+    for warning in result[f"{group}/warnings"].data:
+        yield f"  beware: {warning}"

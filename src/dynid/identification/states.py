@@ -1,0 +1,102 @@
+"""Physical states of a record as the whole of it tells them: bands, and the truth of simulated records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.fit import Fit, Fitter
+from dynid.identification.measurement import Measurement, Simulation
+from dynid.lti.propagate import response
+from dynid.structure.matrices import as_array
+from dynid.structure.model import StructuralModel
+from dynid.structure.response import Load, ports
+from dynid.structure.state_space import state_space
+
+Array = NDArray[np.float64]
+
+
+def state_deviations(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array:
+    """Return the standard deviations of the states (times x n, scaled), given all records as a whole.
+
+    The covariance of initial state and parameters, carried along exactly. Initial states that the record
+    does not show keep the deviation of the wide prior.
+
+    Parameters
+    ----------
+    record
+        Model and record.
+    fit
+        Its fit at the estimate.
+    noise
+        Standard deviation of the noise (channels).
+    known
+        A root of the covariance of the logarithms, given all records (p x p).
+    """
+    model, n = record.model, record.model.states
+    transitions = [model.transition(fit.logs, h) for h in model.line.lengths]
+    wanted = np.zeros(len(model.line.nodes), dtype=bool)
+    wanted[model.line.wanted] = True
+    S = _initial_root(record, fit, noise, known)
+    x = fit.predicted.states[0]
+    out = [_sizes(S[:n])] if wanted[0] else []
+    for node, k in enumerate(model.line.which.tolist()):
+        driven = np.concatenate([x, model.W[node]])
+        step, slopes = transitions[k]
+        x = step @ driven
+        S[:n] = step[:, :n] @ S[:n] + (slopes @ driven).T @ S[n:]
+        if wanted[node + 1]:
+            out.append(_sizes(S[:n]))
+    return np.array(out)
+
+
+def _sizes(rows: Array) -> Array:
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", rows, rows)))
+
+
+def _initial_root(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array:
+    """Return a root of the covariance of initial state (scaled) and logarithms (n + p x n + p).
+
+    Given the logarithms, the state is what a regression on them leaves, with the covariance that it then has.
+    """
+    p, n = fit.predicted, record.model.states
+    weight = np.where(np.isnan(fit.residual), 0.0, 1 / noise)[..., None]
+    by_state = (p.by_state @ record.root * weight).reshape(-1, n)
+    by_parameter = (p.by_parameter * weight).reshape(len(by_state), -1)
+    Q, R = np.linalg.qr(np.concatenate([by_state, np.eye(n)]))
+    follows = -Q[: len(by_state)].T @ by_parameter @ known
+    left = np.linalg.solve(R, np.concatenate([np.eye(n), follows], axis=1))
+    below = np.concatenate([np.zeros((len(known), n)), known], axis=1)
+    return np.concatenate([record.root @ left, below])
+
+
+def true_states(
+    truth: StructuralModel, model: StructuralModel, loads: Sequence[Load], measurement: Measurement
+) -> Array | None:
+    """Return the states that a simulated record was made with (times x n, SI), in the coordinates of `model`.
+
+    Displacements, then velocities. Coordinates of a reduced model that are DOFs of the truth are read there;
+    if there are others, all are those of the nearest motion of the reduced model, by kinetic energy.
+    """
+    if not isinstance(measurement.source, Simulation):
+        return None
+    inputs = [load.dof for load in loads]
+    system = state_space(*truth.dense(truth.true_values()), *ports(truth, inputs, measurement.channels))
+    states = response(system, [load.signal for load in loads], measurement.record.times).states
+    read = _coordinates(truth, model)
+    moved = states.reshape(len(states), 2, truth.size) @ read.T
+    return np.asarray(moved.reshape(len(states), -1))
+
+
+def _coordinates(truth: StructuralModel, model: StructuralModel) -> Array:
+    """Return what reads the coordinates of a model from displacements of the truth (n x size)."""
+    if model.basis is None or (truth.basis is not None and truth.dofs == model.dofs):
+        return np.eye(truth.size)
+    known = set(truth.dofs)
+    if known.issuperset(model.dofs):
+        return np.array([truth.row(dof) for dof in model.dofs])
+    full = model.basis.parent
+    momentum = model.basis.T.T @ np.asarray(as_array(full.M))
+    return np.asarray(np.linalg.lstsq(as_array(model.M), momentum, rcond=None)[0])
