@@ -82,7 +82,8 @@ def identify_all(
         record, the true ones; `innovations` those of the filter's last pass; the `warnings` of the
         diagnostics say in words what to be wary of. `predicted` is the noise-free response
         at the estimate from the best initial state; `error_percent` is unsigned. `true` and `error_percent`
-        are NaN where a true value is not known, `measured` where a sample is missing, nothing else ever. An
+        are NaN where a true value is not known, `measured` and
+        `normalised` innovations where a sample is missing, nothing else ever. An
         estimate has `converged` if it is `settled` (`distance_to_optimum`, the Gauss–Newton step left in
         standard errors, is below a half) and the record is `explained` (the residuals are small or `white`;
         small ones that are not white leave the error bars nominal).

@@ -43,10 +43,11 @@ def add_history(
 
 
 def add_truth(result: Result, group: str, model: AugmentedModel, states: Array | None) -> None:
-    """Add to a history what it should come to: the true parameters, and states (times x n) if known."""
-    true = [np.nan if unknown.true is None else unknown.true for unknown in model.unknowns]
-    unit = common_unit(unknown.unit for unknown in model.unknowns)
-    result.add(f"{group}/true", true, ("parameter",), unit)
+    """Add to a history what it should come to, if known: the parameters, and the states (times x n)."""
+    true = [unknown.true for unknown in model.unknowns if unknown.true is not None]
+    if len(true) == len(model.unknowns):
+        unit = common_unit(unknown.unit for unknown in model.unknowns)
+        result.add(f"{group}/true", true, ("parameter",), unit)
     if states is not None:
         result.add(f"{group}/true_state", states, ("time", "component"))
 
