@@ -215,6 +215,25 @@ def test_residual_vectors_hold_a_free_structure_too():
     assert np.abs(np.sqrt(squares(bare, values)[:3]) / exact - 1).min() > 0.05
 
 
+def test_residual_vectors_make_a_joint_aware_basis_right_far_from_where_it_is_made():
+    joints = (Joint("root", (1,), JointParameter(start=5e3)), Joint("tip", (10,), JointParameter(start=1e4)))
+    model = yang_beam(joints=False).joined(joints)
+    here, there = {"root.k": 2.5e3, "tip.k": 5e3}, {"root.k": 5e3, "tip.k": 1e4}
+    with_residuals = {"modes": [1, 2, 3, 4, 5], "residuals": "auto", "interest": Interest((6,))}
+    made = METHODS["joint-aware"](**with_residuals, values=here).reduce(model)
+    assert made.model.dofs[5:] == ("residual_1", "residual_2", "residual_3")
+    assert made.masters == ()
+    np.testing.assert_allclose(squares(made.model, here)[:5], squares(model, here)[:5], rtol=1e-9)
+    bare = METHODS["joint-aware"](modes=ModeRange(count=8), values=here).reduce(model)
+    exact = np.sqrt(squares(model, there)[:3])
+    error, plain = (np.abs(np.sqrt(squares(one.model, there)[:3]) / exact - 1).max() for one in (made, bare))
+    assert error < 1e-5
+    assert plain > 20 * error  # as many coordinates
+    with pytest.raises(UsageError, match="there are no masters") as caught:
+        METHODS["joint-aware"](masters=[1, 2], residuals=[1])
+    assert caught.value.names == ("residuals",)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_joints_stay_unknown_and_every_dof_stays_readable(method):
     joints = (Joint("a", (1, 4), JointParameter(start=1.0, true=2.0), JointParameter(start=0.1)),)

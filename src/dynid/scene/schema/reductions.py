@@ -29,6 +29,10 @@ def _form(raw: Any) -> str:
     return "mapping" if isinstance(raw, dict) else "list"
 
 
+def _listed(raw: Any) -> str:
+    return "text" if isinstance(raw, str) else "list"
+
+
 DofList = Annotated[list[Dof], Field(min_length=1, max_length=100_000), once("DOF")]
 _Numbers = Annotated[list[Annotated[int, Field(ge=1, strict=True)]], Field(min_length=1), once("mode")]
 
@@ -74,6 +78,13 @@ class _Modal(Part):
     modes: Modes | None = None
 
 
+_Residuals = Annotated[
+    Annotated[list[Dof], Field(max_length=100_000), once("DOF"), Tag("list")]
+    | Annotated[Literal["auto"], Tag("text")],
+    Discriminator(_listed),
+]
+
+
 class _OnModes(_Mastered, _Modal):
     """Masters and the modes that they see."""
 
@@ -101,9 +112,18 @@ class SerepModel(_OnModes):
 
 
 class JointAwareModel(_OnModes):
-    """SEREP on modes of the structure with its joints at their current values."""
+    """SEREP on modes of the structure with its joints at their current values; or with residual vectors."""
 
     method: Literal["joint-aware"]
+    residuals: _Residuals | None = None
+
+    @model_validator(mode="after")
+    def _masters_or_residuals(self) -> Self:
+        if self.residuals and self.masters is not None:
+            raise fault(
+                "with residual vectors the coordinates are modal: give 'masters' or 'residuals', not both"
+            )
+        return self
 
 
 class GuyanModel(_Mastered):
@@ -134,10 +154,10 @@ class CraigBamptonModel(_Mastered, _Modal):
 
 
 class ModalModel(_Modal):
-    """Modes, with residual vectors for loads; absent: at joints, sensors and loads."""
+    """Modes, with residual vectors for loads; absent or ``auto``: at joints, sensors and loads."""
 
     method: Literal["modal"]
-    residuals: Annotated[list[Dof], once("DOF")] | None = None
+    residuals: _Residuals | None = None
 
 
 Reduction = Annotated[

@@ -6,8 +6,8 @@ Source: T. G. Dickens, J. M. Nakagawa & M. J. Wittbrodt, *Computers & Structures
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from dynid.structure.reduction.masters import Indices, indices_of
 from dynid.structure.reduction.reduction import Reduction, interesting, projected, with_known_joints
 from dynid.structure.reduction.selection import Interest, ModeRange, Selected, selected, wanted_modes
 from dynid.structure.reduction.static import solver
+
+Residuals: TypeAlias = Sequence[Label] | Literal["auto"]
+"""DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads."""
 
 # The shift that holds rigid-body modes, relative to the square of the lowest elastic frequency.
 _SHIFT = 1e-4
@@ -37,13 +40,13 @@ class Modal:
     modes
         Numbers from 1, rigid-body modes included, or a range. Absent: those of the band.
     residuals
-        DOFs whose loads get residual vectors. Absent: those of joints, sensors and loads; none: ``()``.
+        DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads; none: ``()``.
     interest
         What the model is for.
     """
 
     modes: Sequence[int] | ModeRange | None = None
-    residuals: Sequence[Label] | None = None
+    residuals: Residuals = "auto"
     interest: Interest = field(default_factory=Interest)
 
     @guarded("the modal reduction")
@@ -56,15 +59,31 @@ class Modal:
             If modes or DOFs do not exist or stand twice.
         """
         matrices = with_known_joints(model)
-        basis = selected(matrices, wanted_modes(self.modes, self.interest, None))
-        loads = interesting(model, self.interest)
-        if self.residuals is not None:
-            loads = indices_of(model, self.residuals, "residuals") if self.residuals else loads[:0]
-        extra = _residuals(matrices, basis, loads)
-        names = [f"mode_{number}" for number in basis.numbers]
-        names += [f"residual_{k}" for k in range(1, extra.shape[1] + 1)]
-        T = np.concatenate([basis.shapes, extra], axis=1)
-        return Reduction(projected(model, T, names), (), basis.numbers, retained=not model.unknowns)
+        found = on_modes_and_residuals(model, matrices, self.modes, self.residuals, self.interest)
+        return replace(found, retained=not model.unknowns)
+
+
+def on_modes_and_residuals(
+    model: StructuralModel,
+    matrices: tuple[Matrix, Matrix, Matrix],
+    modes: Sequence[int] | ModeRange | None,
+    residuals: Residuals,
+    interest: Interest,
+) -> Reduction:
+    """Reduce a structure on modes and residual vectors of `matrices`: M, C, K with all or some joints."""
+    loads = _loads(model, residuals, interest)
+    basis = selected(matrices, wanted_modes(modes, interest, None))
+    extra = _residuals(matrices, basis, loads)
+    names = [f"mode_{number}" for number in basis.numbers]
+    names += [f"residual_{k}" for k in range(1, extra.shape[1] + 1)]
+    T = np.concatenate([basis.shapes, extra], axis=1)
+    return Reduction(projected(model, T, names), (), basis.numbers)
+
+
+def _loads(model: StructuralModel, residuals: Residuals, interest: Interest) -> Indices:
+    if isinstance(residuals, str):
+        return interesting(model, interest)
+    return indices_of(model, residuals, "residuals") if residuals else np.array([], dtype=np.int64)
 
 
 def _residuals(matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, loads: Indices) -> Array:
