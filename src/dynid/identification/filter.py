@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged
 from dynid.identification.augmented import AugmentedModel
+from dynid.identification.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -83,17 +84,42 @@ def filter_pass(
     """
     n, p = model.states, model.parameters
     samples = len(measured)
-    weight = np.broadcast_to(1 / deviation, measured.shape)
-    present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
-    outputs_vary = bool(model.C_slopes.any())
     z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
     logs, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
-    innovations = np.full(measured.shape, np.nan)
-    H = np.zeros((measured.shape[1], n + p))
+    history = _History(logs, deviations, states, bands, np.full(measured.shape, np.nan))
+    weight = np.broadcast_to(1 / deviation, measured.shape)
+    run = _walk_compiled if compiled(len(model.line.nodes), n + len(model.line.G), p) else _walk
+    root = run(model, measured, weight, z, S, origin, history)
+    return Pass(logs, deviations, states, bands, root[n:], history.innovations)
+
+
+class _History(NamedTuple):
+    """What a walk fills in, as in `Pass`."""
+
+    logs: Array
+    deviations: Array
+    states: Array
+    state_deviations: Array
+    innovations: Array
+
+
+def _walk(
+    model: AugmentedModel,
+    measured: Array,
+    weight: Array,
+    z: Array,
+    S: Array,
+    origin: Array,
+    history: _History,
+) -> Array:
+    """Filter the record, from state and root before the first sample; return the last root."""
+    n = model.states
+    logs, deviations, states, bands, innovations = history
+    present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
+    outputs_vary = bool(model.C_slopes.any())
+    H = np.zeros((measured.shape[1], len(z)))
     H[:, :n] = model.C
-    sample_of = np.full(len(model.line.nodes), -1)
-    sample_of[model.line.wanted] = np.arange(samples)
-    for node, sample in enumerate(sample_of.tolist()):
+    for node, sample in enumerate(model.line.sample_of().tolist()):
         if node:
             _propagate(model, node, z, S)
         if sample < 0:
@@ -108,7 +134,32 @@ def filter_pass(
         spread = np.sqrt(np.einsum("ij,ij->i", S, S))
         logs[sample], deviations[sample] = z[n:], spread[n:]
         states[sample], bands[sample] = z[:n], spread[:n]
-    return Pass(logs, deviations, states, bands, S[n:], innovations)
+    return S
+
+
+def _walk_compiled(
+    model: AugmentedModel,
+    measured: Array,
+    weight: Array,
+    z: Array,
+    S: Array,
+    origin: Array,
+    history: _History,
+) -> Array:
+    """Do the same by the kernel; where its series does not reach, the step is taken here."""
+    from dynid.identification import kernels  # loads numba
+
+    tables = kernels.tables(model, measured, weight)
+    padded = kernels.padded(S)
+    root = padded[:, : len(S)]
+    nodes, node, arrived = len(model.line.nodes), 0, False
+    while node < nodes:
+        node = kernels.walk(tables, node, arrived, z, padded, origin, RUNAWAY, tuple(history))
+        if node < 0:
+            check_run_away(model, z[model.states :], origin)
+        if arrived := node < nodes:
+            _propagate(model, node, z, root)
+    return root
 
 
 def _propagate(model: AugmentedModel, node: int, z: Array, S: Array) -> None:

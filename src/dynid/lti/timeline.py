@@ -55,6 +55,12 @@ class Timeline:
     jumps: Array
     jump_node: int
 
+    def sample_of(self) -> Indices:
+        """Return the place of every node among the wanted times, or -1 (nodes)."""
+        out = np.full(len(self.nodes), -1, dtype=np.int64)
+        out[self.wanted] = np.arange(len(self.wanted))
+        return out
+
     def inputs(self, order: int = 0) -> Array:
         """Return the `order`-th derivative of the inputs at the wanted times (times x inputs)."""
         readout = self.H @ np.linalg.matrix_power(self.G, order)

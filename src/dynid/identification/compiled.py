@@ -1,0 +1,45 @@
+"""When the filter is compiled.
+
+Compiling takes seconds, loading what was compiled before a third of one; a pass over a thousand samples takes
+a tenth. So the kernels are for long records, and for those who ask for them: the environment variable
+DYNID_COMPILED is 1 (always), 0 (never) or auto (default). The choice depends on the sizes of the question
+alone, never on what ran before it: the same question gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+
+from dynid.errors import UsageError
+
+VARIABLE = "DYNID_COMPILED"
+# Seconds of a pass without kernels from which on compiling repays.
+_REPAYS = 10.0
+# Seconds a node without kernels: calls, and multiplications of the exponential with its derivatives.
+_CALLS, _FLOP = 1.2e-4, 2e-9
+
+
+def compiled(nodes: int, size: int, parameters: int) -> bool:
+    """Return whether a pass is to be compiled.
+
+    Parameters
+    ----------
+    nodes
+        Steps of the pass.
+    size
+        States of the model and of the signals' generators.
+    parameters
+        Number of parameters.
+
+    Raises
+    ------
+    UsageError
+        If the environment variable is none of the words it may be.
+    """
+    wish = os.environ.get(VARIABLE, "auto")
+    if wish not in ("0", "1", "auto"):
+        raise UsageError(f"{VARIABLE} is {wish!r}", remedy="Set it to 0, 1 or auto.", names=(VARIABLE,))
+    if wish != "auto":
+        return wish == "1"
+    products = 6 * (1 + 2 * parameters) * size**3
+    return nodes * (_CALLS + _FLOP * products) > _REPAYS

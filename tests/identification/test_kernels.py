@@ -1,0 +1,147 @@
+"""The compiled kernels give what NumPy gives, and are there only for those who gain by them."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynid.errors import Diverged, UsageError
+from dynid.identification import filter as filtering
+from dynid.identification.augmented import augmented
+from dynid.identification.compiled import VARIABLE, compiled
+from dynid.identification.filter import filter_pass
+from dynid.identification.fit import fitter
+from dynid.identification.measurement import Data, data
+from dynid.lti.signals import Chirp, Step
+from dynid.structure.joints import Joint
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.response import Channel, Load
+from tests.identification.cases import LOADS, VELOCITIES, simulated, suspension, unknown
+
+
+def paths(monkeypatch, fits, origin, spread=2.0):
+    """Return the same pass both ways."""
+    passes = []
+    for wish in "01":
+        monkeypatch.setenv(VARIABLE, wish)
+        passes.append(one_pass(fits, origin, spread))
+    return passes
+
+
+def one_pass(fits, origin, spread=2.0):
+    prior = fits.wide_prior(origin, spread)
+    return filter_pass(fits.model, fits.data.values, prior, 0.1 * fits.data.rms, origin)
+
+
+def fits_of(model, channels=VELOCITIES, loads=LOADS, step=0.002, samples=60, missing=()):
+    measurement = simulated(0.05, 3, settle=0.5, samples=samples, channels=channels)
+    measurement = type(measurement)(step, samples, channels, measurement.source)
+    record = data(model, loads, measurement)
+    values = record.values.copy()
+    for place in missing:
+        values[place] = np.nan
+    return fitter(augmented(model, loads, channels, measurement.record.times), model, channels, Data(values))
+
+
+def origin_of(model):
+    return np.log([unknown.start for unknown in model.unknowns])
+
+
+def assert_same(plain, kernel, tolerance):
+    for one, other in zip(plain, kernel, strict=True):
+        np.testing.assert_allclose(other, one, rtol=0, atol=tolerance * np.nanmax(np.abs(one)))
+
+
+@pytest.mark.parametrize("missing", [[], [(0, 0), (5, 1), (6, 0), (6, 1)]])
+@pytest.mark.parametrize(
+    "channels",
+    [VELOCITIES, (Channel(2, "acceleration"), Channel(5, "displacement"), Channel(3, "velocity"))],
+)
+def test_both_ways_give_the_same_numbers(monkeypatch, channels, missing):
+    model = suspension()
+    plain, kernel = paths(
+        monkeypatch, fits_of(model, channels, samples=200, missing=missing), origin_of(model)
+    )
+    assert_same(plain, kernel, 1e-11)  # rounding, carried along by 200 nonlinear steps
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    size=st.integers(1, 4),
+    stiffness=st.floats(1.0, 1e5),
+    damping=st.floats(0.0, 0.3),
+    joint=st.integers(0, 3),
+    step=st.sampled_from([1e-3, 1e-2]),
+    order=st.sampled_from(["displacement", "velocity", "acceleration"]),
+)
+def test_any_small_model_goes_both_ways(size, stiffness, damping, joint, step, order):
+    links = [Link((1,), stiffness, damping * stiffness**0.5)]
+    links += [Link((i, i + 1), stiffness, damping * stiffness**0.5) for i in range(1, size)]
+    place = 1 + joint % size
+    model = lumped([1.0] * size, links, [Joint("j", (place,), unknown(stiffness, 0.8), unknown(3.0, 1.5))])
+    fits = fits_of(model, (Channel(1 + (joint + 1) % size, order),), (Load(1, Step(1.0)),), step)
+    with pytest.MonkeyPatch.context() as patch:
+        try:
+            assert_same(*paths(patch, fits, origin_of(model), 0.3), 1e-9)
+        except Diverged as lost:  # the first way: the second must say the same
+            patch.setenv(VARIABLE, "1")
+            with pytest.raises(Diverged, match=re.escape(lost.problem)):
+                one_pass(fits, origin_of(model), 0.3)
+
+
+def test_steps_that_no_series_reaches_are_taken_as_ever(monkeypatch):
+    """Frequency times step passes the limit as the stiffness moves: both sorts of step in one pass."""
+    model = lumped([1.0], [], [Joint("j", (1,), unknown(4e6, 0.1), unknown(40.0, 0.5))])
+    fits = fits_of(model, (Channel(1, "velocity"),), (Load(1, Step(1.0)),), 2e-3, 120)
+    taken = []
+    step = filtering._propagate
+    monkeypatch.setattr(filtering, "_propagate", lambda *args: taken.append(args[1]) or step(*args))
+    plain, kernel = paths(monkeypatch, fits, origin_of(model))
+    assert 0 < len(taken) - 119 < 119
+    assert_same(plain, kernel, 1e-9)
+
+
+def test_intervals_of_several_lengths(monkeypatch):
+    """A chirp whose own breakpoints and substeps fall between the samples."""
+    model = suspension()
+    chirp = Chirp(100.0, 20.0, 200.0, 0.4)
+    fits = fits_of(model, loads=(Load(5, chirp), Load(1, Step(3.0, 0.5031))), samples=80)
+    assert len(fits.model.line.nodes) > 80
+    assert_same(*paths(monkeypatch, fits, origin_of(model)), 1e-10)
+
+
+@pytest.mark.parametrize("wish", ["0", "1"])
+def test_a_run_away_is_named_both_ways(monkeypatch, wish):
+    model = suspension()
+    fits = fits_of(model)
+    monkeypatch.setenv(VARIABLE, wish)
+    monkeypatch.setattr(filtering, "RUNAWAY", 0.05)
+    with pytest.raises(Diverged, match="away from"):
+        one_pass(fits, origin_of(model))
+
+
+def test_short_records_are_not_compiled_and_long_ones_are(monkeypatch):
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert not compiled(800, 16, 4)
+    assert compiled(80_000, 16, 4)
+    assert compiled(5_000, 120, 8)
+    monkeypatch.setenv(VARIABLE, "0")
+    assert not compiled(10**6, 16, 4)
+    monkeypatch.setenv(VARIABLE, "yes")
+    with pytest.raises(UsageError, match=r"DYNID_COMPILED is 'yes'\. Set it to 0, 1 or auto"):
+        compiled(800, 16, 4)
+
+
+def test_no_folder_to_write_to_is_no_fault():
+    """Numba asks each of its places for a cache in turn; here none of them will do."""
+    script = (
+        "import numba.core.caching as c\n"
+        "c.CacheImpl._locator_classes = []\n"
+        "from dynid.identification import kernels\n"
+        "assert kernels._degree(1.0) == 17, kernels._degree(1.0)\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=120)
