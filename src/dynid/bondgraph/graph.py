@@ -167,7 +167,7 @@ class BondGraph:
         return port.quantity in "qp" and not self.is_state(port)
 
     def behind(self, port: Port) -> Port:
-        """Return the effort or flow that an output is made of: e of q = C e, f of p = I f and q = ∫f, …"""
+        """Return the effort or flow that an output is made of (e of q = C e, f of p = I f and q = ∫f)."""
         effort = port.quantity in ("eq" if self.is_state(port) else "ep")
         return Port(port.node, "e" if effort else "f")
 
