@@ -1,4 +1,4 @@
-"""Several records that share parameters: each has its own loads, channels, sampling and initial state."""
+"""Several records that share their parameters, each with its own loads, channels, sampling and state."""
 
 import numpy as np
 import pytest

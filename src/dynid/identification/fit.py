@@ -185,7 +185,7 @@ def fitter(
     compliance = mobility / omega
     sizes = []
     for channel, rms in zip(channels, data.rms, strict=True):
-        row = structure.row(channel.dof)
+        row = channel.row(structure)
         spread = np.linalg.norm(row @ (compliance if channel.order == 0 else mobility))
         # An acceleration is taken for the slowest motion it can be: the widest prior.
         sizes.append(rms / spread / (omega[0] if channel.order == 2 else 1.0))

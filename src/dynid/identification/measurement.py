@@ -28,24 +28,40 @@ class Simulation:
     Parameters
     ----------
     noise_ratio
-        Standard deviation of the added white noise over the channel's RMS (Yang, eq 23); 0: clean.
+        Standard deviation of the added white noise over the channel's RMS (Yang, eq 23); 0: clean. One
+        number, or one a channel.
     seed
         Seed of the noise (PCG64).
     settle
         Time from rest at t = 0 to the first sample, s.
+    noise
+        Standard deviation of the noise instead of the ratio, in the channel's unit; one number, or one a
+        channel.
     """
 
-    noise_ratio: float = 0.0
+    noise_ratio: float | Sequence[float] = 0.0
     seed: int = 0
     settle: float = 0.0
+    noise: float | Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.noise_ratio) and self.noise_ratio >= 0):
-            raise UsageError("the noise ratio must be finite and not negative", names=("noise_ratio",))
+        for name, level in (("noise_ratio", self.noise_ratio), ("noise", self.noise)):
+            numbers = np.asarray(0.0 if level is None else level, dtype=float)
+            if not (np.isfinite(numbers).all() and np.all(numbers >= 0)):
+                said = name.replace("_", " ")
+                raise UsageError(f"the {said} must be finite and not negative", names=(name,))
+        if self.noise is not None and np.any(self.noise_ratio):
+            raise UsageError("the noise has either a ratio or a standard deviation", names=("noise",))
         if not (math.isfinite(self.settle) and self.settle >= 0):
             raise UsageError("the settling time must be finite and not negative", names=("settle",))
         if self.seed < 0:
             raise UsageError("a seed must not be negative", names=("seed",))
+
+    def deviation(self, clean: Array) -> Array:
+        """Return the standard deviation of the noise of each channel (channels) of a clean record."""
+        if self.noise is not None:
+            return _per_channel("noise", self.noise, clean.shape[1])
+        return _per_channel("noise_ratio", self.noise_ratio, clean.shape[1]) * root_mean_square(clean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +79,16 @@ class Measurement:
     source
         Measured values (samples x channels, SI units, NaN where a sample is missing), or how to simulate
         them.
+    noise
+        Standard deviation of the noise that the estimator is told, in the channel's unit: one number, or one
+        a channel, NaN where it is unknown. Absent: it is estimated from the residuals.
     """
 
     step: float
     samples: int
     channels: tuple[Channel, ...]
     source: Simulation | ArrayLike = field(default_factory=Simulation)
+    noise: float | Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         channels = tuple(Channel(*channel) for channel in self.channels)
@@ -77,6 +97,11 @@ class Measurement:
             twice = [channel.name for channel in channels if channels.count(channel) > 1]
             raise UsageError(f"the channel {twice[0]} is named twice", names=twice[:1])
         _ = self.record
+        given = self.given_noise
+        if given is not None and not np.all(np.isnan(given) | ((given > 0) & np.isfinite(given))):
+            raise UsageError(
+                "a noise that is given must be finite and positive", names=("measurement.noise",)
+            )
         if isinstance(self.source, Simulation):
             return
         values = np.array(self.source, dtype=float)
@@ -87,6 +112,13 @@ class Measurement:
         if np.isinf(values).any():
             raise UsageError("measured values must be finite, or NaN where a sample is missing")
         object.__setattr__(self, "source", values)
+
+    @property
+    def given_noise(self) -> Array | None:
+        """The noise's deviations that the estimator is told (channels)."""
+        if self.noise is None:
+            return None
+        return _per_channel("measurement.noise", self.noise, len(self.channels))
 
     @property
     def record(self) -> Record:
@@ -145,13 +177,14 @@ def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement
     NotIdentifiable
         If a channel has no samples or measures nothing but zeros.
     """
+    given = measurement.given_noise
     if isinstance(measurement.source, Simulation):
         clean = simulated(model, loads, measurement)
-        noise = measurement.source.noise_ratio * root_mean_square(clean)
+        noise = measurement.source.deviation(clean)
         generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
-        record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean)
+        record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
     else:
-        record = Data(np.asarray(measurement.source))
+        record = Data(np.asarray(measurement.source), given=given)
     for column, channel in enumerate(measurement.channels):
         if not np.any(np.nan_to_num(record.values[:, column])):
             raise NotIdentifiable(
@@ -175,3 +208,19 @@ def as_estimated(loads: Sequence[Load], record: Record) -> list[Load]:
         load._replace(signal=load.signal.sampled(record)) if isinstance(load.signal, Random) else load
         for load in loads
     ]
+
+
+def _per_channel(name: str, level: float | Sequence[float], channels: int) -> Array:
+    """Return one number a channel (channels).
+
+    Raises
+    ------
+    UsageError
+        If there are more or fewer of them.
+    """
+    numbers = np.atleast_1d(np.asarray(level, dtype=float))
+    if numbers.shape not in ((1,), (channels,)):
+        raise UsageError(
+            f"'{name}' has {len(numbers)} entries, but there are {channels} channels", names=(name,)
+        )
+    return np.broadcast_to(numbers, channels).copy()

@@ -118,6 +118,8 @@ class Random(Smooth):
         Sampling step of the record, s (set by the record, not a key of scenes).
     samples
         Number of steps in one period, from t = 0 on (set by the record, not a key of scenes).
+    hold
+        How an estimator, which sees samples only, goes on between them; see `Sampled`.
     """
 
     kind: ClassVar[str] = "random"
@@ -128,9 +130,16 @@ class Random(Smooth):
     step: float
     samples: int
     band: tuple[float, float] | None = None
+    hold: str = "spline"
 
     def __post_init__(self) -> None:
         require_finite("random", amplitude=self.amplitude)
+        require(
+            self.hold in HOLDS,
+            f"a random signal has no hold {self.hold!r}",
+            f"Use one of {', '.join(HOLDS)}.",
+            ("random", "hold"),
+        )
         require(self.seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
         require(
             0 < self.step < math.inf and 0 < self.period < math.inf,
@@ -207,5 +216,5 @@ class Random(Smooth):
         return sum_lines(omega, c[:, None], t.ravel(), self.period)[:, 0].reshape(t.shape)
 
     def sampled(self, record: Record) -> Sampled:
-        """Return what an estimator may see: the samples of `record`, with a cubic-spline hold."""
-        return Sampled(self.value(record.times), record.step, start=record.start)
+        """Return what an estimator may see: the samples of `record`, with the signal's hold."""
+        return Sampled(self.value(record.times), record.step, self.hold, record.start)

@@ -44,7 +44,7 @@ _KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "multisine": (("amplitude", "frequency", "phase"), ("amplitude", "frequency")),
     "chirp": (("amplitude", "start", "stop"), ("amplitude", "start", "stop")),
     "impact": (("amplitude", "duration"), ("amplitude", "duration")),
-    "random": (("amplitude", "seed", "band"), ("amplitude", "seed")),
+    "random": (("amplitude", "seed", "band", "hold"), ("amplitude", "seed")),
     "file": (("values", "hold"), ("values",)),
 }
 """Of each kind the keys it takes, and those it needs."""

@@ -27,21 +27,28 @@ UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 
 
 class Channel(NamedTuple):
-    """An output: `quantity` (displacement, velocity, acceleration) of `dof`."""
+    """An output: `quantity` (displacement, velocity, acceleration) of `dof`, less that of `reference`."""
 
     dof: Label
     quantity: str
+    reference: Label | None = None
 
     @property
     def name(self) -> str:
-        """Its name in results, ``<dof>.<quantity>``."""
-        return f"{self.dof}.{self.quantity}"
+        """Its name in results, ``<dof>.<quantity>``; between two DOFs ``<dof>-<reference>.<quantity>``."""
+        relative = "" if self.reference is None else f"-{self.reference}"
+        return f"{self.dof}{relative}.{self.quantity}"
 
     @property
     def unit(self) -> str:
         """Its unit, SI: of rotations, where the label tells, in rad."""
         turning = labels.kind(self.dof) == "rotation"
         return UNITS[self.quantity].replace("m", "rad", 1) if turning else UNITS[self.quantity]
+
+    def row(self, model: StructuralModel) -> Array:
+        """Return what it reads of the displacements (n)."""
+        row = model.row(self.dof)
+        return row if self.reference is None else np.asarray(row - model.row(self.reference))
 
     @property
     def order(self) -> int:
@@ -200,7 +207,7 @@ def ports(
         If a DOF or quantity does not exist.
     """
     forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
-    rows = np.array([model.row(channel.dof) for channel in outputs]).reshape(len(outputs), model.size)
+    rows = np.array([channel.row(model) for channel in outputs]).reshape(len(outputs), model.size)
     return forces, rows, [channel.order for channel in outputs]
 
 

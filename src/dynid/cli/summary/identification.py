@@ -70,15 +70,19 @@ def _modes(result: Result) -> Iterable[str]:
 
 
 def _record(result: Result) -> str:
-    measured = result["identification/measurement/measured"].data
-    channels = ", ".join(result["identification/measurement/channel"].data)
-    missing = int(np.isnan(measured).sum())
+    group = "identification/measurement"
+    several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
+    every = [path.removesuffix("/measured") for path in several] or [group]
+    measured = [result[f"{path}/measured"].data for path in every]
+    lists = dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every)
+    missing = sum(int(np.isnan(values).sum()) for values in measured)
     gaps = f", {missing} missing" if missing else ""
-    states = len(result["identification/history/component"].data)
+    states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
     unknowns = len(result["identification/parameters/name"].data)
+    records = f"{len(every)} records, " if several else ""
     return (
         f"  {states} physical states, {unknowns} unknown parameters; "
-        f"{len(measured)} samples of {channels}{gaps}"
+        f"{records}{sum(map(len, measured))} samples of {'; '.join(lists)}{gaps}"
     )
 
 

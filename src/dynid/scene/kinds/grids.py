@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.errors import FileError, UsageError
-from dynid.scene.schema.common import FileSignal, FrequencyGrid, SignalPart, TimeGrid
+from dynid.scene.schema.common import (
+    FileSignal,
+    FrequencyGrid,
+    RandomSignal,
+    SignalPart,
+    TablePlace,
+    TimeGrid,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.lti.generator import Record, Signal
+    from dynid.scene.kinds.table import Layout
     from dynid.scene.load import Scene
 
 
@@ -61,6 +69,12 @@ def build_signals(
     single = _is_mapping(scene, where)
     for index, part in enumerate(parts):
         place = where if single else f"{where}.{index}"
+        if where.startswith("analysis") and isinstance(part, RandomSignal) and part.hold is not None:
+            raise UsageError(
+                "the 'hold' of a random signal is for an estimator, which knows its samples only",
+                remedy="Leave it out: a response is computed for the continuous signal.",
+                names=(f"{place}.hold",),
+            )
         try:
             built.append((part, _build_signal(part, record, scene.folder, place)))
         except UsageError as error:
@@ -68,11 +82,21 @@ def build_signals(
     return built
 
 
+def layout_of(part: TablePlace) -> Layout:
+    """Return where in its file a table is."""
+    from dynid.scene.kinds.table import Layout
+
+    return Layout(part.variable, part.row, part.time, part.first)
+
+
 def _is_mapping(scene: Scene, where: str) -> bool:
     """Tell whether one signal stands there without a list around it."""
     found = scene.source.data
     for key in where.split("."):
-        found = found.get(key) if isinstance(found, dict) else None
+        if isinstance(found, list):
+            found = found[int(key)]
+        else:
+            found = found.get(key) if isinstance(found, dict) else None
     return isinstance(found, dict)
 
 
@@ -83,12 +107,13 @@ def _build_signal(part: SignalPart, record: Record, folder: Path, place: str) ->
     if isinstance(part, FileSignal):
         from dynid.scene.kinds.tables import read_signal
 
-        values = read_signal(folder / part.path, part.column, step=record.step, place=place)
+        where = folder / part.path
+        values = read_signal(where, part.column, step=record.step, place=place, layout=layout_of(part))
         if len(values) < record.samples:
             raise FileError(
                 f"{folder / part.path} has {len(values)} samples, but the signal lasts {record.samples}",
                 remedy="Give samples for the whole record, or end it earlier.",
                 names=(f"{place}.path",),
             )
-        parameters = {"values": values}
+        parameters = {"values": values, "hold": part.hold}
     return signal(str(getattr(part, "kind")), parameters, record)  # noqa: B009 - every member has a kind

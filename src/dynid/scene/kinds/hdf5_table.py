@@ -17,8 +17,13 @@ if TYPE_CHECKING:
 _MEASURED = ("measured", "identification/measurement/measured")
 
 
-def read_datasets(file: DataFile, columns: Sequence[str | int] | None, single: bool = False) -> Table:
-    """Read datasets as one table: those that are named, else the columns of the measured ones."""
+def read_datasets(
+    file: DataFile, columns: Sequence[str | int] | None, single: bool = False, time: str | None = None
+) -> Table:
+    """Read datasets as one table: those that are named, else the columns of the measured ones.
+
+    `time` is the dataset of the times; absent: `time` or `t` beside the first one.
+    """
     import h5py
 
     try:
@@ -39,7 +44,7 @@ def read_datasets(file: DataFile, columns: Sequence[str | int] | None, single: b
             if single and (named or columns is None) and parts[0][:1].size > 1:
                 file.refuse(f"has {parts[0].shape[1]} columns in '{names[0]}'", "Give a number.", key=key)
             values = np.column_stack(parts)
-            return Table(file, [], values, None, *_times(store, names, len(values)))
+            return Table(file, [], values, None, *_times(file, store, names, len(values), time))
     except (OSError, RuntimeError, ValueError) as error:
         file.refuse(f"cannot be read as HDF5: {error}")
 
@@ -67,11 +72,15 @@ def _numeric(group: Any) -> list[str]:
 
 
 def _times(
-    store: Any, names: Sequence[str], rows: int
+    file: DataFile, store: Any, names: Sequence[str], rows: int, time: str | None
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """Return the times beside the data, and what they are rounded by."""
     group = store[names[0]].parent
-    for name in TIME:
+    if time is not None and _dataset(file, store, time, "time").shape != (rows,):
+        file.refuse(f"has {rows} rows of data, but another number of times in '{time}'", key="time")
+    if time is not None:
+        group = store[time].parent
+    for name in TIME if time is None else (time.rpartition("/")[2],):
         if name in _numeric(group) and group[name].shape == (rows,):
             stored = group[name][()]
             times = np.asarray(stored, dtype=float)

@@ -5,27 +5,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, cast
 
-from dynid.errors import FileError
 from dynid.result import Result
-from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
+from dynid.scene.kinds.grids import angular_frequencies, record_of
+from dynid.scene.kinds.records import channel_of, experiments, loads_of
 from dynid.scene.kinds.structures import build_structure, number
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import EstimatorModel, IdentificationScene
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load, frequency_response, time_response
+from dynid.structure.response import Load, frequency_response, time_response
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
+    from collections.abc import Mapping
 
     from dynid.identification.estimate import Rebuild
     from dynid.identification.estimation import Estimator
-    from dynid.identification.measurement import Measurement
     from dynid.lti.generator import Record
     from dynid.scene.kinds.reductions import LocatedReductor
-    from dynid.scene.schema.common import SignalPart, TimeGrid
+    from dynid.scene.schema.common import TimeGrid
 
 
 def run(scene: Scene) -> Result:
@@ -61,21 +57,20 @@ def _identified(
     scene: Scene, model: IdentificationScene, structure: StructuralModel, method: LocatedReductor | None
 ) -> Result:
     """Identify with the reduced model where there is one; its basis may follow the joints."""
-    from dynid.identification.estimate import identify
+    from dynid.identification.estimate import identify_all
 
-    measurement = _measurement(scene, model)
-    loads = _loads(scene, "excitation", model.excitation, measurement.record)
+    assert model.measurement is not None
+    records = experiments(scene, model.excitation, model.measurement)
     estimator = _estimator(model.estimator)
     if method is None:
-        return identify(structure, loads, measurement, estimator)
-    assert model.measurement is not None
-    simulate = model.measurement.simulate
+        return identify_all(structure, records, estimator)
+    simulate = model.measurement.each[0].simulate
     truth = structure
     if simulate is not None and simulate.model == "reduced":
         truth = method.at(structure.true_values()).reduce(structure).model
     reduced = method.reduce(structure).model
     rebuild = _rebuilder(structure, method) if method.follows_joints else None
-    return identify(reduced, loads, measurement, estimator, truth=truth, rebuild=rebuild)
+    return identify_all(reduced, records, estimator, truth=truth, rebuild=rebuild)
 
 
 def _estimator(given: EstimatorModel) -> Estimator:
@@ -101,10 +96,16 @@ def _reductor(model: IdentificationScene) -> LocatedReductor | None:
     dofs = [part.dof for part in model.excitation]
     band = None
     if model.measurement is not None:
-        dofs += [channel.dof for channel in model.measurement.channels]
-        band = band_of(model.excitation, float(model.measurement.step))
+        records = model.measurement.each
+        signals = [*model.excitation, *(part for record in records for part in record.excitation or ())]
+        dofs += [part.dof for part in signals]
+        dofs += [dof for channel in model.measurement.sensors for dof in channel.ends]
+        band = band_of(signals, min(float(record.step or math.inf) for record in records))
     if model.analysis is not None:
-        dofs += [*(model.analysis.inputs or ()), *(output.dof for output in model.analysis.outputs or ())]
+        dofs += [
+            *(model.analysis.inputs or ()),
+            *(dof for output in model.analysis.outputs or () for dof in output.ends),
+        ]
         if band is None and model.analysis.frequency is not None:
             band = float(angular_frequencies(model.analysis.frequency)[-1])
     interest = Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
@@ -115,52 +116,11 @@ def _rebuilder(full: StructuralModel, method: LocatedReductor) -> Rebuild:
     return lambda values: method.at(values).reduce(full).model
 
 
-def _loads(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:
-    return [Load(part.dof or 0, signal) for part, signal in build_signals(scene, where, parts, record)]
-
-
-def _measurement(scene: Scene, model: IdentificationScene) -> Measurement:
-    from dynid.identification.measurement import Measurement, Simulation
-
-    given = model.measurement
-    assert given is not None
-    channels = tuple(Channel(channel.dof, channel.quantity) for channel in given.channels)
-    source: Simulation | NDArray[np.float64]
-    if given.simulate is not None:
-        simulate = given.simulate
-        source = Simulation(number(simulate.noise_ratio), simulate.seed, number(simulate.settle))
-    else:
-        source = _measured(scene, model)
-    return Measurement(float(given.step), given.samples, channels, source)
-
-
-def _measured(scene: Scene, model: IdentificationScene) -> NDArray[np.float64]:
-    from dynid.scene.kinds.tables import read_columns
-
-    given = model.measurement
-    assert given is not None
-    assert given.file is not None
-    path = scene.folder / given.file.path
-    table = read_columns(path, given.file.columns, step=float(given.step), place="measurement.file")
-    if table.shape[1] != len(given.channels):
-        raise FileError(
-            f"{path} has {table.shape[1]} columns of numbers, 'channels' has {len(given.channels)}",
-            remedy="Name the columns: file: {path: …, columns: […]}.",
-            names=("measurement.file.columns",),
-        )
-    if len(table) < given.samples:
-        raise FileError(
-            f"{path} has {len(table)} samples, but the scene asks for {given.samples}",
-            names=("measurement.file.path",),
-        )
-    return table[: given.samples]
-
-
 def _response_loads(scene: Scene, model: IdentificationScene, grid: TimeGrid, record: Record) -> list[Load]:
     """Return what drives a time response: its own input; nothing, with an initial motion; the excitation."""
     if grid.input or model.initial:
-        return _loads(scene, "analysis.time.input", grid.input, record)
-    return _loads(scene, "excitation", model.excitation, record)
+        return loads_of(scene, "analysis.time.input", grid.input, record)
+    return loads_of(scene, "excitation", model.excitation, record)
 
 
 def _responses(
@@ -173,8 +133,8 @@ def _responses(
     wanted = model.analysis
     assert wanted is not None
     result = Result("identification", scene.title)
-    sensors = model.measurement.channels if model.measurement else []
-    outputs = [Channel(item.dof, item.quantity) for item in wanted.outputs or sensors]
+    sensors = model.measurement.sensors if model.measurement else []
+    outputs = [channel_of(item) for item in wanted.outputs or sensors]
     if wanted.modes is not None:
         from dynid.structure.description import modal_analysis
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies
+from dynid.scene.kinds.records import channel_of
 from dynid.scene.kinds.reductions import build_reductor
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
@@ -58,7 +59,7 @@ def _responses(model: ReductionScene) -> Responses | None:
     masters = [getattr(part, "masters", None) for part in model.reduction]
     given = [dof for listed in masters if isinstance(listed, list) for dof in listed]
     dofs = list(dict.fromkeys([*ends, *given])) or [1]
-    outputs = [Channel(item.dof, item.quantity) for item in model.outputs or ()]
+    outputs = [channel_of(item) for item in model.outputs or ()]
     inputs = model.inputs or dofs[:1]
     return Responses(
         inputs,

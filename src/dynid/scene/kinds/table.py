@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.scene.kinds.times import step_disagreement
+from dynid.scene.kinds.times import printed_resolution, step_disagreement
 from dynid.words import did_you_mean
 
 if TYPE_CHECKING:
@@ -44,8 +44,27 @@ class DataFile:
 
 
 @dataclass(frozen=True)
+class Layout:
+    """Where in a file the table is: see `dynid.scene.schema.common.TablePlace`."""
+
+    variable: str | None = None
+    row: int | None = None
+    time: str | int | None = None
+    first: int | None = None
+
+    def only(self, file: DataFile, *keys: str) -> None:
+        """Refuse what a file of this format has not, but these keys."""
+        for key in ("variable", "row", "time"):
+            if key not in keys and getattr(self, key) is not None:
+                file.refuse(f"takes no '{key}'", "It tells parts of other formats apart.", key=key)
+
+
+@dataclass(frozen=True)
 class Table:
-    """Rows of numbers, the names of their columns (none: no header), and their times where they have any."""
+    """Rows of numbers, the names of their columns (none: no header), and their times where they have any.
+
+    `timed` is the column of the times, from 0; absent: it is known by its name.
+    """
 
     file: DataFile
     names: list[str]
@@ -53,11 +72,34 @@ class Table:
     lines: list[int] | None = None
     times: NDArray[np.float64] | None = None
     resolution: NDArray[np.float64] | None = None
+    timed: int | None = None
 
     @property
     def data(self) -> list[int]:
         """The columns that are not the time, from 0."""
-        return [k for k in range(self.values.shape[1]) if k != time_column(self.names)]
+        timed = time_column(self.names) if self.timed is None else self.timed
+        return [k for k in range(self.values.shape[1]) if k != timed]
+
+    def timed_by(self, column: str | int) -> Table:
+        """Return the table with a column of times, as many digits as these have."""
+        found = self.find(column, "time")
+        times = self.values[:, found]
+        return replace(
+            self, times=times, resolution=printed_resolution(f"{t:.12g}" for t in times), timed=found
+        )
+
+    def since(self, first: int) -> Table:
+        """Return the table from a row on, counted from 1."""
+        if first > len(self.values):
+            self.file.refuse(f"has {len(self.values)} rows; none is number {first}", key="first")
+        cut = slice(first - 1, None)
+        return replace(
+            self,
+            values=self.values[cut],
+            lines=None if self.lines is None else self.lines[cut],
+            times=None if self.times is None else self.times[cut],
+            resolution=None if self.resolution is None else self.resolution[cut],
+        )
 
     def refuse_row(self, row: int, problem: str, remedy: str = "") -> NoReturn:
         """Raise a fault of one row."""

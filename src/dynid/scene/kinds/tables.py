@@ -1,4 +1,4 @@
-"""Columns of numbers out of users' files: CSV text, and HDF5."""
+"""Columns of numbers out of users' files: text, HDF5, MATLAB and Universal File Format 58."""
 
 from __future__ import annotations
 
@@ -9,33 +9,46 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.scene.kinds.hdf5_table import read_datasets
-from dynid.scene.kinds.table import DataFile, Table, are_numbers
+from dynid.scene.kinds.matlab_table import read_matlab
+from dynid.scene.kinds.table import DataFile, Layout, Table, are_numbers
 from dynid.scene.kinds.text_table import read_text
+from dynid.scene.kinds.uff_table import read_uff
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+_PLAIN = Layout()
+
 
 def read_columns(
-    path: Path, columns: Sequence[str | int] | None, *, step: float | None = None, place: str = ""
+    path: Path,
+    columns: Sequence[str | int] | None,
+    *,
+    step: float | None = None,
+    place: str = "",
+    layout: Layout = _PLAIN,
 ) -> NDArray[np.float64]:
     """Read columns of a file as an array (rows x columns) with NaN for missing samples.
 
     Parameters
     ----------
     path
-        A `.csv` or `.txt` file with one row a line (semicolons, tabs, commas or spaces; lines that start
-        with # are passed over; a first line of names is a header), or an HDF5 file. A missing sample is an
-        empty field, `nan`, `NA` or `n/a`. In a file of one column an empty line is a missing sample too; in
-        one of several columns it is refused. Empty lines at the end are dropped.
+        A `.csv`, `.txt` or `.dat` file with one row a line (semicolons, tabs, commas or spaces; lines that
+        start with # are passed over; a first line of names is a header), an HDF5 file (`.h5`, `.hdf5`), a
+        MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`, `.unv`). In text a missing sample
+        is an empty field, `nan`, `NA` or `n/a`; in a file of one column an empty line is a missing sample
+        too; in one of several columns it is refused. Empty lines at the end are dropped.
     columns
-        Names, or numbers from 1: columns of a table, datasets of an HDF5 file. Absent: all columns of a
-        table but one called `time` or `t`; in an HDF5 file the dataset `measured`.
+        Names, or numbers from 1: columns of a table, datasets of an HDF5 file, variables of a MATLAB file,
+        functions of a Universal File. Absent: all columns of a table but one called `time` or `t`; in an
+        HDF5 file the dataset `measured`.
     step
         The step that the rows are taken to have, s; compared with the column `time` or `t` of a table, in
         an HDF5 file with the dataset of that name beside the data.
     place
         The dotted place of the file in the scene, for errors.
+    layout
+        Where in the file the table is.
 
     Raises
     ------
@@ -44,24 +57,25 @@ def read_columns(
         of the step.
     """
     file = _existing(path, place)
-    if _is_hdf5(path):
-        table = read_datasets(file, columns)
-        if columns is None or not are_numbers(columns):
-            return table.checked(table.data, step)
-    else:
-        table = read_text(file)
-    wanted = table.data if columns is None else [table.find(name, "columns") for name in columns]
-    return table.checked(wanted, step)
+    table = _table(file, columns, layout)
+    if columns is None or (_format(path) in ("hdf5", "matlab") and not are_numbers(columns)):
+        return table.checked(table.data, step)
+    return table.checked([table.find(name, "columns") for name in columns], step)
 
 
 def read_signal(
-    path: Path, column: str | int | None, *, step: float | None = None, place: str = ""
+    path: Path,
+    column: str | int | None,
+    *,
+    step: float | None = None,
+    place: str = "",
+    layout: Layout = _PLAIN,
 ) -> NDArray[np.float64]:
     """Read one column without missing samples; by default the only one that is not the time.
 
     Parameters
     ----------
-    path, step, place
+    path, step, place, layout
         As of `read_columns`.
     column
         Its name, or its number from 1. Absent: the only column but `time` or `t`, the only dataset of an
@@ -73,17 +87,37 @@ def read_signal(
         As `read_columns`; also where a sample is missing, or several columns could be meant.
     """
     file = _existing(path, place)
-    if _is_hdf5(path):
-        table = read_datasets(file, None if column is None else [column], single=True)
-        found = table.find(column, "column") if isinstance(column, int) else 0
+    table = _table(file, None if column is None else [column], layout, single=True)
+    if isinstance(column, str) and _format(path) in ("hdf5", "matlab"):
+        found = table.data[0]
     else:
-        table = read_text(file)
         found = _only(table) if column is None else table.find(column, "column")
     values = table.checked([found], step)[:, 0]
     if np.isnan(values).any():
         row = int(np.argmax(np.isnan(values)))
         table.refuse_row(row, "a sample of the signal is missing", "A signal is known at every step.")
     return values
+
+
+def _table(
+    file: DataFile, columns: Sequence[str | int] | None, layout: Layout, *, single: bool = False
+) -> Table:
+    """Read the table of a file, by its format."""
+    match _format(file.path):
+        case "hdf5":
+            layout.only(file, "time")
+            if isinstance(layout.time, int):
+                file.refuse("has datasets, no numbered columns of times", "Give its name.", key="time")
+            table = read_datasets(file, columns, single, layout.time)
+        case "matlab":
+            table = read_matlab(file, columns, layout)
+        case "uff":
+            layout.only(file)
+            table = read_uff(file)
+        case _:
+            layout.only(file, "time")
+            table = read_text(file, layout.time)
+    return table if layout.first is None else table.since(layout.first)
 
 
 def _only(table: Table) -> int:
@@ -104,5 +138,7 @@ def _existing(path: Path, place: str) -> DataFile:
     return file
 
 
-def _is_hdf5(path: Path) -> bool:
-    return path.suffix.lower() in (".h5", ".hdf5")
+def _format(path: Path) -> str:
+    """Return the format of a file, by its ending."""
+    formats = {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "matlab", ".uff": "uff", ".unv": "uff"}
+    return formats.get(path.suffix.lower(), "text")

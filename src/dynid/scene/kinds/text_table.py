@@ -15,8 +15,8 @@ _DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
 ACCEPTED = "A missing sample is an empty field, nan, NA or n/a; decimals take a point."
 
 
-def read_text(file: DataFile) -> Table:
-    """Read all columns of a text file."""
+def read_text(file: DataFile, time: str | int | None = None) -> Table:
+    """Read all columns of a text file; `time` is the column of the times where its name does not tell."""
     rows = _lines(file)
     separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
     first = [field.strip() for field in _split(rows[0][1], separator)]
@@ -38,12 +38,12 @@ def read_text(file: DataFile) -> Table:
         [_numbers(file, number, row) for number, row in zip(lines, fields, strict=True)], dtype=float
     ).reshape(len(fields), len(first))
     names = first if has_header else []
-    timed = time_column(names)
+    timed = time_column(names) if time is None else Table(file, names, values).find(time, "time")
     if timed is None:
         return Table(file, names, values, lines)
     times = values[:, timed]
     written = [row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
-    return Table(file, names, values, lines, times, printed_resolution(written))
+    return Table(file, names, values, lines, times, printed_resolution(written), timed)
 
 
 def _lines(file: DataFile) -> list[tuple[int, str]]:

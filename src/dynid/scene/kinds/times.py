@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from decimal import Decimal
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -25,7 +25,7 @@ class Disagreement(NamedTuple):
     row: int | None = None
 
 
-def printed_resolution(fields: Sequence[str]) -> NDArray[np.float64]:
+def printed_resolution(fields: Iterable[str]) -> NDArray[np.float64]:
     """Return the last place of each printed number, as the most precise of them are printed.
 
     Numbers are printed with a number of decimals or of digits, and zeros at the end may be left out; the

@@ -155,6 +155,7 @@ class RandomSignal(PeriodicPart):
     amplitude: Positive = Quantity(1)
     seed: int = Field(default=0, ge=0, strict=True)
     band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+    hold: Hold | None = None
 
     @field_validator("band")
     @classmethod
@@ -172,12 +173,30 @@ class ImpactSignal(SignalPart):
     duration: Positive
 
 
-class FileSignal(SignalPart):
+Hold = Literal["spline", "linear", "zero"]
+"""How a signal goes on between its samples: by a cubic spline, straight, or constant."""
+
+
+class TablePlace(Part):
+    """Where in a file a table is, beyond its columns.
+
+    `variable`: one of a MATLAB file; `row`: of a cell array; `time`: the column of the times, where its
+    name does not tell; `first`: the first row that counts, from 1.
+    """
+
+    variable: str | None = None
+    row: int | None = Field(default=None, ge=1, strict=True)
+    time: str | Annotated[int, Field(ge=1, strict=True)] | None = None
+    first: int | None = Field(default=None, ge=1, strict=True)
+
+
+class FileSignal(SignalPart, TablePlace):
     """Samples from a file, at the step of the record; by default its only column but the time."""
 
     kind: Literal["file"]
     path: str
     column: str | Annotated[int, Field(ge=1, strict=True)] | None = None
+    hold: Hold = "spline"
 
 
 Signal = Annotated[

@@ -2,58 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from dynid.scene.schema.common import Dof, FrequencyGrid, Part, SceneModel, Signals, TimeGrid
+from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, MotionQuantity
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 from dynid.scene.schema.reductions import Reduction
 from dynid.scene.schema.structure import JointModel, StructureModel
-
-MotionQuantity = Literal["displacement", "velocity", "acceleration"]
-
-
-class ChannelModel(Part):
-    """One sensor."""
-
-    dof: Dof
-    quantity: MotionQuantity
-
-
-class SimulateModel(Part):
-    """A measurement simulated with the joints' true values."""
-
-    noise_ratio: NotNegative | None = None
-    seed: int = Field(default=0, ge=0, strict=True)
-    settle: NotNegative | None = None
-    model: Literal["full", "reduced"] = "full"
-
-
-class MeasuredFileModel(Part):
-    """Measured data: one column for each channel."""
-
-    path: str
-    columns: list[str | Annotated[int, Field(ge=1, strict=True)]] | None = None
-
-
-class MeasurementModel(Part):
-    """A record: its sampling, its channels, and where it comes from."""
-
-    step: Positive
-    samples: int = Field(ge=1, le=100_000_000, strict=True)
-    channels: list[ChannelModel] = Field(min_length=1)
-    simulate: SimulateModel | None = None
-    file: MeasuredFileModel | None = None
-
-    @model_validator(mode="after")
-    def _one_origin(self) -> Self:
-        if (self.simulate is None) == (self.file is None):
-            raise fault("a measurement is either 'simulate'd or read from a 'file'")
-        if self.file and self.file.columns and len(self.file.columns) != len(self.channels):
-            raise fault(f"'columns' names {len(self.file.columns)}, but 'channels' has {len(self.channels)}")
-        return self
-
 
 #: Which method an option belongs to.
 _OPTIONS = {
@@ -89,10 +46,9 @@ class EstimatorModel(Part):
         return {n: v if isinstance(v, int) else float(v) for n, v in given.items() if v is not None}
 
 
-class OutputModel(Part):
+class OutputModel(ChannelModel):
     """What a response shows."""
 
-    dof: Dof
     quantity: MotionQuantity = "displacement"
 
 
@@ -144,9 +100,12 @@ class IdentificationScene(SceneModel):
     def _asks_something(self) -> Self:
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
-        simulate = self.measurement.simulate if self.measurement else None
-        if simulate and simulate.model == "reduced" and self.reduction is None:
+        records = self.measurement.each if self.measurement else []
+        models = {record.simulate.model for record in records if record.simulate}
+        if "reduced" in models and self.reduction is None:
             raise fault("the record is to be simulated with the reduced model, but there is no 'reduction'")
+        if len(models) > 1:
+            raise fault("all records are simulated with one 'model': full or reduced")
         responds = self.analysis and (self.analysis.frequency or self.analysis.time)
         if self.analysis and responds and not self.analysis.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")

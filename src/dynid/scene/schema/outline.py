@@ -268,13 +268,20 @@ def _dofs_there(labels: Sequence[int | str]) -> str:
 
 def _channel_faults(source: Source) -> list[Fault]:
     """Check that no sensor stands twice."""
-    channels = _list(_mapping(source.data, "measurement"), "channels")
-    path = ("measurement", "channels")
     return [
-        source.fault((*path, place), "this channel is listed twice")
-        for place, channel in enumerate(channels)
-        if isinstance(channel, dict) and channel in channels[:place]
+        source.fault((*path, "channels", place), "this channel is listed twice")
+        for path, record in _records(source.data)
+        for place, channel in enumerate(_list(record, "channels"))
+        if isinstance(channel, dict) and channel in _list(record, "channels")[:place]
     ]
+
+
+def _records(data: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
+    """Yield what all records of a measurement share, and every record, with their paths."""
+    measurement = _mapping(data, "measurement")
+    yield ("measurement",), measurement
+    for place, record in enumerate(_list(measurement, "records")):
+        yield ("measurement", "records", place), _mapping_of(record)
 
 
 def _dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
@@ -286,13 +293,12 @@ def _dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
     for name, joint in _mapping(data, "joints").items():
         for end, dof in enumerate(_list(joint, "dofs")):
             yield ("joints", name, "dofs", end), dof
-    for place, channel in enumerate(_list(_mapping(data, "measurement"), "channels")):
-        yield ("measurement", "channels", place, "dof"), _mapping_of(channel).get("dof")
+    for path, record in _records(data):
+        yield from _sensor_dofs((*path, "channels"), _list(record, "channels"))
     analysis = _mapping(data, "analysis")
     for place, dof in enumerate(_list(analysis, "inputs")):
         yield ("analysis", "inputs", place), dof
-    for place, output in enumerate(_list(analysis, "outputs")):
-        yield ("analysis", "outputs", place, "dof"), _mapping_of(output).get("dof")
+    yield from _sensor_dofs(("analysis", "outputs"), _list(analysis, "outputs"))
     for path, signal in _excitations(data):
         yield (*path, "dof"), signal.get("dof")
     yield from _reduction_dofs(data)
@@ -333,6 +339,15 @@ def _excitations(data: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
     yield from _signals(
         ("analysis", "time", "input"), _mapping(_mapping(data, "analysis"), "time").get("input")
     )
+    for path, record in _records(data):
+        yield from _signals((*path, "excitation"), record.get("excitation"))
+
+
+def _sensor_dofs(path: tuple[Any, ...], sensors: Sequence[Any]) -> Iterable[tuple[tuple[Any, ...], Any]]:
+    for place, sensor in enumerate(sensors):
+        yield (*path, place, "dof"), _mapping_of(sensor).get("dof")
+        for end, dof in enumerate(_list(sensor, "dofs")):
+            yield (*path, place, "dofs", end), dof
 
 
 def _unknown_faults(source: Source) -> list[Fault]:
@@ -351,7 +366,7 @@ def _unknown_faults(source: Source) -> list[Fault]:
     if not unknowns and known and _is_mapping_of_mappings(source.data.get("joints", {})):
         message = "there is nothing to identify: no joint parameter has a 'start'"
         return [source.fault(("measurement",), message, key=True)]
-    if "simulate" not in measurement:
+    if not any("simulate" in record for _, record in _records(source.data)):
         return []
     message = "a simulated measurement needs the 'true' value of this parameter"
     lacking = [path for path, value in unknowns if value.keys() <= {"start", "value", "matrix"}]

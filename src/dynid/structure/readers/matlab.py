@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.structure.matrices import Matrix
+from dynid.structure.matrices import Array, Matrix
 from dynid.structure.readers.imported import (
     MOST_NUMBERS,
     as_numbers,
@@ -28,7 +28,7 @@ from dynid.structure.readers.imported import (
 _WHAT = "a MATLAB file"
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-_SPARSE, _FULL = 5, range(6, 16)
+_CELL, _SPARSE, _FULL = 1, 5, range(6, 16)
 _COMPLEX = 0x800
 # A variable's flags, sizes and name stand in its first bytes.
 _HEAD = 4096
@@ -49,14 +49,54 @@ class _Variable(NamedTuple):
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the numeric variables of a file, by name."""
     with read_errors(path, _WHAT):
-        return {variable.name: variable.shape for variable in _variables(path)[1]}
+        return {variable.name: variable.shape for variable in _variables(path)[1] if variable.kind != _CELL}
+
+
+def names(path: Path) -> list[str]:
+    """Return the names of the full numeric variables and the cell arrays of a file."""
+    with read_errors(path, _WHAT):
+        return [variable.name for variable in _variables(path)[1] if variable.kind != _SPARSE]
+
+
+def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
+    """Return the arrays of a variable: of a matrix None and itself, of cells their shape and contents.
+
+    Cells come column by column, as the file holds them. What they hold must be matrices of real numbers.
+    """
+    with read_errors(path, _WHAT):
+        order, variables = _variables(path)
+        variable = next(item for item in variables if item.name == name)
+        if variable.kind != _CELL:
+            return None, [_full(path, variable, order)]
+        content = variable.payload
+        if variable.packed:
+            content = _unpacked(content, 8 * MOST_NUMBERS)[8:]
+        cells = [payload for kind, payload in list(_elements(content, order))[3:] if kind == _MATRIX]
+        found = []
+        for number, payload in enumerate(cells, 1):
+            cell = _described(payload, payload, packed=False, order=order)._replace(
+                name=f"{name}{{{number}}}"
+            )
+            found.append(_full(path, cell, order))
+        if len(found) != np.prod(variable.shape, dtype=object):
+            raise ValueError(f"{name} has {len(found)} cells, not {' x '.join(map(str, variable.shape))}")
+        return variable.shape, found
+
+
+def _full(path: Path, variable: _Variable, order: str) -> Array:
+    """Return a full matrix of real numbers."""
+    if variable.kind not in _FULL or variable.is_complex:
+        raise FileError(f"{path}: '{variable.name}' is no matrix of real numbers")
+    check_claim(path, variable.shape)
+    values = _array(*_parts(variable, order)[0], order)
+    return np.asarray(as_numbers(path, variable.name, values.reshape(variable.shape, order="F")))
 
 
 def load(path: Path, name: str) -> Matrix:
     """Return one variable of a file; no objects, functions or structures are read."""
     with read_errors(path, _WHAT):
         order, variables = _variables(path)
-        variable = next(item for item in variables if item.name == name)
+        variable = next(item for item in variables if item.name == name and item.kind != _CELL)
         if variable.is_complex:
             raise FileError(f"{path}: '{name}' holds complex numbers; a structural matrix is real")
         check_claim(path, variable.shape, variable.most if variable.kind == _SPARSE else None)
@@ -85,7 +125,7 @@ def _variables(path: Path) -> tuple[str, list[_Variable]]:
         head = head[8:] if packed else head
         if kind == _MATRIX:
             variable = _described(head, payload, packed, order)
-            if variable.kind == _SPARSE or variable.kind in _FULL:
+            if variable.kind in (_CELL, _SPARSE) or variable.kind in _FULL:
                 found.append(variable)
     return order, found
 

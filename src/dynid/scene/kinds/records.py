@@ -1,0 +1,113 @@
+"""From a scene's measurement to the records that joints are identified from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import FileError
+from dynid.scene.kinds.grids import build_signals, layout_of
+from dynid.scene.kinds.structures import number
+from dynid.structure.response import Channel, Load
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.identification.measurement import Experiment, Measurement
+    from dynid.lti.generator import Record
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.common import SignalPart
+    from dynid.scene.schema.measurement import (
+        ChannelModel,
+        MeasuredFileModel,
+        MeasurementModel,
+        RecordModel,
+    )
+    from dynid.scene.schema.quantities import Quantity
+
+
+def experiments(scene: Scene, excitation: Sequence[SignalPart], given: MeasurementModel) -> list[Experiment]:
+    """Return the records of a scene with the loads of each."""
+    from dynid.identification.measurement import Experiment
+
+    found = []
+    for k, record in enumerate(given.each):
+        place = f"measurement.records.{k}" if given.records else "measurement"
+        measurement = _measurement(scene, record, place)
+        own = bool(given.records) and given.records[k].excitation is not None
+        shared = f"{place}.excitation" if own else "measurement.excitation"
+        where, parts = (
+            ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
+        )
+        found.append(Experiment(loads_of(scene, where, parts, measurement.record), measurement))
+    return found
+
+
+def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
+    from dynid.identification.measurement import Measurement, Simulation
+
+    channels = tuple(channel_of(channel) for channel in given.channels or ())
+    step, samples = number(given.step), given.samples or 0
+    source: Simulation | NDArray[np.float64]
+    if given.simulate is not None:
+        simulate = given.simulate
+        source = Simulation(
+            _levels(simulate.noise_ratio) or 0.0,
+            simulate.seed,
+            number(simulate.settle),
+            _levels(simulate.noise),
+        )
+    else:
+        assert given.file is not None
+        source = _measured(scene, given.file, (samples, len(channels)), step, place)
+    return Measurement(step, samples, channels, source, _levels(given.noise))
+
+
+def channel_of(given: ChannelModel) -> Channel:
+    """Return a sensor."""
+    return Channel(given.ends[0], given.quantity, *given.ends[1:])
+
+
+def _levels(given: Quantity | list[Quantity] | None) -> float | list[float] | None:
+    if given is None:
+        return None
+    return [float(level) for level in given] if isinstance(given, list) else float(given)
+
+
+def _measured(
+    scene: Scene, file: MeasuredFileModel, shape: tuple[int, int], step: float, place: str
+) -> NDArray[np.float64]:
+    """Read the samples of a record (samples x channels)."""
+    from dynid.scene.kinds.tables import read_columns
+
+    path, where = scene.folder / (file.path or ""), f"{place}.file"
+    if "file" not in _raw(scene, place):
+        where = "measurement.file"  # shared by the records
+    table = read_columns(path, file.columns, step=step, place=where, layout=layout_of(file))
+    if table.shape[1] != shape[1]:
+        raise FileError(
+            f"{path} has {table.shape[1]} columns of numbers, 'channels' has {shape[1]}",
+            remedy="Name the columns: file: {path: …, columns: […]}.",
+            names=(f"{where}.columns",),
+        )
+    if len(table) < shape[0]:
+        raise FileError(
+            f"{path} has {len(table)} samples, but the scene asks for {shape[0]}",
+            names=(f"{where}.path",),
+        )
+    return table[: shape[0]]
+
+
+def _raw(scene: Scene, place: str) -> Any:
+    """Return what stands at a dotted place of a scene."""
+    found: Any = scene.source.data
+    for key in place.split("."):
+        found = found[int(key) if isinstance(found, list) else key]
+    return found
+
+
+def loads_of(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:
+    """Return the forces that stand at a place of a scene."""
+    return [Load(part.dof or 0, signal) for part, signal in build_signals(scene, where, parts, record)]

@@ -1,0 +1,136 @@
+"""The part of a scene that says what is measured: channels, sampling, and where the values come from."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from dynid.scene.schema.common import Dof, Part, Signals, TablePlace
+from dynid.scene.schema.quantities import NotNegative, Positive, fault
+from dynid.scene.schema.structure import PerElement, PerElementOrZero
+
+MotionQuantity = Literal["displacement", "velocity", "acceleration"]
+Column = str | Annotated[int, Field(ge=1, strict=True)]
+
+
+class ChannelModel(Part):
+    """One sensor: at a DOF, or between two (the first one's motion less the second one's)."""
+
+    dof: Dof | None = None
+    dofs: list[Dof] | None = Field(default=None, min_length=2, max_length=2)
+    quantity: MotionQuantity
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Self:
+        if (self.dof is None) == (self.dofs is None):
+            raise fault("a sensor is at a 'dof', or between two 'dofs'")
+        if self.dofs and self.dofs[0] == self.dofs[1]:
+            raise fault(f"a sensor between DOF {self.dofs[0]} and itself measures nothing")
+        return self
+
+    @property
+    def ends(self) -> list[Dof]:
+        """The DOFs it is at: one or two."""
+        return self.dofs or ([] if self.dof is None else [self.dof])
+
+
+class SimulateModel(Part):
+    """A measurement simulated with the joints' true values."""
+
+    noise_ratio: PerElementOrZero | None = None
+    noise: PerElementOrZero | None = None
+    seed: int = Field(default=0, ge=0, strict=True)
+    settle: NotNegative | None = None
+    model: Literal["full", "reduced"] = "full"
+
+    @model_validator(mode="after")
+    def _one_noise(self) -> Self:
+        if self.noise is not None and self.noise_ratio is not None:
+            raise fault("the noise has either a 'noise_ratio', or the standard deviation 'noise'")
+        return self
+
+
+class MeasuredFileModel(TablePlace):
+    """Measured data: one column for each channel."""
+
+    path: str | None = None
+    columns: list[Column] | None = None
+
+
+class RecordModel(Part):
+    """One record; what it does not say itself it shares with the others of the measurement."""
+
+    step: Positive | None = None
+    samples: int | None = Field(default=None, ge=1, le=100_000_000, strict=True)
+    channels: list[ChannelModel] | None = Field(default=None, min_length=1)
+    noise: PerElement | None = None
+    simulate: SimulateModel | None = None
+    file: MeasuredFileModel | None = None
+    excitation: Signals | None = None
+
+    def completed(self, shared: RecordModel, number: int) -> RecordModel:
+        """Return this record with what it shares; a shared seed counts up from record to record."""
+        given = {name: getattr(self, name) for name in RecordModel.model_fields}
+        for name, value in given.items():
+            if value is None:
+                given[name] = getattr(shared, name)
+        if self.file and shared.file:
+            own = {name: getattr(self.file, name) for name in self.file.model_fields_set}
+            given["file"] = shared.file.model_copy(update=own)
+        if self.simulate is not None and self.file is None:
+            given["file"] = None
+        if self.file is not None and self.simulate is None:
+            given["simulate"] = None
+        if self.simulate is None and given["simulate"] is not None:
+            given["simulate"] = given["simulate"].model_copy(update={"seed": given["simulate"].seed + number})
+        return RecordModel.model_construct(**given)
+
+    def check(self, of: str) -> None:
+        """Refuse a record that is not whole."""
+        for key in ("step", "samples", "channels"):
+            if getattr(self, key) is None:
+                raise fault(f"{of} needs the key '{key}'")
+        if (self.simulate is None) == (self.file is None):
+            raise fault(f"{of} is either 'simulate'd or read from a 'file'")
+        channels = len(self.channels or ())
+        if self.file is not None:
+            if self.file.path is None:
+                raise fault(f"the file of {of} needs the key 'path'")
+            if self.file.columns and len(self.file.columns) != channels:
+                raise fault(f"'columns' names {len(self.file.columns)}, but 'channels' has {channels}")
+        levels = {"noise": self.noise}
+        if self.simulate is not None:
+            levels |= {"simulate.noise": self.simulate.noise}
+            levels |= {"simulate.noise_ratio": self.simulate.noise_ratio}
+        for name, level in levels.items():
+            if isinstance(level, list) and len(level) != channels:
+                raise fault(f"'{name}' has {len(level)} entries, but 'channels' has {channels}")
+
+
+class MeasurementModel(RecordModel):
+    """A record: its sampling, its channels, and where it comes from; or several, and what they share."""
+
+    records: list[RecordModel] = Field(default=[], max_length=1000)
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        if not self.records:
+            self.check("a measurement")
+            if self.excitation is not None:
+                raise fault("the excitation of a single record stands beside 'measurement', not in it")
+        for number, record in enumerate(self.each, 1):
+            if self.records:
+                record.check(f"record {number} of the measurement")
+        return self
+
+    @property
+    def each(self) -> list[RecordModel]:
+        """The records, each complete."""
+        return [record.completed(self, k) for k, record in enumerate(self.records)] or [self]
+
+    @property
+    def sensors(self) -> list[ChannelModel]:
+        """All different channels of the records."""
+        every = [channel for record in self.each for channel in record.channels or ()]
+        return [channel for k, channel in enumerate(every) if channel not in every[:k]]
