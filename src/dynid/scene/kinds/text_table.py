@@ -33,6 +33,8 @@ def read_text(file: DataFile, time: str | int | None = None) -> Table:
     if not has_header and len(first) == 1 and rows[0][0] > 1:
         _refuse_leading_gap(file, rows[0][0])
     fields = [_row(file, number, line, separator, len(first)) for number, line in body]
+    if len(first) > 1 and not first[-1] and all(not row[-1].strip() for row in fields):
+        first, fields = first[:-1], [row[:-1] for row in fields]  # every line ends with the separator
     lines = [number for number, _ in body]
     values = np.array(
         [_numbers(file, number, row) for number, row in zip(lines, fields, strict=True)], dtype=float

@@ -1,0 +1,173 @@
+"""Measurements as scenes give them: several records, sensors, noise, holds."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import DynidError
+from dynid.identification.measurement import Measurement, Simulation, data
+from dynid.scene.dispatch import run_scene
+from dynid.scene.load import load_scene
+from dynid.structure.response import Channel
+from tests.identification.cases import LOADS, suspension
+from tests.scene.test_identification_scenes import SCENE as ONE
+from tests.scene.written import faults_of
+
+HEAD = ONE[: ONE.index("excitation:")]
+RECORDS = """\
+measurement:
+  step: 0.01
+  channels: [{dof: 2, quantity: velocity}]
+  simulate: {noise_ratio: 0.05, seed: 1}
+  records:
+    - {samples: 100, excitation: {dof: 2, kind: sine, frequency: 3}}
+    - samples: 150
+      channels: [{dofs: [2, 1], quantity: displacement}, {dof: 1, quantity: acceleration}]
+      excitation: [{dof: 1, kind: sine, frequency: 12}]
+"""
+SCENE = HEAD + RECORDS
+
+
+def run(tmp_path, text):
+    (tmp_path / "x.yaml").write_text(text)
+    return run_scene(load_scene(tmp_path / "x.yaml"))
+
+
+def test_records_share_what_they_do_not_say(tmp_path):
+    result = run(tmp_path, SCENE)
+    group = "identification/measurement"
+    assert list(result[f"{group}/record_1/channel"].data) == ["2.velocity"]
+    assert list(result[f"{group}/record_2/channel"].data) == ["2-1.displacement", "1.acceleration"]
+    assert result[f"{group}/record_2/measured"].data.shape == (150, 2)
+    assert list(result[f"{group}/record_2/excitation"].data) == ["1"]
+    errors = result["identification/parameters/error_percent"].data
+    bound = result["identification/parameters/cramer_rao"].data
+    true = result["identification/parameters/true"].data
+    assert np.all(errors / 100 * true < 4 * bound)
+
+
+def test_a_shared_seed_counts_up(tmp_path):
+    record = "    - {samples: 100, excitation: {dof: 2, kind: sine, frequency: 3}}\n"
+    result = run(tmp_path, SCENE[: SCENE.index("    - samples")] + record)
+    noise = [result[f"identification/measurement/record_{k}/measured"].data for k in (1, 2)]
+    assert not np.allclose(*noise)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ("  step: 0.01\n", "", "8:3: record 1 of the measurement needs the key 'step'"),
+        ("samples: 150", "sampels: 150", "13:7: 'sampels' is not a key of measurement.records.1; did you"),
+        ("- samples: 150\n      ", "- ", "8:3: record 2 of the measurement needs the key 'samples'"),
+        ("dofs: [2, 1]", "dofs: [2, 9]", "14:28: there is no DOF 9; the structure has 2"),
+        ("dofs: [2, 1]", "dofs: [2, 2]", "14:18: a sensor between DOF 2 and itself measures nothing"),
+        ("dofs: [2, 1]", "dofs: [2]", "14:25: 'dofs' has 1 entr"),
+        ("dofs: [2, 1], ", "", "14:18: a sensor is at a 'dof', or between two 'dofs'"),
+        ("{dof: 1, kind: sine", "{dof: 7, kind: sine", "15:26: there is no DOF 7; the structure has 2"),
+        ("noise_ratio: 0.05", "noise_ratio: 0.05, noise: 1", "11:13: the noise has either a 'noise_ratio'"),
+        ("noise_ratio: 0.05", "noise: [1, 2]", "8:3: 'simulate.noise' has 2 entries, but 'channels' has 1"),
+        ("  step: 0.01\n", "  step: 0.01\n  noise: [1, 2]\n", "9:3: 'noise' has 2 entries, but 'channels'"),
+        ("  step: 0.01\n", "  step: 0.01\n  noise: 0\n", "9:10: 0 is not positive"),
+        (
+            "    - {samples",
+            "    - {file: {columns: [1]}, samples",
+            "9:3: the file of record 1 of the measure",
+        ),
+    ],
+)
+def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
+    assert right in SCENE
+    found = faults_of(SCENE.replace(right, wrong, 1))
+    assert len(found) == 1, found
+    assert found[0].split(": ", 1)[1].startswith(fault.split(": ", 1)[1]), found
+
+
+def test_the_excitation_of_a_single_record_stands_beside_it():
+    text = ONE.replace("  step:", "  excitation: {dof: 2, kind: sine, frequency: 3}\n  step:")
+    assert "stands beside 'measurement'" in faults_of(text)[0]
+
+
+def test_records_out_of_files(tmp_path):
+    for name, seed in (("a", 1), ("b", 2)):
+        clean = data(
+            suspension(), LOADS, Measurement(0.002, 300, (Channel(2, "velocity"),), Simulation(0.01, seed))
+        )
+        rows = np.column_stack([0.002 * np.arange(300), clean.values])
+        np.savetxt(tmp_path / f"{name}.dat", rows, fmt="%.10g")
+    scene = """\
+dynid: 1
+kind: identification
+structure:
+  lumped:
+    masses: [2, 2, 1.5, 1, 1]
+    links: [{dofs: [1], k: 2.0e4, c: 20}, {dofs: [1, 2], k: 3.0e4, c: 30}, {dofs: [4, 5], k: 2.0e4, c: 20}]
+joints:
+  upper: {dofs: [2, 3], k: {start: 1.0e4}, c: {start: 10}}
+  lower: {dofs: [3, 4], k: 2.0e4, c: 20}
+excitation: {dof: 5, kind: multisine, amplitude: [100, 100, 100], frequency: [70, 110, 250]}
+measurement:
+  step: 0.002
+  samples: 300
+  channels: [{dof: 2, quantity: velocity}]
+  file: {time: 1, columns: [2]}
+  records: [{file: {path: a.dat}}, {file: {path: b.dat}}]
+"""
+    result = run(tmp_path, scene)
+    estimate = result["identification/parameters/estimate"].data
+    np.testing.assert_allclose(estimate, [2e4, 20], rtol=0.02)
+    (tmp_path / "b.dat").write_text("0 1\n0.002 nonsense\n")
+    with pytest.raises(DynidError) as caught:
+        run(tmp_path, scene)
+    assert "b.dat:2: 'nonsense' is not a number" in str(caught.value)
+    assert caught.value.names[0].startswith("measurement.records.1.file")
+
+
+def test_noise_that_is_given_is_used(tmp_path):
+    """Weights follow it, and so do the error bars: ten times the noise, ten times the standard error."""
+    fixed = ONE.replace("  step", "  noise: {}\n  step").replace("noise_ratio: 0.05", "noise: 1e-4")
+    small, large = (run(tmp_path, fixed.replace("{}", level, 1)) for level in ("1e-4", "1e-3"))
+    errors = [result["identification/parameters/standard_error"].data for result in (small, large)]
+    np.testing.assert_allclose(errors[1] / errors[0], 10, rtol=1e-6)
+    np.testing.assert_allclose(
+        small["identification/parameters/estimate"].data,
+        large["identification/parameters/estimate"].data,
+        rtol=1e-4,
+    )
+    assert small.value("identification/measurement/given_noise") == 1e-4
+    assert small.value("identification/measurement/noise") == 1e-4
+
+
+def test_every_channel_has_its_noise(tmp_path):
+    text = ONE.replace("velocity}]", "velocity}, {dof: 1, quantity: velocity}]")
+    result = run(tmp_path, text.replace("noise_ratio: 0.05", "noise: [0.01, 0.2]").replace("100", "2000"))
+    seen = result["identification/diagnostics/residual_rms"].data
+    np.testing.assert_allclose(seen, [0.01, 0.2], rtol=0.1)  # of 2000 samples: 1.6 % each
+
+
+@pytest.mark.parametrize(
+    ("hold", "bias"), [("zero", (0.1, 3)), ("linear", (0.005, 0.2)), ("spline", (0, 2e-3))]
+)
+def test_holds_bias_as_coarsely_as_they_follow_the_force(tmp_path, hold, bias):
+    """A random force in the band of the modes, its samples all that the estimator sees; clean data."""
+    text = f"""\
+dynid: 1
+kind: identification
+structure:
+  lumped:
+    masses: [2, 2, 1.5, 1, 1]
+    links:
+      - {{dofs: [1], k: 2.0e4, c: 20}}
+      - {{dofs: [1, 2], k: 3.0e4, c: 30}}
+      - {{dofs: [4, 5], k: 2.0e4, c: 20}}
+joints:
+  upper: {{dofs: [2, 3], k: {{start: 1.9e4, true: 2.0e4}}, c: {{start: 18, true: 20}}}}
+  lower: {{dofs: [3, 4], k: {{start: 1.9e4, true: 2.0e4}}, c: {{start: 18, true: 20}}}}
+excitation: {{dof: 5, kind: random, amplitude: 100, seed: 3, band: [20, 260], hold: {hold}}}
+measurement:
+  step: 0.002
+  samples: 600
+  channels: [{{dof: 2, quantity: velocity}}, {{dof: 3, quantity: velocity}}]
+  simulate: {{settle: 1}}
+estimator: {{method: output-error}}
+"""
+    error = run(tmp_path, text)["identification/parameters/error_percent"].data.max() / 100
+    assert bias[0] <= error <= bias[1]
