@@ -34,8 +34,15 @@ _EXACT = 1e-6
 
 @dataclass(frozen=True)
 class Auto:
-    """Estimator: a filter pass and maximum likelihood; more passes or starts only where they are needed."""
+    """Estimator: a filter pass and maximum likelihood; more passes or starts only where they are needed.
 
+    Parameters
+    ----------
+    escalates
+        Whether more than the first pass may be tried.
+    """
+
+    escalates: bool = True
     name: str = "auto"
 
     def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
@@ -48,6 +55,8 @@ class Auto:
         """
         search = _Search(ensemble)
         search.attempt("a filter pass", partial(run_passes, ensemble, 1, origin))
+        if not self.escalates:
+            return search.best()
         if not search.accepted:
             search.attempt("annealed passes", partial(annealed_passes, ensemble, origin))
         for count, reach, tried in _NETS:

@@ -6,6 +6,7 @@ Source: K. T. Yang 1997.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,11 @@ from dynid.errors import Diverged, UsageError
 from dynid.identification.augmented import augmented, unknowns_of
 from dynid.identification.auto import Auto
 from dynid.identification.ensemble import Ensemble
-from dynid.identification.estimation import Estimation, Estimator
-from dynid.identification.filter import ASTRAY
+from dynid.identification.estimation import Estimation, Estimator, Sweep
+from dynid.identification.filter import ASTRAY, Pass
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Data, Experiment, Measurement, as_estimated, data
+from dynid.identification.model_error import ModelError, model_error
 from dynid.identification.outcome import Outcome
 from dynid.identification.states import true_states
 from dynid.lti.floating import guarded
@@ -118,21 +120,41 @@ def _identified(
 ) -> Result:
     values = [data(truth, *experiment) for experiment in experiments]
     names = [unknown.name for unknown in model.unknowns]
-    logs = np.log([unknown.start for unknown in model.unknowns])
-    found: Estimation | None = None
+    logs, here = np.log([unknown.start for unknown in model.unknowns]), estimator
+    outcome: Outcome | None = None
     for _ in range(1 if rebuild is None else _MOST_ROUNDS):
         ensemble = _ensemble(model, experiments, values)
-        if found is None:
+        if outcome is None:
             _check_visible(ensemble, logs)
+        elif isinstance(here, Auto):  # what is left to go is short
+            here = replace(here, escalates=False)
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
-            found = _joined(found, estimator.run(ensemble, logs))
+            found = here.run(ensemble, logs)
+        if outcome is not None:
+            found = _joined(outcome, ensemble, model, found)
         outcome = Outcome(ensemble, experiments, model.dofs, estimator.name, found)
         change, logs = np.abs(found.fit.logs - logs), found.fit.logs
         if rebuild is None or np.all(change <= np.maximum(_STAYS * outcome.information.deviations(), _LEAST)):
             break
         model = rebuild(dict(zip(names, np.exp(logs).tolist(), strict=True)))
+    assert outcome is not None
     outcome.check()
+    if model.basis is not None and truth.basis is None:
+        outcome = replace(outcome, model_error=_model_error(model, outcome, values))
     return outcome.result([true_states(truth, model, *experiment) for experiment in experiments])
+
+
+def _model_error(model: StructuralModel, outcome: Outcome, values: Sequence[Data]) -> ModelError:
+    experiments = outcome.experiments
+    named = [load.dof for loads, _ in experiments for load in loads]
+    named += [channel.dof for _, measurement in experiments for channel in measurement.channels]
+    return model_error(
+        model,
+        outcome.ensemble,
+        outcome.estimation.fit,
+        list(dict.fromkeys(named)),
+        lambda finer: _ensemble(finer, experiments, values),
+    )
 
 
 def _ensemble(model: StructuralModel, experiments: Sequence[Experiment], values: Sequence[Data]) -> Ensemble:
@@ -145,10 +167,26 @@ def _ensemble(model: StructuralModel, experiments: Sequence[Experiment], values:
     return Ensemble(tuple(fitters))
 
 
-def _joined(before: Estimation | None, now: Estimation) -> Estimation:
-    if before is None:
-        return now
-    return Estimation(now.fit, [*before.histories, *now.histories], [*before.stages, *now.stages])
+def _joined(before: Outcome, ensemble: Ensemble, model: StructuralModel, now: Estimation) -> Estimation:
+    """Return what was found with a model made anew, after what was found before.
+
+    Earlier histories come along in the units of the new states; not where the states are others.
+    """
+    earlier: list[Sweep] = []
+    if list(before.dofs) == list(model.dofs):
+        each = zip(before.ensemble.records, ensemble.records, strict=True)
+        units = [old.model.scale / new.model.scale for old, new in each]
+        earlier = [
+            [_rescaled(history, unit) for history, unit in zip(sweep, units, strict=True)]
+            for sweep in before.estimation.histories
+        ]
+    stages = [*before.estimation.stages, *now.stages]
+    return replace(now, histories=[*earlier, *now.histories], stages=stages)
+
+
+def _rescaled(history: Pass, unit: Array) -> Pass:
+    states, deviations = history.states * unit, history.state_deviations * unit
+    return history._replace(states=states, state_deviations=deviations)
 
 
 def _check_visible(ensemble: Ensemble, logs: Array) -> None:

@@ -22,6 +22,7 @@ from dynid.identification.estimation import Estimation, Sweep
 from dynid.identification.filter import Pass
 from dynid.identification.information import Information, untold
 from dynid.identification.measurement import Experiment
+from dynid.identification.model_error import ModelError
 from dynid.identification.record_results import (
     add_history,
     add_innovations,
@@ -63,6 +64,8 @@ class Outcome:
         Name of the estimator.
     estimation
         What the estimator found.
+    model_error
+        What the reduction of the model does to it, if it is reduced.
     """
 
     ensemble: Ensemble
@@ -70,6 +73,7 @@ class Outcome:
     dofs: Sequence[Label]
     method: str
     estimation: Estimation
+    model_error: ModelError | None = None
 
     @property
     def _final(self) -> JointFit:
@@ -180,6 +184,8 @@ class Outcome:
             add_measurement(result, group, record, self.experiments[k], self._final.parts[k])
             self._add_findings(result, k, true_states[k])
         self._add_diagnostics(result)
+        if self.model_error is not None:
+            self.model_error.add_to(result, [name for _, _, name in self._channels])
         return result
 
     def _add_parameters(self, result: Result) -> None:
@@ -328,7 +334,10 @@ class Outcome:
         facts = Facts(names, deviations, correlation, errors, sensors, self._consistency)
         distance = np.abs(self.step) / deviations
         result.add(f"{group}/verdict", verdict(names, distance, settled=settled, explained=explained))
-        result.add_axis(f"{group}/warnings", np.array(warnings(facts), dtype=object))
+        said = warnings(facts)
+        if self.model_error is not None and self.model_error.warning:
+            said.append(self.model_error.warning)
+        result.add_axis(f"{group}/warnings", np.array(said, dtype=object))
 
 
 def _void(ensemble: Ensemble, why: str) -> Diverged:

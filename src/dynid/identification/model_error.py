@@ -1,0 +1,179 @@
+"""How wrong a reduced model is, apart from the noise: what the model behind it would say of the same record.
+
+At the estimate the model that was reduced (or, of a large one, a basis three times the size) is fitted to the
+same records. The two Gauss–Newton steps that it asks for are what the reduction has moved the estimates by;
+the standard errors for the noise that is left then are what the noise leaves uncertain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.diagnostics import root_mean_square
+from dynid.identification.ensemble import Ensemble, JointFit
+from dynid.result import Result
+from dynid.structure.joints import Unknown
+from dynid.structure.matrices import Label
+from dynid.structure.model import StructuralModel
+from dynid.structure.response import common_unit
+
+Array = NDArray[np.float64]
+
+# The most DOFs of a model that is referred to in full; of a larger one so many times the reduced coordinates.
+_MOST_DOFS, _FINER = 48, 3
+# Shifts below this part of a parameter are nothing to warn of, whatever the noise.
+_NEGLIGIBLE = 1e-5
+# The longest step of a logarithm whose first order means anything.
+_LONGEST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """What the reduction does to an estimate.
+
+    Attributes
+    ----------
+    reference
+        What the reduced model is compared with, in words.
+    unknowns
+        The unknown parameters (p).
+    estimate
+        Their estimates with the reduced model (p).
+    shift
+        Two Gauss–Newton steps of the logarithms from there towards the optimum with the reference (p).
+    noise
+        Standard deviations of the logarithms that the noise leaves (p).
+    response
+        RMS of the difference of the predictions over that of the measured values (channels of all records).
+    omega, reference_omega
+        Natural frequencies of both at the estimate (modes), rad/s.
+    """
+
+    reference: str
+    unknowns: tuple[Unknown, ...]
+    estimate: Array
+    shift: Array
+    noise: Array
+    response: Array
+    omega: Array
+    reference_omega: Array
+
+    @property
+    def dominant(self) -> NDArray[np.bool_]:
+        """Which estimates (p) are farther off by the reduction than by the noise."""
+        return np.asarray(np.abs(self.shift) > np.maximum(self.noise, _NEGLIGIBLE))
+
+    @property
+    def warning(self) -> str:
+        """What to be wary of, in words; empty where the noise leaves more than the reduction."""
+        if not self.dominant.any():
+            return ""
+        k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE)))
+        name, shift = self.unknowns[k].name, self.shift[k]
+        if np.abs(self.shift).max() >= _LONGEST:
+            effect = f"the {self.reference} asks for far other values"
+        else:
+            size, way = 100 * abs(np.expm1(shift)), "higher" if shift > 0 else "lower"
+            left = 100 * self.noise[k]
+            effect = f"with the {self.reference} {name} is {size:.2g} % {way}; noise leaves {left:.2g} %"
+        return f"the error of the reduced model dominates: {effect}"
+
+    def add_to(self, result: Result, channels: list[str]) -> None:
+        """Add it as ``identification/model_error``; `channels` are the names of all records' channels."""
+        group, dims = "identification/model_error", ("parameter",)
+        unit = common_unit(unknown.unit for unknown in self.unknowns)
+        result.add_axis(f"{group}/parameter", [unknown.name for unknown in self.unknowns])
+        result.add(f"{group}/unit", [unknown.unit for unknown in self.unknowns], dims)
+        result.add(f"{group}/shift", self.estimate * np.expm1(self.shift), dims, unit)
+        result.add(f"{group}/noise_error", self.estimate * self.noise, dims, unit)
+        result.add(f"{group}/dominant", self.dominant, dims)
+        result.add_axis(f"{group}/channel", channels)
+        result.add(f"{group}/response_error", self.response, ("channel",))
+        result.add_axis(f"{group}/mode", np.arange(1, len(self.omega) + 1))
+        result.add(f"{group}/frequency", self.omega, ("mode",), "rad/s")
+        result.add(f"{group}/frequency_error", self.omega / self.reference_omega - 1, ("mode",))
+        result.add(f"{group}/reference", self.reference)
+        result.add(f"{group}/warning", self.warning)
+
+
+def model_error(
+    model: StructuralModel,
+    ensemble: Ensemble,
+    fit: JointFit,
+    dofs: list[Label],
+    refitted: Callable[[StructuralModel], Ensemble],
+) -> ModelError:
+    """Compare a reduced model with what it was made from, at the estimate.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+    ensemble, fit
+        The records with it, and their fit at the estimate.
+    dofs
+        DOFs of loads and sensors.
+    refitted
+        Returns the records with another model.
+    """
+    assert model.basis is not None
+    names, estimate = ensemble.names, np.exp(fit.logs)
+    values = dict(zip(names, estimate.tolist(), strict=True))
+    finer, words = _reference(model, model.basis.parent, dofs, values)
+    reference = refitted(finer)
+    other = reference.fit(fit.logs)
+    shift = _step(reference, other)
+    # From where it leads: what is left there is noise, and the rest of the way.
+    nearer = reference.fit(fit.logs + shift)
+    each = zip(fit.parts, other.parts, ensemble.records, strict=True)
+    response = [
+        root_mean_square(a.predicted.outputs - b.predicted.outputs) / record.data.rms for a, b, record in each
+    ]
+    omega = _frequencies(model, values, None)
+    return ModelError(
+        words,
+        ensemble.unknowns,
+        estimate,
+        shift + _step(reference, nearer),
+        reference.information(nearer, _noise(reference, nearer)).deviations(),
+        np.concatenate(response),
+        omega,
+        _frequencies(model.basis.parent, values, len(omega)),
+    )
+
+
+def _noise(ensemble: Ensemble, fit: JointFit) -> list[Array]:
+    """Return the noise seen, not below rounding."""
+    each = zip(fit.parts, ensemble.records, strict=True)
+    return [np.maximum(part.noise, np.finfo(float).eps * record.data.rms) for part, record in each]
+
+
+def _step(ensemble: Ensemble, fit: JointFit) -> Array:
+    """Return the Gauss–Newton step of the logarithms, no longer than where it means anything."""
+    noise = _noise(ensemble, fit)
+    step = ensemble.information(fit, noise).step(ensemble.weighted(fit, noise))
+    return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
+
+
+def _reference(
+    model: StructuralModel, full: StructuralModel, dofs: list[Label], values: dict[str, float]
+) -> tuple[StructuralModel, str]:
+    """Return the full model, or one of many more modes with the joints as estimated; and its name."""
+    count = _FINER * model.size
+    if full.size <= max(_MOST_DOFS, count):
+        return full, f"full model of {full.size} DOFs"
+    from dynid.structure.reduction.joint_aware import JointAware
+    from dynid.structure.reduction.selection import Interest, ModeRange
+
+    method = JointAware(None, ModeRange(count=count), Interest(tuple(dofs)), values)
+    return method.reduce(full).model, f"model of {count} modes"
+
+
+def _frequencies(model: StructuralModel, values: dict[str, float], count: int | None) -> Array:
+    from dynid.structure.modes import modes
+
+    return np.asarray(modes(*model.with_joints(values), count=count).omega)
