@@ -70,8 +70,9 @@ def _peak() -> float:
 
 def measured(kind: str, side: int, alternatives: list[str], rounds: int) -> tuple[int, dict[str, dict]]:
     """Return the number of DOFs and the best of the rounds by alternative."""
-    import meshes
     from scipy.sparse import save_npz
+
+    from dynid.bench import meshes
 
     K, M = getattr(meshes, kind)(side)
     size, best = K.shape[0], {}

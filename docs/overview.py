@@ -28,9 +28,9 @@ def isolator(axes) -> None:
 
 
 def suspension(axes) -> None:
-    """Show the filter's first pass from half the true joint values, in percent of these."""
+    """Show the filter pass from half the true joint values, in percent of these."""
     result = dynid.run(CONFIGS / "suspension_noisy.yaml")
-    group = "identification/first_pass"
+    group = "identification/history"
     time = result[f"{group}/time"].data
     truth = result["identification/parameters/true"].data
     histories = result[f"{group}/estimate"].data / truth

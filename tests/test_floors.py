@@ -16,7 +16,7 @@ FLOORS = [
     {"bondgraph", "structure"},
     {"identification"},
     {"scene"},
-    {"store", "checks", "templates"},
+    {"store", "checks", "templates", "bench"},
     {"cli", "__init__"},
     {"__main__"},
 ]
@@ -39,10 +39,10 @@ LIBRARIES = {
     "yaml": {"scene"},
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},
-    "sympy": {"bondgraph"},  # formulas
-    "flint": {"lti", "bondgraph"},  # exact numbers
-    "control": {"result"},  # state equations for users' hands
-    "matplotlib": set(),
+    "sympy": {"bondgraph", "bench"},  # formulas
+    "flint": {"lti", "bondgraph", "bench"},  # exact numbers
+    "control": {"result", "bench"},  # state equations for users' hands; a peer
+    "matplotlib": {"bench.page"},
     "numba": {"lti", "identification", "bondgraph.algebra.doubled"},
 }
 

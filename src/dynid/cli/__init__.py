@@ -20,6 +20,7 @@ COMMANDS = {
     "compare": ("dynid.cli.compare:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),
     "schema": ("dynid.cli.schema:schema", "Print the JSON Schema of scenes."),
+    "bench": ("dynid.cli.bench:bench", "Measure speed against error, now."),
 }
 
 

@@ -12,6 +12,7 @@ _KINDS = {
     "bond-graph": "dynid.cli.summary.bond_graph",
     "identification": "dynid.cli.summary.identification",
     "reduction": "dynid.cli.summary.reduction",
+    "bench": "dynid.cli.summary.bench",
 }
 
 

@@ -23,6 +23,14 @@ def plate(side: int, width: float = 1.0, height: float = 1.3) -> tuple[csc_array
     return csc_array(K[keep][:, keep]), csc_array(M[keep][:, keep])
 
 
+def deflections(side: int) -> np.ndarray:
+    """Return the DOFs (from 1) of such a plate that are deflections."""
+    place = np.indices((side + 1, side + 1)).reshape(2, -1)
+    edge = np.any((place == 0) | (place == side), axis=0)
+    kinds = np.repeat(~edge, 3) | (np.arange(len(edge) * 3) % 3 > 0)
+    return np.flatnonzero((np.arange(len(kinds)) % 3 == 0)[kinds]) + 1
+
+
 def solid(side: int, sizes: tuple[float, float, float] = (1.3, 1.0, 1.1)) -> tuple[csc_array, csc_array]:
     """Return stiffness and mass of an elastic block clamped on one face, side^3 bricks of eight nodes.
 

@@ -1,0 +1,61 @@
+"""A chain of mass-spring-damper stages as graph, as state equations, and as exact numbers."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity
+from dynid.bondgraph.reduced import ReducedGraph
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.transfer import TransferFunction
+
+
+def reduced(stages: int) -> ReducedGraph:
+    """Return a chain of distinct stages, planned."""
+    return ReducedGraph(chain(distinct(stages)), [FORCE], [last_velocity(stages)], traced=False)
+
+
+def matrices(stages: int) -> Any:
+    """Return A, B, C, D with the velocities and elongations as states, written down by Newton's law."""
+    import numpy as np
+
+    m, k, b = (np.array([float(stage[place]) for stage in distinct(stages)]) for place in range(3))
+    joints = np.eye(stages) - np.eye(stages, k=1)  # elongation rates by velocities
+    A = np.zeros((2 * stages, 2 * stages))
+    A[:stages, :stages] = -(joints.T * b) @ joints / m[:, None]
+    A[:stages, stages:] = -(joints.T * k) / m[:, None]
+    A[stages:, :stages] = joints
+    B, C = np.zeros((2 * stages, 1)), np.zeros((1, 2 * stages))
+    B[0, 0], C[0, stages - 1] = 1 / m[0], 1.0
+    return A, B, C, np.zeros((1, 1))
+
+
+@lru_cache(maxsize=4)
+def exact(stages: int) -> TransferFunction:
+    """Return the exact transfer function."""
+    from dynid.bondgraph.transfer import TransferFunction
+
+    graph = reduced(stages)
+    ((_, register),) = graph.channels().items()
+    return TransferFunction.of(graph.rational([register])[register])
+
+
+def exact_response(stages: int, omega: Any) -> list[complex]:
+    """Return the response at frequencies in 120 digits, by superposing impedances to the ground."""
+    from flint import acb, arb, ctx, fmpq
+
+    values = []
+    with ctx.workprec(400):
+        rows = [[acb(arb(fmpq(v.numerator, v.denominator))) for v in stage] for stage in distinct(stages)]
+        for w in omega:
+            s, force, seen = acb(0, float(w)), acb(1), acb(0)
+            for m, k, b in rows[:-1]:
+                seen, joint = seen + s * m, k / s + b
+                share = joint / (seen + joint)
+                force, seen = force * share, seen * share
+            m, k, b = rows[-1]
+            value = force / (seen + s * m + k / s + b)
+            values.append(complex(float(value.real.mid()), float(value.imag.mid())))
+    return values

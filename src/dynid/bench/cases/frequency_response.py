@@ -1,0 +1,95 @@
+"""Frequency response of a chain at 1,000 frequencies, from the model to the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.cases.chain import exact_response, matrices, reduced
+
+_POINTS = 1000
+
+
+def _omega() -> Any:
+    import numpy as np
+
+    return np.geomspace(0.1, 60.0, _POINTS)
+
+
+def _program(stages: int) -> Callable[[], Any]:
+    from dynid.bondgraph.frequency import frequency_response
+
+    omega = _omega()
+    return lambda: frequency_response(reduced(stages), omega)[:, 0, 0]
+
+
+def _solved(stages: int) -> Callable[[], Any]:
+    """Solve sE - A at every frequency, dense."""
+    import numpy as np
+
+    A, B, C, _ = matrices(stages)
+    unit = np.eye(len(A))
+    return lambda: np.array([(C @ np.linalg.solve(1j * w * unit - A, B))[0, 0] for w in _omega()])
+
+
+def _sparse(stages: int) -> Callable[[], Any]:
+    """Factorise sE - A at every frequency, sparse."""
+    import numpy as np
+    from scipy.sparse import csc_array, eye_array
+    from scipy.sparse.linalg import splu
+
+    A, B, C, _ = matrices(stages)
+    state, force = csc_array(A, dtype=complex), B[:, 0].astype(complex)
+    unit = eye_array(len(A), dtype=complex, format="csc")
+
+    def solve(w: float) -> complex:
+        return complex(C[0] @ splu(csc_array(1j * w * unit - state)).solve(force))
+
+    return lambda: np.array([solve(w) for w in _omega()])
+
+
+def _control(stages: int) -> Callable[[], Any]:
+    import control
+
+    def work() -> Any:
+        return control.ss(*matrices(stages))(1j * _omega())
+
+    return work
+
+
+def _polynomials(stages: int) -> Callable[[], Any]:
+    """Evaluate the quotient of polynomials that SciPy makes of the state equations."""
+    import numpy as np
+    from scipy.signal import ss2tf
+
+    def work() -> Any:
+        numerator, denominator = ss2tf(*matrices(stages))
+        with np.errstate(all="ignore"):
+            return np.polyval(numerator[0], 1j * _omega()) / np.polyval(denominator, 1j * _omega())
+
+    return work
+
+
+def _error(stages: int, found: Any) -> float:
+    import numpy as np
+
+    places = np.linspace(0, _POINTS - 1, 25).astype(int)
+    true = np.array(exact_response(stages, _omega()[places]))
+    with np.errstate(all="ignore"):
+        return float(np.nan_to_num(np.max(np.abs(found[places] - true) / np.abs(true)), nan=np.inf))
+
+
+BENCHMARK = Benchmark(
+    title="Frequency response of a chain at 1,000 frequencies, from the model on",
+    size="stages",
+    sizes=(10, 50, 200),
+    alternatives=(
+        Alternative("reduction", _program),
+        Alternative("state-space", _solved, most=50),
+        Alternative("sparse-lu", _sparse, most=2000),
+        Alternative("polynomials", _polynomials, most=200),
+        Alternative("control", _control, needs=("control",), most=50),
+    ),
+    error=_error,
+)

@@ -1,0 +1,73 @@
+"""A process that measures one alternative, a size at a time, as it is told over its standard input.
+
+Each alternative has a process of its own, so that its peak memory is what it needs and nothing that another
+loads gets in its way; the processes take turns, so that a drift of the machine's speed hits all.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+from typing import Any, TextIO
+
+from dynid.bench.catalogue import benchmark
+from dynid.errors import DynidError
+
+#: Fewest and most runs, and the time after which no further one is begun, s.
+_FEWEST, _MOST, _ENOUGH = 3, 15, 1.0
+#: A run longer than this is not repeated, s.
+_LONG = 5.0
+
+
+def main(name: str, alternative: str) -> None:
+    """Answer every line of standard input, a size, with a line of measurements."""
+    answers, sys.stdout = sys.stdout, sys.stderr  # what the work prints is no answer
+    for line in sys.stdin:
+        _say(answers, measured(name, alternative, int(line)))
+
+
+def measured(name: str, alternative: str, size: int) -> dict[str, Any]:
+    """Measure one alternative at one size: median time, rise of the peak memory, error; or what failed."""
+    case = benchmark(name)
+    chosen = next(each for each in case.alternatives if each.name == alternative)
+    try:
+        work = chosen.prepare(size)
+        before = peak_memory()
+        result = work()  # loads, compiles, and fills caches
+        memory = peak_memory() - before
+        return {"time": _timed(work), "memory": memory, "error": float(case.error(size, result))}
+    except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
+        return {"failed": f"{type(error).__name__}: {error}".splitlines()[0]}
+
+
+def _timed(work: Callable[[], Any]) -> float:
+    times: list[float] = []
+    while len(times) < _FEWEST or (sum(times) < _ENOUGH and len(times) < _MOST):
+        start = perf_counter()
+        work()
+        times.append(perf_counter() - start)
+        if times[-1] > _LONG:
+            break
+    return median(times)
+
+
+def peak_memory() -> float:
+    """Return the largest resident size of this process so far, bytes; 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return 0.0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)
+
+
+def _say(stream: TextIO, answer: dict[str, Any]) -> None:
+    stream.write(json.dumps(answer) + "\n")
+    stream.flush()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

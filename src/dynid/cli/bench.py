@@ -1,0 +1,86 @@
+"""`dynid bench`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dynid.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("-o", "--output", type=click.Path(), help="Write the figures to this HDF5 file.")
+@click.option("--report", type=click.Path(), help="Write the tables and work-precision plots to this page.")
+@click.option(
+    "--size", "sizes", multiple=True, metavar="NAME=N,N", help="Sizes of a benchmark instead of its own."
+)
+@click.option("--list", "listing", is_flag=True, help="List the benchmarks.")
+def bench(
+    names: tuple[str, ...], output: str | None, report: str | None, sizes: tuple[str, ...], listing: bool
+) -> int:
+    """Measure speed against error, now, on this machine.
+
+    Each NAME runs its alternatives on the same work in one go: median time, peak memory, and error against an
+    exact or high-precision reference; what no other beats in both time and error is marked. Without a NAME
+    all of them run.
+    """
+    from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
+    from dynid.cli.summary import summary
+
+    if listing:
+        width = max(map(len, BENCHMARKS))
+        for name in BENCHMARKS:
+            click.echo(f"  {name:{width}}  {benchmark(name).title}")
+        return 0
+    chosen = [_known(name, BENCHMARKS) for name in names] or list(BENCHMARKS)
+    result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), _teller())
+    click.echo(summary(result, ""))
+    if output:
+        from dynid.store import write_result
+
+        write_result(result, Path(output))
+        click.echo(f"\n  wrote {output}")
+    if report:
+        from dynid.atomic import replace_file
+        from dynid.bench.page import page
+
+        replace_file(report, page(result).encode())
+        click.echo(f"  wrote {report}")
+    return 0
+
+
+def _known(name: str, known: dict[str, str]) -> str:
+    if name not in known:
+        from dynid.words import did_you_mean
+
+        raise UsageError(
+            f"there is no benchmark '{name}'{did_you_mean(name, known)}",
+            remedy="List them with: dynid bench --list",
+        )
+    return name
+
+
+def _sizes(given: tuple[str, ...], known: dict[str, str]) -> dict[str, list[int]]:
+    """Read NAME=N,N."""
+    sizes: dict[str, list[int]] = {}
+    for text in given:
+        name, _, numbers = text.partition("=")
+        parts = numbers.split(",")
+        if not all(part.strip().isdecimal() and 0 < int(part) <= 10**9 for part in parts):
+            raise UsageError(f"--size {text}: sizes are whole numbers", remedy="Write NAME=100,1000.")
+        sizes[_known(name, known)] = sorted({int(part) for part in parts})
+    return sizes
+
+
+def _teller() -> Callable[[str], None]:
+    """Return what tells the progress: a line that is overwritten, or nothing where nobody looks."""
+    if not sys.stderr.isatty():
+        return lambda _: None
+    return lambda line: click.echo(f"\r\033[K{line}", nl=False, err=True)

@@ -1,0 +1,57 @@
+"""The screen of benchmarks: a table each, what nothing beats marked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import groupby
+
+from dynid.result import Result
+
+
+def method(result: Result) -> str:  # noqa: ARG001
+    """Name the kind of result."""
+    return "median times; ● nothing is both faster and more accurate"
+
+
+def lines(result: Result) -> list[str]:
+    """Return the screen, line by line."""
+    said: list[str] = []
+    for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result):
+        said += [*_table(result, group), ""]
+    return said[:-1]
+
+
+def _table(result: Result, group: str) -> Iterable[str]:
+    about = result.group_attrs[group]
+    yield f"  {group.partition('/')[2]}: {about['title']}"
+    names = list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
+    rows = [row for name in names for row in _rows(result, group, name)]
+    width = max(map(len, names))
+    yield f"    {about['size']:>9}  {'':{width}}  {'time':>10}  {'memory':>9}  {'error':>8}"
+    for size, some in groupby(sorted(rows, key=lambda row: row[0]), key=lambda row: row[0]):
+        for place, (_, name, time, memory, error, best) in enumerate(some):
+            shown = f"{size:,}" if place == 0 else ""
+            mark = " ●" if best else ""
+            figures = f"{_time(time):>10}  {_memory(memory):>9}  {error:>8.1e}"
+            yield f"    {shown:>9}  {name:{width}}  {figures}{mark}"
+    yield f"    error: {about['measure']}"
+    for word in ("failed", "missing"):
+        if about.get(word):
+            yield f"    {word}: {about[word]}"
+
+
+def _rows(result: Result, group: str, name: str) -> Iterable[tuple[int, str, float, float, float, bool]]:
+    columns = [result[f"{group}/{name}/{c}"].data for c in ("size", "time", "memory", "error", "pareto")]
+    for size, time, memory, error, best in zip(*columns, strict=True):
+        yield int(size), name, float(time), float(memory), float(error), bool(best)
+
+
+def _time(seconds: float) -> str:
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-9:.3g} ns"
+
+
+def _memory(size: float) -> str:
+    return f"{size / 1e6:.3g} MB" if size >= 1e5 else "-"

@@ -1,0 +1,123 @@
+"""Benchmarks: every alternative does its work at a small size, and the figures are those of the work."""
+
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
+from dynid.bench.page import page
+from dynid.bench.suite import Figure, pareto
+from dynid.bench.worker import measured
+from dynid.cli import cli
+from dynid.errors import DynidError
+from dynid.store import read_result
+
+#: A small size of each, and the largest error of the house's own (first) alternative there.
+SMALL = {
+    "frequency-response": (6, 1e-13),
+    "zeros-poles": (4, 1e-13),
+    "symbolic": (3, 0),
+    "propagation": (200, 1e-4),
+    "reduction": (300, 1e-10),
+    "modes": (300, 1e-10),
+    "startup": (1, 0),
+}
+QUICK = [
+    (name, each.name)
+    for name in SMALL
+    if name != "startup"
+    for each in benchmark(name).alternatives
+    if not each.missing() and "control" not in each.needs and each.name not in ("sympy", "pardiso")
+]
+
+
+def test_every_benchmark_has_a_small_size_here():
+    assert SMALL.keys() == BENCHMARKS.keys()
+
+
+@pytest.mark.parametrize(("name", "alternative"), QUICK, ids=map("-".join, QUICK))
+def test_an_alternative_does_the_work(name, alternative, monkeypatch):
+    monkeypatch.setattr("dynid.bench.worker._ENOUGH", 0.0)
+    case, (size, least) = benchmark(name), SMALL[name]
+    chosen = next(each for each in case.alternatives if each.name == alternative)
+    error = case.error(size, chosen.prepare(size)())
+    assert error >= 0
+    if alternative == case.alternatives[0].name:
+        assert error <= least
+
+
+@pytest.fixture(scope="module")
+def result():
+    return run_benchmarks(["propagation"], {"propagation": [100, 200]})
+
+
+def test_figures_stand_where_the_contract_says(result):
+    group = "bench/propagation/exponential-spline"
+    assert list(result[f"{group}/size"].data) == [100, 200]
+    for name, units in (("time", "s"), ("memory", "B"), ("error", "")):
+        variable = result[f"{group}/{name}"]
+        assert (variable.dims, variable.units) == (("size",), units)
+        assert np.all(np.isfinite(variable.data) & (variable.data >= 0))
+    zero, spline = (result[f"bench/propagation/exponential-{hold}/error"].data for hold in ("zero", "spline"))
+    assert np.all(zero > 100 * spline)  # what a hold costs is seen
+
+
+def test_a_work_that_fails_is_named_and_the_others_stand():
+    answer = measured("propagation", "exponential-linear", 1)  # one sample has no line to the next
+    assert "two samples" in answer["failed"]
+
+
+def test_nothing_that_came_to_an_end_is_an_error():
+    with pytest.raises(DynidError, match="no alternative"):
+        run_benchmarks(["propagation"], {"propagation": [0]})
+
+
+def test_the_front_is_what_no_other_beats():
+    fast, good, both, worse = (Figure(1, t, 0, e) for t, e in ((1, 9), (9, 1), (3, 3), (4, 3)))
+    assert pareto([fast, good, both, worse]) == [fast, good, both]
+    assert pareto([fast, Figure(2, 9, 0, 9)]) == [fast, Figure(2, 9, 0, 9)]  # another size is other work
+
+
+def test_the_page_holds_a_plot_and_every_figure_and_nothing_from_elsewhere(result):
+    text = page(result)
+    assert text == page(result)  # the same bytes
+    assert text.count("<svg") == 1
+    assert text.count("<tr") == 1 + 2 * len(benchmark("propagation").alternatives)
+    assert not re.search(
+        r"<script|https?://(?!www\.w3\.org|purl\.org|creativecommons\.org|matplotlib\.org)", text
+    )
+    assert not re.search(r"<(link|img)\b|@import|url\((?!#)", text)
+
+
+def test_the_command_measures_writes_and_shows(tmp_path):
+    runner, file, html = CliRunner(), tmp_path / "b.h5", tmp_path / "b.html"
+    arguments = ["bench", "propagation", "--size", "propagation=100", "-o", str(file), "--report", str(html)]
+    ran = runner.invoke(cli, arguments)
+    assert ran.exit_code == 0, ran.output
+    assert "exponential-spline" in ran.output
+    assert "●" in ran.output
+    assert html.read_text(encoding="utf-8").startswith("<!doctype html>")
+    stored = read_result(file)
+    assert stored.kind == "bench"
+    assert "exponential-spline" in runner.invoke(cli, ["show", str(file)]).output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nonsense"], "no benchmark 'nonsense'"),
+        (["mode"], "did you mean 'modes'"),
+        (["modes", "--size", "modes=ten"], "whole numbers"),
+        (["modes", "--size", "mods=10"], "no benchmark 'mods'"),
+    ],
+)
+def test_a_wrong_call_is_refused(arguments, said):
+    with pytest.raises(DynidError, match=re.escape(said)):
+        CliRunner().invoke(cli, ["bench", *arguments], catch_exceptions=False, standalone_mode=False)
+
+
+def test_the_list_names_all():
+    listed = CliRunner().invoke(cli, ["bench", "--list"]).output
+    assert all(name in listed for name in BENCHMARKS)
