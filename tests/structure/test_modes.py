@@ -119,3 +119,14 @@ def test_masses_that_nothing_holds_are_rigid_bodies():
     found = modes(np.diag([2.0, 1.0]), np.zeros((2, 2)), np.diag([0.0, 9.0]))
     np.testing.assert_allclose(found.omega, [0, 3])
     assert found.rigid == 1
+
+
+@pytest.mark.parametrize("mass", [1e-12, 1e-20, 1e-27, 1e-40])
+def test_a_mass_too_small_to_matter_leaves_the_others_their_modes(mass):
+    K = np.diag([2.0, 2, 1]) - np.eye(3, k=1) - np.eye(3, k=-1)
+    found = modes(np.diag([1.0, mass, 1.0]), np.zeros((3, 3)), K)
+    # Without it DOF 2 follows: K = [[1.5, -0.5], [-0.5, 0.5]], whose eigenvalues are 1 -+ sqrt(1/2).
+    np.testing.assert_allclose(found.omega[:2] ** 2, [1 - 0.5**0.5, 1 + 0.5**0.5], rtol=1e-10)
+    assert found.massless == (mass == 1e-40)
+    if not found.massless:
+        assert found.omega[2] ** 2 * mass == pytest.approx(2, rel=1e-10)

@@ -15,7 +15,7 @@ from dynid.errors import FileError, UsageError
 from dynid.structure.damping import Modal, Proportional
 from dynid.structure.imported import from_state_space, imported
 from dynid.structure.joints import Joint
-from dynid.structure.readers.read import MatrixFile, matrix_file, read_matrix
+from dynid.structure.readers.read import MatrixFile, matrix_file, read_labels, read_matrix
 
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
@@ -82,6 +82,11 @@ def write_sparse_npz(folder):
     return folder / "k.npz", None
 
 
+def write_coordinates_npz(folder):
+    save_npz(folder / "k.npz", coo_array(K))
+    return folder / "k.npz", None
+
+
 def write_npy(folder):
     np.save(folder / "k.npy", K)
     return folder / "k.npy", None
@@ -112,7 +117,7 @@ def write_op4(folder):
 
 WRITERS = [
     write_mtx, write_mtx_array, write_triplets, write_half_triplets, write_mat, write_mat_73,
-    write_npz, write_sparse_npz, write_npy, write_h5, write_sparse_h5,
+    write_npz, write_sparse_npz, write_coordinates_npz, write_npy, write_h5, write_sparse_h5,
     pytest.param(write_op4, marks=needs_pyyeti),
 ]  # fmt: skip
 
@@ -229,6 +234,36 @@ def test_which_matrix_of_several(tmp_path):
         read_matrix(MatrixFile(file), "damping")
     with pytest.raises(FileError, match="complex"):
         read_matrix(MatrixFile(file, "Z"), "mass")
+    savemat(tmp_path / "text.mat", {"K": "a text, no matrix", "M": M})
+    with pytest.raises(FileError, match=r"does not say which matrix is the stiffness; it has M \(3 x 3\)"):
+        read_matrix(MatrixFile(tmp_path / "text.mat"), "stiffness")
+
+
+def test_a_sparse_layout_that_is_not_read_is_named(tmp_path):
+    for layout in ("dia", "bsr"):
+        save_npz(tmp_path / "k.npz", csr_array(K).asformat(layout))
+        with pytest.raises(FileError, match=f"layout '{layout}'; csc, csr, coo are read"):
+            read_matrix(MatrixFile(tmp_path / "k.npz"), "mass")
+    wrong = {"data": np.ones(1), "row": np.array([7]), "col": np.array([0]), "format": "coo", "shape": (3, 3)}
+    np.savez(tmp_path / "k.npz", **wrong)
+    with pytest.raises(FileError, match=r"cannot be read as a sparse matrix"):
+        read_matrix(MatrixFile(tmp_path / "k.npz"), "mass")
+
+
+def test_labels_out_of_a_file(tmp_path):
+    path = tmp_path / "labels.txt"
+    path.write_text("left\n\n 12 \nüber\n", encoding="utf-8")
+    assert read_labels(path) == ["left", 12, "über"]
+    path.write_bytes(b"\xff\n")
+    with pytest.raises(FileError, match="no text in UTF-8"):
+        read_labels(path)
+    for other in (tmp_path, tmp_path / "missing", Path("/dev/zero")):  # the last one never ends
+        with pytest.raises(FileError, match="is no file"):
+            read_labels(other)
+    with path.open("wb") as stream:
+        stream.truncate(10**9)
+    with pytest.raises(FileError, match="too large"):
+        read_labels(path)
 
 
 def test_a_path_inside_an_hdf5_file_stands_behind_it(tmp_path):

@@ -234,6 +234,19 @@ def test_residual_vectors_make_a_joint_aware_basis_right_far_from_where_it_is_ma
     assert caught.value.names == ("residuals",)
 
 
+def test_residual_vectors_that_move_no_mass_are_massless():
+    K = np.diag([2.0, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1)
+    joints = (Joint("j", (2, 3), 1.0, m=[[0, 0], [0, 2.0]]),)
+    model = StructuralModel(np.diag([1.0, 0, 0, 0]), np.zeros((4, 4)), K, joints)
+    from dynid.structure.modes import modes
+
+    reduced = reduce(model, "modal", modes=[1, 2], interest=Interest((4,)))  # two modes are all it has
+    assert reduced.size > 2
+    found = modes(*reduced.with_joints())
+    np.testing.assert_allclose(found.omega**2, squares(model), rtol=1e-9)
+    assert found.massless == reduced.size - 2
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_joints_stay_unknown_and_every_dof_stays_readable(method):
     joints = (Joint("a", (1, 4), JointParameter(start=1.0, true=2.0), JointParameter(start=0.1)),)
@@ -320,6 +333,9 @@ def test_masters_come_from_joints_sensors_and_loads_and_are_completed():
     assert {1, 6, 10} <= set(made.masters)
     assert len(made.masters) == 5
     assert made.condition < 100
+    assert METHODS["serep"]().reduce(model).masters == (1, 10)  # one mode a joint's end
+    with pytest.raises(UsageError, match="nothing says which modes to keep"):
+        METHODS["serep"]().reduce(yang_beam(joints=False))
     assert METHODS["serep"](interest=Interest(band=50.0)).reduce(model).modes == (1, 2, 3)  # below 250 rad/s
 
 
@@ -370,7 +386,6 @@ def test_effective_independence_drops_what_adds_least():
             UsageError,
             r"20 modes are asked for",
         ),
-        ({}, UsageError, r"nothing says which modes to keep"),
     ],
 )
 def test_what_makes_no_sense_is_refused(options, error, said):

@@ -147,13 +147,12 @@ def _labels(folder: Path, given: list[Label] | str | None) -> Sequence[Label]:
     """Return labels as listed, or read from a text file with one a line."""
     if not isinstance(given, str):
         return given or ()
+    from dynid.structure.readers.read import read_labels
+
     try:
-        lines = (folder / given).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
-        raise FileError(f"{folder / given} cannot be read: {reason}", names=("labels",)) from None
-    words = [line.strip() for line in lines if line.strip()]
-    return [int(word) if word.isdecimal() else word for word in words]
+        return read_labels(folder / given)
+    except FileError as error:
+        raise FileError(error.problem, remedy=error.remedy, names=("labels",)) from None
 
 
 def _damping(given: DampingModel | None) -> Proportional | Modal | None:

@@ -112,7 +112,9 @@ def _both_ends(K: Array, M: Array) -> tuple[Array, Array]:
     square, shapes = eigh(K, M)
     top = float(np.abs(square).max())
     rounding = len(K) * float(np.finfo(float).eps) * top
-    elastic = float(square[square > 10 * rounding].min(initial=top))
+    stiff = np.diag(K) > 0
+    bound = (np.diag(K)[stiff] / np.diag(M)[stiff]).min(initial=top)  # where rounding drowns the lowest
+    elastic = float(square[square > 10 * rounding].min(initial=bound))
     if square[0] < -1e-3 * top or elastic * _SPREAD > top > 0:
         return square, shapes
     try:

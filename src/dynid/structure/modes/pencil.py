@@ -37,6 +37,8 @@ class Pencil:
         return np.flatnonzero(self.M.diagonal() == 0)
 
 
+# A DOF this much faster by itself than the slowest, in squares, moves without mass to all digits.
+_MASSLESS = 1e28
 # The least shift relative to the bound, large against rounding. The lowest elastic eigenvalue of n DOFs is
 # about the bound over n^2 (strings, plates) or more (solids): a shift far below it would make rigid-body
 # modes drown it in the inverse.
@@ -69,11 +71,12 @@ def scaled(K: Matrix, M: Matrix) -> Pencil:
         )
     both = (stiffness > 0) & (mass > 0)
     bound = float((stiffness[both] / mass[both]).min()) if both.any() else 1.0
+    light = (mass > 0) & (mass * bound * _MASSLESS < stiffness)
     weight = stiffness + bound * mass
     finite("the ratio of stiffness and mass", weight)
     scale = np.exp2(np.round(-0.5 * np.log2(weight)))
     shift = bound * max(float(len(scale)) ** -2, _LEAST_SHIFT)
-    return Pencil(_on_both_sides(K, scale), _on_both_sides(M, scale), scale, shift)
+    return Pencil(_on_both_sides(K, scale), _on_both_sides(M, np.where(light, 0.0, scale)), scale, shift)
 
 
 def _on_both_sides(matrix: Matrix, scale: Array) -> Matrix:

@@ -15,6 +15,7 @@ from dynid.structure.matrices import Label, Matrix, is_sparse
 
 # The most numbers that are read into memory: 2 GB of double precision.
 MOST_NUMBERS = 250_000_000
+_LAYOUTS = ("csc", "csr", "coo")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,25 +116,29 @@ def as_numbers(path: Path, name: str, values: Any) -> Matrix:
 
 
 def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str) -> Matrix:
-    """Return a sparse matrix out of its stored arrays (data, indices, indptr), which are not trusted.
+    """Return a sparse matrix out of its stored arrays, which are not trusted.
+
+    These are data, indices and indptr; of coordinates (``coo``) data, rows and columns, from 0.
 
     Raises
     ------
     FileError
         If they contradict each other.
     """
-    from scipy.sparse import csc_array, csr_array
+    from scipy.sparse import coo_array, csc_array, csr_array
 
     rows, columns = (int(number) for number in np.asarray(shape).ravel())
-    data, indices, indptr = (np.asarray(part).ravel() for part in parts)
+    if layout not in _LAYOUTS:
+        raise FileError(f"{path} holds a sparse matrix of layout {layout!r}; {', '.join(_LAYOUTS)} are read")
+    data, *places = (np.asarray(part).ravel() for part in parts)
     check_claim(path, (rows, columns), len(data))
-    kinds = {"csc": csc_array, "csr": csr_array}
-    if layout not in kinds:
-        raise FileError(f"{path} holds a sparse matrix of layout {layout!r}; csc and csr are read")
     numbers = as_numbers(path, "data", data[None, :])
     assert isinstance(numbers, np.ndarray)
     with read_errors(path, "a sparse matrix"):
-        matrix = kinds[layout]((numbers[0], indices, indptr), shape=(rows, columns))
+        if layout == "coo":
+            result: Matrix = coo_array((numbers[0], tuple(places)), shape=(rows, columns)).tocsc()
+            return result
+        matrix = {"csc": csc_array, "csr": csr_array}[layout]((numbers[0], *places), shape=(rows, columns))
         matrix.check_format(full_check=True)
-        result: Matrix = matrix.tocsc()
+        result = matrix.tocsc()
     return result

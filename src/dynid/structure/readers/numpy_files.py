@@ -15,7 +15,8 @@ from dynid.structure.readers.imported import MOST_NUMBERS, as_numbers, check_cla
 #: The name of the one matrix in a file that holds a sparse matrix or a single array.
 ONLY = "matrix"
 
-_SPARSE = {"data", "indices", "indptr", "format", "shape"}
+_SPARSE = {"data", "format", "shape"}
+_PARTS = {"coo": ("data", "row", "col")}
 
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
@@ -47,17 +48,17 @@ def load(path: Path, name: str) -> Matrix:
             return as_numbers(path, "", np.load(path, allow_pickle=False))
         with zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            wanted = _SPARSE if name == ONLY and set(members) >= _SPARSE else {name}
-            for part in wanted:
+            sparse = name == ONLY and set(members) >= _SPARSE
+            for part in members if sparse else [name]:
                 with archive.open(members[part]) as stream:
                     _check(path, stream, members[part].file_size)
         with np.load(path, allow_pickle=False) as stored:
-            if wanted == {name}:
+            if not sparse:
                 return as_numbers(path, name, stored[name])
             layout = stored["format"].item()
             layout = layout.decode() if isinstance(layout, bytes) else str(layout)
-            parts = (stored["data"], stored["indices"], stored["indptr"])
-            return compressed(path, stored["shape"], parts, layout)
+            data, one, other = (stored.get(part) for part in _PARTS.get(layout, ("data", "indices", "indptr")))
+            return compressed(path, stored["shape"], (data, one, other), layout)
 
 
 def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:

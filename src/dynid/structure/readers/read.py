@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from dynid.errors import FileError
-from dynid.structure.matrices import Matrix
+from dynid.structure.matrices import Label, Matrix
 from dynid.structure.readers import hdf5, matlab, matrix_market, numpy_files, op4, triplets
 from dynid.structure.readers.imported import Imported
 from dynid.words import did_you_mean
@@ -28,6 +28,8 @@ USUAL = {
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _LISTED = 12
+# The largest file of labels, bytes.
+_LONGEST = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -96,11 +98,36 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
     return {role: reader.load(path, _choose(path, names.get(role), role, shapes)) for role in roles}
 
 
+def read_labels(path: Path) -> list[Label]:
+    """Read the labels of DOFs from a text file, one a line.
+
+    Raises
+    ------
+    FileError
+        If it is no text file, or a large one.
+    """
+    _check_file(path)
+    if path.stat().st_size > _LONGEST:
+        raise FileError(f"{path} is too large for a list of labels")
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise FileError(f"{path} cannot be read: it is no text in UTF-8") from None
+    words = [line.strip() for line in lines if line.strip()]
+    return [int(word) if word.isdecimal() else word for word in words]
+
+
 def _check_kind(path: Path) -> None:
     if path.suffix.lower() not in EXTENSIONS:
         raise FileError(
             f"{path} is no file of matrices that is read", remedy=f"Those end in {', '.join(EXTENSIONS)}."
         )
+    _check_file(path)
+
+
+def _check_file(path: Path) -> None:
     if not path.is_file():
         raise FileError(f"{path} is no file", remedy="Paths in a scene are relative to the scene's folder.")
 
@@ -143,11 +170,20 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
     first = sorted(matching, key=lambda found: usual.index(found.rpartition("/")[2].lower()))
     if first and (len(first) == 1 or first[0].lower() != first[1].lower()):
         return first[0]
-    if len(shapes) == 1 and role not in ("B", "C"):
-        return next(iter(shapes))
+    only = next(iter(shapes), "")
+    if len(shapes) == 1 and role not in ("B", "C") and not _is_another(only, role):
+        return only
     raise FileError(
         f"{path} does not say which matrix is the {role}{_known(shapes)}",
         remedy="Name it: {path: …, name: …}.",
+    )
+
+
+def _is_another(name: str, role: str) -> bool:
+    """Tell whether a matrix is called as one of another role usually is."""
+    word = name.rpartition("/")[2].lower()
+    return len(role) > 1 and any(
+        word in (usual.lower() for usual in USUAL[other]) for other in ("mass", "stiffness") if other != role
     )
 
 

@@ -14,7 +14,7 @@ from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.masters import Masters, checked_condition, indices_of
-from dynid.structure.reduction.reduction import Reduction, masters_for_modes, without_rounding
+from dynid.structure.reduction.reduction import Reduction, interesting, masters_for_modes, without_rounding
 from dynid.structure.reduction.selection import (
     Interest,
     ModeRange,
@@ -41,7 +41,7 @@ class Serep:
         others where these do not see all the modes.
     modes
         Numbers from 1, rigid-body modes included, or a range (`ModeRange`). Absent: one a master; with no
-        masters either, all of the band.
+        masters either, all of the band; without a band, one a DOF of joints, sensors and loads.
     interest
         What the model is for.
     """
@@ -75,7 +75,10 @@ def on_modes(
     """Reduce a structure on modes of `matrices`: its own, or those with joints."""
     if masters is not None and not isinstance(masters, Masters):
         indices_of(model, masters)  # what is wrong with them is said before the modes are computed
-    basis = selected(matrices, wanted_modes(modes, interest, fixed_count(masters)))
+    count = fixed_count(masters)
+    if count is None and interest.band is None:
+        count = len(interesting(model, interest)) or None
+    basis = selected(matrices, wanted_modes(modes, interest, count))
     kept = masters_for_modes(model, masters, interest, basis.shapes)
     labels = tuple(model.dofs[k] for k in kept)
     seen = basis.shapes[kept]
