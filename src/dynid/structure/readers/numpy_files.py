@@ -57,7 +57,8 @@ def load(path: Path, name: str) -> Matrix:
                 return as_numbers(path, name, stored[name])
             layout = stored["format"].item()
             layout = layout.decode() if isinstance(layout, bytes) else str(layout)
-            data, one, other = (stored.get(part) for part in _PARTS.get(layout, ("data", "indices", "indptr")))
+            names = _PARTS.get(layout, ("data", "indices", "indptr"))
+            data, one, other = (stored.get(part) for part in names)
             return compressed(path, stored["shape"], (data, one, other), layout)
 
 
