@@ -114,7 +114,7 @@ analysis: {outputs: [u.f], results: [prototype]}
         ("zeta*(m + k)**2", r"\zeta \, \left(m + k\right)^{2}"),
         ("2*sqrt(k*m)*zeta", r"2 \, \sqrt{k \, m} \, \zeta"),
         ("m*2", r"m \cdot 2"),
-        ("k*0.5", r"k \, \frac{1}{2}"),
+        ("k*0.5", r"\frac{k}{2}"),
         ("max(k, -m)", r"\max\left(k, -m\right)"),
         ("abs(k)/log(m)", r"\frac{\left|k\right|}{\ln\left(m\right)}"),
         ("k*exp(-m)", r"k \, \mathrm{e}^{-m}"),
@@ -126,4 +126,38 @@ def test_expressions_are_typeset_from_their_tree(tmp_path, written, typeset):
     scene.write_text(SCENE.replace("DAMPER", written), encoding="utf-8")
     (system,) = dynid.run(scene).value("bond_graph/reduction/system_a_latex")
     assert typeset.removeprefix(r"\left(").removesuffix(r"\right)") in system
-    assert r"\frac{1}{s \, \frac{-1}{-k}}" in system or r"\frac{1}{s \, \left(-\frac{1}{-k}\right)}" in system
+    assert system.startswith(r"Z_{A} = \frac{k}{s} + ")
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "1/k",
+        "-1/k",
+        "k/(-m)",
+        "1/(k/m)/zeta",
+        "-(k - m)/(m + k)",
+        "(1/k)**2",
+        "0.1*k",
+        "1/(1/k + 1/m)",
+        "--k",
+        "k*k*m",
+    ],
+)
+@pytest.mark.parametrize("kind", ["R", "I", "C", "TF", "GY"])
+def test_quotients_of_quotients_are_one_quotient_of_the_same_value(tmp_path, written, kind):
+    behind, bond = (", y: {type: R, value: 7}", " -> y") if kind in ("TF", "GY") else ("", "")
+    nodes = f"u: Se, j: 1, x: {{type: I, value: 1}}, a: {{type: {kind}, value: '{written}'}}{behind}"
+    text = (
+        SCENE.partition("graph:")[0] + f"graph: {{nodes: {{{nodes}}}, bonds: [u -> j -> x, j -> a{bond}]}}\n"
+    )
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(text + "analysis: {outputs: [x.f], results: [prototype]}\n", encoding="utf-8")
+    (system,) = dynid.run(scene).value("bond_graph/reduction/system_a")
+    names = {"zeta": Fraction(1, 4), "k": Fraction(3), "m": Fraction(2), "s": Fraction(5), "y": Fraction(7)}
+    value = eval(written, dict(names))
+    impedance = {"R": value, "I": 5 * value, "C": 1 / (5 * value), "TF": 7 * value**2, "GY": value**2 / 7}
+    found = eval(system.partition(" = ")[2], dict(names))
+    assert float(found) == pytest.approx(float(impedance[kind]), rel=1e-14)
+    assert "/(1/k)" not in system
+    assert "--" not in system

@@ -103,8 +103,8 @@ def test_an_output_that_cannot_be_printed_is_exit_4_with_the_file_written(folder
 
 def test_an_interrupt_from_the_keyboard_is_exit_130(folder):
     driver = (
-        "import os, signal, sys, dynid.scene.kinds.bond_graph as runner\n"
-        "runner.run = lambda scene: os.kill(os.getpid(), signal.SIGINT)\n"
+        "import os, signal, sys, time, dynid.scene.kinds.bond_graph as runner\n"
+        "runner.run = lambda scene: (os.kill(os.getpid(), signal.SIGINT), time.sleep(30))\n"
         "from dynid.cli import main; main(['run', 'small.yaml'])\n"
     )
     left = subprocess.run(

@@ -231,3 +231,41 @@ def test_setting_a_parameter_that_the_scene_does_not_have_is_refused(dynid):
     code, out, err = dynid("run", "small.yaml", "--set", "parameters.mass=3")
     assert (code, out) == (2, "")
     assert err == "--set parameters.mass:1:1: the scene has no parameter 'mass'\n"
+
+
+MATRIX = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    F: Se
+    G: Se
+    H: Se
+    j: 1
+    m: {type: I, value: 2}
+    b: {type: R, value: 1}
+    k: {type: C, value: 0.5}
+  bonds: [F -> j -> m, G -> j, H -> j, j -> b, j -> k]
+analysis:
+  outputs: [m.f, k.e, b.e]
+  results: [transfer_function, zeros, poles, properties]
+"""
+
+
+def test_what_all_channels_share_is_said_once_and_many_channels_are_a_table_in_the_scenes_order(
+    dynid, folder
+):
+    (folder / "matrix.yaml").write_text(MATRIX)
+    code, run, _ = dynid("run", "matrix.yaml")
+    assert code == 0
+    assert run.count("-0.25 ± 0.9682j") == 1
+    assert "  every channel\n    poles   -0.25 ± 0.9682j\n            stable" in run
+    assert [line.strip() for line in run.splitlines() if " / " in line and "T(s)" not in line] == [
+        *(f"{output} / {source}" for output in ("m.f", "k.e") for source in "FGH"),
+        *(
+            f"b.e / {source}      2                1     0     0  marginal, not minimum phase  stable"
+            for source in "FGH"
+        ),
+    ]
+    _, show, _ = dynid("show", "matrix.h5")
+    assert run.split("every channel")[1].split("wrote")[0].strip() == show.split("every channel")[1].strip()

@@ -5,6 +5,8 @@ Only what is asked for is computed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from dynid.bondgraph.graph import Bond, BondGraph
 from dynid.bondgraph.need import dropped
 from dynid.bondgraph.question import Analysis
@@ -17,7 +19,7 @@ from dynid.bondgraph.results.zero_input import add_zero_input
 from dynid.errors import Singular
 from dynid.result import Result
 
-#: Most nodes that are named as left out.
+#: Most inputs, outputs, or nodes left out that are named.
 _SHOWN = 500
 
 
@@ -48,7 +50,14 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         graph = graph.rounded()
     asked = analysis.results
     result = Result("bond-graph", title)
-    result.annotate("bond_graph", nodes=len(graph.nodes), bonds=len(graph.bonds), dropped="")
+    result.annotate(
+        "bond_graph",
+        nodes=len(graph.nodes),
+        bonds=len(graph.bonds),
+        inputs=_named(analysis.inputs),
+        outputs=_named([str(port) for port in analysis.outputs]),
+        dropped="",
+    )
     causality = None
     if "causality" in asked:
         from dynid.bondgraph.results.causality import add_causality
@@ -106,5 +115,9 @@ def _dropped(reduced: ReducedGraph) -> str:
     """Say what was left out, because no output depends on it."""
     left_out = [set(dropped(reduced, port)) for port in reduced.outputs]
     names = [name for name in reduced.graph.nodes if all(name in one for one in left_out)]
+    return _named(names)
+
+
+def _named(names: Sequence[str]) -> str:
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more

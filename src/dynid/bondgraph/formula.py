@@ -47,14 +47,14 @@ def readable(reduced: ReducedGraph) -> dict[Channel, Polynomials]:
 
 def readable_registers(planned: Planned, registers: Iterable[Register]) -> dict[Register, str]:
     """Return the registers whose formula is readable, as text that SymPy could read."""
-    from dynid.bondgraph.algebra.symbolic import TooLong, text
+    from dynid.bondgraph.algebra.symbolic import TooLong, quotient
 
     try:
         found = _register_polynomials(planned, registers, _LIMIT)
     except (TooLong, UsageError):
         return {}
     return {
-        register: text(*polynomials)
+        register: quotient(*polynomials)[0]
         for register, polynomials in found.items()
         if max(len(part) for part in polynomials) <= _READABLE
     }
@@ -62,9 +62,9 @@ def readable_registers(planned: Planned, registers: Iterable[Register]) -> dict[
 
 def formulas(reduced: ReducedGraph) -> dict[Channel, str]:
     """Return the channels whose formula is readable, as text that SymPy could read."""
-    from dynid.bondgraph.algebra.symbolic import text
+    from dynid.bondgraph.algebra.symbolic import quotient
 
-    return {channel: text(*polynomials) for channel, polynomials in readable(reduced).items()}
+    return {channel: quotient(*polynomials)[0] for channel, polynomials in readable(reduced).items()}
 
 
 def expanded(reduced: ReducedGraph, terms: int) -> dict[Channel, Polynomials]:

@@ -65,14 +65,6 @@ class Node:
     value: Fraction | None = None
     formula: Expression | None = None
 
-    @property
-    def symbol(self) -> str:
-        """What stands for the value in equations."""
-        if self.formula is None or not self.formula.names:
-            return self.name
-        text = self.formula.text
-        return text if text.isidentifier() else f"({text})"
-
 
 @dataclass(frozen=True)
 class Bond:

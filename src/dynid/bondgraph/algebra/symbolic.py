@@ -8,7 +8,7 @@ from functools import reduce
 from typing import Any, Self
 
 from dynid.bondgraph.algebra.quotient import Factor, Quotient
-from dynid.bondgraph.reduction.writing import Hand, Written
+from dynid.bondgraph.reduction.writing import ATOM, POWER, PRODUCT, SUM, TEXT, Hand, Written
 
 #: Products of terms that may be formed for every term that a polynomial may have.
 _WORK = 32
@@ -119,9 +119,21 @@ def plain(polynomial: Any) -> str:
     return str(polynomial).replace("^", "**")
 
 
-def text(numerator: Any, denominator: Any) -> str:
-    """Write a quotient of polynomials as SymPy would read it."""
-    return plain(numerator) if denominator == 1 else f"({plain(numerator)})/({plain(denominator)})"
+def quotient(numerator: Any, denominator: Any) -> Written:
+    """Write a quotient of polynomials as SymPy would read it, its sign in front."""
+    if denominator.leading_coefficient() < 0:
+        numerator, denominator = -numerator, -denominator
+    negative = numerator != 0 and all(c < 0 for c in numerator.coeffs())
+    top = _plain(-numerator if negative else numerator)
+    whole = top if denominator == 1 else TEXT.quotient(top, _plain(denominator))
+    return TEXT.negative(whole) if negative else whole
+
+
+def _plain(polynomial: Any) -> Written:
+    text = plain(polynomial)
+    if len(polynomial) > 1:
+        return text, SUM
+    return text, PRODUCT if "*" in text.replace("**", "") else POWER if "**" in text else ATOM
 
 
 def written(polynomial: Any, hand: Hand) -> Written:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
 from dynid.bondgraph.equations.descriptor import Descriptor, constrained
@@ -15,7 +15,7 @@ from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.notation import express, free_letter, length, shared
 from dynid.bondgraph.reduction.program import Point, Program, Register
-from dynid.bondgraph.reduction.writing import ATOM, POWER, PRODUCT, SUM, TEXT, Written
+from dynid.bondgraph.reduction.writing import TEXT, Written
 from dynid.errors import UsageError
 
 #: Most symbols and terms with which coefficients are brought to lowest terms.
@@ -181,7 +181,7 @@ class _Solved:
 
     def _lowest_terms(self) -> dict[Register, Written]:
         """Write coefficients as quotients of polynomials; nothing where one of them grows long."""
-        from dynid.bondgraph.algebra.symbolic import TooLong, variables
+        from dynid.bondgraph.algebra.symbolic import TooLong, quotient, variables
 
         try:
             names = symbol_names(self.reduced)
@@ -195,7 +195,7 @@ class _Solved:
             return {}
         if any(max(len(above), len(below)) > _TERMS for above, below in lowest.values()):
             return {}
-        return {register: _quotient(above, below) for register, (above, below) in lowest.items()}
+        return {register: quotient(above, below) for register, (above, below) in lowest.items()}
 
     def _labels(self) -> dict[Register, str]:
         """Name what coefficients share, where one of them would be long."""
@@ -228,21 +228,3 @@ class _Solved:
             return self.system.name(symbol[1])
         times = "" if symbol[2] == 1 else str(symbol[2])
         return f"(d{times}/dt{times} {symbol[1]})" if symbol[2] else symbol[1]
-
-
-def _quotient(above: Any, below: Any) -> Written:
-    """Write a quotient of polynomials, its sign in front."""
-    if below.leading_coefficient() < 0:
-        above, below = -above, -below
-    negative = above.leading_coefficient() < 0
-    top = _polynomial(-above if negative else above)
-    written = top if below == 1 else TEXT.quotient(top, _polynomial(below))
-    return TEXT.negative(written) if negative else written
-
-
-def _polynomial(polynomial: Any) -> Written:
-    """Write a polynomial whose first coefficient is positive."""
-    text = str(polynomial).replace("^", "**")
-    if len(polynomial) > 1:
-        return text, SUM
-    return text, PRODUCT if "*" in text.replace("**", "") else POWER if "**" in text else ATOM

@@ -6,7 +6,7 @@ from collections.abc import Collection, Container, Iterator, Mapping
 
 from dynid.bondgraph.graph import Node
 from dynid.bondgraph.reduction.program import Op, Program, Register, operands
-from dynid.bondgraph.reduction.writing import TEXT, Hand, Written
+from dynid.bondgraph.reduction.writing import TEXT, Hand, Over, Written
 
 
 def express(
@@ -32,13 +32,13 @@ def express(
     hand
         How to write.
     """
-    known: dict[Register, Written] = {}
+    known: dict[Register, Over] = {}
     for current in in_order(program, register, labels):
         if current != register and current in labels:
-            known[current] = hand.name(labels[current])
+            known[current] = Over(hand.name(labels[current]))
         else:
             known[current] = _write(*program.ops[current], known, nodes, hand)
-    return known[register]
+    return hand.whole(known[register])
 
 
 def length(program: Program, register: Register, limit: int) -> int:
@@ -66,28 +66,26 @@ def in_order(program: Program, register: Register, stops: Container[Register]) -
             yield current
 
 
-def _write(
-    op: Op, a: int, b: int, known: Mapping[int, Written], nodes: Mapping[str, Node], hand: Hand
-) -> Written:
+def _write(op: Op, a: int, b: int, known: Mapping[int, Over], nodes: Mapping[str, Node], hand: Hand) -> Over:
     match op:
         case Op.CONSTANT:
-            return hand.integer(a)
+            return Over(hand.integer(a))
         case Op.PARAMETER:
             return hand.value(nodes[str(a)])
         case Op.LAPLACE:
-            return hand.name("s")
+            return Over(hand.name("s"))
         case Op.NEG:
-            return hand.negative(known[a])
+            return hand.opposite(known[a])
         case Op.ADD:
-            return hand.total(known[a], known[b])
+            return Over(hand.total(hand.whole(known[a]), hand.whole(known[b])))
         case Op.SUB:
-            return hand.difference(known[a], known[b])
+            return Over(hand.difference(hand.whole(known[a]), hand.whole(known[b])))
         case Op.MUL if a == b:
-            return hand.power(known[a], hand.integer(2))
+            return hand.squared(known[a])
         case Op.MUL:
-            return hand.product(known[a], known[b])
+            return hand.times(known[a], known[b])
         case Op.DIV:
-            return hand.quotient(known[a], known[b])
+            return hand.divided(known[a], known[b])
 
 
 def shared(program: Program, wanted: Collection[Register], longest: int) -> list[Register]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from dynid.bondgraph.graph import Node
@@ -15,6 +15,14 @@ SUM, SIGN, PRODUCT, FRACTION, POWER, ATOM = range(6)
 
 #: A formula as written, and how tightly it holds together.
 Written = tuple[str, int]
+ONE: Written = ("1", ATOM)
+
+
+class Over(NamedTuple):
+    """A formula as one fraction, so that a quotient of quotients is written as one quotient."""
+
+    top: Written
+    bottom: Written = ONE
 
 
 class Hand(ABC):
@@ -29,8 +37,12 @@ class Hand(ABC):
         """Write a name."""
 
     @abstractmethod
-    def value(self, node: Node) -> Written:
-        """Write the value of a node: by the expression it was given, else by the node's name."""
+    def number(self, value: Fraction) -> Over:
+        """Write a number that the user wrote as a decimal."""
+
+    @abstractmethod
+    def call(self, function: str, operands: list[Written]) -> Written:
+        """Write a function of an expression."""
 
     @abstractmethod
     def product(self, a: Written, b: Written) -> Written:
@@ -52,12 +64,77 @@ class Hand(ABC):
         """Write -a."""
         return "-" + self.bracket(a, PRODUCT), SIGN
 
+    def value(self, node: Node) -> Over:
+        """Write the value of a node: by the expression it was given, else by the node's name."""
+        if node.formula is None or not node.formula.names:
+            return Over(self.name(node.name))
+        written: Over = node.formula.fold(self._leaf, self._apply)
+        return written
+
+    def whole(self, fraction: Over) -> Written:
+        """Write a fraction."""
+        top, bottom = fraction
+        if bottom[1] == SIGN:
+            top, bottom = self._opposite(top), _unsigned(bottom)
+        return top if bottom == ONE else self.quotient(top, bottom)
+
+    def times(self, a: Over, b: Over) -> Over:
+        """Multiply fractions."""
+        return Over(self._joined(a.top, b.top), self._joined(a.bottom, b.bottom))
+
+    def divided(self, a: Over, b: Over) -> Over:
+        """Divide fractions."""
+        return self.times(a, Over(b.bottom, b.top))
+
+    def squared(self, a: Over) -> Over:
+        """Square a fraction."""
+        parts = (_unsigned(part) for part in a)
+        return Over(*(part if part == ONE else self.power(part, self.integer(2)) for part in parts))
+
+    def opposite(self, a: Over) -> Over:
+        """Turn the sign of a fraction."""
+        return Over(self._opposite(a.top), a.bottom)
+
+    def _opposite(self, a: Written) -> Written:
+        return _unsigned(a) if a[1] == SIGN else self.negative(a)
+
+    def _joined(self, a: Written, b: Written) -> Written:
+        """Multiply without ones, a sign in front."""
+        if SIGN in (a[1], b[1]):
+            positive = self._joined(_unsigned(a), _unsigned(b))
+            return positive if a[1] == b[1] else self.negative(positive)
+        if ONE in (a, b):
+            return b if a == ONE else a
+        return self.power(a, self.integer(2)) if a == b else self.product(a, b)
+
+    def _leaf(self, item: Fraction | str) -> Over:
+        return Over(self.name(item)) if isinstance(item, str) else self.number(item)
+
+    def _apply(self, operation: str, operands: list[Over]) -> Over:
+        match operation, operands:
+            case "*", [a, b]:
+                return self.times(a, b)
+            case "/", [a, b]:
+                return self.divided(a, b)
+            case "neg", [a]:
+                return self.opposite(a)
+            case "pos", [a]:
+                return a
+        written = [self.whole(operand) for operand in operands]
+        binary = {"+": self.total, "-": self.difference, "**": self.power}
+        found = binary[operation](*written) if operation in binary else self.call(operation, written)
+        return Over(found)
+
     def total(self, a: Written, b: Written) -> Written:
         """Write a + b."""
+        if b[1] == SIGN:
+            return self.difference(a, _unsigned(b))
         return f"{self.bracket(a, SUM)} + {self.bracket(b, PRODUCT)}", SUM
 
     def difference(self, a: Written, b: Written) -> Written:
         """Write a - b."""
+        if b[1] == SIGN:
+            return self.total(a, _unsigned(b))
         return f"{self.bracket(a, SUM)} - {self.bracket(b, PRODUCT)}", SUM
 
     def scaled(self, coefficient: Written, variable: str) -> Written:
@@ -92,16 +169,25 @@ class Text(Hand):
         """Write a name as it is."""
         return name, ATOM
 
-    def value(self, node: Node) -> Written:
-        """Write the value of a node as the user wrote it."""
-        return node.symbol, ATOM
+    def number(self, value: Fraction) -> Over:
+        """Write a decimal."""
+        text = repr(float(value)).removesuffix(".0")
+        if Fraction(text) == value:
+            return Over((text, ATOM))
+        return Over(self.integer(value.numerator), self.integer(value.denominator))
+
+    def call(self, function: str, operands: list[Written]) -> Written:
+        """Write f(a, b)."""
+        return f"{function}({', '.join(text for text, _ in operands)})", ATOM
 
     def product(self, a: Written, b: Written) -> Written:
         """Write a*b."""
         return f"{self.bracket(a, PRODUCT)}*{self.bracket(b, POWER)}", PRODUCT
 
     def quotient(self, a: Written, b: Written) -> Written:
-        """Write a/b."""
+        """Write a/b, its sign in front."""
+        if a[1] == SIGN:
+            return self.negative(self.quotient(_unsigned(a), b))
         return f"{self.bracket(a, PRODUCT)}/{self.bracket(b, POWER)}", PRODUCT
 
     def power(self, base: Written, exponent: Written) -> Written:
@@ -120,12 +206,9 @@ class Latex(Hand):
         """Write a name with its subscript."""
         return latex_name(name), ATOM
 
-    def value(self, node: Node) -> Written:
-        """Write the value of a node by the tree of its expression."""
-        if node.formula is None or not node.formula.names:
-            return self.name(node.name)
-        written: Written = node.formula.fold(self._leaf, self._apply)
-        return written
+    def number(self, value: Fraction) -> Over:
+        """Write an integer or a fraction."""
+        return Over(self.integer(value.numerator), self.integer(value.denominator))
 
     def product(self, a: Written, b: Written) -> Written:
         """Write factors side by side; a dot before a digit."""
@@ -135,42 +218,36 @@ class Latex(Hand):
     def quotient(self, a: Written, b: Written) -> Written:
         """Write a fraction, its sign in front."""
         if a[1] == SIGN:
-            return self.negative(self.quotient((a[0][1:], PRODUCT), b))
+            return self.negative(self.quotient(_unsigned(a), b))
         return rf"\frac{{{a[0]}}}{{{b[0]}}}", FRACTION
 
     def power(self, base: Written, exponent: Written) -> Written:
         """Write the exponent above."""
         return f"{self.bracket(base, ATOM)}^{{{exponent[0]}}}", POWER
 
-    def _leaf(self, item: Fraction | str) -> Written:
-        if isinstance(item, str):
-            return self.name(item)
-        whole = self.integer(item.numerator)
-        return whole if item.denominator == 1 else self.quotient(whole, self.integer(item.denominator))
-
-    def _apply(self, operation: str, operands: list[Written]) -> Written:
-        binary = {"+": self.total, "-": self.difference, "*": self.product, "/": self.quotient}
-        if operation in binary:
-            return binary[operation](*operands)
-        first, *rest = operands
-        match operation:
-            case "**":
-                return self.power(first, rest[0])
-            case "pos":
-                return first
-            case "neg":
-                return self.negative(first)
+    def call(self, function: str, operands: list[Written]) -> Written:
+        """Write a function by its sign where it has one."""
+        first = operands[0][0]
+        match function:
             case "sqrt":
-                return rf"\sqrt{{{first[0]}}}", ATOM
+                return rf"\sqrt{{{first}}}", ATOM
             case "abs":
-                return rf"\left|{first[0]}\right|", ATOM
+                return rf"\left|{first}\right|", ATOM
             case "exp":
-                return rf"\mathrm{{e}}^{{{first[0]}}}", POWER
-        name = rf"\{'ln' if operation == 'log' else operation}"
+                return rf"\mathrm{{e}}^{{{first}}}", POWER
+        name = rf"\{'ln' if function == 'log' else function}"
         return rf"{name}\left({', '.join(text for text, _ in operands)}\right)", POWER
 
 
 TEXT, LATEX = Text(), Latex()
+
+
+def _unsigned(a: Written) -> Written:
+    """Return a formula without its leading sign."""
+    if a[1] != SIGN:
+        return a
+    return ONE if a[0] == "-1" else (a[0][1:], PRODUCT)
+
 
 _GREEK = re.compile(
     "alpha|beta|[gG]amma|[dD]elta|epsilon|zeta|eta|[tT]heta|iota|kappa|[lL]ambda|mu|nu|[xX]i|[pP]i|rho|[sS]igma|tau|"

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynid.bondgraph.dynamics import Dynamics, dynamics_of
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.reduction.writing import TEXT
+from dynid.bondgraph.reduction.writing import ATOM, PRODUCT, SUM, TEXT, Written
 from dynid.bondgraph.results.roots import add_roots, roots_of
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.result import Result
@@ -54,10 +54,18 @@ def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str 
     for name, coefficients in zip(("numerator", "denominator"), ratio.coefficients(), strict=True):
         result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
         result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
-    top, bottom = (polynomial_text(part) for part in (ratio.numerator, ratio.denominator))
-    result.add(f"{group}/exact", top if bottom == "1" else f"({top})/({bottom})")
+    result.add(f"{group}/exact", _ratio_text(ratio))
     if formula is not None:
         result.annotate(group, symbolic=formula)
+
+
+def _ratio_text(ratio: TransferFunction) -> str:
+    def written(polynomial: Any) -> Written:
+        text = polynomial_text(polynomial)
+        return text, ATOM if text.isalnum() else SUM if " " in text or text.startswith("-") else PRODUCT
+
+    numerator = written(ratio.numerator)
+    return numerator[0] if ratio.denominator == 1 else TEXT.quotient(numerator, written(ratio.denominator))[0]
 
 
 def polynomial_text(polynomial: Any) -> str:

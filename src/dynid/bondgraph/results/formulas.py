@@ -38,13 +38,13 @@ def add_formulas(result: Result, reduced: ReducedGraph, wanted: Formulas | None)
 
 
 def _add_readable(result: Result, reduced: ReducedGraph) -> None:
-    from dynid.bondgraph.algebra.symbolic import text, written
+    from dynid.bondgraph.algebra.symbolic import quotient, written
 
     for channel, (numerator, denominator) in readable(reduced).items():
         latex, rank = written(numerator, LATEX)
         if denominator != 1:
             latex, rank = LATEX.quotient((latex, rank), written(denominator, LATEX))
-        result.annotate(_group(channel), symbolic=text(numerator, denominator), latex=latex)
+        result.annotate(_group(channel), symbolic=quotient(numerator, denominator)[0], latex=latex)
 
 
 def _group(channel: Channel) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from textwrap import wrap
 
+from dynid.cli.summary.numbers import counted
 from dynid.result import Result
 
 #: Most states, remarks of a kind, and bonds that are listed.
@@ -18,7 +19,7 @@ def causality_lines(result: Result) -> Iterable[str]:
         return
     states = [str(name) for name in result[f"{group}/states"].data["name"]]
     more = f", … ({len(states)} in all)" if len(states) > _STATES else ""
-    order = f"{len(states)} state{'' if len(states) == 1 else 's'}"
+    order = counted(len(states), "state")
     yield f"  causality: {order}{': ' if states else ''}{', '.join(states[:_STATES])}{more}"
     for table, title in (("conflicts", "conflict"), ("dependent_storages", "dependent"), ("loops", "loop")):
         meanings = [str(text) for text in result[f"{group}/{table}"].data["meaning"]]
@@ -36,19 +37,24 @@ def causality_lines(result: Result) -> Iterable[str]:
 def _zero_dynamics(result: Result, prefix: str) -> Iterable[str]:
     """Say what goes on inside with each output held at zero, and the degrees."""
     channels = [path.removesuffix("/meaning") for path in result if path.startswith(prefix)]
-    for group in [path for path in channels if f"{path}/meaning" in result][:_REMARKS]:
-        yield from _hanging("zeros", str(result[f"{group}/meaning"].data))
-        counts = [
-            f"{kind}: {result.value(f'{group}/zeros_{kind}')} zeros, relative degree "
+    groups = [path for path in channels if f"{path}/meaning" in result]
+    for place, group in enumerate(groups[:_REMARKS]):
+        yield from _hanging("zeros" if place == 0 else "", str(result[f"{group}/meaning"].data))
+        counts = {
+            kind: f"{counted(result.value(f'{group}/zeros_{kind}'), 'zero')}, relative degree "
             f"{result.value(f'{group}/relative_degree_{kind}')}"
             for kind in ("structural", "exact")
             if f"{group}/zeros_{kind}" in result
-        ]
-        if counts:
-            yield f"{'':14}{' · '.join(counts)}"
+        }
+        if len(counts) == 2 and len(set(counts.values())) == 1:
+            yield f"{'':14}{counts['exact']}"
+        elif counts:
+            yield f"{'':14}{' · '.join(f'{kind}: {count}' for kind, count in counts.items())}"
         note = result.group_attrs.get(group, {}).get("note")
         if note:
             yield from _hanging("", str(note))
+    if len(groups) > _REMARKS:
+        yield f"{'':14}… {counted(len(groups) - _REMARKS, 'more channel')} in the file"
 
 
 def equation_lines(result: Result, group: str) -> Iterable[str]:

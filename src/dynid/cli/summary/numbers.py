@@ -60,6 +60,16 @@ def with_error(value: float, error: float) -> str:
     return f"{_fixed(value, digits)} ± {_fixed(error, digits)}"
 
 
+def limit(value: float) -> str:
+    """Write a gain or a degree, which may be infinite."""
+    return f"{value:.6g}".replace("inf", "∞")
+
+
+def counted(count: int, what: str) -> str:
+    """Write a number of things: 1 bond, 2 bonds."""
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
 def root_text(root: complex) -> str:
     """Write a root, or the upper one of a conjugate pair for both."""
     if root.imag == 0:

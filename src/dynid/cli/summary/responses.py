@@ -7,7 +7,11 @@ from textwrap import wrap
 
 import numpy as np
 
+from dynid.cli.summary.numbers import counted
 from dynid.result import Result
+
+#: Most channels and outputs that are listed.
+_MOST = 12
 
 
 def response_lines(result: Result, group: str) -> Iterable[str]:
@@ -22,11 +26,14 @@ def _frequency(result: Result, group: str) -> Iterable[str]:
     omega, response = result[f"{group}/omega"].data, np.abs(result[f"{group}/response"].data)
     span = f"{omega[0]:.4g} … {omega[-1]:.4g} rad/s"
     yield f"  frequency response at {len(omega)} frequencies, {span}"
-    for k, output in enumerate(result[f"{group}/output"].data):
-        for m, source in enumerate(result[f"{group}/input"].data):
-            peak = int(np.argmax(response[:, k, m]))
-            top = f"{response[peak, k, m]:.4g} at {omega[peak]:.4g} rad/s"
-            yield f"    |{output} over {source}| is largest, {top}"
+    outputs, inputs = (result[f"{group}/{axis}"].data for axis in ("output", "input"))
+    channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
+    for k, m in channels[:_MOST]:
+        peak = int(np.argmax(response[:, k, m]))
+        top = f"{response[peak, k, m]:.4g} at {omega[peak]:.4g} rad/s".replace("inf", "∞")
+        yield f"    |{outputs[k]} over {inputs[m]}| is largest, {top}"
+    if len(channels) > _MOST:
+        yield f"    … {counted(len(channels) - _MOST, 'more channel')} in the file"
 
 
 def _time(result: Result, group: str) -> Iterable[str]:
@@ -37,6 +44,9 @@ def _time(result: Result, group: str) -> Iterable[str]:
     note = result.group_attrs.get(group, {}).get("note")
     if note:
         yield from (f"    {line}" for line in wrap(f"Note: {note}.", 96))
-    for k, output in enumerate(result[f"{group}/output"].data):
+    outputs = result[f"{group}/output"].data
+    for k, output in enumerate(outputs[:_MOST]):
         column = response[:, k]
         yield f"    {output}: {column.min():.4g} … {column.max():.4g}, at the end {column[-1]:.4g}"
+    if len(outputs) > _MOST:
+        yield f"    … {counted(len(outputs) - _MOST, 'more output')} in the file"

@@ -29,13 +29,14 @@ def sensitivity_lines(result: Result, group: str) -> Iterable[str]:
     names = result[f"{group}/parameter"].data
     left = max(len(str(name)) for name in names)
     yield f"      {'':{left}}  {titles}"
-    order = np.argsort(-_influence(columns), kind="stable")[:_ROWS]
-    for place in order:
+    influence = _influence(columns)
+    order = [place for place in np.argsort(-influence, kind="stable") if influence[place]]
+    for place in order[:_ROWS]:
         cells = "  ".join(
             _cell(moved[place] / 100).rjust(width) for (_, moved), width in zip(shown, widths, strict=True)
         )
         yield f"      {names[place]!s:{left}}  {cells}"
-    if len(columns) > _COLUMNS or len(names) > _ROWS:
+    if len(columns) > _COLUMNS or len(order) > _ROWS:
         yield "      … more in the file"
 
 

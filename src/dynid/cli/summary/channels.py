@@ -1,0 +1,205 @@
+"""The screen of transfer functions: what each channel does, and what all of them share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+
+from dynid.cli.summary.numbers import MOST_ROOTS, counted, limit, root_text, roots_text
+from dynid.cli.summary.sensitivities import sensitivity_lines
+from dynid.result import Result
+
+#: Most channels that are told in full, most rows of the table of the others, and longest formula shown.
+_FULL, _ROWS, _LONGEST = 6, 30, 160
+
+#: The properties that are numbers.
+_NUMBERS = ("order", "relative_degree", "dc_gain", "high_frequency_gain")
+
+Channel = tuple[str, str]
+
+
+def channel_lines(result: Result) -> Iterable[str]:
+    """Yield every channel: the poles that all share first, then each, then a table of what are too many."""
+    channels = _channels(result)
+    common = len(channels) > 1 and _same_poles(result, channels)
+    if common:
+        yield "  every channel"
+        yield from _poles(result, *channels[0])
+        yield ""
+    for channel in channels[:_FULL]:
+        yield from _channel(result, *channel, alone=len(channels) == 1, poles=not common)
+        yield ""
+    if len(channels) > _FULL:
+        yield from _table(result, channels[_FULL:])
+        yield ""
+
+
+def _channels(result: Result) -> list[Channel]:
+    """List (output, input) of every channel with results, in the scene's order."""
+    prefixes = ("bond_graph/transfer_function/", "bond_graph/properties/", "bond_graph/sensitivities/")
+    found = dict.fromkeys(tuple(path.split("/")[2:4]) for path in result if path.startswith(prefixes))
+    asked = result.group_attrs.get("bond_graph", {})
+    outputs, inputs = (str(asked.get(key, "")).split(", ") for key in ("outputs", "inputs"))
+    ordered = [(output, source) for output in outputs for source in inputs if (output, source) in found]
+    return list(dict.fromkeys([*ordered, *((output, source) for output, source in found)]))
+
+
+def _same_poles(result: Result, channels: list[Channel]) -> bool:
+    """Tell whether all channels have the same poles, and the same is said of them."""
+    first, *rest = (
+        (
+            result.get(f"bond_graph/transfer_function/{output}/{source}/poles"),
+            result.get(f"bond_graph/properties/{output}/{source}/stability"),
+        )
+        for output, source in channels
+    )
+    return first[0] is not None and all(
+        (a is b is None) or (a is not None and b is not None and np.array_equal(a.data, b.data))
+        for other in rest
+        for a, b in zip(first, other, strict=True)
+    )
+
+
+def _table(result: Result, channels: list[Channel]) -> Iterable[str]:
+    """Set what can be said of many channels in a word each in columns."""
+    groups = [f"bond_graph/properties/{output}/{source}" for output, source in channels]
+    if not all(f"{group}/order" in result for group in groups):
+        yield f"  … {counted(len(channels), 'more channel')} in the file"
+        return
+    rows = [["", "order", "relative degree", "T(0)", "T(∞)", "zeros", "poles"]]
+    for (output, source), group in zip(channels[:_ROWS], groups, strict=False):
+        numbers = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
+        words = (_word(result, f"{group}/{name}") for name in ("zero_stability", "stability"))
+        rows.append([f"{output} / {source}", *numbers, *words])
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        cells = [
+            cell.rjust(width) if 0 < column < 5 else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield f"  {'  '.join(cells)}".rstrip()
+    if len(channels) > _ROWS:
+        yield f"  … {counted(len(channels) - _ROWS, 'more channel')} in the file"
+
+
+def _word(result: Result, path: str) -> str:
+    """Return the verdict itself, without what decides it."""
+    return str(result.value(path)).partition(":")[0] if path in result else ""
+
+
+def _channel(result: Result, output: str, source: str, *, alone: bool, poles: bool) -> Iterable[str]:
+    properties = f"bond_graph/properties/{output}/{source}"
+    yield f"  {output} / {source}"
+    yield from _formula(result, f"bond_graph/transfer_function/{output}/{source}", alone=alone)
+    yield from _roots(result, output, source, "zeros", "zero_stability")
+    if poles:
+        yield from _poles(result, output, source)
+    yield from _numbers(result, properties)
+    yield from sensitivity_lines(result, f"bond_graph/sensitivities/{output}/{source}")
+
+
+def _poles(result: Result, output: str, source: str) -> Iterable[str]:
+    """Write the poles, their verdict, and what they are as oscillations."""
+    yield from _roots(result, output, source, "poles", "stability")
+    path = f"bond_graph/transfer_function/{output}/{source}/poles"
+    if path in result:
+        yield from _modes(result[path].data)
+
+
+def _roots(result: Result, output: str, source: str, name: str, verdict: str) -> Iterable[str]:
+    roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
+    said = f"bond_graph/properties/{output}/{source}/{verdict}"
+    if roots is not None or said in result:
+        yield f"    {name}   {roots_text(roots.data) if roots is not None else ''}".rstrip()
+        yield from _wrapped(result, said)
+
+
+def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
+    """Write a short transfer function in numbers, and in symbols where they were kept."""
+    written = [*_in_numbers(result, group)]
+    formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
+    if formula and written != ["0"] and (alone or len(formula) < _LONGEST):
+        written.append(formula if len(formula) < _LONGEST else "(its formula is in the file)")
+    for place, text in enumerate(written):
+        yield f"    {'T(s)' if place == 0 else '    '} = {text}"
+    if f"{group}/program" in result:
+        program = str(result.value(f"{group}/program")).splitlines()
+        yield f"    nested, in {counted(len(program), 'assignment')}:"
+        yield from (f"      {line}" for line in program[:MOST_ROOTS])
+        if len(program) > MOST_ROOTS:
+            yield f"      … {len(program) - MOST_ROOTS} more in the file"
+    for part in ("numerator", "denominator"):
+        if f"{group}/symbolic_{part}" in result:
+            terms = result[f"{group}/symbolic_{part}"].attrs["terms"]
+            yield f"    expanded {part} of {counted(int(terms), 'term')} in the file"
+
+
+def _in_numbers(result: Result, group: str) -> Iterable[str]:
+    if f"{group}/gain" in result:
+        gain = result.value(f"{group}/gain")
+        yield f"{gain:.6g} ∏(s − zeros) / ∏(s − poles)" if gain else "0"
+    if f"{group}/numerator" not in result:
+        return
+    numerator, denominator = result[f"{group}/numerator"].data, result[f"{group}/denominator"].data
+    if not numerator.any():
+        yield "0"
+    elif len(numerator) + len(denominator) <= 12:
+        top, bottom = _polynomial(numerator), _polynomial(denominator)
+        yield top if bottom == "1" else f"{_bracketed(top)} / {_bracketed(bottom)}"
+
+
+def _numbers(result: Result, group: str) -> Iterable[str]:
+    if f"{group}/order" in result:
+        order, relative, dc, high = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
+        yield f"    order {order} · relative degree {relative} · T(0) = {dc} · T(∞) = {high}"
+    hidden = result.get(f"{group}/hidden_modes")
+    if hidden is not None and len(hidden.data):
+        yield f"    hidden modes (natural modes that this channel does not show)  {roots_text(hidden.data)}"
+        yield from _causes(result, group, hidden.data)
+
+
+def _causes(result: Result, group: str, modes: np.ndarray[Any, Any]) -> Iterable[str]:
+    """Say of each hidden mode why it is one and what holds its energy, where that was asked for."""
+    if f"{group}/hidden_mode_cause" not in result:
+        return
+    causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
+    upper = [place for place, root in enumerate(modes) if root.imag >= 0]
+    for place in upper[:MOST_ROOTS]:
+        held = f"; its energy is in {elements[place]}" if elements[place] else ""
+        yield from (
+            f"            {line}" for line in wrap(f"{root_text(modes[place])}: {causes[place]}{held}", 92)
+        )
+
+
+def _wrapped(result: Result, path: str) -> Iterable[str]:
+    """Write a verdict in words below what it is about."""
+    text = str(result[path].data) if path in result else ""
+    yield from (f"            {line}" for line in wrap(text, 92))
+
+
+def _modes(poles: np.ndarray[Any, Any]) -> Iterable[str]:
+    pairs = [pole for pole in poles if pole.imag > 0]
+    if 0 < len(pairs) <= 4:
+        shown = (f"ω_n = {abs(p):.4g} rad/s, ζ = {-p.real / abs(p) or 0.0:.4g}" for p in pairs)
+        yield f"            {' · '.join(shown)}"
+
+
+def _bracketed(polynomial: str) -> str:
+    return f"({polynomial})" if " + " in polynomial or " - " in polynomial else polynomial
+
+
+def _polynomial(coefficients: np.ndarray[Any, Any]) -> str:
+    degree = len(coefficients) - 1
+    terms: list[str] = []
+    for place, value in enumerate(coefficients):
+        if value == 0 and degree > 0:
+            continue
+        power = degree - place
+        variable = {0: "", 1: "s"}.get(power, f"s^{power}")
+        number = "" if abs(value) == 1 and power else f"{abs(value):.4g}"
+        sign = (" - " if value < 0 else " + ") if terms else ("-" if value < 0 else "")
+        terms.append(f"{sign}{' '.join(part for part in (number, variable) if part)}")
+    return "".join(terms)
