@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import gc
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,18 @@ if TYPE_CHECKING:
     from dynid.bondgraph.algebra.rational import Ratio
 
 Channel = tuple[Port, str]
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Look for no garbage in circles meanwhile: a plan makes millions of small objects and none."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 class Planned(ABC):
@@ -45,13 +58,7 @@ class Planned(ABC):
 
     def _plan(self, point: Point) -> None:
         self.program = Program(point)
-        collecting = gc.isenabled()
-        gc.disable()  # a plan makes millions of small objects and no garbage in circles
-        try:
-            self._write()
-        finally:
-            if collecting:
-                gc.enable()
+        self._write()
 
     @abstractmethod
     def _write(self) -> None:
@@ -114,8 +121,9 @@ class ReducedGraph(Planned):
         self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port], *, traced: bool = True
     ) -> None:
         self.inputs, self.outputs, self._traced = tuple(inputs), tuple(outputs), traced
-        self.structure = JunctionStructure(graph)
-        super().__init__(graph)
+        with _no_collection():
+            self.structure = JunctionStructure(graph)
+            super().__init__(graph)
 
     def _write(self) -> None:
         self.reductions: dict[Port, Reduction] = {

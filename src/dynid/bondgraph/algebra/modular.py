@@ -26,13 +26,17 @@ def prime_for(values: Iterable[Fraction]) -> int:
 
 def random_point(names: Iterable[str], prime: int) -> Point:
     """Return a fixed random point: no numbers, only what holds for all of them."""
+    from flint import nmod
+
     source = random.Random(0x5EED)
-    laplace = source.randrange(1, prime)
-    return Point(prime, {name: source.randrange(1, prime) for name in names}, laplace)
+    laplace = nmod(source.randrange(1, prime), prime)
+    return Point(prime, {name: nmod(source.randrange(1, prime), prime) for name in names}, laplace)
 
 
 def numeric_point(values: Mapping[str, Fraction], prime: int) -> Point:
     """Return the point at these values and a fixed random s."""
-    laplace = random.Random(0xD1F1D).randrange(1, prime)
-    images = {name: v.numerator * pow(v.denominator, -1, prime) % prime for name, v in values.items()}
+    from flint import nmod
+
+    laplace = nmod(random.Random(0xD1F1D).randrange(1, prime), prime)
+    images = {name: nmod(v.numerator, prime) / nmod(v.denominator, prime) for name, v in values.items()}
     return Point(prime, images, laplace)

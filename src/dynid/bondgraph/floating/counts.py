@@ -86,7 +86,7 @@ def modular_ratios(reduced: ReducedGraph, registers: Iterable[int]) -> dict[int,
     def constant(value: int, storages: int = 0) -> Ratio:
         return residue.of(polynomial([value], prime), unity, storages)
 
-    values = {name: constant(value, bits.get(name, 0)) for name, value in point.values.items()}
+    values = {name: constant(int(value), bits.get(name, 0)) for name, value in point.values.items()}
     run = reduced.run(registers, values, residue.of(polynomial([0, 1], prime), unity), constant(1))
     lowest = {register: run[register].lowest_terms() for register in registers}
     return {register: (Counts(above), Counts(below)) for register, (above, below) in lowest.items()}

@@ -49,10 +49,11 @@ class Elimination:
         self.labels: dict[Register, str] = {}
         self._taken = _taken_names(network)
 
-    def eliminate(self, name: str) -> list[str]:
-        """Eliminate a junction on which something stands; return its former neighbours."""
+    def eliminate(self, name: str, own: Register) -> list[str]:
+        """Eliminate a junction on which something stands, in all `own`; return its former neighbours."""
         neighbours = self.net.neighbours(name)
-        own = self.superpose(name, self.net.terms[name], None)
+        if self.traced:
+            self.superpose(name, self.net.terms[name], None)
         self.pivots.append(own)
         if len(neighbours) == 1:
             self._absorb_leaf(name, neighbours[0], own)
@@ -110,15 +111,14 @@ class Elimination:
 
     def _absorb_leaf(self, leaf: str, into: str, own: Register) -> None:
         program, net = self.program, self.net
-        coupling = net.single.get(frozenset((leaf, into)))
-        forward, back = net.entry(into, leaf), net.entry(leaf, into)
-        if coupling is None or not program.is_zero(program.add(forward, back)):
+        coupling = net.single(leaf, into)
+        if coupling is None:
             self._eliminate_on_loop(leaf, [into], own)
             return
         term, step = Term(self._origin(leaf), program.inv(own)), None
         if coupling.two_port is not None:
             term, step = self._reflect(leaf, into, own, coupling.two_port, inverse=coupling.inverse)
-        if net.sources[leaf]:
+        if net.sources.get(leaf):
             if step is not None:
                 self._move_across(leaf, into, term)
                 self.record(step)
@@ -161,7 +161,7 @@ class Elimination:
             row.update({source: program.div(amount, size) for source, amount in row.items()})
         net.terms[leaf] = [Term(seen.name, program.inv(seen.register))]
         net.matrix[into][leaf], net.matrix[leaf][into] = program.one, program.neg(program.one)
-        net.single[frozenset((leaf, into))] = Coupling(into, leaf)
+        net.tie(into, leaf, Coupling(into, leaf))
 
     def _swap(self, leaf: str, into: str, seen: Term, two_port: str | None) -> None:
         """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
@@ -229,7 +229,7 @@ class Elimination:
         }
         for (row, column), change in changes.items():
             self._add(row, column, change, name)
-            net.single[frozenset((row, column))] = None
+            net.tie(row, column, None)
         definitions: list[Definition] = [
             (self._fresh(f"k_{row}_{column}"), ((change, ""),)) for (row, column), change in changes.items()
         ]
@@ -323,7 +323,7 @@ class Elimination:
             left = (net.entry(row, partner), net.entry(row, bare))
             for column, solved in columns.items():
                 self._add(row, column, program.neg(_dot(program, left, solved)), partner)
-                net.single[frozenset((row, column))] = None
+                net.tie(row, column, None)
             for source, solved in sides.items():
                 self._add_source(row, source, program.neg(_dot(program, left, solved)))
             net.drives[row] = dict(net.sources[row])

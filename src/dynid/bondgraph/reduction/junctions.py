@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import count
+from typing import NamedTuple
 
 from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, BondGraph
 from dynid.errors import Singular
@@ -22,7 +23,7 @@ from dynid.errors import Singular
 _FIXING = {("0", "Se"), ("1", "Sf")}
 
 
-@dataclass
+@dataclass(slots=True)
 class Junction:
     """One junction after merging.
 
@@ -53,8 +54,7 @@ class Junction:
     fixing: str | None = None
 
 
-@dataclass(frozen=True)
-class Coupling:
+class Coupling(NamedTuple):
     """The tail's balance has +c times the head's unknown, the head's has -c times the tail's.
 
     `two_port` names the TF or GY whose modulus m gives c = m, or c = 1/m where `inverse`; without one
@@ -93,22 +93,26 @@ class JunctionStructure:
             junction = self.junctions.setdefault(root, Junction(root, graph.nodes[name].type))
             junction.members.append(name)
             self.place[name] = root
+        two_ports = {name: None for name, node in graph.nodes.items() if node.type in TWO_PORTS}
         for bond in graph.bonds:
-            if graph.nodes[bond.tail].type not in TWO_PORTS and graph.nodes[bond.head].type not in TWO_PORTS:
+            if bond.tail not in two_ports and bond.head not in two_ports:
                 self._add_bond(bond.tail, bond.head)
-        for node in graph.nodes.values():
-            if node.type in TWO_PORTS:
-                self._add_two_port(node.name)
+        for name in two_ports:
+            self._add_two_port(name)
+        self.tied: dict[str, list[str]] = {name: [] for name in self.junctions}  # as couplings tie them
+        for coupling in self.couplings:
+            self.tied[coupling.tail].append(coupling.head)
+            self.tied[coupling.head].append(coupling.tail)
 
     def _add_bond(self, tail: str, head: str) -> None:
-        on_junction = [end in self._merged for end in (tail, head)]
-        if all(on_junction):
-            a, b = self._merged[tail], self._merged[head]
+        a, b = self._merged.get(tail), self._merged.get(head)
+        if a is not None and b is not None:
             if a != b:
                 self.couplings.append(Coupling(a, b))
-        elif any(on_junction):
-            junction = self._merged[tail if on_junction[0] else head]
-            self._attach(head if on_junction[0] else tail, junction, incoming=on_junction[1])
+        elif a is not None:
+            self._attach(head, a, incoming=False)
+        elif b is not None:
+            self._attach(tail, b, incoming=True)
         else:  # two one-ports face to face
             kind = "0" if "Sf" in (self.graph.nodes[tail].type, self.graph.nodes[head].type) else "1"
             bare = self._bare((tail, head), kind)
@@ -120,7 +124,7 @@ class JunctionStructure:
         junction, node = self.junctions[at], self.graph.nodes[name]
         self.place[name] = at
         if node.type not in SOURCES:
-            if node.value == 0 and (junction.kind, node.type) in {("0", "R"), ("0", "I"), ("1", "C")}:
+            if not node.value and (junction.kind, node.type) in {("0", "R"), ("0", "I"), ("1", "C")}:
                 # its immittance here would be infinite; on a junction of the other kind it is zero
                 bare = self._bare((at, name), "1" if junction.kind == "0" else "0")
                 self.couplings.append(Coupling(bare, at) if incoming else Coupling(at, bare))
@@ -178,7 +182,8 @@ def unique(name: str, taken: Collection[str]) -> str:
 
 def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:
     """Map every junction to the first of those it is one with (like junctions joined by plain bonds)."""
-    root = {name: name for name, node in graph.nodes.items() if node.type in JUNCTIONS}
+    nodes = graph.nodes
+    root = {name: name for name, node in nodes.items() if node.type in JUNCTIONS}
     order = {name: index for index, name in enumerate(root)}
 
     def find(name: str) -> str:
@@ -188,8 +193,7 @@ def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:
         return name
 
     for bond in graph.bonds:
-        kinds = {graph.nodes[end].type for end in (bond.tail, bond.head)}
-        if len(kinds) == 1 and kinds <= JUNCTIONS:
+        if bond.tail in root and bond.head in root and nodes[bond.tail].type == nodes[bond.head].type:
             a, b = sorted((find(bond.tail), find(bond.head)), key=order.__getitem__)
             if a == b:
                 raise _ring(graph, bond.tail, bond.head)

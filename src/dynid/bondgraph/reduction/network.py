@@ -7,8 +7,9 @@ loop becomes its multiport equivalent (the Schur complement of the nodal form).
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from dynid.bondgraph.graph import bond_sign
 from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
@@ -18,8 +19,7 @@ from dynid.bondgraph.reduction.program import Program, Register
 STORED = "initial:"
 
 
-@dataclass(frozen=True)
-class Term:
+class Term(NamedTuple):
     """One immittance on a junction: an impedance on a 1, an admittance on a 0."""
 
     name: str  # the node or label it comes from
@@ -47,15 +47,17 @@ class Network:
     ) -> None:
         self.structure, self.program, self.root = structure, program, root
         self.inputs = tuple(inputs)
-        self.kind = {name: junction.kind for name, junction in structure.junctions.items()}
         self.depth = reach(structure, root)
-        self.terms: dict[str, list[Term]] = {name: self._elements(name) for name in self.depth}
-        self.weight = {name: self._image_of(terms) for name, terms in self.terms.items()}
+        self.kind: dict[str, str] = {}
+        self.terms: dict[str, list[Term]] = {}
         self.matrix: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
-        self.sources: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
-        self.single: dict[frozenset[str], Coupling | None] = {}  # None where several bonds run in parallel
+        self.sources: defaultdict[str, dict[str, Register]] = defaultdict(dict)
+        self._single: dict[tuple[str, str], Coupling | None] = {}  # None where several bonds run in parallel
         for name in self.depth:
-            for source, sign in structure.junctions[name].feeding:
+            junction = structure.junctions[name]
+            self.kind[name] = junction.kind
+            self.terms[name] = [Term(element, self.immittance(element, name)) for element in junction.elements]
+            for source, sign in junction.feeding:
                 self._feed(name, source, program.one if sign > 0 else program.neg(program.one))
         for source in self.inputs:
             if source.startswith(STORED):
@@ -63,27 +65,11 @@ class Network:
         for coupling in structure.couplings:
             self._couple(coupling)
         # the same right-hand side in terms of equivalent sources, as the steps name them
-        self.drives: dict[str, dict[str, Register]] = {name: dict(row) for name, row in self.sources.items()}
-
-    def _elements(self, junction: str) -> list[Term]:
-        return [
-            Term(name, self.immittance(name, junction))
-            for name in self.structure.junctions[junction].elements
-        ]
-
-    def _image_of(self, terms: list[Term]) -> int:
-        return sum(self.program.image(term.register) for term in terms) % self.program.prime
+        self.drives = defaultdict(dict, {name: dict(row) for name, row in self.sources.items()})
 
     def add_term(self, junction: str, term: Term) -> None:
         """Put an immittance on a junction."""
         self.terms[junction].append(term)
-        self.weight[junction] = (
-            self.weight[junction] + self.program.image(term.register)
-        ) % self.program.prime
-
-    def is_bare(self, junction: str) -> bool:
-        """Tell whether what stands on a junction is identically zero."""
-        return not self.weight[junction]
 
     def immittance(self, name: str, junction: str) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
@@ -120,26 +106,32 @@ class Network:
         size = program.one if coupling.two_port is None else program.parameter(coupling.two_port)
         if coupling.inverse:
             size = program.inv(size)
-        for row, column, sign in coupling.entries:
+        tail, head = coupling.tail, coupling.head
+        for row, column, entry in ((tail, head, size), (head, tail, program.neg(size))):
             if row not in self.depth:
                 continue
-            entry = size if sign > 0 else program.neg(size)
             fixing = self.structure.junctions[column].fixing
             if fixing is not None and column != self.root:
                 self._feed(row, fixing, program.neg(entry))  # a known unknown moves to the right-hand side
             else:
                 self.add_entry(row, column, entry)
-        pair = frozenset((coupling.tail, coupling.head))
-        self.single[pair] = None if pair in self.single else coupling
+        self.tie(tail, head, None if (tail, head) in self._single else coupling)
+
+    def tie(self, a: str, b: str, coupling: Coupling | None) -> None:
+        """Note the one coupling that ties two junctions, or none where it is no single one any more."""
+        self._single[a, b] = self._single[b, a] = coupling
+
+    def single(self, a: str, b: str) -> Coupling | None:
+        """Return the coupling between two junctions, where it is a single one of the graph."""
+        return self._single.get((a, b))
 
     def add_entry(self, row: str, column: str, entry: Register) -> None:
         """Add to a matrix entry off the diagonal; one that is zero both ways is no tie between the two."""
-        zero = self.program.zero
-        total = self.program.add(self.matrix[row].get(column, zero), entry)
-        self.matrix[row][column] = total
-        back = self.matrix[column].setdefault(row, zero)  # a coupling is known from both sides
-        if self.program.is_zero(total) and self.program.is_zero(back):
-            del self.matrix[row][column], self.matrix[column][row]
+        program, own, other = self.program, self.matrix[row], self.matrix[column]
+        total = own[column] = program.add(own.get(column, program.zero), entry)
+        back = other.setdefault(row, program.zero)  # a coupling is known from both sides
+        if program.is_zero(total) and program.is_zero(back):
+            del own[column], other[row]
 
     def entry(self, row: str, column: str) -> Register:
         """Return a matrix entry off the diagonal."""
@@ -157,19 +149,16 @@ class Network:
         """Take an eliminated junction out."""
         for other in self.matrix[junction]:
             del self.matrix[other][junction]
-        for table in (self.matrix, self.terms, self.weight, self.sources, self.drives):
-            del table[junction]
+        del self.matrix[junction], self.terms[junction]
+        self.sources.pop(junction, None)
+        self.drives.pop(junction, None)
 
 
 def reach(structure: JunctionStructure, root: str) -> dict[str, int]:
     """Return the junctions that influence the root, with their distance; fixed ones separate."""
-    tied: dict[str, list[str]] = {name: [] for name in structure.junctions}
-    for coupling in structure.couplings:
-        tied[coupling.tail].append(coupling.head)
-        tied[coupling.head].append(coupling.tail)
     depth, queue = {root: 0}, [root]
     for name in queue:
-        for other in tied[name]:
+        for other in structure.tied[name]:
             if other not in depth and structure.junctions[other].fixing is None:
                 depth[other] = depth[name] + 1
                 queue.append(other)

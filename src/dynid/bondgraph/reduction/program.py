@@ -41,16 +41,25 @@ class Op(IntEnum):
     NEG = 7
 
 
+#: Looked up once: planning compares operations millions of times.
+_ADD, _MUL, _DIV, _NEG = Op.ADD, Op.MUL, Op.DIV, Op.NEG
+
 Register = int
 
 
 @dataclass(frozen=True)
 class Point:
-    """A point modulo a prime: values of the parameters, and of s."""
+    """A point modulo a prime: residues (flint `nmod`, whose inverses are cheap) of the parameters and s."""
 
     prime: int
-    values: Mapping[str, int]
-    laplace: int
+    values: Mapping[str, Any]
+    laplace: Any
+
+    def residue(self, value: int) -> Any:
+        """Return an integer modulo the prime."""
+        from flint import nmod
+
+        return nmod(value, self.prime)
 
 
 class Program:
@@ -65,26 +74,23 @@ class Program:
     """
 
     def __init__(self, point: Point) -> None:
-        from flint import nmod
-
         self.ops: list[tuple[Op, Any, int]] = []
-        self._images: list[Any] = []  # residues of flint: their inverses are cheap
-        self._residue: Callable[[int], Any] = lambda value: nmod(value, point.prime)
+        self._images: list[Any] = []
         self._known: dict[tuple[Op, Any, int], Register] = {}
         self._point = point
         self.zero = self.constant(0)
         self.one = self.constant(1)
-        self.s = self._emit(Op.LAPLACE, None, 0, self._residue(point.laplace))
+        self.s = self._emit(Op.LAPLACE, None, 0, point.laplace)
 
     # --- writing -------------------------------------------------------------------------------
 
     def constant(self, value: int) -> Register:
         """Write an integer."""
-        return self._emit(Op.CONSTANT, value, 0, self._residue(value))
+        return self._emit(Op.CONSTANT, value, 0, self._point.residue(value))
 
     def parameter(self, name: str) -> Register:
         """Write the value of a node."""
-        return self._emit(Op.PARAMETER, name, 0, self._residue(self._point.values[name]))
+        return self._emit(Op.PARAMETER, name, 0, self._point.values[name])
 
     def add(self, a: Register, b: Register) -> Register:
         """Write a + b."""
@@ -92,11 +98,11 @@ class Program:
             return b
         if b == self.zero:
             return a
-        if self.ops[b][0] is Op.NEG:
+        if self.ops[b][0] is _NEG:
             return self.sub(a, self.ops[b][1])
-        if self.ops[a][0] is Op.NEG:
+        if self.ops[a][0] is _NEG:
             return self.sub(b, self.ops[a][1])
-        return self._emit(Op.ADD, a, b, self._images[a] + self._images[b])
+        return self._emit(_ADD, a, b, self._images[a] + self._images[b])
 
     def sub(self, a: Register, b: Register) -> Register:
         """Write a - b."""
@@ -104,7 +110,7 @@ class Program:
             return a
         if a == self.zero:
             return self.neg(b)
-        if self.ops[b][0] is Op.NEG:
+        if self.ops[b][0] is _NEG:
             return self.add(a, self.ops[b][1])
         return self.zero if a == b else self._emit(Op.SUB, a, b, self._images[a] - self._images[b])
 
@@ -112,43 +118,46 @@ class Program:
         """Write -a."""
         if a == self.zero:
             return a
-        if self.ops[a][0] is Op.NEG:
-            return int(self.ops[a][1])
-        return self._emit(Op.NEG, a, 0, -self._images[a])
+        op, inner, _ = self.ops[a]
+        return int(inner) if op is _NEG else self._emit(_NEG, a, 0, -self._images[a])
 
     def mul(self, a: Register, b: Register) -> Register:
         """Write a * b; a sign moves outwards, a division by the other factor disappears."""
-        if self.zero in (a, b):
+        if a == self.zero or b == self.zero:
             return self.zero
         if a == self.one:
             return b
         if b == self.one:
             return a
-        for x, y in ((a, b), (b, a)):
-            if self.ops[x][0] is Op.NEG:
-                return self.neg(self.mul(self.ops[x][1], y))
-        for x, y in ((a, b), (b, a)):
-            if self.ops[x][0] is Op.DIV and self.ops[x][1] == self.one:
-                return self.div(y, self.ops[x][2])
-        return self._emit(Op.MUL, a, b, self._images[a] * self._images[b])
+        first, second = self.ops[a], self.ops[b]
+        if first[0] is _NEG:
+            return self.neg(self.mul(first[1], b))
+        if second[0] is _NEG:
+            return self.neg(self.mul(a, second[1]))
+        if first[0] is _DIV and first[1] == self.one:
+            return self.div(b, first[2])
+        if second[0] is _DIV and second[1] == self.one:
+            return self.div(a, second[2])
+        return self._emit(_MUL, a, b, self._images[a] * self._images[b])
 
     def div(self, a: Register, b: Register) -> Register:
         """Write a / b; a division by a quotient becomes a product, so that no 1/(1/x) is ever formed."""
-        if self.is_zero(b):
+        if not self._images[b]:
             raise ZeroDivisionError
         if a == self.zero or b == self.one:
             return a
         if a == b:
             return self.one
-        for x, y, swap in ((a, b, False), (b, a, True)):
-            if self.ops[x][0] is Op.NEG:
-                return self.neg(self.div(y, self.ops[x][1]) if swap else self.div(self.ops[x][1], y))
-        if self.ops[b][0] is Op.DIV:
-            _, numerator, denominator = self.ops[b]
+        first, (op, numerator, denominator) = self.ops[a], self.ops[b]
+        if first[0] is _NEG:
+            return self.neg(self.div(first[1], b))
+        if op is _NEG:
+            return self.neg(self.div(a, numerator))
+        if op is _DIV:
             if numerator == self.one:
                 return self.mul(a, denominator)
             return self.div(self.mul(a, denominator), numerator)
-        return self._emit(Op.DIV, a, b, self._images[a] / self._images[b])
+        return self._emit(_DIV, a, b, self._images[a] / self._images[b])
 
     def inv(self, a: Register) -> Register:
         """Write 1 / a."""
@@ -170,18 +179,18 @@ class Program:
         """The prime that images are taken modulo."""
         return self._point.prime
 
-    def image(self, a: Register) -> int:
-        """Return the value of a register at the point, modulo its prime."""
-        return int(self._images[a])
+    def image(self, a: Register) -> Any:
+        """Return the value of a register at the point: a residue modulo its prime."""
+        return self._images[a]
 
     def _emit(self, op: Op, a: Any, b: int, image: Any) -> Register:
-        key = (op, b, a) if op in (Op.ADD, Op.MUL) and b < a else (op, a, b)
+        entry = (op, a, b)
+        key = (op, b, a) if (op is _ADD or op is _MUL) and b < a else entry
         register = self._known.get(key)
         if register is None:
-            register = len(self.ops)
-            self.ops.append((op, a, b))
+            register = self._known[key] = len(self.ops)
+            self.ops.append(entry)
             self._images.append(image)
-            self._known[key] = register
         return register
 
     def parameters(self, wanted: Iterable[Register]) -> set[str]:
@@ -192,25 +201,29 @@ class Program:
 
     def vanishing(self, wanted: Iterable[Register], divisors: Iterable[Register], point: Point) -> bool:
         """Tell whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
-        from flint import nmod
-
         divisors = list(divisors)
-        needed = self._needed([*wanted, *divisors])
-        values: list[Any] = [None] * len(needed)
+        values: list[Any] = []
         try:
-            for register in filter(needed.__getitem__, range(len(needed))):
-                op, a, b = self.ops[register]
-                if op is Op.PARAMETER:
-                    values[register] = nmod(point.values[a], point.prime)
+            for needed, (op, a, b) in zip(self._needed([*wanted, *divisors]), self.ops, strict=False):
+                if not needed:
+                    values.append(None)
+                elif op is _DIV:
+                    values.append(values[a] / values[b])
+                elif op is _ADD:
+                    values.append(values[a] + values[b])
+                elif op is _MUL:
+                    values.append(values[a] * values[b])
+                elif op is Op.PARAMETER:
+                    values.append(point.values[a])
                 elif op is Op.CONSTANT:
-                    values[register] = nmod(a, point.prime)
+                    values.append(point.residue(a))
                 elif op is Op.LAPLACE:
-                    values[register] = nmod(point.laplace, point.prime)
+                    values.append(point.laplace)
                 else:
-                    values[register] = _ARITHMETIC[op](values[a], values[b])
+                    values.append(_ARITHMETIC[op](values[a], values[b]))
         except ZeroDivisionError:
             return True
-        return any(values[divisor] == 0 for divisor in divisors)
+        return not all(values[divisor] for divisor in divisors)
 
     def _needed(self, wanted: list[Register]) -> bytearray:
         """Mark the registers that others depend on, up to the last one wanted."""

@@ -20,7 +20,7 @@ from dynid.bondgraph.reduction.network import Network
 from dynid.bondgraph.reduction.port import PortForm, channel, port_form
 from dynid.bondgraph.reduction.program import Program, Register
 from dynid.bondgraph.reduction.prototypes import DrivenBy, Prototype, split_root
-from dynid.bondgraph.reduction.singularity import NodalForm, explain_singularity
+from dynid.bondgraph.reduction.singularity import explain_singularity
 from dynid.bondgraph.reduction.steps import Definition, Formula, Step
 
 
@@ -125,7 +125,7 @@ class Reducer:
     ) -> None:
         self.net, self.program, self.root = network, network.program, network.root
         self.work = Elimination(network, watch, traced=traced)
-        self.nodal_form = NodalForm.of(network)
+        self._driving = {name for row in network.sources.values() for name in row}
 
     def run(self, port: Port) -> Reduction:
         """Reduce the network to the prototype at its root, for an output there."""
@@ -152,10 +152,10 @@ class Reducer:
                 for source in self.net.inputs
             },
             pivots=tuple(self.work.pivots),
-            integrators=sum(1 for _ in self._integrators()),
+            integrators=self._integrators(),
             modelled=modelled,
             dropped=tuple(name for name in self.net.structure.graph.nodes if name not in inside),
-            junctions=tuple(self.nodal_form.matrix),
+            junctions=tuple(self.net.depth),
             labels=self.work.labels,
         )
 
@@ -216,7 +216,7 @@ class Reducer:
         """Return the nodes on the junctions that were reduced, and what drives them from outside."""
         structure, reached = self.net.structure, set(self.net.depth)
         inside = {name for name, place in structure.place.items() if place in reached}
-        driving = {name for row in self.nodal_form.sources.values() for name in row}
+        driving = self._driving
         inside |= driving
         for junction in structure.junctions.values():
             if junction.fixing in driving:  # the port depends on it through its known variable only
@@ -226,37 +226,35 @@ class Reducer:
                 inside.add(coupling.two_port)
         return tuple(name for name in structure.graph.nodes if name in inside)
 
-    def _integrators(self) -> Iterable[str]:
-        structure = self.net.structure
-        for place in self.nodal_form.matrix:
-            integrates = "C" if structure.junctions[place].kind == "1" else "I"
-            for name in structure.junctions[place].elements:
-                if structure.graph.nodes[name].type == integrates:
-                    yield name
+    def _integrators(self) -> int:
+        """Count the storages whose law is integrated where they stand."""
+        net, nodes = self.net, self.net.structure.graph.nodes
+        integrating = {("C", "1"), ("I", "0")}
+        places = net.structure.place.items()
+        return sum((nodes[name].type, net.kind.get(place)) in integrating for name, place in places)
 
     def _eliminate_all(self) -> None:
         """Eliminate by (number of neighbours, distance from the root): leaves first, fill low."""
-        order = {name: index for index, name in enumerate(self.net.depth)}
-
-        def priority(name: str) -> tuple[int, int, int, str]:
-            return len(self.net.matrix[name]), -self.net.depth[name], order[name], name
-
-        heap = [priority(name) for name in order if name != self.root]
+        matrix, depth = self.net.matrix, self.net.depth
+        names = sorted(depth, key=depth.__getitem__, reverse=True)[:-1]  # the root is nearest to itself
+        rank = {name: index for index, name in enumerate(names)}
+        heap = [(len(matrix[name]), index) for name, index in rank.items()]
         heapq.heapify(heap)
         while heap:
-            entry = heapq.heappop(heap)
-            name = entry[-1]
-            if name not in self.net.matrix or entry != priority(name):
+            degree, index = heapq.heappop(heap)
+            name = names[index]
+            if name not in matrix or degree != len(matrix[name]):
                 continue  # eliminated already, or queued again with its new neighbours
             for other in self._eliminate_next(name):
                 if other != self.root:
-                    heapq.heappush(heap, priority(other))
-        self._eliminate_bare([name for name in order if name in self.net.matrix and name != self.root])
+                    heapq.heappush(heap, (len(matrix[other]), rank[other]))
+        self._eliminate_bare([name for name in depth if name in matrix and name != self.root])
 
     def _eliminate_next(self, name: str) -> list[str]:
         """Eliminate a junction if something stands on it, or if it is bare and a dead end."""
-        if not self.net.is_bare(name):
-            return self.work.eliminate(name)
+        own = self.net.diagonal(name)
+        if not self.program.is_zero(own):
+            return self.work.eliminate(name, own)
         neighbours = self.net.neighbours(name)
         if len(neighbours) == 1 and neighbours[0] != self.root and self.work.paired(name, neighbours[0]):
             return self.work.eliminate_pair(neighbours[0], name)
@@ -267,8 +265,9 @@ class Reducer:
         for name in names:
             if name not in self.net.matrix:
                 continue
-            if not self.net.is_bare(name):
-                self.work.eliminate(name)
+            own = self.net.diagonal(name)
+            if not self.program.is_zero(own):
+                self.work.eliminate(name, own)
                 continue
             partners = [other for other in self.net.neighbours(name) if self.work.paired(name, other)]
             others = [other for other in partners if other != self.root]
@@ -280,4 +279,5 @@ class Reducer:
                 raise self._singular()
 
     def _singular(self) -> Exception:
-        return explain_singularity(self.net.structure, self.program, self.nodal_form)
+        net = self.net
+        return explain_singularity(Network(net.structure, self.program, self.root, net.inputs))

@@ -7,49 +7,25 @@ general values; its null vectors name the junctions concerned.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.network import Network
-from dynid.bondgraph.reduction.program import Program, Register
 from dynid.errors import Singular
 
 
-@dataclass(frozen=True)
-class NodalForm:
-    """The nodal form K x = b before elimination: entries off and on the diagonal, and the right-hand side."""
-
-    matrix: dict[str, dict[str, Register]]
-    diagonal: dict[str, Register]
-    sources: dict[str, dict[str, Register]]
-
-    @classmethod
-    def of(cls, network: Network) -> NodalForm:
-        """Copy the form out of a network that is about to be eliminated."""
-        return cls(
-            {row: dict(entries) for row, entries in network.matrix.items()},
-            {name: network.diagonal(name) for name in network.matrix},
-            {name: dict(row) for name, row in network.sources.items()},
-        )
-
-
-def explain_singularity(structure: JunctionStructure, program: Program, form: NodalForm) -> Singular:
+def explain_singularity(network: Network) -> Singular:
     """Return the error that says which balances contradict each other, or what is not determined.
 
     Parameters
     ----------
-    structure
-        The junction structure.
-    program
-        The program that holds the registers.
-    form
-        The nodal form before elimination.
+    network
+        The network before elimination.
     """
-    names = list(form.matrix)
+    structure, program, names = network.structure, network.program, list(network.matrix)
 
     def entry(row: str, column: str) -> int:
-        register = form.diagonal[row] if row == column else form.matrix[row].get(column, program.zero)
-        return program.image(register)
+        register = network.diagonal(row) if row == column else network.entry(row, column)
+        return int(program.image(register))
 
     dense = [[entry(row, column) for column in names] for row in names]
     for row, name in enumerate(names):

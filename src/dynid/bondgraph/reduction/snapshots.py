@@ -171,7 +171,7 @@ class _Camera:
             seen.add(tail)
             for head in net.neighbours(tail):
                 if head not in seen:
-                    coupling = net.single.get(frozenset((tail, head)))
+                    coupling = net.single(tail, head)
                     two_port = coupling.two_port if coupling is not None else None
                     pair = net.entry(tail, head), net.entry(head, tail)
                     yield Link(tail, head, *pair, drawn=coupling is not None, two_port=two_port)
