@@ -96,8 +96,8 @@ def test_memory_does_not_grow_with_the_chain_and_work_grows_in_step(make):
     needs = {}
     for stages in (50, 100, 400):
         graph = chain_of(make(stages))
-        tape, _, slots = schedule(graph.program, list(graph.channels().values()))
-        needs[stages] = (len(tape), slots)
+        tape = schedule(graph.program, list(graph.channels().values()), graph.graph.value)
+        needs[stages] = (len(tape.rows), tape.slots)
     assert needs[50][1] == needs[400][1] < 12
     assert (needs[400][0] - needs[100][0]) == 6 * (needs[100][0] - needs[50][0])
 

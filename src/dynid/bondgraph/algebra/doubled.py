@@ -1,9 +1,9 @@
-"""Programs run on complex numbers of twice the usual precision, with error bounds, for large graphs.
+"""Complex numbers of twice the usual precision, with error bounds, for large graphs.
 
 Every register is a block of frequencies (`LANES` of them), stored as six rows: real part and imaginary
 part, each an unevaluated sum of two doubles (about 31 digits), the modulus, and a bound on the modulus of
 the error. The sums and products are the error-free transformations of Dekker and Knuth with fused
-multiply-adds; a quotient is a rounded one and a correction from its residual (Joldes, Muller & Popescu
+multiply-adds; a reciprocal is a rounded one and a correction from its residual (Joldes, Muller & Popescu
 2017). The bounds follow the moduli, so that they do not grow where the errors do not.
 
 The module is compiled by numba; import it where a graph is large enough to pay for that.
@@ -12,14 +12,13 @@ The module is compiled by numba; import it where a graph is large enough to pay 
 from __future__ import annotations
 
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
-
-from dynid.bondgraph.reduction.program import Op
 
 F = TypeVar("F", bound=Callable[..., Any])
 Array = NDArray[np.float64]
@@ -29,15 +28,33 @@ LANES = 64
 ROWS = 6
 
 # Relative error bounds of the operations: several times what an analysis of the algorithms gives (a sum 4, a
-# product 16, a quotient about 100 units of 2^-106), so that no rounding of the bounds themselves counts.
-_SUM, _PRODUCT, _QUOTIENT = 2.0**-102, 2.0**-100, 2.0**-97
-#: Absolute error of a product or quotient whose parts fall below the range of doubles.
+# product 16, a reciprocal about 100 units of 2^-106), so that no rounding of the bounds themselves counts.
+_SUM, _PRODUCT, _RECIPROCAL = 2.0**-102, 2.0**-100, 2.0**-97
+#: Absolute error of a product or reciprocal whose parts fall below the range of doubles.
 _UNDERFLOW = 2.0**-1068
 # Squared moduli that can be trusted: beyond them the square, or its low part, leaves the range of doubles.
 _LEAST, _MOST = 2.0**-900, 2.0**900
+#: A divisor known less well than this (nine digits of 31) is taken for one that may be zero.
+_KNOWN = 2.0**-30
+#: By how much an error of that size makes the bound of a reciprocal larger.
+_SLACK = 1.0 + 2.0**-29
+#: Largest power of s in a monomial, either way.
+POWERS = 2
 
-_LAPLACE, _ADD, _SUB = int(Op.LAPLACE), int(Op.ADD), int(Op.SUB)
-_MUL, _DIV, _NEG = int(Op.MUL), int(Op.DIV), int(Op.NEG)
+
+class Code(IntEnum):
+    """The operations of a tape. A monomial is a real number times a power of s."""
+
+    LOAD = 0  # a monomial
+    SHIFT = 1  # a register plus a monomial
+    ADD = 2
+    SUB = 3
+    MUL = 4
+    INV = 5
+    NEG = 6
+
+
+_LOAD, _SHIFT, _ADD, _SUB, _MUL, _INV = (int(code) for code in tuple(Code)[:-1])
 
 
 def compiled(function: F) -> F:
@@ -90,6 +107,109 @@ def _difference_of_products(
     return high, error - (high - s)
 
 
+# --- real numbers: high part, low part and error bound ------------------------------------------------
+
+Real = tuple[float, float, float]
+
+
+@compiled
+def real_sum(a: Real, b: Real) -> Real:
+    """Return a + b."""
+    s, e = _two_sum(a[0], b[0])
+    e += a[1] + b[1]
+    high = s + e
+    return high, e - (high - s), a[2] + b[2] + _SUM * (abs(a[0]) + abs(b[0]))
+
+
+@compiled
+def real_product(a: Real, b: Real) -> Real:
+    """Return a b."""
+    p = a[0] * b[0]
+    e = fma(a[0], b[0], -p) + fma(a[0], b[1], a[1] * b[0])
+    high = p + e
+    error = abs(a[0]) * b[2] + a[2] * (abs(b[0]) + b[2]) + (_PRODUCT * abs(high) + _UNDERFLOW)
+    return high, e - (high - p), error
+
+
+@compiled
+def real_reciprocal(a: Real) -> Real:
+    """Return 1 / a; the bound is infinite where a may be zero."""
+    if not a[2] <= _KNOWN * abs(a[0]) or a[0] == 0.0:
+        return 0.0, 0.0, np.inf
+    q = 1.0 / a[0]
+    e = (fma(-q, a[0], 1.0) - q * a[1]) * q
+    high = q + e
+    return high, e - (high - q), _SLACK * a[2] * q * q + (_RECIPROCAL * abs(q) + _UNDERFLOW)
+
+
+# --- registers -----------------------------------------------------------------------------------------
+
+
+@compiled
+def _powers(omega: Array) -> Array:
+    """Return the powers of a block of frequencies, rows of high part, low part and error bound."""
+    table = np.zeros((2 * POWERS + 1, 3, LANES))
+    for i in range(LANES):
+        table[POWERS, 0, i] = 1.0
+        up, down = (omega[i], 0.0, 0.0), real_reciprocal((omega[i], 0.0, 0.0))
+        rising, falling = up, down
+        for power in range(1, POWERS + 1):
+            for part in range(3):
+                table[POWERS + power, part, i] = rising[part]
+                table[POWERS - power, part, i] = falling[part]
+            rising, falling = real_product(rising, up), real_product(falling, down)
+    return table
+
+
+@compiled
+def _at(number: Array, power: int) -> tuple[float, float, float, float]:
+    """Return number j^power: high and low parts of its real and its imaginary part."""
+    turn = -1.0 if power % 4 > 1 else 1.0
+    high, low = turn * number[0], turn * number[1]
+    return (high, low, 0.0, 0.0) if power % 2 == 0 else (0.0, 0.0, high, low)
+
+
+@compiled
+def _load(number: Array, power: int, powers: Array, c: Array) -> None:
+    """Write number s^power to c."""
+    rh, rl, ih, il = _at(number, power)
+    size, error = abs(number[0]), number[2]
+    w = powers[POWERS + power]
+    for i in range(LANES):
+        re, e = rh * w[0, i], fma(rh, w[1, i], rl * w[0, i])
+        im, f = ih * w[0, i], fma(ih, w[1, i], il * w[0, i])
+        c[i] = re
+        c[LANES + i] = fma(rh, w[0, i], -re) + e
+        c[2 * LANES + i] = im
+        c[3 * LANES + i] = fma(ih, w[0, i], -im) + f
+        modulus = abs(re) + abs(im)  # one of them is zero
+        c[4 * LANES + i] = modulus
+        c[5 * LANES + i] = size * w[2, i] + error * (w[0, i] + w[2, i]) + (_PRODUCT * modulus + _UNDERFLOW)
+
+
+@compiled
+def _shift(a: Array, number: Array, power: int, powers: Array, c: Array) -> None:
+    """Write a + number s^power to c."""
+    rh, rl, ih, il = _at(number, power)
+    size, error = abs(number[0]), number[2]
+    w = powers[POWERS + power]
+    for i in range(LANES):
+        p, q = rh * w[0, i], ih * w[0, i]
+        s, e = _two_sum(a[i], p)
+        t, f = _two_sum(a[2 * LANES + i], q)
+        e += a[LANES + i] + (fma(rh, w[0, i], -p) + fma(rh, w[1, i], rl * w[0, i]))
+        f += a[3 * LANES + i] + (fma(ih, w[0, i], -q) + fma(ih, w[1, i], il * w[0, i]))
+        re, im = s + e, t + f
+        c[i] = re
+        c[LANES + i] = e - (re - s)
+        c[2 * LANES + i] = im
+        c[3 * LANES + i] = f - (im - t)
+        c[4 * LANES + i] = _modulus(re, im)
+        modulus = abs(p) + abs(q)  # one of them is zero
+        added = size * w[2, i] + error * (w[0, i] + w[2, i]) + (_PRODUCT * modulus + _UNDERFLOW)
+        c[5 * LANES + i] = a[5 * LANES + i] + added + _SUM * (a[4 * LANES + i] + modulus)
+
+
 @compiled
 def _sum(a: Array, b: Array, c: Array, sign: float) -> None:
     """Write a + sign b to c."""
@@ -114,105 +234,80 @@ def _product(a: Array, b: Array, c: Array) -> None:
     for i in range(LANES):
         arh, arl, aih, ail = a[i], a[LANES + i], a[2 * LANES + i], a[3 * LANES + i]
         brh, brl, bih, bil = b[i], b[LANES + i], b[2 * LANES + i], b[3 * LANES + i]
-        size_a, error_a, size_b, error_b = (
-            a[4 * LANES + i],
-            a[5 * LANES + i],
-            b[4 * LANES + i],
-            b[5 * LANES + i],
-        )
-        re, low = _difference_of_products(arh, arl, brh, brl, aih, ail, bih, bil)
-        c[LANES + i] = low
-        im, low = _difference_of_products(arh, arl, bih, bil, -aih, -ail, brh, brl)
-        c[3 * LANES + i] = low
-        c[i] = re
-        c[2 * LANES + i] = im
-        c[4 * LANES + i] = _modulus(re, im)
-        c[5 * LANES + i] = (
-            size_a * error_b + error_a * (size_b + error_b) + (_PRODUCT * (size_a * size_b) + _UNDERFLOW)
-        )
+        size_a, error_a = a[4 * LANES + i], a[5 * LANES + i]
+        size_b, error_b = b[4 * LANES + i], b[5 * LANES + i]
+        c[i], c[LANES + i] = _difference_of_products(arh, arl, brh, brl, aih, ail, bih, bil)
+        c[2 * LANES + i], c[3 * LANES + i] = _difference_of_products(arh, arl, bih, bil, -aih, -ail, brh, brl)
+        size = size_a * size_b
+        c[4 * LANES + i] = size
+        c[5 * LANES + i] = size_a * error_b + error_a * (size_b + error_b) + (_PRODUCT * size + _UNDERFLOW)
 
 
 @compiled
-def _quotient(a: Array, b: Array, c: Array) -> None:
-    """Write a / b to c; the bound is infinite where b may be zero, or too large or small to be squared."""
+def _reciprocal(a: Array, c: Array) -> None:
+    """Write 1 / a to c; the bound is infinite where a may be zero, or too large or small to be squared."""
     for i in range(LANES):
-        arh, arl, aih, ail = a[i], a[LANES + i], a[2 * LANES + i], a[3 * LANES + i]
-        brh, brl, bih, bil = b[i], b[LANES + i], b[2 * LANES + i], b[3 * LANES + i]
-        size_b, error_a, error_b = b[4 * LANES + i], a[5 * LANES + i], b[5 * LANES + i]
-        square = brh * brh + bih * bih
+        rh, rl, ih, il = a[i], a[LANES + i], a[2 * LANES + i], a[3 * LANES + i]
+        size, error = a[4 * LANES + i], a[5 * LANES + i]
+        square = rh * rh + ih * ih
         inverse = 1.0 / square
-        ur, ui = brh * inverse, -bih * inverse
-        qr, qi = arh * ur - aih * ui, arh * ui + aih * ur
-        # what the rounded quotient leaves over: a - b q, a sum of exact products
-        p, q = brh * qr, bih * qi
-        s, e = _two_sum(arh, -p)
+        ur, ui = rh * inverse, -ih * inverse
+        # what the rounded reciprocal leaves over: 1 - a u, a sum of exact products
+        p, q = rh * ur, ih * ui
+        s, e = _two_sum(1.0, -p)
         t, f = _two_sum(s, q)
-        left_r = t + (e + f + (fma(bih, qi, -q) - fma(brh, qr, -p)) + (arl - brl * qr + bil * qi))
-        p, q = brh * qi, bih * qr
-        s, e = _two_sum(aih, -p)
-        t, f = _two_sum(s, -q)
-        left_i = t + (e + f - (fma(brh, qi, -p) + fma(bih, qr, -q)) + (ail - brl * qi - bil * qr))
+        left_r = t + (e + f + (fma(ih, ui, -q) - fma(rh, ur, -p)) - (rl * ur - il * ui))
+        p, q = rh * ui, ih * ur
+        t, f = _two_sum(-p, -q)
+        left_i = t + (f - (fma(rh, ui, -p) + fma(ih, ur, -q)) - (rl * ui + il * ur))
         dr, di = left_r * ur - left_i * ui, left_r * ui + left_i * ur
-        re, im = qr + dr, qi + di
-        c[LANES + i] = dr - (re - qr)
-        c[3 * LANES + i] = di - (im - qi)
+        re, im = ur + dr, ui + di
         c[i] = re
+        c[LANES + i] = dr - (re - ur)
         c[2 * LANES + i] = im
-        size = _modulus(re, im)
-        c[4 * LANES + i] = size
-        least = size_b - error_b
-        bound = (error_a + size * error_b) / least + (_QUOTIENT * size + _UNDERFLOW * (1.0 + 1.0 / size_b))
-        sound = (least > 0.0) & (square > _LEAST) & (square < _MOST)
+        c[3 * LANES + i] = di - (im - ui)
+        modulus = size * inverse
+        c[4 * LANES + i] = modulus
+        sound = (error <= _KNOWN * size) & (square > _LEAST) & (square < _MOST)
+        bound = _SLACK * error * inverse + (_RECIPROCAL * modulus + _UNDERFLOW)
         c[5 * LANES + i] = bound if sound else np.inf
 
 
 @compiled
-def evaluate(tape: NDArray[np.int64], constants: Array, omega: Array, memory: Array) -> None:
+def evaluate(tape: NDArray[np.int64], numbers: Array, omega: Array, memory: Array) -> None:
     """Run a tape at one block of frequencies.
 
     Parameters
     ----------
     tape
-        Rows of operation, first operand, second operand and target: slots of the memory. The first operand
-        of a constant is its row in `constants`.
-    constants
-        High part, low part and error bound of each.
+        Rows of operation (`Code`), first operand, second operand and target (slots of the memory), and
+        power of s in the monomial.
+    numbers
+        High part, low part and error bound of the monomial of each row.
     omega
         Angular frequencies, shape (LANES,).
     memory
         Working space, shape (slots, ROWS * LANES).
     """
+    powers = _powers(omega)
     for step in range(len(tape)):
         op = tape[step, 0]
+        a = memory[tape[step, 1]]
         c = memory[tape[step, 3]]
-        if op == _ADD:
-            _sum(memory[tape[step, 1]], memory[tape[step, 2]], c, 1.0)
-        elif op == _SUB:
-            _sum(memory[tape[step, 1]], memory[tape[step, 2]], c, -1.0)
+        if op == _INV:
+            _reciprocal(a, c)
         elif op == _MUL:
-            _product(memory[tape[step, 1]], memory[tape[step, 2]], c)
-        elif op == _DIV:
-            _quotient(memory[tape[step, 1]], memory[tape[step, 2]], c)
-        elif op == _NEG:
-            a = memory[tape[step, 1]]
+            _product(a, memory[tape[step, 2]], c)
+        elif op == _SHIFT:
+            _shift(a, numbers[step], tape[step, 4], powers, c)
+        elif op == _ADD:
+            _sum(a, memory[tape[step, 2]], c, 1.0)
+        elif op == _SUB:
+            _sum(a, memory[tape[step, 2]], c, -1.0)
+        elif op == _LOAD:
+            _load(numbers[step], tape[step, 4], powers, c)
+        else:
             for i in range(4 * LANES):
                 c[i] = -a[i]
             for i in range(4 * LANES, ROWS * LANES):
                 c[i] = a[i]
-        elif op == _LAPLACE:
-            for i in range(LANES):
-                c[i] = 0.0
-                c[LANES + i] = 0.0
-                c[2 * LANES + i] = omega[i]
-                c[3 * LANES + i] = 0.0
-                c[4 * LANES + i] = omega[i]
-                c[5 * LANES + i] = 0.0
-        else:
-            value = constants[tape[step, 1]]
-            for i in range(LANES):
-                c[i] = value[0]
-                c[LANES + i] = value[1]
-                c[2 * LANES + i] = 0.0
-                c[3 * LANES + i] = 0.0
-                c[4 * LANES + i] = abs(value[0])
-                c[5 * LANES + i] = value[2]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.algebra.doubled import LANES, ROWS, evaluate
 from dynid.bondgraph.algebra.tape import schedule
-from dynid.bondgraph.reduction.program import Op, Program, Register
+from dynid.bondgraph.reduction.program import Program, Register
 
 
 def sweep(
@@ -42,22 +42,19 @@ def sweep(
     values, bounds
         Both of shape (omega, register).
     """
-    tape, places, slots = schedule(program, wanted)
-    leaves = np.flatnonzero(tape[:, 0] < Op.LAPLACE)
-    constants = np.array([_constant(program, leaf, value) for leaf in tape[leaves, 1]]).reshape(-1, 3)
-    tape[leaves, 1] = np.arange(len(leaves))
+    tape = schedule(program, wanted, value)
     blocks = -(-len(omega) // LANES)
     padded = np.resize(omega, blocks * LANES) if blocks else omega
     padded[len(omega) :] = omega[-1:]
     found = np.empty((blocks, len(wanted), ROWS, LANES))
 
     def run(worker: int) -> None:
-        memory = np.zeros((slots, ROWS * LANES))
+        memory = np.zeros((tape.slots, ROWS * LANES))
         for block in range(worker, blocks, workers):
-            evaluate(tape, constants, padded[block * LANES : (block + 1) * LANES], memory)
-            found[block] = memory[places].reshape(-1, ROWS, LANES)
+            evaluate(tape.rows, tape.numbers, padded[block * LANES : (block + 1) * LANES], memory)
+            found[block] = memory[tape.places].reshape(-1, ROWS, LANES)
 
-    workers = max(1, min(blocks, len(os.sched_getaffinity(0))))
+    workers = max(1, min(blocks, _cores()))
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, range(workers)))
     rows = found.transpose(2, 0, 3, 1).reshape(ROWS, blocks * LANES, len(wanted))[:, : len(omega)]
@@ -66,16 +63,8 @@ def sweep(
     return values, rows[5]
 
 
-def _constant(
-    program: Program, leaf: Register, value: Callable[[str], Fraction]
-) -> tuple[float, float, float]:
-    """Return a constant or parameter as a sum of two doubles, with a bound on what they miss."""
-    op, name, _ = program.ops[leaf]
-    exact = value(name) if op is Op.PARAMETER else Fraction(name)
-    try:
-        high = exact.numerator / exact.denominator
-        above, below = high.as_integer_ratio()
-        low = (exact.numerator * below - above * exact.denominator) / (exact.denominator * below)
-    except OverflowError:
-        return np.inf, 0.0, np.inf
-    return high, low, 2.0**-104 * abs(high) + 2.0**-1070
+def _cores() -> int:
+    """Return how many cores this process may use; where the system does not say, how many there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -56,7 +56,9 @@ class Network:
         for name in self.depth:
             junction = structure.junctions[name]
             self.kind[name] = junction.kind
-            self.terms[name] = [Term(element, self.immittance(element, name)) for element in junction.elements]
+            self.terms[name] = [
+                Term(element, self.immittance(element, name)) for element in junction.elements
+            ]
             for source, sign in junction.feeding:
                 self._feed(name, source, program.one if sign > 0 else program.neg(program.one))
         for source in self.inputs:
