@@ -48,8 +48,8 @@ class Planned(ABC):
 
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
-        self.valued = [name for name, node in graph.nodes.items() if node.value is not None]
-        self._values = {name: graph.value(name) for name in self.valued}
+        self._values = {name: node.value for name, node in graph.nodes.items() if node.value is not None}
+        self.valued = list(self._values)
         self._prime = prime_for(self._values.values())
         self.storages = [name for name in self.valued if graph.nodes[name].type in STORAGES]
         self._plan(random_point(self.valued, self._prime))

@@ -29,8 +29,8 @@ def random_point(names: Iterable[str], prime: int) -> Point:
     from flint import nmod
 
     source = random.Random(0x5EED)
-    laplace = nmod(source.randrange(1, prime), prime)
-    return Point(prime, {name: nmod(source.randrange(1, prime), prime) for name in names}, laplace)
+    laplace = nmod(source.getrandbits(60), prime)
+    return Point(prime, {name: nmod(source.getrandbits(60), prime) for name in names}, laplace)
 
 
 def numeric_point(values: Mapping[str, Fraction], prime: int) -> Point:

@@ -73,7 +73,7 @@ class Coupling(NamedTuple):
 
 
 class JunctionStructure:
-    """Junctions and couplings of a graph, with the place of every one-port.
+    """Junctions, the couplings that tie them, and the place of every one-port.
 
     Raises
     ------
@@ -99,10 +99,10 @@ class JunctionStructure:
                 self._add_bond(bond.tail, bond.head)
         for name in two_ports:
             self._add_two_port(name)
-        self.tied: dict[str, list[str]] = {name: [] for name in self.junctions}  # as couplings tie them
+        self.tied: dict[str, list[Coupling]] = {name: [] for name in self.junctions}
         for coupling in self.couplings:
-            self.tied[coupling.tail].append(coupling.head)
-            self.tied[coupling.head].append(coupling.tail)
+            self.tied[coupling.tail].append(coupling)
+            self.tied[coupling.head].append(coupling)
 
     def _add_bond(self, tail: str, head: str) -> None:
         a, b = self._merged.get(tail), self._merged.get(head)

@@ -52,7 +52,7 @@ class Network:
         self.terms: dict[str, list[Term]] = {}
         self.matrix: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
         self.sources: defaultdict[str, dict[str, Register]] = defaultdict(dict)
-        self._single: dict[tuple[str, str], Coupling | None] = {}  # None where several bonds run in parallel
+        self._replaced: dict[frozenset[str], Coupling | None] = {}  # what ties a pair instead of the graph's
         for name in self.depth:
             junction = structure.junctions[name]
             self.kind[name] = junction.kind
@@ -117,15 +117,17 @@ class Network:
                 self._feed(row, fixing, program.neg(entry))  # a known unknown moves to the right-hand side
             else:
                 self.add_entry(row, column, entry)
-        self.tie(tail, head, None if (tail, head) in self._single else coupling)
 
     def tie(self, a: str, b: str, coupling: Coupling | None) -> None:
-        """Note the one coupling that ties two junctions, or none where it is no single one any more."""
-        self._single[a, b] = self._single[b, a] = coupling
+        """Note the coupling that ties two junctions from now on, or none where it is more than a bond."""
+        self._replaced[frozenset((a, b))] = coupling
 
     def single(self, a: str, b: str) -> Coupling | None:
-        """Return the coupling between two junctions, where it is a single one of the graph."""
-        return self._single.get((a, b))
+        """Return the coupling between two junctions, where it is one bond or two-port."""
+        if self._replaced and (pair := frozenset((a, b))) in self._replaced:
+            return self._replaced[pair]
+        found = [coupling for coupling in self.structure.tied[a] if b in (coupling.tail, coupling.head)]
+        return found[0] if len(found) == 1 else None
 
     def add_entry(self, row: str, column: str, entry: Register) -> None:
         """Add to a matrix entry off the diagonal; one that is zero both ways is no tie between the two."""
@@ -141,7 +143,10 @@ class Network:
 
     def diagonal(self, junction: str) -> Register:
         """Return the sum of the immittances on a junction."""
-        return self.program.sum(term.register for term in self.terms[junction])
+        total = self.program.zero
+        for term in self.terms[junction]:
+            total = self.program.add(total, term.register)
+        return total
 
     def neighbours(self, junction: str) -> list[str]:
         """Return the junctions whose balance or unknown this one is tied to."""
@@ -160,7 +165,8 @@ def reach(structure: JunctionStructure, root: str) -> dict[str, int]:
     """Return the junctions that influence the root, with their distance; fixed ones separate."""
     depth, queue = {root: 0}, [root]
     for name in queue:
-        for other in structure.tied[name]:
+        for coupling in structure.tied[name]:
+            other = coupling.head if coupling.tail == name else coupling.tail
             if other not in depth and structure.junctions[other].fixing is None:
                 depth[other] = depth[name] + 1
                 queue.append(other)

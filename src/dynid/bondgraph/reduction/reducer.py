@@ -12,6 +12,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduction.elimination import COMMON, Elimination
@@ -44,14 +45,12 @@ class Reduction:
         The transfer function from each input to the port; inputs that cannot reach it have zero.
     pivots
         Registers whose product is the determinant of the nodal form, up to sign.
-    integrators
-        How many storages integrate: their immittance has s in the denominator.
-    modelled
-        The nodes that the result depends on.
-    dropped
-        The other nodes: behind an ideal source, or not connected.
+    structure
+        The junction structure.
     junctions
-        The junctions of the structure that were reduced.
+        Those of its junctions that were reduced.
+    driving
+        The inputs that drive them.
     labels
         Names of registers in the equations of the steps.
     """
@@ -63,11 +62,40 @@ class Reduction:
     drives: dict[str, Register]
     channels: dict[str, Register]
     pivots: tuple[Register, ...]
-    integrators: int
-    modelled: tuple[str, ...]
-    dropped: tuple[str, ...]
+    structure: JunctionStructure
     junctions: tuple[str, ...]
+    driving: frozenset[str]
     labels: dict[Register, str]
+
+    @cached_property
+    def modelled(self) -> tuple[str, ...]:
+        """The nodes on the junctions that were reduced, and what drives them from outside."""
+        structure, reached = self.structure, set(self.junctions)
+        inside = {name for name, place in structure.place.items() if place in reached} | self.driving
+        for junction in structure.junctions.values():
+            if junction.fixing in self.driving:  # the port depends on it through its known variable only
+                inside.update(junction.members)
+        for coupling in structure.couplings:
+            if coupling.two_port is not None and reached & {coupling.tail, coupling.head}:
+                inside.add(coupling.two_port)
+        return tuple(name for name in structure.graph.nodes if name in inside)
+
+    @cached_property
+    def dropped(self) -> tuple[str, ...]:
+        """The other nodes: behind an ideal source, or not connected."""
+        inside = set(self.modelled)
+        return tuple(name for name in self.structure.graph.nodes if name not in inside)
+
+    @property
+    def integrators(self) -> int:
+        """How many storages integrate: their immittance has s in the denominator."""
+        nodes = self.structure.graph.nodes
+        standing = ((self.structure.junctions[name].kind, name) for name in self.junctions)
+        return sum(
+            (kind, nodes[element].type) in {("1", "C"), ("0", "I")}
+            for kind, name in standing
+            for element in self.structure.junctions[name].elements
+        )
 
 
 def reduce_graph(
@@ -125,7 +153,7 @@ class Reducer:
     ) -> None:
         self.net, self.program, self.root = network, network.program, network.root
         self.work = Elimination(network, watch, traced=traced)
-        self._driving = {name for row in network.sources.values() for name in row}
+        self._driving = frozenset(name for row in network.sources.values() for name in row)
 
     def run(self, port: Port) -> Reduction:
         """Reduce the network to the prototype at its root, for an output there."""
@@ -139,8 +167,6 @@ class Reducer:
         form = port_form(self.net, port, total)
         if self.work.traced:
             self.work.record(self._last_step(prototype, port, form))
-        modelled = self._modelled()
-        inside = set(modelled)
         return Reduction(
             port=port,
             root=self.root,
@@ -152,10 +178,9 @@ class Reducer:
                 for source in self.net.inputs
             },
             pivots=tuple(self.work.pivots),
-            integrators=self._integrators(),
-            modelled=modelled,
-            dropped=tuple(name for name in self.net.structure.graph.nodes if name not in inside),
+            structure=self.net.structure,
             junctions=tuple(self.net.depth),
+            driving=self._driving,
             labels=self.work.labels,
         )
 
@@ -212,42 +237,21 @@ class Reducer:
         """Tell whether a source, or a bare junction beside it, fixes the root's unknown."""
         return self.work.held is not None or self.net.structure.junctions[self.root].fixing is not None
 
-    def _modelled(self) -> tuple[str, ...]:
-        """Return the nodes on the junctions that were reduced, and what drives them from outside."""
-        structure, reached = self.net.structure, set(self.net.depth)
-        inside = {name for name, place in structure.place.items() if place in reached}
-        driving = self._driving
-        inside |= driving
-        for junction in structure.junctions.values():
-            if junction.fixing in driving:  # the port depends on it through its known variable only
-                inside |= set(junction.members)
-        for coupling in structure.couplings:
-            if coupling.two_port and reached & {coupling.tail, coupling.head}:
-                inside.add(coupling.two_port)
-        return tuple(name for name in structure.graph.nodes if name in inside)
-
-    def _integrators(self) -> int:
-        """Count the storages whose law is integrated where they stand."""
-        net, nodes = self.net, self.net.structure.graph.nodes
-        integrating = {("C", "1"), ("I", "0")}
-        places = net.structure.place.items()
-        return sum((nodes[name].type, net.kind.get(place)) in integrating for name, place in places)
-
     def _eliminate_all(self) -> None:
         """Eliminate by (number of neighbours, distance from the root): leaves first, fill low."""
         matrix, depth = self.net.matrix, self.net.depth
         names = sorted(depth, key=depth.__getitem__, reverse=True)[:-1]  # the root is nearest to itself
-        rank = {name: index for index, name in enumerate(names)}
-        heap = [(len(matrix[name]), index) for name, index in rank.items()]
+        rank, size = {name: index for index, name in enumerate(names)}, len(names)
+        heap = [len(matrix[name]) * size + index for name, index in rank.items()]
         heapq.heapify(heap)
         while heap:
-            degree, index = heapq.heappop(heap)
+            degree, index = divmod(heapq.heappop(heap), size)
             name = names[index]
             if name not in matrix or degree != len(matrix[name]):
                 continue  # eliminated already, or queued again with its new neighbours
             for other in self._eliminate_next(name):
                 if other != self.root:
-                    heapq.heappush(heap, (len(matrix[other]), rank[other]))
+                    heapq.heappush(heap, len(matrix[other]) * size + rank[other])
         self._eliminate_bare([name for name in depth if name in matrix and name != self.root])
 
     def _eliminate_next(self, name: str) -> list[str]:
