@@ -171,3 +171,38 @@ estimator: {{method: output-error}}
 """
     error = run(tmp_path, text)["identification/parameters/error_percent"].data.max() / 100
     assert bias[0] <= error <= bias[1]
+
+
+@pytest.mark.parametrize(
+    "excitation",
+    [
+        "{base: acceleration, kind: multisine, amplitude: [9, 5], frequency: [4, 11]}",
+        "{dof: 1, motion: displacement, kind: sine, amplitude: 0.01, frequency: 9}",
+    ],
+)
+def test_motions_excite(tmp_path, excitation):
+    text = ONE.replace("{dof: 2, kind: sine, frequency: 3}", excitation)
+    frame = ", frame: absolute" if "base" in excitation else ""
+    text = text.replace("quantity: velocity", f"quantity: acceleration{frame}").replace("0.05", "0.01")
+    text += "analysis: {time: {stop: 1, step: 0.01}}\n"
+    result = run(tmp_path, text.replace("samples: 100", "samples: 400"))
+    errors = result["identification/parameters/error_percent"].data / 100
+    true = result["identification/parameters/true"].data
+    assert np.all(errors * true < 4 * result["identification/parameters/cramer_rao"].data)
+    unit = result["identification/measurement/input"].units
+    assert unit == ("m/s2" if "base" in excitation else "m")
+    assert result["structure/time_response/input"].units == unit
+
+
+@pytest.mark.parametrize(
+    ("excitation", "fault"),
+    [
+        ("{base: acceleration, dof: 1, kind: sine, frequency: 3}", "the base moves, or a 'dof' does"),
+        ("{base: jerk, kind: sine, frequency: 3}", "'base' cannot be 'jerk'; it is one of"),
+        ("{motion: velocity, kind: sine, frequency: 3}", "this signal needs the 'dof' that it drives"),
+    ],
+)
+def test_a_motion_has_one_place(excitation, fault):
+    found = faults_of(ONE.replace("{dof: 2, kind: sine, frequency: 3}", excitation))
+    assert len(found) == 1, found
+    assert fault in found[0]

@@ -21,8 +21,8 @@ from dynid.lti.timeline import Timeline, timeline
 from dynid.structure.joints import Unknown
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load, ports
-from dynid.structure.state_space import state_space
+from dynid.structure.motion import drive, prescribed_state, signals_of
+from dynid.structure.response import Channel, Load
 
 Array = NDArray[np.float64]
 
@@ -69,6 +69,8 @@ class AugmentedModel:
         The record's timeline.
     W
         Generator states at the nodes (nodes x q), scaled to `drive`.
+    initial, known
+        What prescribed motions tell of the first state (n), scaled, zero elsewhere; and where they do (n).
     """
 
     unknowns: tuple[Unknown, ...]
@@ -82,6 +84,8 @@ class AugmentedModel:
     feedthrough: Array
     line: Timeline
     W: Array
+    initial: Array
+    known: NDArray[np.bool_]
 
     @property
     def states(self) -> int:
@@ -135,33 +139,37 @@ def augmented(
     unknowns = unknowns_of(model)
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
-    forces, rows, orders = ports(model, [load.dof for load in loads], channels)
+    driven = drive(model, loads, channels)
     fixed = model.dense({unknown.name: 0.0 for unknown in unknowns})
-    system = state_space(*fixed, forces, rows, orders)
+    system, mass, rows = driven.system(*fixed), driven.mass(fixed[0]), driven.rows
     A_slopes = np.stack(
-        [_change(fixed[0], unknown.letter, as_array(unknown.pattern)) for unknown in unknowns]
+        [_change(mass, unknown.letter, driven.others(as_array(unknown.pattern))) for unknown in unknowns]
     )
-    C_slopes = np.where(np.array(orders)[:, None] == 2, rows @ A_slopes[:, model.size :], 0.0)
+    accelerations = np.array(driven.orders)[:, None] == 2
+    C_slopes = np.where(accelerations, rows @ A_slopes[:, model.size :], 0.0)
+    initial, known = prescribed_state(model, loads, float(times[0]))
     started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
     d = balance(started)
     poles = np.linalg.eigvals(rescaled(started, d)).astype(complex)
     check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
-    line = timeline([load.signal for load in loads], times, float(times[0]))
+    line = timeline(signals_of(loads), times, float(times[0]))
     _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), rows.size * len(times) * 2)
-    drive = system.B @ line.H / d[:, None]
-    w_scale = drive_scale(rescaled(started, d), drive)
+    entering = system.B @ line.H / d[:, None]
+    w_scale = drive_scale(rescaled(started, d), entering)
     return AugmentedModel(
         unknowns=unknowns,
         scale=d,
         A=rescaled(system.A, d),
         A_slopes=rescaled(A_slopes, d),
         B=system.B / d[:, None],
-        drive=drive * w_scale,
+        drive=entering * w_scale,
         C=system.C * d,
         C_slopes=C_slopes * d,
         feedthrough=line.inputs() @ system.D.T,
         line=line,
         W=line.W / w_scale,
+        initial=initial / d,
+        known=known,
     )
 
 

@@ -86,10 +86,11 @@ class Fitter:
         """
         free, transitions = free_prediction(self.model, logs)
         weight = self._weight(self.data.rms if noise is None else noise, values)
-        target = np.nan_to_num(values - free.forced) * weight
+        forced = free.forced + free.by_state @ self.model.initial
+        target = np.nan_to_num(values - forced) * weight
         matrix = ((free.by_state @ self.root) * weight[..., None]).reshape(target.size, -1)
         # Rank-revealing: initial states that the record does not show stay at zero.
-        x0 = self.root @ least_squares(matrix, target.ravel(), STATE_RANK)
+        x0 = self.model.initial + self.root @ least_squares(matrix, target.ravel(), STATE_RANK)
         predicted = prediction(self.model, logs, x0, free, transitions)
         residual = values - predicted.outputs
         return Fit(logs, predicted, residual, self.known_or(self.scatter(residual)))
@@ -117,7 +118,7 @@ class Fitter:
 
     def wide_prior(self, logs: Array, spread: float = _FACTOR) -> Prior:
         """Return the prior of a first pass: any state the record allows, logarithms with this deviation."""
-        return Prior(np.zeros(self.model.states), logs, self._wide_root(spread))
+        return Prior(self.model.initial, logs, self._wide_root(spread))
 
     def unit_prior(self, fit: Fit) -> Prior:
         """Return a fresh prior around a fit that weighs as much as a single measured value.
@@ -192,6 +193,7 @@ def fitter(
     n = len(M)
     root = np.zeros((2 * n, 2 * n))
     root[:n, :n], root[n:, n:] = compliance, mobility
+    root[model.known] = 0.0
     return Fitter(model, data, _WIDE * max(sizes) * root / model.scale[:, None], sharing)
 
 

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.diagnostics import root_mean_square
-from dynid.lti.propagate import response
+from dynid.lti.propagate import Response, response
 from dynid.lti.signals import Random, Record
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load, ports
-from dynid.structure.state_space import state_space
+from dynid.structure.motion import drive, prescribed_state, signals_of
+from dynid.structure.response import Channel, Load
 
 Array = NDArray[np.float64]
 
@@ -179,7 +179,7 @@ def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement
     """
     given = measurement.given_noise
     if isinstance(measurement.source, Simulation):
-        clean = simulated(model, loads, measurement)
+        clean = simulated(model, loads, measurement).outputs
         noise = measurement.source.deviation(clean)
         generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
         record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
@@ -195,11 +195,14 @@ def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement
     return record
 
 
-def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Array:
-    """Return the exact, noise-free response at the sampling times (times x channels)."""
-    inputs = [load.dof for load in loads]
-    system = state_space(*model.dense(model.true_values()), *ports(model, inputs, measurement.channels))
-    return response(system, [load.signal for load in loads], measurement.record.times).outputs
+def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Response:
+    """Return the exact, noise-free response at the sampling times, from rest at t = 0.
+
+    What moves by a prescribed displacement or velocity starts as that does.
+    """
+    system = drive(model, loads, measurement.channels).system(*model.dense(model.true_values()))
+    start = prescribed_state(model, loads, 0.0)[0]
+    return response(system, signals_of(loads), measurement.record.times, start)
 
 
 def as_estimated(loads: Sequence[Load], record: Record) -> list[Load]:

@@ -14,6 +14,7 @@ from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.residuals import consistency, spectrum
 from dynid.result import Result
 from dynid.structure.matrices import Label
+from dynid.structure.motion import inputs_of
 from dynid.structure.response import Channel, common_unit, source_names
 
 Array = NDArray[np.float64]
@@ -110,7 +111,11 @@ def add_measurement(result: Result, group: str, record: Fitter, experiment: Expe
     result.add(f"{group}/measured", data.values, dims, unit)
     result.add(f"{group}/predicted", fit.predicted.outputs, dims, unit)
     result.add_axis(f"{group}/excitation", source_names(experiment.loads))
-    result.add(f"{group}/input", record.model.line.inputs(), ("time", "excitation"), "N")
+    loads, line = experiment.loads, record.model.line
+    inputs = inputs_of(loads, line.nodes[line.wanted], line.inputs())
+    units_in = [load.unit for load in loads]
+    result.add(f"{group}/input_unit", units_in, ("excitation",))
+    result.add(f"{group}/input", inputs, ("time", "excitation"), common_unit(units_in))
     if data.noise is not None:
         result.add(f"{group}/noise", data.noise, ("channel",), unit)
     if data.given is not None:

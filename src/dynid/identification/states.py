@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.fit import Fit, Fitter
-from dynid.identification.measurement import Measurement, Simulation
-from dynid.lti.propagate import response
+from dynid.identification.measurement import Measurement, Simulation, simulated
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Load, ports
-from dynid.structure.state_space import state_space
+from dynid.structure.response import Load
 
 Array = NDArray[np.float64]
 
@@ -82,9 +80,7 @@ def true_states(
     """
     if not isinstance(measurement.source, Simulation):
         return None
-    inputs = [load.dof for load in loads]
-    system = state_space(*truth.dense(truth.true_values()), *ports(truth, inputs, measurement.channels))
-    states = response(system, [load.signal for load in loads], measurement.record.times).states
+    states = simulated(truth, loads, measurement).states
     read = _coordinates(truth, model)
     moved = states.reshape(len(states), 2, truth.size) @ read.T
     return np.asarray(moved.reshape(len(states), -1))

@@ -2,71 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import UsageError
 from dynid.lti.floating import guarded
-from dynid.lti.frequency import QUANTITIES
 from dynid.lti.propagate import response
-from dynid.lti.signals import Signal
 from dynid.result import Result
-from dynid.structure import labels
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Label, as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.state_space import state_space
+from dynid.structure.motion import drive, inputs_of, prescribed_state, signals_of
+from dynid.structure.ports import UNITS, Channel, Load, common_unit, ports, source_names
+
+__all__ = [
+    "UNITS",
+    "Channel",
+    "Load",
+    "common_unit",
+    "frequency_response",
+    "ports",
+    "source_names",
+    "time_response",
+]
 
 Array = NDArray[np.float64]
-
-UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
-"""SI units of the output quantities (of translations; read m as rad for rotations)."""
-
-
-class Channel(NamedTuple):
-    """An output: `quantity` (displacement, velocity, acceleration) of `dof`, less that of `reference`."""
-
-    dof: Label
-    quantity: str
-    reference: Label | None = None
-
-    @property
-    def name(self) -> str:
-        """Its name in results, ``<dof>.<quantity>``; between two DOFs ``<dof>-<reference>.<quantity>``."""
-        relative = "" if self.reference is None else f"-{self.reference}"
-        return f"{self.dof}{relative}.{self.quantity}"
-
-    @property
-    def unit(self) -> str:
-        """Its unit, SI: of rotations, where the label tells, in rad."""
-        turning = labels.kind(self.dof) == "rotation"
-        return UNITS[self.quantity].replace("m", "rad", 1) if turning else UNITS[self.quantity]
-
-    def row(self, model: StructuralModel) -> Array:
-        """Return what it reads of the displacements (n)."""
-        row = model.row(self.dof)
-        return row if self.reference is None else np.asarray(row - model.row(self.reference))
-
-    @property
-    def order(self) -> int:
-        """Derivative order of the quantity."""
-        if self.quantity not in QUANTITIES:
-            raise UsageError(
-                f"there is no output quantity {self.quantity!r}",
-                remedy=f"Use one of {', '.join(QUANTITIES)}.",
-                names=(self.quantity,),
-            )
-        return QUANTITIES[self.quantity]
-
-
-class Load(NamedTuple):
-    """A force on `dof` (N; N·m on a rotation) that follows `signal`."""
-
-    dof: Label
-    signal: Signal
 
 
 @guarded("the frequency response")
@@ -170,11 +131,11 @@ def time_response(
     NumericalError
         If the response overflows.
     """
-    forces, rows, orders = ports(model, [load.dof for load in loads], outputs)
-    system = state_space(*model.dense(values), forces, rows, orders)
     x0 = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
+    prescribed, known = prescribed_state(model, loads, 0.0)
     t = np.asarray(times, dtype=float)
-    y = response(system, [load.signal for load in loads], t, x0)
+    system = drive(model, loads, outputs).system(*model.dense(values))
+    y = response(system, signals_of(loads), t, np.where(known, prescribed, x0))
     result = Result("structure")
     group = "structure/time_response"
     result.add_axis(f"{group}/time", t, "s")
@@ -183,32 +144,11 @@ def time_response(
     result.add(f"{group}/unit", units, ("output",))
     result.add(f"{group}/response", y.outputs, ("time", "output"), common_unit(units))
     result.add_axis(f"{group}/source", source_names(loads))
-    result.add(f"{group}/input", y.inputs, ("time", "source"), "N")
+    inputs = inputs_of(loads, t, y.inputs)
+    units = [load.unit for load in loads]
+    result.add(f"{group}/input_unit", units, ("source",))
+    result.add(f"{group}/input", inputs, ("time", "source"), common_unit(units))
     return result
-
-
-def source_names(loads: Sequence[Load]) -> list[str]:
-    """Return a name for each load: its DOF, numbered where a DOF carries several."""
-    dofs = [load.dof for load in loads]
-    return [
-        str(dof) if dofs.count(dof) == 1 else f"{dof}#{dofs[: k + 1].count(dof)}"
-        for k, dof in enumerate(dofs)
-    ]
-
-
-def ports(
-    model: StructuralModel, inputs: Sequence[Label], outputs: Sequence[Channel]
-) -> tuple[Array, Array, list[int]]:
-    """Return force directions (n x inputs), displacement rows (outputs x n) and derivative orders.
-
-    Raises
-    ------
-    UsageError
-        If a DOF or quantity does not exist.
-    """
-    forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
-    rows = np.array([channel.row(model) for channel in outputs]).reshape(len(outputs), model.size)
-    return forces, rows, [channel.order for channel in outputs]
 
 
 def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Array:
@@ -220,9 +160,3 @@ def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Arr
     for dof, value in (given or {}).items():
         start += value * model.row(dof)
     return start
-
-
-def common_unit(units: Iterable[str]) -> str:
-    """Return the unit that all share, or nothing."""
-    different = set(units)
-    return different.pop() if len(different) == 1 else ""

@@ -143,7 +143,8 @@ def _responses(
         below = None if asked.below is None else factor * float(asked.below)
         result.merge(modal_analysis(structure, asked.count, below, values))
     if wanted.frequency is not None:
-        inputs = list(dict.fromkeys(wanted.inputs or [part.dof or 0 for part in model.excitation]))
+        driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
+        inputs = list(dict.fromkeys(wanted.inputs or driven))
         omega = angular_frequencies(wanted.frequency)
         result.merge(frequency_response(structure, inputs, outputs, omega, values))
     if wanted.time is not None:

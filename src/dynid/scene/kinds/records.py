@@ -67,7 +67,9 @@ def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
 
 def channel_of(given: ChannelModel) -> Channel:
     """Return a sensor."""
-    return Channel(given.ends[0], given.quantity, *given.ends[1:])
+    return Channel(
+        given.ends[0], given.quantity, given.dofs[1] if given.dofs else None, given.frame == "absolute"
+    )
 
 
 def _levels(given: Quantity | list[Quantity] | None) -> float | list[float] | None:
@@ -109,5 +111,8 @@ def _raw(scene: Scene, place: str) -> Any:
 
 
 def loads_of(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:
-    """Return the forces that stand at a place of a scene."""
-    return [Load(part.dof or 0, signal) for part, signal in build_signals(scene, where, parts, record)]
+    """Return the loads that stand at a place of a scene."""
+    return [
+        Load(part.dof, signal, part.base or part.motion)
+        for part, signal in build_signals(scene, where, parts, record)
+    ]

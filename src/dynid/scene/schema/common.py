@@ -50,11 +50,19 @@ Dof = Annotated[int, Field(ge=1, strict=True)] | Annotated[str, Field(min_length
 """A degree of freedom: its number, from 1, or its label."""
 
 
+MotionQuantity = Literal["displacement", "velocity", "acceleration"]
+
+
 class SignalPart(Part):
-    """What every signal may say beside its own keys."""
+    """What every signal may say beside its own keys: what it drives.
+
+    Of a structure that is a force on `dof`, its prescribed `motion`, or the motion of the ground (`base`).
+    """
 
     source: str | None = None
     dof: Dof | None = None
+    motion: MotionQuantity | None = None
+    base: MotionQuantity | None = None
 
     @property
     def factor(self) -> float:
@@ -63,7 +71,7 @@ class SignalPart(Part):
 
     def parameters(self) -> dict[str, Any]:
         """Return the signal's own parameters as floats, frequencies in rad/s."""
-        skipped = {"unit", "source", "dof", "kind"}
+        skipped = {"unit", "source", "dof", "motion", "base", "kind"}
         given = {name: getattr(self, name) for name in type(self).model_fields if name not in skipped}
         return {
             name: _as_float(value, self.factor if name in _FREQUENCIES else 1.0)

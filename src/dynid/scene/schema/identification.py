@@ -6,8 +6,8 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from dynid.scene.schema.common import Dof, FrequencyGrid, Part, SceneModel, Signals, TimeGrid
-from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, MotionQuantity
+from dynid.scene.schema.common import Dof, FrequencyGrid, MotionQuantity, Part, SceneModel, Signals, TimeGrid
+from dynid.scene.schema.measurement import ChannelModel, MeasurementModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 from dynid.scene.schema.reductions import Reduction
 from dynid.scene.schema.structure import JointModel, StructureModel

@@ -6,11 +6,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from dynid.scene.schema.common import Dof, Part, Signals, TablePlace
+from dynid.scene.schema.common import Dof, MotionQuantity, Part, Signals, TablePlace
 from dynid.scene.schema.quantities import NotNegative, Positive, fault
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
 
-MotionQuantity = Literal["displacement", "velocity", "acceleration"]
 Column = str | Annotated[int, Field(ge=1, strict=True)]
 
 
@@ -20,6 +19,7 @@ class ChannelModel(Part):
     dof: Dof | None = None
     dofs: list[Dof] | None = Field(default=None, min_length=2, max_length=2)
     quantity: MotionQuantity
+    frame: Literal["relative", "absolute"] = "relative"
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
@@ -27,6 +27,8 @@ class ChannelModel(Part):
             raise fault("a sensor is at a 'dof', or between two 'dofs'")
         if self.dofs and self.dofs[0] == self.dofs[1]:
             raise fault(f"a sensor between DOF {self.dofs[0]} and itself measures nothing")
+        if self.frame == "absolute" and (self.dofs or self.quantity != "acceleration"):
+            raise fault("only the acceleration of one DOF is measured absolutely")
         return self
 
     @property

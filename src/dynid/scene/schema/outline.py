@@ -176,6 +176,10 @@ def _driving_faults(source: Source) -> list[Fault]:
             )
         if "dof" in signal:
             faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))
+        for key in ("motion", "base"):
+            if key in signal:
+                message = f"'{key}' belongs to structures; a flow source prescribes a motion"
+                faults.append(source.fault((*path, key), message, key=True))
     return faults
 
 
@@ -218,7 +222,9 @@ def _structure_faults(source: Source, names: Names) -> list[Fault]:
     if known and not faults:
         faults += dof_faults(source, known)
     for path, signal in _excitations(data):
-        if "dof" not in signal:
+        if "base" in signal and ("dof" in signal or "motion" in signal):
+            faults.append(source.fault((*path, "base"), "the base moves, or a 'dof' does", key=True))
+        if "dof" not in signal and "base" not in signal:
             faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
         if "source" in signal:
             faults.append(

@@ -1,0 +1,110 @@
+"""Where a structure is driven and read: channels, loads, and their directions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dynid.errors import UsageError
+from dynid.lti.frequency import QUANTITIES
+from dynid.lti.signals import Signal
+from dynid.structure import labels
+from dynid.structure.matrices import Array, Label
+from dynid.structure.model import StructuralModel
+
+UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
+"""SI units of the output quantities (of translations; read m as rad for rotations)."""
+
+
+class Channel(NamedTuple):
+    """An output: `quantity` (displacement, velocity, acceleration) of `dof`, less that of `reference`.
+
+    Where the ground moves it is relative to the ground, or `absolute`.
+    """
+
+    dof: Label
+    quantity: str
+    reference: Label | None = None
+    absolute: bool = False
+
+    @property
+    def name(self) -> str:
+        """Its name in results, ``<dof>.<quantity>``; between two DOFs ``<dof>-<reference>.<quantity>``."""
+        relative = "" if self.reference is None else f"-{self.reference}"
+        return f"{self.dof}{relative}.{self.quantity}{'.absolute' * self.absolute}"
+
+    @property
+    def unit(self) -> str:
+        """Its unit, SI: of rotations, where the label tells, in rad."""
+        turning = labels.kind(self.dof) == "rotation"
+        return UNITS[self.quantity].replace("m", "rad", 1) if turning else UNITS[self.quantity]
+
+    def row(self, model: StructuralModel) -> Array:
+        """Return what it reads of the displacements (n)."""
+        row = model.row(self.dof)
+        return row if self.reference is None else np.asarray(row - model.row(self.reference))
+
+    @property
+    def order(self) -> int:
+        """Derivative order of the quantity."""
+        if self.quantity not in QUANTITIES:
+            raise UsageError(
+                f"there is no output quantity {self.quantity!r}",
+                remedy=f"Use one of {', '.join(QUANTITIES)}.",
+                names=(self.quantity,),
+            )
+        return QUANTITIES[self.quantity]
+
+
+class Load(NamedTuple):
+    """A force on `dof` (N; N·m on a rotation) that follows `signal`; or a motion that does.
+
+    With `motion` (displacement, velocity, acceleration) the motion of the DOF is prescribed; without a DOF
+    it is the ground's, which moves along with every translation.
+    """
+
+    dof: Label | None
+    signal: Signal
+    motion: str | None = None
+
+    @property
+    def order(self) -> int | None:
+        """Derivative order of the motion; None of a force."""
+        return None if self.motion is None else Channel(0, self.motion).order
+
+    @property
+    def unit(self) -> str:
+        """The unit of its signal."""
+        return "N" if self.motion is None else Channel(self.dof or 0, self.motion).unit
+
+
+def source_names(loads: Sequence[Load]) -> list[str]:
+    """Return a name for each load: its DOF or the base, numbered where a DOF carries several."""
+    dofs = ["base" if load.dof is None else load.dof for load in loads]
+    return [
+        str(dof) if dofs.count(dof) == 1 else f"{dof}#{dofs[: k + 1].count(dof)}"
+        for k, dof in enumerate(dofs)
+    ]
+
+
+def ports(
+    model: StructuralModel, inputs: Sequence[Label], outputs: Sequence[Channel]
+) -> tuple[Array, Array, list[int]]:
+    """Return force directions (n x inputs), displacement rows (outputs x n) and derivative orders.
+
+    Raises
+    ------
+    UsageError
+        If a DOF or quantity does not exist.
+    """
+    forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
+    rows = np.array([channel.row(model) for channel in outputs]).reshape(len(outputs), model.size)
+    return forces, rows, [channel.order for channel in outputs]
+
+
+def common_unit(units: Iterable[str]) -> str:
+    """Return the unit that all share, or nothing."""
+    different = set(units)
+    return different.pop() if len(different) == 1 else ""
