@@ -146,7 +146,7 @@ def _identified(
 
 def _model_error(model: StructuralModel, outcome: Outcome, values: Sequence[Data]) -> ModelError:
     experiments = outcome.experiments
-    named = [load.dof for loads, _ in experiments for load in loads]
+    named = [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
     named += [channel.dof for _, measurement in experiments for channel in measurement.channels]
     return model_error(
         model,
