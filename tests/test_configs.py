@@ -9,7 +9,7 @@ import dynid
 from dynid.checks import check_expectations
 
 ROOT = Path(__file__).parents[1]
-SCENES = sorted([*(ROOT / "configs").rglob("*.yaml"), *(ROOT / "src/dynid/templates").glob("*.yaml")])
+SCENES = sorted([*(ROOT / "configs").glob("*.yaml"), *(ROOT / "src/dynid/templates").glob("*.yaml")])
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
