@@ -16,6 +16,7 @@ from dynid._version import __version__
 COMMANDS = {
     "run": ("dynid.cli.run:run", "Run one scene and write one HDF5 file."),
     "check": ("dynid.cli.check:check", "Read and check scenes without running them."),
+    "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
     "show": ("dynid.cli.show:show", "Print a summary of a result."),
     "compare": ("dynid.cli.compare:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),

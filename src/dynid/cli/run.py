@@ -44,8 +44,8 @@ def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str |
     started = time.perf_counter()
     loaded = load_scene(scene, overrides)
     target = Path(output) if output else Path(Path(scene).stem + ".h5")
-    _refuse_overwriting(scene, str(target), junit)
-    _refuse_missing_folders(str(target), junit)
+    refuse_overwriting(scene, str(target), junit)
+    refuse_missing_folders(str(target), junit)
     result = _compute(loaded)
 
     from dynid.store import write_result
@@ -110,14 +110,15 @@ def _warn(result: Result, scene: str) -> None:
         click.echo(f"{warning} the residuals are not noise: check model, units and starts", err=True)
 
 
-def _refuse_overwriting(scene: str, target: str, junit: str | None) -> None:
+def refuse_overwriting(scene: str, target: str, junit: str | None) -> None:
+    """Refuse to write over the scene, or one output over another."""
     if _is_same(target, scene):
         raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
     if junit and (_is_same(junit, scene) or _is_same(junit, target)):
         raise UsageError(f"the JUnit file would overwrite {junit}", remedy="Name another file with --junit.")
 
 
-def _refuse_missing_folders(*files: str | None) -> None:
+def refuse_missing_folders(*files: str | None) -> None:
     """Say before the work what would come to light after it."""
     for file in files:
         if file is not None and not Path(file).parent.is_dir():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,8 @@ class Fitter:
         p = fit.predicted
         names = tuple(unknown.name for unknown in self.model.unknowns)
         weight = self._weight(noise, fit.residual)
-        return information(names, p.by_parameter, p.by_state @ self.root, p.outputs, weight)
+        found = information(names, p.by_parameter, p.by_state @ self.root, p.outputs, weight)
+        return replace(found, values=np.exp(fit.logs))
 
     def scatter(self, residual: Array) -> Array:
         """Return the RMS of residuals (channels), corrected for the number of fitted values."""

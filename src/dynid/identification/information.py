@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotIdentifiable
+from dynid.identification.collinear import Group, collinear_groups
 from dynid.lti.floating import finite
 
 Array = NDArray[np.float64]
@@ -42,6 +43,8 @@ class Information:
         Norm of the predicted record over noise.
     freedom
         Number of measured values beyond those that the initial state takes.
+    values
+        The parameters' values (p), if they are to be told of.
     """
 
     names: tuple[str, ...]
@@ -49,6 +52,7 @@ class Information:
     total: Array
     signal: float
     freedom: int
+    values: Array | None = None
 
     def check(self) -> None:
         """Refuse parameters that the record cannot see or tell apart.
@@ -80,9 +84,19 @@ class Information:
             involved = np.abs(blind).max(axis=0) > 1e-3
             raise _refusal(
                 self._named(involved),
-                "cannot be told apart in this record",
+                f"cannot be told apart in this record{self._shown()}",
                 "Fix some of them at a value, or add channels, samples or excitation frequencies.",
             )
+
+    def groups(self, level: float = _VISIBLE) -> list[Group]:
+        """Return the groups of parameters that are not told apart, as `collinear_groups` does."""
+        values = np.ones(len(self.names)) if self.values is None else self.values
+        return collinear_groups(self.names, values, self.projected, level)
+
+    def _shown(self) -> str:
+        """Say what the record shows of parameters that it does not tell apart."""
+        shown = [group.seen for group in self.groups() if group.seen]
+        return f", which shows only {' and '.join(shown)}" if shown and self.values is not None else ""
 
     def covariance(self) -> Array:
         """Return the Cramér–Rao bound on the covariance of the logarithms (p x p)."""
@@ -157,6 +171,7 @@ def joined(parts: Sequence[Information]) -> Information:
         np.linalg.norm([part.total for part in parts], axis=0),
         float(np.linalg.norm([part.signal for part in parts])),
         sum(part.freedom for part in parts),
+        parts[0].values,
     )
 
 

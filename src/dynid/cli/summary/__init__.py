@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 _KINDS = {
     "bond-graph": "dynid.cli.summary.bond_graph",
     "identification": "dynid.cli.summary.identification",
+    "plan": "dynid.cli.summary.plan",
     "reduction": "dynid.cli.summary.reduction",
     "bench": "dynid.cli.summary.bench",
 }

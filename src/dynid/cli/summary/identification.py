@@ -8,6 +8,7 @@ from io import StringIO
 
 import numpy as np
 
+from dynid.cli.summary.identifiability import identifiability_lines
 from dynid.cli.summary.numbers import quantity, with_error
 from dynid.cli.summary.responses import response_lines
 from dynid.result import Result
@@ -40,6 +41,7 @@ def lines(result: Result) -> list[str]:
     said: list[str] = []
     if "identification/parameters/name" in result:
         said += [_record(result), "", *_table(result), "", *_verdict(result), ""]
+    said += identifiability_lines(result)
     if "structure/modes/omega" in result:
         said += [*_modes(result), ""]
     said += response_lines(result, "structure")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies, record_of
@@ -15,10 +15,11 @@ from dynid.structure.model import StructuralModel
 from dynid.structure.response import Load, frequency_response, time_response
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from dynid.identification.estimate import Rebuild
     from dynid.identification.estimation import Estimator
+    from dynid.identification.measurement import Experiment
     from dynid.lti.generator import Record
     from dynid.scene.kinds.reductions import LocatedReductor
     from dynid.scene.schema.common import TimeGrid
@@ -53,24 +54,62 @@ def run(scene: Scene) -> Result:
     return result
 
 
+class Setting(NamedTuple):
+    """What an estimator works with: its model, the records, and the model of those that are simulated."""
+
+    model: StructuralModel
+    experiments: Sequence[Experiment]
+    truth: StructuralModel
+
+
+def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None) -> Setting:
+    """Return what a scene's identification works with.
+
+    Parameters
+    ----------
+    scene
+        The scene, with a measurement.
+    structure
+        Its structure.
+    values
+        Parameters by name that a basis which follows the joints is made for; absent: as it comes.
+    """
+    model = cast("IdentificationScene", scene.model)
+    assert model.measurement is not None
+    method = _reductor(model)
+    records = experiments(scene, model.excitation, model.measurement)
+    if method is None:
+        return Setting(structure, records, structure)
+    simulate = model.measurement.each[0].simulate
+    truth = structure
+    if simulate is not None and simulate.model == "reduced":
+        truth = method.at(structure.true_values()).reduce(structure).model
+    made = method if values is None else method.at(values)
+    return Setting(made.reduce(structure).model, records, truth)
+
+
+def expected_values(structure: StructuralModel) -> dict[str, float]:
+    """Return the true values of the unknowns where all are given, else their starts."""
+    unknowns = structure.unknowns
+    if all(unknown.true is not None for unknown in unknowns):
+        return structure.true_values()
+    return {unknown.name: unknown.start for unknown in unknowns}
+
+
 def _identified(
     scene: Scene, model: IdentificationScene, structure: StructuralModel, method: LocatedReductor | None
 ) -> Result:
     """Identify with the reduced model where there is one; its basis may follow the joints."""
     from dynid.identification.estimate import identify_all
 
-    assert model.measurement is not None
-    records = experiments(scene, model.excitation, model.measurement)
-    estimator = _estimator(model.estimator)
-    if method is None:
-        return identify_all(structure, records, estimator)
-    simulate = model.measurement.each[0].simulate
-    truth = structure
-    if simulate is not None and simulate.model == "reduced":
-        truth = method.at(structure.true_values()).reduce(structure).model
-    reduced = method.reduce(structure).model
-    rebuild = _rebuilder(structure, method) if method.follows_joints else None
-    return identify_all(reduced, records, estimator, truth=truth, rebuild=rebuild)
+    reduced, records, truth = setting(scene, structure)
+    rebuild = _rebuilder(structure, method) if method is not None and method.follows_joints else None
+    result = identify_all(reduced, records, _estimator(model.estimator), truth=truth, rebuild=rebuild)
+    if model.identifiability:
+        from dynid.identification.identifiability import identifiability
+
+        result.merge(identifiability(*setting(scene, structure, expected_values(structure))))
+    return result
 
 
 def _estimator(given: EstimatorModel) -> Estimator:

@@ -83,6 +83,37 @@ class InitialMotion(Part):
     v: Value | None = None
 
 
+class ForceModel(Part):
+    """Where and at what frequencies a plan looks for an excitation; absent: everywhere, around the modes."""
+
+    dofs: list[Dof] | None = Field(default=None, min_length=1)
+    band: list[Positive] | None = Field(default=None, min_length=2, max_length=2)
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @model_validator(mode="after")
+    def _is_a_band(self) -> Self:
+        if self.band and float(self.band[0]) >= float(self.band[1]):
+            raise fault("a band is [low, high], and low is not below high")
+        return self
+
+
+class PlanModel(Part):
+    """What `dynid plan` looks for: how many sensors and lines, among which candidates, at what noise."""
+
+    sensors: int | None = Field(default=None, ge=1, le=1000, strict=True)
+    lines: int | None = Field(default=None, ge=1, le=1000, strict=True)
+    candidates: list[ChannelModel] | None = Field(default=None, min_length=1)
+    quantities: list[MotionQuantity] | None = Field(default=None, min_length=1)
+    noise: dict[MotionQuantity, Positive] = {}
+    excitation: ForceModel = ForceModel()
+
+    @model_validator(mode="after")
+    def _one_list(self) -> Self:
+        if self.candidates and self.quantities:
+            raise fault("'candidates' name their quantities; 'quantities' are for every DOF without them")
+        return self
+
+
 class IdentificationScene(SceneModel):
     """A structure with joints; a record to identify them from, responses, or both."""
 
@@ -93,6 +124,8 @@ class IdentificationScene(SceneModel):
     excitation: Signals = []
     measurement: MeasurementModel | None = None
     estimator: EstimatorModel = EstimatorModel()
+    identifiability: bool = False
+    plan: PlanModel = PlanModel()
     analysis: ResponseModel | None = None
     initial: dict[Dof, InitialMotion] = {}
 
@@ -100,6 +133,8 @@ class IdentificationScene(SceneModel):
     def _asks_something(self) -> Self:
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
+        if self.identifiability and self.measurement is None:
+            raise fault("'identifiability' is that of a record; there is no 'measurement'")
         records = self.measurement.each if self.measurement else []
         models = {record.simulate.model for record in records if record.simulate}
         if "reduced" in models and self.reduction is None:

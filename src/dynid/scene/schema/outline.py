@@ -310,6 +310,10 @@ def _dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:
     yield from _reduction_dofs(data)
     for dof in _mapping(data, "initial"):
         yield ("initial", dof), dof
+    wanted = _mapping(data, "plan")
+    yield from _sensor_dofs(("plan", "candidates"), _list(wanted, "candidates"))
+    for place, dof in enumerate(_list(_mapping(wanted, "excitation"), "dofs")):
+        yield ("plan", "excitation", "dofs", place), dof
 
 
 def _reduction_dofs(data: Any) -> Iterable[tuple[tuple[Any, ...], Any]]:

@@ -1,0 +1,60 @@
+"""`dynid plan`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from dynid.errors import FileError, NumericalError, UsageError
+
+
+@click.command()
+@click.argument("scene", type=click.Path())
+@click.option("-o", "--output", type=click.Path(), help="Write the plan to this HDF5 file.")
+@click.option(
+    "--sensors", type=click.IntRange(1, 1000), help="How many sensors; default: as many as there are."
+)
+@click.option("--lines", type=click.IntRange(1, 1000), help="How many sines; default: as many as there are.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
+)
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+def plan(
+    scene: str,
+    output: str | None,
+    sensors: int | None,
+    lines: int | None,
+    overrides: tuple[str, ...],
+    quiet: bool,
+) -> int:
+    """Rank sensors and excitation by the bound they give.
+
+    Says what the record of a scene can tell of each unknown parameter before it is taken, and which sensors
+    and which sines would tell most in its place. Nothing is identified.
+    """
+    from dynid.cli.run import LocatedError, refuse_missing_folders, refuse_overwriting
+    from dynid.scene.kinds.planning import run_plan
+    from dynid.scene.load import load_scene
+
+    started = time.perf_counter()
+    loaded = load_scene(scene, overrides)
+    if output:
+        refuse_overwriting(scene, output, None)
+        refuse_missing_folders(output)
+    try:
+        result = run_plan(loaded, sensors, lines)
+    except (NumericalError, UsageError, FileError) as error:
+        raise LocatedError(loaded, error) from error
+    if output:
+        from dynid.store import write_result
+
+        write_result(result, Path(output))
+    if not quiet:
+        from dynid.cli.summary import summary
+
+        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
+        if output:
+            click.echo(f"\n  wrote {output}")
+    return 0

@@ -1,0 +1,246 @@
+"""What a record will tell, before it is worked on: bounds, collinear parameters, modal sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.augmented import augmented
+from dynid.identification.ensemble import Ensemble, JointFit
+from dynid.identification.fit import fitter
+from dynid.identification.information import Information, thin_svd
+from dynid.identification.measurement import Experiment, as_estimated, data
+from dynid.lti.floating import guarded
+from dynid.result import Result
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes.sensitivity import pole_sensitivities
+from dynid.structure.response import common_unit
+
+Array = NDArray[np.float64]
+
+#: Noise over RMS that is assumed where nothing is known of it.
+NOMINAL_NOISE = 0.01
+# Singular values of the scaled sensitivities, over the largest, below which parameters are told apart badly,
+# and below which not at all.
+_BADLY, _NOT = 1e-3**0.5, 1e-8
+# Share of a blind direction that leaves a parameter without a bound.
+_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """Records as they are expected, at expected values of the parameters.
+
+    Attributes
+    ----------
+    ensemble
+        Model and records.
+    fit
+        The prediction.
+    noise
+        Expected standard deviation of the noise of each record (channels).
+    place
+        What the values are: ``true`` or ``start``.
+    assumed
+        Whether the noise is nominal, since nothing is known of it.
+    """
+
+    ensemble: Ensemble
+    fit: JointFit
+    noise: list[Array]
+    place: str
+    assumed: bool
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters by name."""
+        return dict(zip(self.ensemble.names, np.exp(self.fit.logs).tolist(), strict=True))
+
+    def information(self) -> Information:
+        """Return what the records tell of the parameters, initial states unknown."""
+        return self.ensemble.information(self.fit, self.noise)
+
+
+def prospect(
+    model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel | None = None
+) -> Prospect:
+    """Predict records at the true values where all are known, else at the starts.
+
+    Parameters
+    ----------
+    model
+        The structure the estimator works with.
+    experiments
+        Loads and channels; measured records tell their initial states.
+    truth
+        The structure that simulated records are made with; absent: `model`.
+
+    Raises
+    ------
+    NotIdentifiable, UsageError
+        As of `identify`.
+    """
+    records = []
+    for loads, measurement in experiments:
+        measured = data(truth or model, loads, measurement)
+        known = as_estimated(loads, measurement.record)
+        joint = augmented(model, known, measurement.channels, measurement.record.times)
+        records.append(fitter(joint, model, measurement.channels, measured, len(experiments)))
+    ensemble = Ensemble(tuple(records))
+    unknowns = ensemble.unknowns
+    true = [unknown.true for unknown in unknowns if unknown.true is not None]
+    at_truth = len(true) == len(unknowns)
+    values = true if at_truth else [unknown.start for unknown in unknowns]
+    fit = ensemble.fit(np.log(values), clean=True)
+    noise, assumed = [], False
+    for record in records:
+        level = record.data.noise if record.data.noise is not None else record.known_or(np.zeros(1))
+        assumed = assumed or not level.all()
+        noise.append(np.where(level > 0, level, NOMINAL_NOISE * record.data.rms))
+    return Prospect(ensemble, fit, noise, "true" if at_truth else "start", assumed)
+
+
+def relative_bounds(information: Information) -> Array:
+    """Return the bounds on the standard errors of the logarithms (p), infinite where nothing is told."""
+    size = np.linalg.norm(information.projected, axis=0)
+    # What rounding leaves of a parameter that initial state or nothing shows is no information.
+    seen = size > _NOT * np.maximum(information.total, _NOT * information.signal)
+    bounds = np.full(len(size), np.inf)
+    if not seen.any():
+        return bounds
+    _, s, Vt = thin_svd(information.projected[:, seen] / size[seen])
+    s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
+    told = s > _NOT * s[0]
+    blind = np.sqrt(np.sum(Vt[~told] ** 2, axis=0)) > _SHARE
+    deviation = np.sqrt(np.sum((Vt[told] / s[told, None]) ** 2, axis=0)) / size[seen]
+    bounds[seen] = np.where(blind, np.inf, deviation)
+    return bounds
+
+
+def identifiability(
+    model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel | None = None
+) -> Result:
+    """Tell what records can tell of the unknown joint parameters, from their Fisher information.
+
+    Initial states count as unknown, and so does the noise level (which costs nothing: the information on it
+    stands apart); forces, known joints and the rest of the structure count as known.
+
+    Parameters
+    ----------
+    model, experiments, truth
+        As of `prospect`.
+
+    Returns
+    -------
+    Result
+        ``identification/identifiability/``: `value` (where the information is taken: attribute `at`, true or
+        start), `bound` (Cramér–Rao, on the standard error), `relative_bound` (over the value; infinite where
+        the records do not tell), `relative_bound_known_state` (were the initial states known), `condition`
+        and `singular_value` of the scaled information; `groups/{group, parameters, seen, blind}`: parameters
+        told apart badly (condition above 1000) or not at all, what is seen of them, and the relative changes
+        that are not; `noise/{channel, deviation, bound}`; `modal_sensitivity/{mode, omega, zeta,
+        omega_by_parameter, zeta_by_parameter}`: exact derivatives of size and damping ratio of each pole.
+
+    Raises
+    ------
+    NotIdentifiable, NumericalError, UsageError
+        As of `identify`, except for parameters that are not told: those have no bound here.
+    """
+    names = [unknown.name for unknown in model.unknowns]
+    with guarded(f"the identifiability of {', '.join(names)}", names=names):
+        expected = prospect(model, experiments, truth)
+        result = Result("identification")
+        _add_bounds(result, expected)
+        _add_groups(result, expected.information())
+        _add_noise(result, expected, experiments)
+        add_modal_sensitivity(result, model, expected.values)
+    return result
+
+
+def _add_bounds(result: Result, expected: Prospect) -> None:
+    group, dims = "identification/identifiability", ("parameter",)
+    unknowns = expected.ensemble.unknowns
+    information = expected.information()
+    unit = common_unit(unknown.unit for unknown in unknowns)
+    values, bounds = np.exp(expected.fit.logs), relative_bounds(information)
+    result.annotate(group, at=expected.place, noise="assumed" if expected.assumed else "known")
+    result.add_axis(f"{group}/parameter", [unknown.name for unknown in unknowns])
+    result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
+    result.add(f"{group}/value", values, dims, unit)
+    result.add(f"{group}/bound", values * bounds, dims, unit)
+    result.add(f"{group}/relative_bound", bounds, dims)
+    result.add(f"{group}/identifiable", np.isfinite(bounds), dims)
+    result.add(f"{group}/relative_bound_known_state", _known_state(expected), dims)
+    size = np.linalg.norm(information.projected, axis=0)
+    _, s, _ = thin_svd(information.projected / np.where(size > 0, size, 1.0))
+    s = np.concatenate([s, np.zeros(len(size) - len(s))])
+    result.add(f"{group}/singular_value", s, ("direction",))
+    result.add_axis(f"{group}/direction", np.arange(1, len(s) + 1))
+    result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT * s[0] else np.inf)
+
+
+def _known_state(expected: Prospect) -> Array:
+    """Return the relative bounds were the initial states known."""
+    rows = [
+        (part.predicted.by_parameter * np.where(np.isnan(part.residual), 0.0, 1 / level)[..., None])
+        for part, level in zip(expected.fit.parts, expected.noise, strict=True)
+    ]
+    full = np.concatenate([row.reshape(-1, row.shape[-1]) for row in rows])
+    total = np.linalg.norm(full, axis=0)
+    information = expected.information()
+    return relative_bounds(
+        Information(information.names, full, total, information.signal, len(full), information.values)
+    )
+
+
+def _add_groups(result: Result, information: Information) -> None:
+    group = "identification/identifiability/groups"
+    found = information.groups(_BADLY)
+    result.add_axis(f"{group}/parameter", information.names)
+    result.add_axis(f"{group}/group", np.arange(1, len(found) + 1))
+    named = [", ".join(information.names[place] for place in item.places) for item in found]
+    result.add(f"{group}/parameters", np.array(named, dtype=object), ("group",))
+    result.add(f"{group}/seen", np.array([item.seen for item in found], dtype=object), ("group",))
+    changes = [(number, item, blind) for number, item in enumerate(found, 1) for blind in item.blind]
+    rows = np.zeros((len(changes), len(information.names)))
+    for row, (_, item, blind) in zip(rows, changes, strict=True):
+        row[list(item.places)] = blind
+    result.add_axis(f"{group}/blind_direction", np.arange(1, len(rows) + 1))
+    result.add(f"{group}/blind", rows, ("blind_direction", "parameter"))
+    result.add(f"{group}/of_group", np.array([n for n, _, _ in changes], dtype=int), ("blind_direction",))
+
+
+def _add_noise(result: Result, expected: Prospect, experiments: Sequence[Experiment]) -> None:
+    """Add the noise and the bound on its deviation, sigma over the root of twice the number of values."""
+    group = "identification/identifiability/noise"
+    several = len(experiments) > 1
+    channels = [channel for experiment in experiments for channel in experiment.measurement.channels]
+    names = [
+        f"record_{k}.{channel.name}" if several else channel.name
+        for k, experiment in enumerate(experiments, 1)
+        for channel in experiment.measurement.channels
+    ]
+    unit = common_unit(channel.unit for channel in channels)
+    counts = [np.count_nonzero(~np.isnan(part.residual), axis=0) for part in expected.fit.parts]
+    deviation = np.concatenate(expected.noise)
+    result.add_axis(f"{group}/channel", names)
+    result.add(f"{group}/deviation", deviation, ("channel",), unit)
+    result.add(f"{group}/bound", deviation / np.sqrt(2 * np.concatenate(counts)), ("channel",), unit)
+
+
+def add_modal_sensitivity(result: Result, model: StructuralModel, values: Mapping[str, float]) -> None:
+    """Add the derivatives of the poles by the unknown parameters at these values."""
+    group = "identification/identifiability/modal_sensitivity"
+    found = pole_sensitivities(model, values)
+    names = [unknown.name for unknown in model.unknowns]
+    result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
+    result.add_axis(f"{group}/parameter", names)
+    result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")
+    result.add(f"{group}/zeta", found.zeta, ("mode",))
+    result.add(f"{group}/pole", found.poles, ("mode",), "rad/s")
+    dims = ("mode", "parameter")
+    result.add(f"{group}/omega_by_parameter", found.omega_slopes, dims, per="unit of the parameter")
+    result.add(f"{group}/zeta_by_parameter", found.zeta_slopes, dims, per="unit of the parameter")

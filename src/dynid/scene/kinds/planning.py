@@ -1,0 +1,69 @@
+"""Plan the measurement of a scene: which sensors, and what to excite."""
+
+from __future__ import annotations
+
+import math
+from typing import cast
+
+from dynid.errors import UsageError
+from dynid.identification.planning.plan import Wanted, plan
+from dynid.result import Result
+from dynid.scene.kinds.identification import expected_values, setting
+from dynid.scene.kinds.records import channel_of
+from dynid.scene.kinds.structures import build_structure
+from dynid.scene.load import Scene
+from dynid.scene.schema.identification import IdentificationScene, PlanModel
+from dynid.structure.response import UNITS
+
+
+def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None) -> Result:
+    """Rank sensors and excitations for a scene of kind identification.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    sensors, lines
+        How many to choose; absent: as the scene says, else as many as it has.
+
+    Raises
+    ------
+    UsageError
+        Where the scene has nothing to identify, or no measurement.
+    NotIdentifiable, NumericalError, FileError
+        As of a run, except for parameters that the present measurement does not tell.
+    """
+    if scene.kind != "identification":
+        raise UsageError(
+            f"there is nothing to plan in a scene of kind {scene.kind}",
+            remedy="A plan is for scenes of kind identification.",
+            names=("kind",),
+        )
+    model = cast("IdentificationScene", scene.model)
+    if model.measurement is None:
+        raise UsageError(
+            "there is no measurement to plan",
+            remedy="Add the block 'measurement' with step, samples and channels.",
+            names=("kind",),
+        )
+    structure = build_structure(scene, model.structure, model.joints)
+    reduced, records, truth = setting(scene, structure, expected_values(structure))
+    result = plan(reduced, records, _wanted(model.plan, sensors, lines), truth)
+    result.title = scene.title
+    result.attrs["scene"] = scene.source.resolved_text()
+    return result
+
+
+def _wanted(given: PlanModel, sensors: int | None, lines: int | None) -> Wanted:
+    force = given.excitation
+    factor = 2 * math.pi if force.unit == "Hz" else 1.0
+    band = None if force.band is None else (factor * float(force.band[0]), factor * float(force.band[1]))
+    return Wanted(
+        sensors=sensors or given.sensors,
+        lines=lines or given.lines,
+        candidates=[channel_of(channel) for channel in given.candidates or ()],
+        quantities=given.quantities or tuple(UNITS),
+        noise={quantity: float(level) for quantity, level in given.noise.items()},
+        dofs=force.dofs or (),
+        band=band,
+    )
