@@ -137,6 +137,33 @@ def test_what_cannot_be_planned_is_one_located_sentence(dynid, text, code, said)
     assert err.startswith(said), err
 
 
+@pytest.mark.parametrize(
+    ("excitation", "said"),
+    [
+        (
+            "{base: acceleration, kind: multisine, amplitude: [1, 1], frequency: [20, 50]}",
+            "prescribed motion",
+        ),
+        ("{dof: 3, kind: random, amplitude: 2, seed: 4}", "best 3 sines of"),
+        ("{dof: 3, kind: impact, amplitude: 50, duration: 0.02}", "best 3 sines of"),
+    ],
+)
+def test_whatever_drives_the_structure_sensors_are_ranked(dynid, excitation, said):
+    settle = "settle: 0" if "impact" in excitation else "settle: 20"
+    text = SCENE.replace(SCENE.splitlines()[7], f"excitation: {excitation}").replace("settle: 20", settle)
+    code, out, err = dynid("plan", write(text))
+    assert (code, err) == (0, "")
+    assert "best 1 of 9 sensors" in out
+    assert said in out
+
+
+def test_a_reduced_model_has_candidates_at_all_dofs(dynid):
+    text = SCENE + "reduction: {method: joint-aware, modes: {count: 2}}\n"
+    code, out, err = dynid("plan", write(text))
+    assert (code, err) == (0, "")
+    assert "best 1 of 9 sensors" in out
+
+
 def test_usage(dynid):
     assert dynid("plan", "nowhere.yaml")[0] == 4
     assert dynid("plan", write(SCENE), "--sensors", "0")[0] == 2

@@ -55,6 +55,9 @@ def _reached(efficiency: float, what: str) -> str:
 
 def _excitation(result: Result) -> Iterable[str]:
     group = "plan/excitation"
+    if f"{group}/choice" not in result:
+        yield "  the structure is driven by a prescribed motion: forces in its place are not ranked"
+        return
     names = [str(name) for name in result[f"{group}/parameter"].data]
     choice = result[f"{group}/choice"].data
     amplitude = result.value(f"{group}/amplitude")

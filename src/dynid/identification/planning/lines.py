@@ -196,6 +196,7 @@ def _settled(model: StructuralModel, loads: Sequence[Load], time: float, values:
     x = np.zeros(2 * model.size)
     for load in loads:
         assert isinstance(load.signal, Multisine)
+        assert load.dof is not None
         for w, c in zip(*load.signal.lines, strict=True):
             moved = (
                 np.linalg.solve(K + 1j * w * C - w**2 * M, model.row(load.dof)) * c * np.exp(1j * w * time)

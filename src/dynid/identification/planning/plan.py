@@ -67,7 +67,8 @@ def plan(
     -------
     Result
         ``identification/identifiability/`` as of `identifiability`, ``plan/sensors/`` as of `add_sensors`,
-        ``plan/excitation/`` as of `add_excitation`. Bounds are relative to the values, and infinite where a
+        ``plan/excitation/`` as of `add_excitation` (not where a motion is prescribed: a force in its place
+        would act on another structure). Bounds are relative to the values, and infinite where a
         design does not tell a parameter.
 
     Raises
@@ -89,7 +90,9 @@ def plan(
         channels = wanted.candidates or every_channel(model, wanted.quantities)
         found = sensors(model, experiment, expected, channels, wanted.noise)
         add_sensors(result, found, own, names, wanted.sensors or len(own))
-        dofs = wanted.dofs or [dof for dof in every_dof(model) if labels.kind(dof) != "rotation"]
-        sines = lines(model, experiment, expected, dofs, wanted.band)
-        add_excitation(result, model, experiment, expected, sines, wanted.lines or present_lines(experiment))
+        if all(load.motion is None for load in experiment.loads):
+            dofs = wanted.dofs or [dof for dof in every_dof(model) if labels.kind(dof) != "rotation"]
+            sines = lines(model, experiment, expected, dofs, wanted.band)
+            count = wanted.lines or present_lines(experiment)
+            add_excitation(result, model, experiment, expected, sines, count)
     return result
