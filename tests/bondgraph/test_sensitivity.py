@@ -13,7 +13,7 @@ from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.natural import characteristic_polynomials
 from dynid.bondgraph.question import Analysis, Parameter
 from dynid.bondgraph.sensitivity import sensitivity
-from dynid.errors import Singular
+from dynid.errors import NumericalError, Singular
 from dynid.lti.certified import certified_roots, repeated
 from tests.bondgraph.graphs import ISOLATOR, build, parse, port, reduced, transfers, written
 from tests.bondgraph.random_graphs import random_graph
@@ -185,3 +185,11 @@ def test_the_result_names_parameters_and_roots():
     # scaling every impedance moves no pole: m_s, b and I_f up, C_a down by the same part
     together = relative @ np.array([1, 1, 0, 1, -1])
     assert together == pytest.approx(0, abs=1e-9)
+
+
+def test_a_sensitivity_beyond_doubles_is_an_error_in_words():
+    nodes = f"Se u, 1 j, I m 2, R b 3, C k 1/{10**320}"
+    graph = written(nodes, "u -> j -> m, j -> b, j -> k", "m.f")
+    question = Analysis(graph.inputs, graph.outputs, frozenset({"sensitivities"}))
+    with pytest.raises(NumericalError):
+        analyse(graph.graph, question)

@@ -3,9 +3,10 @@
 import pytest
 
 import dynid
-from dynid.errors import NumericalError, SceneError
+from dynid.errors import NumericalError, SceneError, UsageError
 from dynid.scene.load import check_source, kind_model, load_scene
 from dynid.scene.yaml.source import parse_source
+from dynid.templates.chain import chain_scene
 
 SCENE = """\
 dynid: 1
@@ -120,3 +121,21 @@ def test_the_schema_knows_the_choices():
     assert analysis["engine"]["enum"] == ["auto", "exact", "float", "symbolic"]
     assert analysis["reading"]["enum"] == ["decimal", "binary"]
     assert definitions["SymbolicModel"]["properties"]["form"]["enum"] == ["nested", "expanded"]
+
+
+def test_sensitivities_of_a_large_graph_are_refused_unless_insisted_on(tmp_path):
+    path = tmp_path / "chain.yaml"
+    asked = "[transfer_function, zeros, poles, frequency_response]"
+    path.write_text(chain_scene(51, vary=True).replace(asked, "[sensitivities]"), encoding="utf-8")
+    with pytest.raises(UsageError, match=r"sensitivities of a graph of 102 storages") as refused:
+        dynid.run(path)
+    assert "chain.yaml:" in str(load_scene(path).locate(refused.value))
+
+
+def test_the_dynamics_of_a_large_prototype_are_left_out_and_it_says_so(tmp_path):
+    path = tmp_path / "chain.yaml"
+    asked = "[transfer_function, zeros, poles, frequency_response]"
+    path.write_text(chain_scene(80, vary=True).replace(asked, "[prototype]"), encoding="utf-8")
+    result = dynid.run(path)
+    assert result.value("bond_graph/reduction/prototype") in ("c", "d")
+    assert result.group_attrs["bond_graph/reduction"]["dynamics"].startswith("not formed: 160 storages")

@@ -80,7 +80,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if "sensitivities" in asked:
         from dynid.bondgraph.results.sensitivities import add_sensitivities
 
-        add_sensitivities(result, reduced, analysis.parameters)
+        add_sensitivities(result, reduced, analysis)
     if "transfer_function" in asked and analysis.initial:
         add_zero_input(result, reduced, analysis.initial)
     if "reduction" in asked:
@@ -88,7 +88,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if asked & {"reduction", "prototype"}:
         add_prototypes(result, reduced)
     if "prototype" in asked:
-        add_output_dynamics(result, reduced)
+        add_output_dynamics(result, reduced, analysis.engine)
     if analysis.port is not None:
         _add_port(result, reduced, analysis, analysis.port)
     if "state_space" in asked:

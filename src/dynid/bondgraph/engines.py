@@ -58,6 +58,12 @@ class Choice:
         return Choice("exact", f"{problem}; the exact engine decides")
 
 
+def modelled_storages(reduced: ReducedGraph) -> int:
+    """Return the number of storages behind the outputs."""
+    modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
+    return sum(name in modelled for name in reduced.storages)
+
+
 def choose(reduced: ReducedGraph, analysis: Analysis) -> Choice:
     """Choose the engine for what is asked.
 
@@ -70,8 +76,7 @@ def choose(reduced: ReducedGraph, analysis: Analysis) -> Choice:
     """
     if analysis.engine != "auto":
         return Choice(analysis.engine, "as asked for", forced=True)
-    modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
-    size = sum(name in modelled for name in reduced.storages)
+    size = modelled_storages(reduced)
     roots = bool(analysis.results & NUMERIC)
     structure = reduced.structure
     loops = len(structure.couplings) - len(structure.junctions) + 1

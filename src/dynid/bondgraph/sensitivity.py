@@ -24,6 +24,7 @@ from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.gradient import gradient
 from dynid.bondgraph.reduction.program import Register
 from dynid.errors import NumericalError
+from dynid.lti.floating import guarded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -139,6 +140,7 @@ def sensitivity(
     dc, high, *found = _rates(reduced, register, scaled, circles)
     rates = dict(zip(around, found, strict=True))
 
+    @guarded("a sensitivity")
     def of(given: Sequence[Root], sign: int) -> NDArray[np.complex128]:
         """Look up the rates of roots; the lower of a pair has the conjugate."""
         rows = []

@@ -7,15 +7,25 @@ from typing import Any
 import numpy as np
 
 from dynid.bondgraph.dynamics import Dynamics, dynamics_of
+from dynid.bondgraph.engines import modelled_storages
+from dynid.bondgraph.question import Engine
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.writing import ATOM, PRODUCT, SUM, TEXT, Written
 from dynid.bondgraph.results.roots import add_roots, roots_of
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.result import Result
 
+#: Most storages with which the dynamics of a prototype are formed unasked.
+_STORAGES = 150
 
-def add_output_dynamics(result: Result, reduced: ReducedGraph) -> None:
-    """Add the dynamics of the prototype at every output."""
+
+def add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) -> None:
+    """Add the dynamics of the prototype at every output; of a large graph only for the exact engine."""
+    size = modelled_storages(reduced)
+    if size > _STORAGES and engine != "exact":
+        note = f"not formed: {size:,} storages, and exact equations of A and B are formed up to {_STORAGES}"
+        result.annotate("bond_graph/reduction", dynamics=f"{note}; 'engine: exact' forms them all the same")
+        return
     for port, reduction in reduced.reductions.items():
         dynamics = dynamics_of(reduced, reduction.prototype)
         add_dynamics(result, f"bond_graph/reduction/dynamics/{port}", dynamics)

@@ -8,13 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from dynid.bondgraph.engines import modelled_storages
 from dynid.bondgraph.natural import characteristic_polynomials
-from dynid.bondgraph.question import Parameter
+from dynid.bondgraph.question import Analysis, Parameter
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.sensitivity import sensitivity
 from dynid.bondgraph.transfer import TransferFunction
+from dynid.errors import UsageError
 from dynid.lti.certified import certified_roots, repeated
 from dynid.result import Result
+
+#: Most storages with which they are taken unasked: the work grows with the cube.
+_STORAGES = 100
 
 _NOTE = (
     "inf: roots meet there, and part with a root of the parameter; of a multiple root it is the mean "
@@ -22,16 +27,28 @@ _NOTE = (
 )
 
 
-def add_sensitivities(result: Result, reduced: ReducedGraph, given: Sequence[Parameter] | None) -> None:
+def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the derivatives of every channel's zeros, poles and gains by the parameters.
 
     Beside each derivative stands the one by the parameter's logarithm (`…_relative`): what moves per
     relative change, so that parameters of different units can be compared.
+
+    Raises
+    ------
+    UsageError
+        Where the graph is so large that they would take very long, and nobody insists on it.
     """
+    size = modelled_storages(reduced)
+    if size > _STORAGES and analysis.engine != "exact":
+        raise UsageError(
+            f"sensitivities of a graph of {size:,} storages take very long: they are taken up to {_STORAGES}",
+            remedy="Drop 'sensitivities' from the results, or insist with 'engine: exact'.",
+            names=("analysis.results",),
+        )
     channels = reduced.channels()
     ratios = reduced.rational(channels.values())
     modes = {port: repeated(certified_roots(p)) for port, p in characteristic_polynomials(reduced).items()}
-    parameters = _parameters(reduced, given)
+    parameters = _parameters(reduced, analysis.parameters)
     for (port, source), register in channels.items():
         transfer = TransferFunction.of(ratios[register])
         zeros, poles = transfer.zeros, transfer.poles
