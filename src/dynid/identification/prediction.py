@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel, Transition
+from dynid.lti.recurrence import free_response, recurrence
 
 Array = NDArray[np.float64]
+
+# Runs are cut at so many steps: what is in work does not grow with the record.
+_LONGEST_RUN = 4096
 
 
 class Free(NamedTuple):
@@ -45,22 +51,23 @@ def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, list[Tran
     logs
         Logarithms of the parameters (p).
     """
-    n = model.states
-    transitions = [model.transition(logs, h) for h in model.line.lengths]
+    line, n = model.line, model.states
+    transitions = [model.transition(logs, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
-    state = np.concatenate([np.zeros((n, 1)), np.eye(n)], axis=1)
-    steps = [transition.step[:, :n] for transition in transitions]
-    C = model.output(logs)[0]
-    # Only what the channels see is kept: all states at all nodes would be n times as much.
-    outputs = np.empty((len(model.line.wanted), len(C), 1 + n))
-    first = 0
-    for sample, node in enumerate(model.line.wanted.tolist()):
-        for between in range(first, node):
-            state = steps[model.line.which[between]] @ state
-            state[:, 0] += forcing[between]
-        first = node
-        outputs[sample] = C @ state
-    return Free(outputs[:, :, 0] + model.feedthrough, outputs[:, :, 1:]), transitions
+    forced = np.zeros((len(line.nodes), n))
+    C, state = model.output(logs)[0], np.eye(n)
+    sample_of = line.sample_of()
+    # Of the response to the state only what the channels see is kept: all of it would be n times as much.
+    by_state = np.empty((len(line.wanted), len(C), n))
+    by_state[sample_of[:1]] = C
+    for first, last, k in _runs(line.which):
+        Phi = transitions[k].step[:, :n]
+        after = slice(first + 1, last + 1)
+        forced[after] = recurrence(Phi, forcing[first:last, None], forced[first, None])[:, 0]
+        seen, state = free_response(Phi, state, C, last - first)
+        here = sample_of[after]
+        by_state[here[here >= 0]] = seen[here >= 0]
+    return Free(forced[line.wanted] @ C.T + model.feedthrough, by_state), transitions
 
 
 def prediction(
@@ -77,26 +84,30 @@ def prediction(
     free, transitions
         What `free_prediction` returned for the same parameters.
     """
-    n, p = model.states, model.parameters
-    trajectory = np.empty((len(model.line.nodes), n, 1 + p))
-    state = np.zeros((n, 1 + p))
-    state[:, 0] = x0
-    trajectory[0] = state
+    n, p, nodes = model.states, model.parameters, len(model.line.nodes)
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     drift = _forcing(model, [transition.derivatives[:, :, n:] for transition in transitions])
-    steps = [transition.step[:, :n] for transition in transitions]
-    slopes = [transition.derivatives[:, :, :n] for transition in transitions]
-    for node, k in enumerate(model.line.which):
-        change = slopes[k] @ state[:, 0] + drift[node]
-        state = steps[k] @ state
-        state[:, 0] += forcing[node]
-        state[:, 1:] += change.T
-        trajectory[node + 1] = state
-    trajectory = trajectory[model.line.wanted]
+    states, slopes = np.empty((nodes, 1, n)), np.empty((nodes, p, n))
+    states[0], slopes[0] = x0, 0.0
+    for first, last, k in _runs(model.line.which):
+        Phi, by_parameter = transitions[k].step[:, :n], transitions[k].derivatives[:, :, :n]
+        after = slice(first + 1, last + 1)
+        states[after] = recurrence(Phi, forcing[first:last, None], states[first])
+        moved = (states[first:last, 0] @ by_parameter.reshape(p * n, n).T).reshape(-1, p, n)
+        slopes[after] = recurrence(Phi, moved + drift[first:last], slopes[first])
+    trajectory, slopes = states[model.line.wanted, 0], slopes[model.line.wanted]
     C, C_slopes = model.output(logs)
-    outputs = C @ trajectory
-    by_parameter = outputs[:, :, 1:] + np.einsum("pcn,tn->tcp", C_slopes, trajectory[:, :, 0])
-    return Prediction(outputs[:, :, 0] + model.feedthrough, trajectory[:, :, 0], by_parameter, free.by_state)
+    seen = slopes @ C.T + (trajectory @ C_slopes.swapaxes(1, 2)).swapaxes(0, 1)
+    outputs = trajectory @ C.T + model.feedthrough
+    return Prediction(outputs, trajectory, np.ascontiguousarray(seen.swapaxes(1, 2)), free.by_state)
+
+
+def _runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
+    """Return first and last node, and index of the length, of runs of intervals of one length."""
+    changes = np.flatnonzero(np.diff(which)) + 1
+    for begin, end in pairwise([0, *changes.tolist(), len(which)]):
+        for first in range(begin, end, _LONGEST_RUN):
+            yield first, min(first + _LONGEST_RUN, end), int(which[first])
 
 
 def _forcing(model: AugmentedModel, gammas: list[Array]) -> Array:

@@ -1,0 +1,108 @@
+"""A linear recurrence over many steps, by blocks: a few large products instead of many small ones.
+
+There are as many blocks as a block has steps. All are taken from rest at once; then the state is carried from
+block to block, and what it gives in each is added. The number of products is a few times the square root of
+the number of steps; the errors are those of taking one step after the other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Below, one step after the other is as fast.
+_SHORT = 8
+
+
+def recurrence(Phi: Array, forcing: Array, start: Array) -> Array:
+    """Return the states of ``x(k+1) = Phi x(k) + f(k)``.
+
+    Parameters
+    ----------
+    Phi
+        The step (n x n).
+    forcing
+        f (steps x columns x n).
+    start
+        The first states (columns x n).
+
+    Returns
+    -------
+    Array
+        The states after each step (steps x columns x n).
+    """
+    steps, columns, n = forcing.shape
+    out = np.empty(forcing.shape)
+    if steps < _SHORT:
+        state = start
+        for k in range(steps):
+            state = out[k] = state @ Phi.T + forcing[k]
+        return out
+    length = math.isqrt(steps)
+    blocks = steps // length
+    whole = blocks * length
+    inside = out[:whole].reshape(blocks, length, columns, n)
+    forced = forcing[:whole].reshape(inside.shape)
+    inside[:, 0] = forced[:, 0]
+    for k in range(1, length):
+        inside[:, k] = inside[:, k - 1] @ Phi.T
+        inside[:, k] += forced[:, k]
+    powers = powers_of(Phi, length)
+    starts = np.empty((blocks, columns, n))
+    for block in range(blocks):
+        starts[block] = start
+        start = start @ powers[-1].T + inside[block, -1]
+    carried = starts.reshape(-1, n) @ powers.reshape(-1, n).T
+    inside += carried.reshape(blocks, columns, length, n).swapaxes(1, 2)
+    out[whole:] = recurrence(Phi, forcing[whole:], start)
+    return out
+
+
+def powers_of(Phi: Array, count: int) -> Array:
+    """Return Phi, Phi², … (count x n x n), by doubling."""
+    powers = np.empty((count, *Phi.shape))
+    powers[0] = Phi
+    known = 1
+    while known < count:
+        more = min(known, count - known)
+        powers[known : known + more] = (powers[:more].reshape(-1, len(Phi)) @ powers[known - 1]).reshape(
+            more, *Phi.shape
+        )
+        known += more
+    return powers
+
+
+def free_response(Phi: Array, start: Array, readout: Array, steps: int) -> tuple[Array, Array]:
+    """Return what is read of ``X(k+1) = Phi X(k)``, without the states in between, and the last one.
+
+    Parameters
+    ----------
+    Phi
+        The step (n x n).
+    start
+        The first states (n x columns).
+    readout
+        What is read (c x n).
+    steps
+        How many.
+
+    Returns
+    -------
+    outputs
+        The readout after each step (steps x c x columns).
+    end
+        The states after the last (n x columns).
+    """
+    length = max(1, math.isqrt(steps))
+    powers = powers_of(Phi, length)
+    read = (readout @ powers).reshape(-1, len(Phi))
+    outputs = np.empty((steps, len(readout), start.shape[1]))
+    for first in range(0, steps, length):
+        count = min(length, steps - first)
+        outputs[first : first + count] = (read @ start).reshape(length, len(readout), -1)[:count]
+        start = powers[count - 1] @ start
+    return outputs, start
