@@ -92,9 +92,7 @@ def run_passes(ensemble: Ensemble, passes: int, origin: Array) -> list[Sweep]:
     """
     records = ensemble.records
     priors = [record.wide_prior(origin) for record in records]
-    falling = _falling(len(records[0].data.values))[:, None] * records[0].data.rms
-    noise = [falling, *(_LAST_NOISE * record.data.rms for record in records[1:])]
-    sweeps = [_sweep(ensemble, priors, noise, origin)]
+    sweeps = [_sweep(ensemble, priors, first_noise(ensemble), origin)]
     while len(sweeps) < passes:
         fit = ensemble.fit(last(sweeps))
         fits = list(zip(records, fit.parts, strict=True))
@@ -160,7 +158,10 @@ def _sweep(ensemble: Ensemble, priors: Sequence[Prior], noise: Sequence[Array], 
     return chained(ensemble, priors, passed)
 
 
-def _falling(samples: int) -> Array:
-    """Return the noise that a first pass assumes over the RMS, sample by sample."""
+def first_noise(ensemble: Ensemble) -> list[Array]:
+    """Return the noise that a first pass assumes, record by record (channels, the first: times x channels)."""
+    first, *others = ensemble.records
+    samples = len(first.data.values)
     progress = np.arange(samples) / (_FALL * samples)
-    return np.maximum(_LAST_NOISE, _FIRST_NOISE * np.exp(-progress))
+    falling = np.maximum(_LAST_NOISE, _FIRST_NOISE * np.exp(-progress))
+    return [falling[:, None] * first.data.rms, *(_LAST_NOISE * record.data.rms for record in others)]
