@@ -159,11 +159,15 @@ def _multiply(factor: float, A: Array, X: Array, out: Array, first: int) -> None
             for c in range(width):
                 out[row, c] += a0 * X[k, c] + a1 * X[k + 1, c] + a2 * X[k + 2, c] + a3 * X[k + 3, c]
             k += 4
-        while k < count:
+        while k + 2 <= count:
+            a0, a1 = factor * A[i, k], factor * A[i, k + 1]
+            for c in range(width):
+                out[row, c] += a0 * X[k, c] + a1 * X[k + 1, c]
+            k += 2
+        if k < count:
             a0 = factor * A[i, k]
             for c in range(width):
                 out[row, c] += a0 * X[k, c]
-            k += 1
 
 
 @_compiled
