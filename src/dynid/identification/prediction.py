@@ -93,13 +93,14 @@ def prediction(
         Phi, by_parameter = transitions[k].step[:, :n], transitions[k].derivatives[:, :, :n]
         after = slice(first + 1, last + 1)
         states[after] = recurrence(Phi, forcing[first:last, None], states[first])
-        moved = (states[first:last, 0] @ by_parameter.reshape(p * n, n).T).reshape(-1, p, n)
+        moved = (states[first:last, 0] @ by_parameter.swapaxes(1, 2)).swapaxes(0, 1)
         slopes[after] = recurrence(Phi, moved + drift[first:last], slopes[first])
     trajectory, slopes = states[model.line.wanted, 0], slopes[model.line.wanted]
     C, C_slopes = model.output(logs)
-    seen = slopes @ C.T + (trajectory @ C_slopes.swapaxes(1, 2)).swapaxes(0, 1)
+    seen = (slopes.reshape(-1, n) @ C.T).reshape(-1, p, len(C)).swapaxes(1, 2)
+    direct = np.moveaxis(trajectory @ C_slopes.swapaxes(1, 2), 0, -1)
     outputs = trajectory @ C.T + model.feedthrough
-    return Prediction(outputs, trajectory, np.ascontiguousarray(seen.swapaxes(1, 2)), free.by_state)
+    return Prediction(outputs, trajectory, seen + direct, free.by_state)
 
 
 def _runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:

@@ -8,6 +8,7 @@ the number of steps; the errors are those of taking one step after the other.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,19 +46,17 @@ def recurrence(Phi: Array, forcing: Array, start: Array) -> Array:
     length = math.isqrt(steps)
     blocks = steps // length
     whole = blocks * length
-    inside = out[:whole].reshape(blocks, length, columns, n)
-    forced = forcing[:whole].reshape(inside.shape)
-    inside[:, 0] = forced[:, 0]
-    for k in range(1, length):
-        inside[:, k] = inside[:, k - 1] @ Phi.T
-        inside[:, k] += forced[:, k]
     powers = powers_of(Phi, length)
+    # Step by step inside all blocks: (steps, blocks and columns, n), each step in one piece.
+    inside = forcing[:whole].reshape(blocks, length, -1, n).swapaxes(0, 1).reshape(length, -1, n).copy()
+    for before, after in pairwise(inside):
+        after += before @ Phi.T
     starts = np.empty((blocks, columns, n))
-    for block in range(blocks):
+    for block, at_rest in enumerate(inside[-1].reshape(starts.shape)):
         starts[block] = start
-        start = start @ powers[-1].T + inside[block, -1]
-    carried = starts.reshape(-1, n) @ powers.reshape(-1, n).T
-    inside += carried.reshape(blocks, columns, length, n).swapaxes(1, 2)
+        start = at_rest + start @ powers[-1].T
+    inside += starts.reshape(-1, n) @ powers.swapaxes(1, 2)
+    out[:whole] = inside.reshape(length, blocks, columns, n).swapaxes(0, 1).reshape(whole, columns, n)
     out[whole:] = recurrence(Phi, forcing[whole:], start)
     return out
 
