@@ -159,7 +159,7 @@ def _sweep(ensemble: Ensemble, priors: Sequence[Prior], noise: Sequence[Array], 
 
 
 def first_noise(ensemble: Ensemble) -> list[Array]:
-    """Return the noise that a first pass assumes, record by record (channels, the first: times x channels)."""
+    """Return the noise that a first pass assumes, record by record (channels; first: times x channels)."""
     first, *others = ensemble.records
     samples = len(first.data.values)
     progress = np.arange(samples) / (_FALL * samples)

@@ -8,7 +8,6 @@ the number of steps; the errors are those of taking one step after the other.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,16 +46,18 @@ def recurrence(Phi: Array, forcing: Array, start: Array) -> Array:
     blocks = steps // length
     whole = blocks * length
     powers = powers_of(Phi, length)
-    # Step by step inside all blocks: (steps, blocks and columns, n), each step in one piece.
-    inside = forcing[:whole].reshape(blocks, length, -1, n).swapaxes(0, 1).reshape(length, -1, n).copy()
-    for before, after in pairwise(inside):
-        after += before @ Phi.T
+    # Step by step inside all blocks: (steps, blocks, columns, n), each step in one piece.
+    inside = np.empty((length, blocks, columns, n))
+    inside[:] = forcing[:whole].reshape(blocks, length, columns, n).swapaxes(0, 1)
+    rows = inside.reshape(length, -1, n)
+    for k in range(1, length):
+        rows[k] += rows[k - 1] @ Phi.T
     starts = np.empty((blocks, columns, n))
-    for block, at_rest in enumerate(inside[-1].reshape(starts.shape)):
+    for block, at_rest in enumerate(inside[-1]):
         starts[block] = start
         start = at_rest + start @ powers[-1].T
-    inside += starts.reshape(-1, n) @ powers.swapaxes(1, 2)
-    out[:whole] = inside.reshape(length, blocks, columns, n).swapaxes(0, 1).reshape(whole, columns, n)
+    rows += starts.reshape(-1, n) @ powers.swapaxes(1, 2)
+    out[:whole].reshape(blocks, length, columns, n)[:] = inside.swapaxes(0, 1)
     out[whole:] = recurrence(Phi, forcing[whole:], start)
     return out
 
