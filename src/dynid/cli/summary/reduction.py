@@ -37,12 +37,9 @@ def _table(result: Result) -> list[str]:
     from rich.console import Console
     from rich.table import Table
 
-    reference = {
-        int(number): float(omega)
-        for name in _names(result)
-        for number, omega in zip(_of(result, name, "mode"), _of(result, name, "reference"), strict=True)
-    }
-    shown, common = sorted(reference)[:_SHOWN], _common(result)
+    reference, common = _reference(result), _common(result)
+    elastic = [number for number in sorted(reference) if reference[number]]
+    shown = (elastic or sorted(reference))[:_SHOWN]
     responses = "reduction/frf/frac" in result
     table = Table(box=None, padding=(0, 1), show_edge=False, header_style="")
     headings = ["", "size", *(f"ω{number}" for number in shown), "worst error", "least MAC"]
@@ -59,6 +56,15 @@ def _table(result: Result) -> list[str]:
     out = StringIO()
     Console(file=out, width=200, color_system=None).print(table)
     return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
+
+
+def _reference(result: Result) -> dict[int, float]:
+    """Return the full structure's natural frequencies that methods are compared with, by number."""
+    return {
+        int(number): float(omega)
+        for name in _names(result)
+        for number, omega in zip(_of(result, name, "mode"), _of(result, name, "reference"), strict=True)
+    }
 
 
 def _common(result: Result) -> set[int]:
@@ -99,13 +105,19 @@ def _cost(result: Result, name: str) -> list[str]:
 
 def _notes(result: Result) -> Iterable[str]:
     common = sorted(_common(result))
-    span = f"modes {common[0]} … {common[-1]}" if len(common) > 1 else f"mode {common[0]}"
-    yield f"  ω in rad/s, joints included; worst error and least MAC of {span}"
+    yield f"  ω in rad/s, joints included; worst error and least MAC of {_span(common)}"
+    rigid = [number for number, omega in sorted(_reference(result).items()) if not omega]
+    if rigid:
+        yield f"  {_span(rigid)}: of the rigid body, ω = 0"
     for name in _names(result):
         masters = _of(result, name, "masters")
         if len(masters):
             few = ", ".join(map(str, masters[:12])) + (", …" if len(masters) > 12 else "")
             yield f"  {name}: masters {few}"
+
+
+def _span(numbers: list[int]) -> str:
+    return f"modes {numbers[0]} … {numbers[-1]}" if len(numbers) > 1 else f"mode {numbers[0]}"
 
 
 def _of(result: Result, name: str, part: str) -> np.ndarray:
@@ -119,4 +131,5 @@ def _omega(value: float) -> str:
 def _seconds(value: object) -> str:
     if not isinstance(value, float):
         return ""
-    return f"{value:.2g} s" if value >= 1 else f"{1000 * value:.2g} ms"
+    unit, size = ("s", value) if value >= 1 else ("ms", 1000 * value)
+    return f"{size:.0f} {unit}" if size >= 10 else f"{size:.2g} {unit}"
