@@ -198,3 +198,19 @@ def test_multiple_and_rigid_modes_of_real_matrices_are_compared_with_their_like(
         np.testing.assert_allclose(result[f"reduction/{name}/mac"].data.diagonal(), 1, rtol=1e-6)
     rigid = 6 if "block" in mass else 0
     assert np.count_nonzero(result["reduction/guyan/frequencies"].data == 0) == rigid
+
+
+def test_the_screen_shows_the_elastic_modes_of_a_free_structure(tmp_path, capsys):
+    scene = tmp_path / "free.yaml"
+    scene.write_text(
+        "dynid: 1\nkind: reduction\nstructure: {beam: {elements: 4, length: 1, EI: 1, rhoA: 1}}\n"
+        "reduction: [{method: modal, modes: {count: 4}}]\n"
+    )
+    with pytest.raises(SystemExit):
+        main(["run", str(scene), "-o", str(tmp_path / "free.h5")])
+    out = capsys.readouterr().out
+    header, full, row = (line.split() for line in out.splitlines()[4:7])
+    assert header[:3] == ["size", "ω3", "ω4"]
+    assert full[:2] == ["full", "10"]
+    assert full[2:4] == row[2:4]
+    assert "modes 1 … 2: of the rigid body, ω = 0" in out

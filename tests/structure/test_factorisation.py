@@ -147,6 +147,12 @@ def test_inertia_against_exact_elimination(entries):
             assert nearest < 1e-12
 
 
+def test_a_pivot_that_is_rounding_has_no_sign():
+    A = np.array([[0.0, 3, 6], [3, -4, -3], [6, -3, 4]])  # of rank 2, with one negative eigenvalue
+    with pytest.raises(Singular, match="its inertia cannot be told"):
+        negatives(sp.csc_array(A))
+
+
 def test_counts_below_values_of_a_dense_and_a_sparse_pencil():
     K, exact = grid(12)
     M = sp.eye_array(144, format="csc")

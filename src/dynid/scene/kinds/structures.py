@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError, FileError, SceneError
+from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.outline import dof_faults
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.structure import FileModel, ParameterModel
+from dynid.scene.schema.structure import FileModel
 from dynid.structure.joints import Joint, JointParameter
 
 if TYPE_CHECKING:
@@ -17,16 +18,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from dynid.scene.load import Scene
-    from dynid.scene.schema.structure import (
-        BeamModel,
-        DampingModel,
-        FrameModel,
-        JointModel,
-        LumpedModel,
-        MassModel,
-        MatricesModel,
-        StructureModel,
-    )
+    from dynid.scene.schema.beams import BeamModel, DampingModel, FrameModel
+    from dynid.scene.schema.joints import JointModel, MassModel
+    from dynid.scene.schema.structure import LumpedModel, MatricesModel, StructureModel
     from dynid.structure.damping import Modal, Proportional
     from dynid.structure.matrices import Label
     from dynid.structure.model import StructuralModel

@@ -7,10 +7,11 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from dynid.scene.schema.common import Dof, FrequencyGrid, MotionQuantity, Part, SceneModel, Signals, TimeGrid
+from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 from dynid.scene.schema.reductions import Reduction
-from dynid.scene.schema.structure import JointModel, StructureModel
+from dynid.scene.schema.structure import StructureModel
 
 #: Which method an option belongs to.
 _OPTIONS = {

@@ -6,9 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from dynid.scene.schema.beams import PerElement, PerElementOrZero
 from dynid.scene.schema.common import Dof, MotionQuantity, Part, Signals, TablePlace
 from dynid.scene.schema.quantities import NotNegative, Positive, fault
-from dynid.scene.schema.structure import PerElement, PerElementOrZero
 
 Column = str | Annotated[int, Field(ge=1, strict=True)]
 

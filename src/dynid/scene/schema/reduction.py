@@ -9,9 +9,10 @@ from pydantic import Field, model_validator
 
 from dynid.scene.schema.common import FrequencyGrid, SceneModel
 from dynid.scene.schema.identification import OutputModel
+from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.quantities import fault
 from dynid.scene.schema.reductions import DofList, Reduction, once
-from dynid.scene.schema.structure import JointModel, StructureModel
+from dynid.scene.schema.structure import StructureModel
 
 
 def result_names(methods: list[str]) -> list[str]:

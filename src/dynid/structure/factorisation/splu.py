@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
@@ -15,11 +13,13 @@ Array = NDArray[np.float64]
 
 # An off-diagonal pivot is taken only where the diagonal one is this much smaller.
 _THRESHOLD = 1e-3
+_ROUNDING = 2 * float(np.finfo(float).eps)
 
 
 class _Factors:
-    def __init__(self, lu: SuperLU, dtype: np.dtype[Any]) -> None:
-        self._lu, self._dtype = lu, dtype
+    def __init__(self, lu: SuperLU, A: csc_array) -> None:
+        self._lu, self._dtype = lu, A.dtype
+        self._sizes = np.asarray(abs(A).max(axis=0).todense()).ravel()
 
     def solve(self, b: Array) -> Array:
         return np.asarray(self._lu.solve(np.asarray(b, dtype=self._dtype)))
@@ -28,11 +28,15 @@ class _Factors:
     def negatives(self) -> int | None:
         """Signs of U's diagonal; they are an inertia only if rows and columns were permuted alike.
 
-        Then P A Pᵀ = L U with unit L; A symmetric, so that U = D Lᵀ and D is congruent to A.
+        Then P A Pᵀ = L U with unit L; A symmetric, so that U = D Lᵀ and D is congruent to A. A pivot that is
+        rounding of its column has no sign.
         """
         if self._dtype.kind == "c" or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
             return None
-        return int(np.count_nonzero(self._lu.U.diagonal() < 0))
+        pivots = self._lu.U.diagonal()[self._lu.perm_c]
+        if np.any(np.abs(pivots) <= _ROUNDING * self._sizes):
+            return None
+        return int(np.count_nonzero(pivots < 0))
 
     @property
     def memory(self) -> int:
@@ -55,4 +59,4 @@ def factorised(A: csc_array, *, definite: bool) -> _Factors:
             "the matrix is exactly singular",
             remedy="Look for DOFs without mass and stiffness, or shift the matrix.",
         ) from None
-    return _Factors(lu, A.dtype)
+    return _Factors(lu, A)

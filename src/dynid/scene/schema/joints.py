@@ -1,0 +1,91 @@
+"""Joints of a scene: springs, dampers and masses, or measured blocks, between the DOFs of a structure."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from dynid.scene.schema.common import Dof, Part
+from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Value, fault
+from dynid.scene.schema.structure import LinkModel
+
+
+def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
+    for i, row in enumerate(rows):
+        if len(row) != len(rows):
+            raise fault(f"a joint's matrix is square; row {i + 1} has {len(row)} entries")
+    for i, row in enumerate(rows):
+        for j in range(i):
+            one, other = float(row[j]), float(rows[j][i])
+            if abs(one - other) > 1e-9 * max(abs(one), abs(other)):
+                raise fault(
+                    f"a joint's matrix is symmetric; entry ({i + 1}, {j + 1}) is {one:g}, "
+                    f"({j + 1}, {i + 1}) is {other:g}"
+                )
+    return rows
+
+
+Block = Annotated[list[list[Value]], Field(min_length=1, max_length=100), AfterValidator(_symmetric)]
+
+
+class ParameterModel(Part):
+    """A joint's stiffness or damping: known (`value`), or to be identified from `start`."""
+
+    start: Positive | None = None
+    value: NotNegative | None = None
+    true: Positive | None = None
+    matrix: Block | None = None
+
+    @model_validator(mode="after")
+    def _known_or_unknown(self) -> Self:
+        if (self.start is None) == (self.value is None and self.matrix is None):
+            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
+        if self.start is None and self.true is not None:
+            raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
+        if self.start is not None and self.value is not None:
+            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
+        return self
+
+
+class MassModel(Part):
+    """A joint's mass: a number, shared equally between its DOFs, or a block over them."""
+
+    value: NotNegative | None = None
+    matrix: Block | None = None
+
+
+def _plain_is_known(raw: Any) -> Any:
+    if isinstance(raw, list):
+        return {"matrix": raw}
+    return raw if isinstance(raw, dict) else {"value": raw}
+
+
+_PLAIN = float | str | list[list[float | str]]
+JointValue = Annotated[
+    ParameterModel, BeforeValidator(_plain_is_known, json_schema_input_type=ParameterModel | _PLAIN)
+]
+JointMass = Annotated[MassModel, BeforeValidator(_plain_is_known, json_schema_input_type=MassModel | _PLAIN)]
+
+
+class JointModel(LinkModel):
+    """A joint between two DOFs, or from one to ground; with matrices, over any DOFs."""
+
+    dofs: list[Dof] = Field(min_length=1, max_length=100)
+    k: JointValue | None = None  # type: ignore[assignment]
+    c: JointValue | None = None  # type: ignore[assignment]
+    m: JointMass | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        parts = {"k": self.k, "c": self.c, "m": self.m}
+        given = {letter: part for letter, part in parts.items() if part is not None}
+        if not given:
+            raise fault("a joint has a stiffness 'k', a damping 'c', or both")
+        for letter, part in given.items():
+            if part.matrix is None and len(self.dofs) > 2:
+                raise fault(f"'{letter}' is a number, and 'dofs' names {len(self.dofs)}; it takes one or two")
+            if part.matrix is not None and len(part.matrix) != len(self.dofs):
+                size = f"{len(part.matrix)} x {len(part.matrix)}"
+                raise fault(f"'{letter}' is {size}, but 'dofs' names {len(self.dofs)}")
+        return self
