@@ -313,6 +313,32 @@ def test_the_best_lines_keep_what_they_promise(planned):
     assert planned.value(f"{group}/efficiency") < 1
 
 
+def test_a_plan_says_how_long_settling_takes(planned):
+    # The slowest pole, by itself: real part -0.7239.
+    assert planned.value("plan/excitation/settling_time") == pytest.approx(np.log(100) / 0.7239, rel=1e-4)
+
+
+def test_an_undamped_structure_can_be_planned():
+    """No line stands on a pole, and there is no settling time."""
+    model = lumped([1.0, 2.0], [Link((1,), 100.0)], [Joint("j", (1, 2), unknown(300.0))])
+    measurement = Measurement(0.02, 400, (Channel(2, "velocity"),), Simulation(0.05))
+    result = plan(model, [Experiment([Load(1, Sine(1.0, 3.0))], measurement)])
+    assert "plan/excitation/settling_time" not in result
+    assert np.isfinite(result.value("plan/excitation/best_bound")).all()
+    assert np.all(result.value(f"{GROUP}/modal_sensitivity/omega_by_parameter") > 0)
+
+
+def test_a_free_decay_can_be_planned():
+    rng = np.random.default_rng(0)
+    t = np.arange(400) * 0.02
+    values = (np.exp(-0.3 * t) * np.sin(9 * t) + 0.01 * rng.standard_normal(400))[:, None]
+    joint = Joint("j", (1,), JointParameter(start=80.0), JointParameter(start=0.6))
+    measurement = Measurement(0.02, 400, (Channel(1, "displacement"),), values)
+    result = plan(lumped([1.0], [], [joint]), [Experiment([], measurement)])
+    assert np.isfinite(result.value("plan/sensors/bound")).all()
+    assert result.value("plan/excitation/choice").size == 3
+
+
 def test_bands_are_ranked(planned):
     bounds = planned.value("plan/excitation/bands/bound")
     means = np.exp(np.mean(np.log(bounds), axis=1))

@@ -73,6 +73,11 @@ def _excitation(result: Result) -> Iterable[str]:
     now = ("now", *map(percent, result[f"{group}/present_bound"].data), "")
     yield from table(("", *names, "gain"), [*rows, now])
     yield f"    {_reached(result.value(f'{group}/efficiency'), 'the forces')}"
+    if f"{group}/settling_time" in result:
+        wait = result.value(f"{group}/settling_time")
+        yield f"    of settled motion: the slowest mode takes {wait:.2g} s to decay to a hundredth"
+    else:
+        yield "    of settled motion, which an undamped structure does not come to by itself"
     yield from _bands(result, names)
 
 

@@ -32,6 +32,7 @@ def add_excitation(
     geometric mean of what the bounds would be, relative; of steady states, whole force in that line);
     the best set: `choice_dof`, `choice_omega`, `amplitude` with its `gain` (by which factor each line, at the
     amplitude of the set, narrows the bounds) and its `best_bound` (parameter), initial state unknown;
+    `settling_time`, in which the slowest mode decays to a hundredth, if it does;
     `present_bound` of the excitation as it is, `efficiency`, the geometric mean of the best bounds over
     these; and `bands/`: the force spread evenly over the surroundings of each mode, band by band.
     """
@@ -58,6 +59,9 @@ def add_excitation(
         float(np.exp(np.mean(np.log(best) - np.log(present)))) if both else float(np.isfinite(present).all())
     )
     result.add(f"{group}/efficiency", ratio)
+    slowest = float(np.min(-result["identification/identifiability/modal_sensitivity/pole"].data.real))
+    if slowest > 0:
+        result.add(f"{group}/settling_time", np.log(100) / slowest, (), "s")
     _add_bands(result, found, names)
 
 

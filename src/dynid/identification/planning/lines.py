@@ -150,7 +150,7 @@ def lines(
         Z = K + 1j * w * C - w**2 * M
         scale = 1 / np.sqrt(np.linalg.norm(Z, axis=0))  # so that units do not count
         balanced = Z * scale * scale[:, None]
-        if np.linalg.cond(balanced) > WORST_CONDITION:
+        if not np.linalg.cond(balanced, 1) < WORST_CONDITION:
             continue  # on an undamped pole: no steady state
         solved = scale[:, None] * np.linalg.solve(balanced, scale[:, None] * np.hstack([forces, rows.T]))
         by_force, by_row = solved[:, : len(dofs)], solved[:, len(dofs) :]

@@ -23,6 +23,8 @@ _STATE = 1e-6
 # An exchange must gain this much, or it goes on with rounding.
 _GAIN = 1e-9
 _MOST_ROUNDS = 20
+# So many numbers are factorised at a time (80 MB).
+_AT_ONCE = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +63,16 @@ class Candidates:
 
     def gains(self, chosen: Sequence[int]) -> Array:
         """Return the logarithmic determinants on the parameters with each candidate beside those chosen."""
-        known = np.broadcast_to(self.root(chosen), (len(self.roots), *self.before().shape))
-        R = np.linalg.qr(np.concatenate([known, self.roots], axis=1), mode="r")
-        pivots = np.abs(np.diagonal(R, axis1=1, axis2=2))[:, self.nuisance :]
-        return np.asarray(2 * np.log(pivots).sum(axis=1))
+        root = self.root(chosen)
+        height = max(1, _AT_ONCE // (len(root) * (len(root) + self.roots.shape[1])))
+        worths = []
+        for first in range(0, len(self.roots), height):
+            these = self.roots[first : first + height]
+            known = np.broadcast_to(root, (len(these), *root.shape))
+            R = np.linalg.qr(np.concatenate([known, these], axis=1), mode="r")
+            pivots = np.abs(np.diagonal(R, axis1=1, axis2=2))[:, self.nuisance :]
+            worths.append(2 * np.log(pivots).sum(axis=1))
+        return np.concatenate(worths)
 
     def closed(self, chosen: Sequence[int]) -> NDArray[np.bool_]:
         """Tell which candidates these leave no place for, themselves among them."""
