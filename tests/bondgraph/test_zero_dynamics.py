@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dynid.bondgraph.state_space import state_space, zero_blocks, zero_dynamics
+from dynid.bondgraph.state_space import state_space, zero_blocks, zero_dynamics, zero_parts
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, chain, transfers, written
 from tests.bondgraph.tableau import transfer_at
@@ -95,3 +95,11 @@ def test_the_coupled_equations_of_a_short_chain_have_the_same_modes():
     graph = through(3)
     inside = zero_dynamics(graph, only_port(graph), "F")
     assert np.sort(np.linalg.eigvals(inside.A)) == pytest.approx([-1007 / 11, -1014 / 12, 0], abs=1e-10)
+
+
+def test_the_zero_dynamics_of_a_very_large_part_keep_their_states_without_a_polynomial():
+    # held at the driven mass the rest of the chain is one part: of 199 states
+    graph = written(*chain(100), "v1.f")
+    (part,) = zero_parts(graph, graph.outputs[0], "F")
+    assert len(part.states) == 199
+    assert part.polynomial is None

@@ -138,6 +138,10 @@ def zero_blocks(reduced: ReducedGraph, port: Port, source: str) -> tuple[StateSp
     return tuple(rounded(system, rates, [], [], []) for _, rates in solved)
 
 
+#: Most states of a part whose characteristic polynomial is formed.
+_MOST_STATES = 150
+
+
 @dataclass(frozen=True)
 class ZeroPart:
     """An irreducible part of zero dynamics, exactly.
@@ -149,7 +153,8 @@ class ZeroPart:
     states
         The names of its states.
     polynomial
-        Its characteristic polynomial over the integers (flint `fmpz_poly`): its roots are zeros.
+        Its characteristic polynomial over the integers (flint `fmpz_poly`): its roots are zeros. None where
+        the part has more than 150 states, of which it would take minutes.
     """
 
     elements: tuple[str, ...]
@@ -175,7 +180,7 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
         ZeroPart(
             tuple(system.carriers(block.rows, block.unknowns)),
             tuple(system.name(name) for name in rates),
-            _characteristic_polynomial(rates),
+            _characteristic_polynomial(rates) if len(rates) <= _MOST_STATES else None,
         )
         for block, rates in solved
     )

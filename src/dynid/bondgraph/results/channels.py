@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +12,10 @@ from dynid.bondgraph.exact import ExactEngine
 from dynid.bondgraph.question import Analysis, Formulas
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.reduction.reducer import Reduction
+from dynid.bondgraph.results.roots import add_roots, each
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.errors import Undecided
-from dynid.lti.verdicts import Root, Verdicts
+from dynid.lti.verdicts import Verdicts
 from dynid.result import Result
 
 if TYPE_CHECKING:
@@ -82,7 +82,9 @@ def _add_channel(
             result.add(f"{group}/gain", transfer.gain)
     for name in ("zeros", "poles"):
         if name in asked:
-            _add_roots(result, group, name, transfer.zeros if name == "zeros" else transfer.poles)
+            roots = transfer.zeros if name == "zeros" else transfer.poles
+            estimated = not isinstance(transfer, TransferFunction)
+            add_roots(result, group, name, roots, estimated=estimated)
     if "properties" in asked:
         _add_properties(result, channel, transfer, engine.reduced.reductions[channel[0]])
     if asked & {"properties", "hidden_modes"}:
@@ -94,24 +96,6 @@ def _add_coefficients(result: Result, group: str, transfer: TransferFunction) ->
         axis = f"{name}_power"
         result.add_axis(f"{group}/{axis}", np.arange(len(coefficients))[::-1])
         result.add(f"{group}/{name}", coefficients, (axis,))
-
-
-def _add_roots(result: Result, group: str, name: str, roots: Sequence[Root]) -> None:
-    """Add roots by multiplicity, with certified bounds or with estimates of their errors."""
-    axis = name[:-1]
-    values = _each(roots, "value", np.complex128)
-    result.add_axis(f"{group}/{axis}", np.arange(1, len(values) + 1))
-    result.add(f"{group}/{name}", values, (axis,), "rad/s")
-    estimated = result.group_attrs[group]["engine"] == "float"
-    error = f"{group}/{axis}_error_{'estimate' if estimated else 'bound'}"
-    result.add(error, _each(roots, "radius", np.float64), (axis,), "rad/s")
-    if estimated:
-        result.add(f"{group}/{axis}_residual", _each(roots, "residual", np.float64), (axis,))
-
-
-def _each(roots: Sequence[Root], what: str, dtype: type) -> NDArray[Any]:
-    """Return an attribute of roots, each as often as its multiplicity says."""
-    return np.array([getattr(root, what) for root in roots for _ in range(root.multiplicity)], dtype=dtype)
 
 
 def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduction: Reduction) -> None:
@@ -131,7 +115,7 @@ def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduct
     for name, value in values.items():
         if value is not None:
             result.add(f"{group}/{name}", value)
-    _add_natural_frequencies(result, group, _each(transfer.poles, "value", np.complex128))
+    _add_natural_frequencies(result, group, each(transfer.poles, "value", np.complex128))
 
 
 def _add_natural_frequencies(result: Result, group: str, poles: NDArray[np.complex128]) -> None:
@@ -150,7 +134,7 @@ def _add_hidden_modes(
     """Add the natural modes that cancel in the channel, and why where that is asked for and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
     if not (explained and isinstance(engine, ExactEngine)):
-        _add_modes(result, group, _each(engine.hidden_modes(channel), "value", np.complex128))
+        _add_modes(result, group, each(engine.hidden_modes(channel), "value", np.complex128))
         return
     from dynid.bondgraph.hidden import hidden_modes
 

@@ -82,7 +82,14 @@ def _add_equations(
 
 def _add_parts(result: Result, group: str, parts: tuple[ZeroPart, ...]) -> None:
     """Add the parts that do not depend on each other's zeros: their elements, states and polynomials."""
-    rows = [(", ".join(part.elements), ", ".join(part.states), str(part.polynomial)) for part in parts]
+    rows = [
+        (
+            ", ".join(part.elements),
+            ", ".join(part.states),
+            "not formed: too large" if part.polynomial is None else str(part.polynomial),
+        )
+        for part in parts
+    ]
     dtype = [(name, object) for name in ("elements", "states", "polynomial")]
     result.add_axis(f"{group}/part", np.arange(1, len(rows) + 1))
     result.add(f"{group}/parts", np.array(rows, dtype=dtype), ("part",))
