@@ -1,6 +1,7 @@
 """The compiled run in doubled precision, against exact evaluation and against its own bounds."""
 
 import random
+from fractions import Fraction
 
 import mpmath
 import numpy as np
@@ -11,10 +12,11 @@ from hypothesis import strategies as st
 from dynid.bondgraph import frequency
 from dynid.bondgraph.algebra.sweep import sweep
 from dynid.bondgraph.algebra.tape import schedule
-from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity, uniform
+from dynid.bondgraph.chains import FORCE, Stage, chain, distinct, last_velocity, uniform
 from dynid.bondgraph.frequency import frequency_response
+from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.errors import Singular
+from dynid.errors import NumericalError, Singular
 from tests.bondgraph.graphs import reduced, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.test_frequency import Gaussian, assert_exact, exact
@@ -126,6 +128,41 @@ def test_an_undamped_ladder_at_a_resonance_of_a_part_is_flagged():
     (channel,) = transfers(graph).values()
     assert found == pytest.approx(exact(channel, 1.0), rel=1e-15)
     assert not (bounds <= 1e-12).any()
+
+
+def backwards(stages, omega):
+    """Return v_N / F of a chain with 60 digits: the force that it takes to move the last mass, summed up."""
+    with mpmath.workdps(60):
+        s, velocity, force = mpmath.mpc(0, omega), mpmath.mpf(1), mpmath.mpf(0)
+        for index, stage in enumerate(reversed(stages)):
+            m, k, b = (mpmath.mpf(v.numerator) / v.denominator for v in stage)
+            if index:
+                velocity += force / (k / s + b)
+                force += s * m * velocity
+            else:
+                force = s * m + k / s + b
+        return complex(1 / force)
+
+
+def test_a_pivot_of_a_large_graph_that_is_exactly_zero():
+    """The first mass on its undamped spring resonates at 1 rad/s; the whole chain does not."""
+    stages = [Stage(Fraction(1), Fraction(1), Fraction(0)), *distinct(300)]
+    graph = ReducedGraph(chain(stages), [FORCE], [last_velocity(len(stages))], traced=False)
+    omega = np.array([0.5, 1.0, np.nextafter(1.0, 2.0)])
+    found = frequency_response(graph, omega)[:, 0, 0]
+    np.testing.assert_allclose(found, [backwards(stages, w) for w in omega], rtol=4.5e-16)
+
+
+def test_a_natural_mode_of_a_large_graph_exactly_at_a_frequency_is_an_error_that_names_it():
+    nodes = [Node("u", "Sf"), Node("j", "0"), Node("c", "C", Fraction(1)), Node("m", "I", Fraction(1, 4))]
+    bonds = [Bond("u", "j"), Bond("j", "c"), Bond("j", "m")]
+    links = 1300  # a ladder of shunt pairs that all resonate at 2 rad/s, on one junction
+    for k in range(links):
+        nodes += [Node(f"b{k}", "1"), Node(f"i{k}", "I", Fraction(1, 4)), Node(f"s{k}", "C", Fraction(1))]
+        bonds += [Bond("j", f"b{k}"), Bond(f"b{k}", f"i{k}"), Bond(f"b{k}", f"s{k}")]
+    graph = ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port("j", "e")], traced=False)
+    with pytest.raises(NumericalError, match=r"2\.0 rad/s"):
+        frequency_response(graph, np.array([2.0]))
 
 
 @pytest.mark.parametrize("points", [0, 1, 63, 64, 65, 200])

@@ -3,11 +3,14 @@
 The reduction runs on complex arrays that carry their error bounds: in double precision where the graph is
 small, in doubled precision, compiled, where it is large and roundings could add up. Where a pivot (nearly)
 vanishes at a frequency the bound says so, and that point is run again in ball arithmetic with as many bits
-as it takes; a point exactly on a pole of some intermediate result is taken from the exact transfer function.
+as it takes. A point exactly on a pole of some intermediate result is taken from the exact transfer function;
+a large graph is planned again for that frequency, with pivots that do not vanish there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -16,7 +19,7 @@ from numpy.typing import NDArray
 from dynid.bondgraph.algebra.bounded import Bounded
 from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.bondgraph.transfer import TransferFunction
-from dynid.errors import NumericalError
+from dynid.errors import NumericalError, Singular
 
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
 #: adds up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
@@ -25,10 +28,13 @@ _TOLERANCE = 1e-12
 #: ones do not pay for loading the compiler.
 _LONG = 2000
 #: Programs longer than this are not run on exact rational functions for the sake of one frequency.
-_EXACT = 10_000
+_EXACT = 3000
 #: Responses smaller than this are near the end of the range of doubles: 1e-12 of this is their error bound.
 _SMALLEST = 1e-290
 _PRECISIONS = (128, 256, 512)
+
+#: Plans registers anew for one frequency.
+Again = Callable[[float], tuple[Planned, list[int]]]
 
 
 def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -44,19 +50,32 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
     Raises
     ------
     NumericalError
-        Where a large graph has a pivot at one of the frequencies that is zero to 150 digits.
+        Where a large graph has a natural mode exactly at one of the frequencies.
     """
-    registers = list(reduced.channels().values())
-    return on_axis(reduced, registers, omega).reshape(len(omega), len(reduced.outputs), len(reduced.inputs))
+
+    def channels(planned: ReducedGraph) -> list[int]:
+        return list(planned.channels().values())
+
+    def again(point: float) -> tuple[Planned, list[int]]:
+        planned = reduced.on_axis(Fraction(point))
+        return planned, channels(planned)
+
+    response = on_axis(reduced, channels(reduced), omega, again)
+    return response.reshape(len(omega), len(reduced.outputs), len(reduced.inputs))
 
 
-def on_axis(planned: Planned, registers: list[int], omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return registers at s = j omega, shape (omega, register); a pole on the axis gives inf."""
+def on_axis(
+    planned: Planned, registers: list[int], omega: NDArray[np.float64], again: Again | None = None
+) -> NDArray[np.complex128]:
+    """Return registers at s = j omega, shape (omega, register); a pole on the axis gives inf.
+
+    `again` plans the same registers for one frequency, where that is possible.
+    """
     evaluate = _doubled if len(planned.program.ops) > _LONG else _double
     response, trusted = evaluate(planned, registers, omega)
     trusted &= np.isfinite(response)
     for point in np.flatnonzero(~trusted.all(axis=1)):
-        response[point] = _certified(planned, registers, float(omega[point]))
+        response[point] = _certified(planned, registers, float(omega[point]), again)
     return response
 
 
@@ -86,8 +105,38 @@ def _double(
         return response, np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
 
 
-def _certified(planned: Planned, registers: list[int], omega: float) -> list[complex]:
+def _certified(planned: Planned, registers: list[int], omega: float, again: Again | None) -> list[complex]:
     """Return the channels at one frequency to full double precision."""
+    if len(planned.program.ops) <= _EXACT:
+        found = _in_balls(planned, registers, omega)
+        if found is not None:
+            return found
+        ratios = planned.rational(registers)
+        return [_at(TransferFunction.of(ratios[register]), omega) for register in registers]
+    found = _planned_again(again, omega) or _in_balls(planned, registers, omega)
+    if found is None:
+        raise NumericalError(
+            f"the frequency response at {omega!r} rad/s: this large graph, or a part of it, has a natural "
+            f"mode exactly there, or so near that {_PRECISIONS[-1]} bits do not tell it from one",
+            remedy="Leave this frequency out, or move it by a little.",
+        )
+    return found
+
+
+def _planned_again(again: Again | None, omega: float) -> list[complex] | None:
+    """Return registers at one frequency from a plan for it, or none where that does not help."""
+    if again is None:
+        return None
+    try:
+        planned, registers = again(omega)
+    except (Singular, ZeroDivisionError):
+        return None
+    response, trusted = _doubled(planned, registers, np.array([omega]))
+    return response[0].tolist() if trusted.all() else _in_balls(planned, registers, omega)
+
+
+def _in_balls(planned: Planned, registers: list[int], omega: float) -> list[complex] | None:
+    """Return registers at one frequency from ball arithmetic, or none where no precision is enough."""
     from flint import acb, arb, ctx, fmpq
 
     for precision in _PRECISIONS:
@@ -97,14 +146,7 @@ def _certified(planned: Planned, registers: list[int], omega: float) -> list[com
             balls = planned.run(registers, values, acb(0, omega), acb(1))
             if all(ball.is_zero() or ball.rel_accuracy_bits() > 60 for ball in balls.values()):
                 return [_to_complex(balls[register]) for register in registers]
-    if len(planned.program.ops) > _EXACT:
-        raise NumericalError(
-            f"the frequency response at {omega!r} rad/s: a part of this large graph resonates there so "
-            f"sharply that {_PRECISIONS[-1]} bits do not tell it from a pole",
-            remedy="Leave this frequency out, or move it by a little.",
-        )
-    ratios = planned.rational(registers)
-    return [_at(TransferFunction.of(ratios[register]), omega) for register in registers]
+    return None
 
 
 def _at(transfer: TransferFunction, omega: float) -> complex:

@@ -6,10 +6,11 @@ import gc
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
-from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
+from dynid.bondgraph.algebra.modular import axis_point, numeric_point, prime_for, random_point
 from dynid.bondgraph.graph import STORAGES, BondGraph, Port
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.network import STORED
@@ -59,6 +60,18 @@ class Planned(ABC):
     def _plan(self, point: Point) -> None:
         self.program = Program(point)
         self._write()
+
+    def on_axis(self, omega: Fraction) -> Self:
+        """Return it planned for one frequency: no pivot of it is exactly zero at s = j omega.
+
+        Raises
+        ------
+        Singular
+            Where the equations are singular there.
+        """
+        other = copy(self)
+        other._plan(axis_point(self._values, omega))
+        return other
 
     @abstractmethod
     def _write(self) -> None:
