@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from fractions import Fraction
+from functools import cache
 from typing import TYPE_CHECKING, Any, Self
 
 from dynid.bondgraph.algebra.modular import axis_point, numeric_point, prime_for, random_point
@@ -98,12 +99,20 @@ class Planned(ABC):
         """Run the program on exact rational functions of s (factored, not yet in lowest terms)."""
         from flint import fmpz_poly
 
+        from dynid.bondgraph.algebra.quotient import Factor
         from dynid.bondgraph.algebra.rational import Ratio
 
         bits = {name: 1 << index for index, name in enumerate(self.storages)}
 
+        @cache
+        def integer(number: int) -> Factor:  # equal numbers are one factor, and cancel
+            return Factor(fmpz_poly([number]))
+
         def constant(value: Fraction, storages: int = 0) -> Ratio:
-            return Ratio.of(fmpz_poly([value.numerator]), fmpz_poly([value.denominator]), storages)
+            if not value:
+                return Ratio(None, 1, storages)
+            given = ((value.numerator, 1), (value.denominator, -1))
+            return Ratio({integer(part): power for part, power in given if part != 1}, 1, storages)
 
         values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
         s = Ratio.of(fmpz_poly([0, 1]), fmpz_poly([1]))

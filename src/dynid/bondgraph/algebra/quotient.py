@@ -104,12 +104,8 @@ class Quotient(ABC):
     def __add__(self, other: Self) -> Self:
         if self.factors is None or other.factors is None:
             return self if other.factors is None else other
-        shared = {
-            factor: power
-            for factor in {**self.factors, **other.factors}
-            if (power := min(self.factors.get(factor, 0), other.factors.get(factor, 0)))
-        }
-        left, right = (self._product(_combined(value.factors or {}, shared, -1)) for value in (self, other))
+        shared, *own = _shared(self.factors, other.factors)
+        left, right = (self._product(factors) for factors in own)
         if self.sign != other.sign:
             right = -right
         total = left + right
@@ -118,8 +114,28 @@ class Quotient(ABC):
         return self._made(shared if total == 1 else {Factor(total): 1, **shared}, self.sign, other)
 
 
+def _shared(
+    a: Mapping[Factor, int], b: Mapping[Factor, int]
+) -> tuple[dict[Factor, int], dict[Factor, int], dict[Factor, int]]:
+    """Return what two products have in common, so that what is left of either has no negative powers."""
+    shared: dict[Factor, int] = {}
+    left: dict[Factor, int] = {}
+    right: dict[Factor, int] = {}
+    for factor in {**a, **b}:
+        p, q = a.get(factor, 0), b.get(factor, 0)
+        if p > q:
+            left[factor] = p - q
+        elif q > p:
+            right[factor] = q - p
+        if least := min(p, q):
+            shared[factor] = least
+    return shared, left, right
+
+
 def _combined(a: Mapping[Factor, int], b: Mapping[Factor, int], times: int) -> dict[Factor, int]:
     """Add the exponents of two products, those of the second multiplied by `times`."""
+    if len(a) < len(b) and times == 1:
+        a, b = b, a
     result = dict(a)
     for factor, power in b.items():
         total = result.get(factor, 0) + times * power

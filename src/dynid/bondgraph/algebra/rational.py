@@ -40,11 +40,13 @@ class Ratio(Quotient):
         return cls({Factor(part): power for part, power in given if part != 1}, 1, storages)
 
     def _made(self, factors: Mapping[Factor, int] | None, sign: int, other: Self) -> Self:
-        storages = self.storages | other.storages
-        made = type(self)(factors, sign, storages)
-        if made._degree() > storages.bit_count() + _SLACK:
-            return self.of(*made.lowest_terms(), storages)
-        return made
+        return type(self)(factors, sign, self.storages | other.storages)
+
+    def __add__(self, other: Self) -> Self:
+        total = super().__add__(other)  # products only add exponents: it is here that degrees grow
+        if total._degree() > total.storages.bit_count() + _SLACK:
+            return self.of(*total.lowest_terms(), total.storages)
+        return total
 
     def _degree(self) -> int:
         """Return the larger degree of numerator and denominator, as they stand."""
