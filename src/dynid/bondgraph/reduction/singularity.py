@@ -12,6 +12,9 @@ from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.network import Network
 from dynid.errors import Singular
 
+#: Most junctions whose dense nodal form is looked at.
+_MOST = 1500
+
 
 def explain_singularity(network: Network) -> Singular:
     """Return the error that says which balances contradict each other, or what is not determined.
@@ -22,6 +25,12 @@ def explain_singularity(network: Network) -> Singular:
         The network before elimination.
     """
     structure, program, names = network.structure, network.program, list(network.matrix)
+    if len(names) > _MOST:
+        return Singular(
+            f"the equations of this graph of {len(names)} junctions have no unique solution: sources "
+            "contradict each other, or a part floats",
+            remedy=f"Look for it in a part of the graph: up to {_MOST} junctions, those concerned are named.",
+        )
 
     def entry(row: str, column: str) -> int:
         register = network.diagonal(row) if row == column else network.entry(row, column)
