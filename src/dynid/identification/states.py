@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.fit import Fit, Fitter
+from dynid.identification.information import thin_svd
 from dynid.identification.measurement import Measurement, Simulation, simulated
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
@@ -63,9 +64,13 @@ def _initial_root(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array
     weight = np.where(np.isnan(fit.residual), 0.0, 1 / noise)[..., None]
     by_state = (p.by_state @ record.root * weight).reshape(-1, n)
     by_parameter = (p.by_parameter * weight).reshape(len(by_state), -1)
-    Q, R = np.linalg.qr(np.concatenate([by_state, np.eye(n)]))
-    follows = -Q[: len(by_state)].T @ by_parameter @ known
-    left = np.linalg.solve(R, np.concatenate([np.eye(n), follows], axis=1))
+    U, s, Vt = thin_svd(by_state)
+    kept = np.zeros(n)
+    kept[: len(s)] = s
+    follows = np.zeros((n, len(known)))
+    follows[: len(s)] = U[:, : len(s)].T @ by_parameter @ known
+    follows *= -(kept / (1 + kept**2))[:, None]
+    left = Vt.T @ np.concatenate([np.diag(1 / np.sqrt(1 + kept**2)), follows], axis=1)
     below = np.concatenate([np.zeros((len(known), n)), known], axis=1)
     return np.concatenate([record.root @ left, below])
 
