@@ -58,6 +58,12 @@ def test_running_the_isolator_loads_no_symbols_and_no_figures(tmp_path):
     assert loaded & {"sympy", "matplotlib", "numba", "control", "rich", "xarray"} == set()
 
 
+def test_a_short_record_loads_no_compiler(tmp_path):
+    loaded = loaded_by(tmp_path, "run", str(CONFIGS / "suspension_noisy.yaml"))
+    assert "numpy" in loaded
+    assert loaded & {"numba", "llvmlite", "sympy", "matplotlib", "control"} == set()
+
+
 def test_importing_the_package_loads_nothing(tmp_path):
     left = subprocess.run(
         [sys.executable, "-c", "import sys, dynid; print(*sys.modules)"],
