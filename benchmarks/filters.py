@@ -163,7 +163,7 @@ def by_dynamax(case: Case) -> Callable[[], Array]:
 
     record = case.ensemble.records[0]
     force = forces(case)
-    force = jnp.asarray(np.concatenate([force, force[-1:]]))
+    force = jnp.asarray(np.concatenate([force[:1], force]))  # an input leads to its own sample
     A, slopes, b = jnp.asarray(case.A), jnp.asarray(case.slopes), jnp.asarray(case.b)
 
     def rate(z, u):  # type: ignore[no-untyped-def]
