@@ -206,3 +206,20 @@ def test_a_motion_has_one_place(excitation, fault):
     found = faults_of(ONE.replace("{dof: 2, kind: sine, frequency: 3}", excitation))
     assert len(found) == 1, found
     assert fault in found[0]
+
+
+def test_bounds_and_priors_in_a_scene(tmp_path):
+    known = "k: {start: 10, true: 20, min: 5, max: 19, prior: {value: 18, relative_deviation: 0.1}}"
+    text = ONE.replace("k: {start: 10, true: 20}", known).replace("samples: 100", "samples: 400")
+    text += "estimator: {method: output-error}\n"
+    result = run(tmp_path, text)
+    assert result["identification/parameters/estimate"].data[0] == pytest.approx(19)
+    assert result["identification/parameters/at_bound"].data.tolist() == [True, False]
+    for right, wrong, fault in (
+        ("min: 5", "min: 11", "'start' does not lie between 'min' and 'max'"),
+        ("start: 10, true: 20", "value: 10", "'min', 'max' and 'prior' belong beside 'start'"),
+        ("min: 5", "min: 0", "0 is not positive"),
+        ("relative_deviation: 0.1", "relative: 0.1", "is not a key of joints.j.k.prior"),
+    ):
+        found = faults_of(text.replace(right, wrong))
+        assert any(fault in line for line in found), found

@@ -81,7 +81,7 @@ class _Search:
         """Run passes, and go from where they end to the nearest optimum."""
         try:
             histories = filtered()
-            way = refine(self.ensemble, last(histories))
+            way = refine(self.ensemble, last(self.ensemble, histories))
         except DynidError as error:  # far off a pass may run away: another start may not
             self.failure = self.failure or error
             return
@@ -124,6 +124,7 @@ def _best_of_net(ensemble: Ensemble, origin: Array, count: int, reach: float) ->
 
     net = qmc.Sobol(len(origin), rng=np.random.Generator(np.random.PCG64(0))).random(count)
     starts = origin + np.log(reach) * (2 * net - 1)
+    starts = ensemble.knowledge.clipped(starts)
     misfits = [_misfit_at(ensemble, logs) for logs in starts]
     return [starts[place] for place in np.argsort(misfits, kind="stable")]
 

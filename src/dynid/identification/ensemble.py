@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from dynid.identification.diagnostics import root_mean_square, whiteness
 from dynid.identification.fit import Fit, Fitter
 from dynid.identification.information import Information, joined
+from dynid.identification.knowledge import Knowledge
 from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
@@ -66,6 +68,11 @@ class Ensemble:
         """The unknown parameters (p)."""
         return self.records[0].model.unknowns
 
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """What is known of the parameters besides the records."""
+        return Knowledge.of(self.unknowns)
+
     @property
     def names(self) -> list[str]:
         """Names of the unknown parameters."""
@@ -91,22 +98,27 @@ class Ensemble:
             parts.append(record.fit(logs, values, None if noise is None else noise[k]))
         return JointFit(logs, tuple(parts))
 
-    def information(self, fit: JointFit, noise: Sequence[Array]) -> Information:
-        """Return the information on the parameters of a fit, for a noise of these deviations."""
+    def information(self, fit: JointFit, noise: Sequence[Array], *, prior: bool = True) -> Information:
+        """Return the information on the parameters of a fit, for a noise of these deviations.
+
+        With what is known beforehand, or of the records alone.
+        """
         each = zip(self.records, fit.parts, noise, strict=True)
-        return joined([record.information(part, level) for record, part, level in each])
+        found = joined([record.information(part, level) for record, part, level in each])
+        return found.beside(self.knowledge.rows()) if prior else found
 
     def weighted(self, fit: JointFit, noise: Sequence[Array]) -> Array:
-        """Return the residuals over noise (values), 0 where missing."""
+        """Return the residuals over noise (values), 0 where missing; those of the priors at the end."""
         each = zip(self.records, fit.parts, noise, strict=True)
-        return np.concatenate([record.weighted(part, level) for record, part, level in each])
+        measured = [record.weighted(part, level) for record, part, level in each]
+        return np.concatenate([*measured, self.knowledge.residual(fit.logs)])
 
     def misfit(self, fit: JointFit) -> float:
-        """Return minus the logarithm of the likelihood, up to a constant.
+        """Return minus the logarithm of the likelihood, priors included, up to a constant.
 
         The noise of a channel whose deviation is not given is the one that makes the likelihood largest.
         """
-        total = 0.0
+        total = float(np.sum(self.knowledge.residual(fit.logs) ** 2)) / 2
         for record, part, level in zip(self.records, fit.parts, self.likeliest(fit), strict=True):
             counts = np.count_nonzero(~np.isnan(part.residual), axis=0)
             given = ~np.isnan(record.given)

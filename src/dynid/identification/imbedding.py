@@ -77,7 +77,7 @@ class InvariantImbedding:
             return history
 
         sweep = chained(ensemble, [record.wide_prior(origin) for record in ensemble.records], passed)
-        fit = ensemble.fit(last([sweep]))
+        fit = ensemble.fit(last(ensemble, [sweep]))
         return Estimation(fit, [sweep], [Stage("invariant imbedding", [fit])], facts)
 
     def _integrated(self, record: Fitter, prior: Prior, origin: Array) -> tuple[Pass, int, int]:

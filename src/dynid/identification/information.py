@@ -7,7 +7,7 @@ it before they count.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,22 @@ class Information:
     signal: float
     freedom: int
     values: Array | None = None
+
+    def beside(self, rows: Array) -> Information:
+        """Return the information with that of independent observations (count x p) of the parameters."""
+        if not len(rows):
+            return self
+        return Information(
+            self.names,
+            np.concatenate([self.projected, rows]),
+            np.hypot(self.total, np.linalg.norm(rows, axis=0)),
+            self.signal,
+            self.freedom + len(rows),
+        )
+
+    def without(self, held: NDArray[np.bool_]) -> Information:
+        """Return the information where some parameters (p) are held where they are."""
+        return replace(self, projected=np.where(held, 0.0, self.projected))
 
     def check(self) -> None:
         """Refuse parameters that the record cannot see or tell apart.
@@ -129,6 +145,7 @@ class Information:
     def step(self, residual: Array) -> Array:
         """Return the Gauss–Newton step of the logarithms that this residual over noise (values) asks for."""
         size = np.linalg.norm(self.projected, axis=0)
+        size = np.where(size > 0, size, 1.0)
         rank = float(len(residual) * np.finfo(float).eps)
         return np.asarray(least_squares(self.projected / size, residual, rank) / size)
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Diverged
+from dynid.errors import Diverged, NotIdentifiable
 from dynid.identification.diagnostics import (
     is_coloured,
     is_explained,
@@ -103,7 +103,10 @@ class Outcome:
     @cached_property
     def step(self) -> Array:
         """The Gauss–Newton step from the estimate to the optimum of the records, in logarithms (p)."""
-        return self.information.step(self.ensemble.weighted(self._final, self._noise))
+        residual = self.ensemble.weighted(self._final, self._noise)
+        direction = self.information.projected.T @ residual
+        held = self.ensemble.knowledge.blocked(self._final.logs, direction)
+        return self.information.without(held).step(residual)
 
     @property
     def _channels(self) -> list[tuple[int, int, str]]:
@@ -203,6 +206,10 @@ class Outcome:
         result.add(f"{group}/estimate", estimate, dims, unit)
         result.add(f"{group}/standard_error", estimate * self.information.deviations(), dims, unit)
         result.add(f"{group}/cramer_rao", self._bound, dims, unit)
+        knowledge = self.ensemble.knowledge
+        result.add(f"{group}/at_bound", knowledge.at_bound(self._final.logs), dims)
+        if knowledge.believed.any():
+            result.add(f"{group}/cramer_rao_without_prior", self._bound_with(prior=False), dims, unit)
         result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
         # An axis of its own: two axes of one name could not be told apart.
         result.add_axis(f"{group}/other", names)
@@ -219,7 +226,11 @@ class Outcome:
 
     @cached_property
     def _bound(self) -> Array:
-        """The Cramér–Rao bound (p), at the true values and noise where they are known."""
+        """The Cramér–Rao bound (p), at the true values and noise where they are known, with the priors."""
+        return self._bound_with(prior=True)
+
+    def _bound_with(self, *, prior: bool) -> Array:
+        """Return the bound (p), with the priors or of the records alone: infinite if these see nothing."""
         fit, values, true = self._final, np.exp(self._final.logs), self._true
         if not np.isnan(true).any():
             fit, values = self.ensemble.fit(np.log(true), clean=True), true
@@ -227,7 +238,13 @@ class Outcome:
         noise = [seen if record.data.noise is None else record.data.noise for record, seen in each]
         if not all(level.all() for level in noise):
             return np.zeros(len(true))  # clean data
-        return np.asarray(values * self.ensemble.information(fit, noise).deviations())
+        told = self.ensemble.information(fit, noise, prior=prior)
+        if not prior:
+            try:
+                told.check()
+            except NotIdentifiable:
+                return np.full(len(values), np.inf)
+        return np.asarray(values * told.deviations())
 
     def _whole_records(self) -> Sweep:
         """Return the history of an estimator of whole records: it knows as much at any time."""

@@ -96,9 +96,11 @@ def refine(ensemble: Ensemble, logs: Array, iterations: int = 50) -> Iterations:
         noise = ensemble.likeliest(fit)
         information = ensemble.information(fit, noise)
         residual = ensemble.weighted(fit, noise)
+        held = ensemble.knowledge.blocked(fit.logs, information.projected.T @ residual)
         better = None
         while better is None and damping <= _MOST:
-            step = _step(information, residual, damping)
+            step = _step(information.without(held), residual, damping)
+            step = ensemble.knowledge.clipped(fit.logs + step) - fit.logs
             better = _improved(ensemble, fit, step, noise)
             damping *= 1.0 if better else 10.0
         if better is None:  # no step improves: rounding is all that is left

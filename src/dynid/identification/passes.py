@@ -64,13 +64,13 @@ class Filter:
             If the parameters run away.
         """
         histories = run_passes(ensemble, self.passes, origin)
-        fit = ensemble.fit(last(histories))
+        fit = ensemble.fit(last(ensemble, histories))
         return Estimation(fit, histories, [Stage("filter", [fit])])
 
 
-def last(sweeps: Sequence[Sweep]) -> Array:
-    """Return the logarithms that sweeps end with (p)."""
-    return np.asarray(sweeps[-1][-1].logs[-1])
+def last(ensemble: Ensemble, sweeps: Sequence[Sweep]) -> Array:
+    """Return the logarithms that sweeps end with, within their bounds (p)."""
+    return ensemble.knowledge.clipped(sweeps[-1][-1].logs[-1])
 
 
 def run_passes(ensemble: Ensemble, passes: int, origin: Array) -> list[Sweep]:
@@ -94,7 +94,7 @@ def run_passes(ensemble: Ensemble, passes: int, origin: Array) -> list[Sweep]:
     priors = [record.wide_prior(origin) for record in records]
     sweeps = [_sweep(ensemble, priors, first_noise(ensemble), origin)]
     while len(sweeps) < passes:
-        fit = ensemble.fit(last(sweeps))
+        fit = ensemble.fit(last(ensemble, sweeps))
         fits = list(zip(records, fit.parts, strict=True))
         priors = [record.unit_prior(part) for record, part in fits]
         noise = [record.floored(part.noise) for record, part in fits]
@@ -124,7 +124,7 @@ def annealed_passes(ensemble: Ensemble, origin: Array) -> list[Sweep]:
     for level, spread in _ANNEALED:
         priors = [record.wide_prior(logs, spread) for record in ensemble.records]
         sweeps.append(_sweep(ensemble, priors, [level * r.data.rms for r in ensemble.records], logs))
-        logs = last(sweeps)
+        logs = last(ensemble, sweeps)
     return sweeps
 
 
@@ -138,13 +138,15 @@ def chained(
     ensemble
         The records.
     priors
-        Of each record the state it starts from; of the first one the parameters, too.
+        Of each record the state it starts from; of the first one the parameters, too, to which what is
+        known of them beforehand is added.
     passed
         Runs the pass over a record, numbered from 0.
     """
     sweep: list[Pass] = []
+    first = ensemble.knowledge.informed(priors[0])
     for k, (record, prior) in enumerate(zip(ensemble.records, priors, strict=True)):
-        before = record.continued(prior, sweep[-1].logs[-1], sweep[-1].root) if sweep else prior
+        before = record.continued(prior, sweep[-1].logs[-1], sweep[-1].root) if sweep else first
         sweep.append(passed(k, record, before))
     return sweep
 

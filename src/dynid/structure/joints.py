@@ -21,6 +21,13 @@ Block: TypeAlias = Sequence[Sequence[float]] | Array
 _TOLERANCE = 1e-9
 
 
+class Belief(NamedTuple):
+    """What is held of an unknown parameter beforehand: its value, give or take a relative deviation."""
+
+    value: float
+    relative_deviation: float
+
+
 @dataclass(frozen=True)
 class JointParameter:
     """Stiffness or damping of a joint: known (`value`), or unknown (`start`, and `true` for simulation).
@@ -36,12 +43,19 @@ class JointParameter:
     matrix
         A block over the joint's DOFs that the value multiplies, symmetric and not indefinite; absent: the
         spring between two DOFs or to ground. With a matrix alone the value is 1.
+    low, high
+        Bounds of an unknown value, positive; its start lies within.
+    belief
+        Prior of an unknown value.
     """
 
     value: float | None = None
     start: float | None = None
     true: float | None = None
     matrix: Block | None = None
+    low: float | None = None
+    high: float | None = None
+    belief: Belief | None = None
 
     def __post_init__(self) -> None:
         if self.matrix is not None:
@@ -60,6 +74,16 @@ class JointParameter:
                     "start and true value of an unknown joint parameter must be finite and positive",
                     remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
                 )
+        self._check_knowledge()
+
+    def _check_knowledge(self) -> None:
+        known = [number for number in (self.low, self.high, *(self.belief or ())) if number is not None]
+        if known and self.start is None:
+            raise UsageError("bounds and a prior belong to an unknown joint parameter, one with a start")
+        if not all(math.isfinite(number) and number > 0 for number in known):
+            raise UsageError("bounds and prior of a joint parameter must be finite and positive")
+        if self.start is not None and not (self.low or 0.0) <= self.start <= (self.high or math.inf):
+            raise UsageError("the start of a joint parameter must lie within its bounds")
 
 
 @dataclass(frozen=True)
@@ -128,7 +152,10 @@ class Term(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """An unknown joint parameter: name, letter, unit pattern (n x n), start, true value, physical unit."""
+    """An unknown joint parameter: name, letter, unit pattern (n x n), start, true value, physical unit.
+
+    And what is known of it besides: its bounds and its prior.
+    """
 
     name: str
     letter: str
@@ -136,6 +163,9 @@ class Unknown(NamedTuple):
     start: float
     true: float | None
     unit: str
+    low: float | None = None
+    high: float | None = None
+    belief: Belief | None = None
 
 
 def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:

@@ -202,6 +202,9 @@ class StructuralModel:
                 part.start,
                 part.true,
                 unit_of(letter, part, [labels.kind(self.label(dof)) for dof in joint.dofs]),
+                part.low,
+                part.high,
+                part.belief,
             )
             for joint in self.joints
             for name, letter, part, block in joint.terms

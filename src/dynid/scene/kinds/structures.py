@@ -11,7 +11,7 @@ from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.outline import dof_faults
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.structure import FileModel
-from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.joints import Belief, Joint, JointParameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -170,9 +170,14 @@ def _joint(name: str, joint: JointModel) -> Joint:
 def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | None:
     if given is None:
         return None
-    start, true = (given.start, given.true) if isinstance(given, ParameterModel) else (None, None)
     matrix = [[float(value) for value in row] for row in given.matrix] if given.matrix else None
-    return JointParameter(_optional(given.value), _optional(start), _optional(true), matrix)
+    value = _optional(given.value)
+    if not isinstance(given, ParameterModel):
+        return JointParameter(value, matrix=matrix)
+    start, true, low, high = (_optional(part) for part in (given.start, given.true, given.min, given.max))
+    prior = given.prior
+    belief = None if prior is None else Belief(float(prior.value), float(prior.relative_deviation))
+    return JointParameter(value, start, true, matrix, low, high, belief)
 
 
 def _optional(quantity: Quantity | None) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -29,6 +30,13 @@ def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
 Block = Annotated[list[list[Value]], Field(min_length=1, max_length=100), AfterValidator(_symmetric)]
 
 
+class BeliefModel(Part):
+    """What is held of a parameter beforehand."""
+
+    value: Positive
+    relative_deviation: Positive
+
+
 class ParameterModel(Part):
     """A joint's stiffness or damping: known (`value`), or to be identified from `start`."""
 
@@ -36,6 +44,9 @@ class ParameterModel(Part):
     value: NotNegative | None = None
     true: Positive | None = None
     matrix: Block | None = None
+    min: Positive | None = None
+    max: Positive | None = None
+    prior: BeliefModel | None = None
 
     @model_validator(mode="after")
     def _known_or_unknown(self) -> Self:
@@ -43,6 +54,11 @@ class ParameterModel(Part):
             raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
         if self.start is None and self.true is not None:
             raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
+        if self.start is None and (self.min or self.max or self.prior):
+            raise fault("a known parameter has its 'value'; 'min', 'max' and 'prior' belong beside 'start'")
+        low, high = (None if bound is None else float(bound) for bound in (self.min, self.max))
+        if self.start is not None and not (low or 0.0) <= float(self.start) <= (high or math.inf):
+            raise fault("'start' does not lie between 'min' and 'max'")
         if self.start is not None and self.value is not None:
             raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
         return self

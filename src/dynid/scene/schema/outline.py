@@ -379,7 +379,11 @@ def _unknown_faults(source: Source) -> list[Fault]:
     if not any("simulate" in record for _, record in _records(source.data)):
         return []
     message = "a simulated measurement needs the 'true' value of this parameter"
-    lacking = [path for path, value in unknowns if value.keys() <= {"start", "value", "matrix"}]
+    lacking = [
+        path
+        for path, value in unknowns
+        if value.keys() <= {"start", "value", "matrix", "min", "max", "prior"}
+    ]
     return [source.fault(path, message, key=True) for path in lacking]
 
 

@@ -1,0 +1,86 @@
+"""What is known of the parameters besides the records: bounds, and priors as if they had been measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.filter import Prior
+from dynid.structure.joints import Unknown
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Bounds and priors of the logarithms of the parameters.
+
+    Attributes
+    ----------
+    low, high
+        Bounds (p), infinite where there are none.
+    means, deviations
+        Priors (p), NaN where there are none.
+    """
+
+    low: Array
+    high: Array
+    means: Array
+    deviations: Array
+
+    @classmethod
+    def of(cls, unknowns: Sequence[Unknown]) -> Knowledge:
+        """Return what is known of unknowns.
+
+        The deviation of the logarithm is that of the log-normal distribution of the same relative deviation.
+        """
+        low = [math.log(unknown.low) if unknown.low else -math.inf for unknown in unknowns]
+        high = [math.log(unknown.high) if unknown.high else math.inf for unknown in unknowns]
+        believed = [unknown.belief for unknown in unknowns]
+        means = [math.nan if belief is None else math.log(belief.value) for belief in believed]
+        deviations = [
+            math.nan if belief is None else math.sqrt(math.log1p(belief.relative_deviation**2))
+            for belief in believed
+        ]
+        return cls(np.array(low), np.array(high), np.array(means), np.array(deviations))
+
+    @property
+    def believed(self) -> NDArray[np.bool_]:
+        """Which parameters have a prior (p)."""
+        return ~np.isnan(self.means)
+
+    def clipped(self, logs: Array) -> Array:
+        """Return the nearest logarithms within the bounds (p)."""
+        return np.clip(logs, self.low, self.high)
+
+    def at_bound(self, logs: Array) -> NDArray[np.bool_]:
+        """Tell which logarithms stand at a bound (p)."""
+        return (logs <= self.low) | (logs >= self.high)
+
+    def blocked(self, logs: Array, direction: Array) -> NDArray[np.bool_]:
+        """Tell which logarithms a bound keeps from going in this direction (p)."""
+        return ((logs <= self.low) & (direction < 0)) | ((logs >= self.high) & (direction > 0))
+
+    def rows(self) -> Array:
+        """Return the sensitivities of the priors' pseudo-observations over their deviations (count x p)."""
+        return np.asarray(np.diag(1 / self.deviations)[self.believed])
+
+    def residual(self, logs: Array) -> Array:
+        """Return the residuals of the pseudo-observations over their deviations (count)."""
+        return np.asarray(((self.means - logs) / self.deviations)[self.believed])
+
+    def informed(self, prior: Prior) -> Prior:
+        """Return the prior of a filter's pass with the pseudo-observations taken into account."""
+        n = len(prior.state)
+        z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
+        for k in np.flatnonzero(self.believed):
+            phi = S[n + k] / self.deviations[k]
+            spread = float(phi @ phi) + 1.0
+            gain = S @ phi / spread
+            z += gain * (self.means[k] - z[n + k]) / self.deviations[k]
+            S -= np.outer(gain / (1 + math.sqrt(1 / spread)), phi)
+        return Prior(z[:n], z[n:], S)

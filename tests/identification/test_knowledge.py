@@ -1,0 +1,122 @@
+"""Bounds and priors of parameters."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.auto import Auto
+from dynid.identification.imbedding import InvariantImbedding
+from dynid.identification.output_error import OutputError
+from dynid.identification.passes import Filter
+from dynid.structure.joints import Belief, Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from tests.identification.cases import LINKS, MASSES, diagnostic, parameter, run, simulated
+
+ESTIMATORS = [Auto(), OutputError(), Filter(2), InvariantImbedding(tolerance=1e-3)]
+each = pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda estimator: estimator.name)
+TRUE = 2e4
+
+
+def model(c3=None, **k3):
+    """Joints 2–3 known, the stiffness of 3–4 with what is known of it, its damping unknown."""
+    k = JointParameter(start=k3.pop("start", 1.8e4), true=TRUE, **k3)
+    c = c3 or JointParameter(start=15.0, true=20.0)
+    return lumped(MASSES, [*LINKS, Link((2, 3), 2e4, 20)], [Joint("j3", (3, 4), k, c)])
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS[:3], ids=lambda estimator: estimator.name)
+def test_a_bound_that_does_not_bind_changes_nothing(estimator):
+    free = run(model(), simulated(0.05, samples=200), estimator=estimator)
+    held = run(model(low=1e3, high=1e6), simulated(0.05, samples=200), estimator=estimator)
+    np.testing.assert_array_equal(parameter(held, "estimate"), parameter(free, "estimate"))
+    assert not parameter(held, "at_bound").any()
+
+
+@each
+@pytest.mark.parametrize("side", ["low", "high"])
+def test_a_bound_holds(estimator, side):
+    """The truth lies 1 % outside: the estimate ends at the bound, and the damping where that is fixed."""
+    at = {"low": 1.01, "high": 0.99}[side] * TRUE
+    bounded = model(start=at, **{side: at})
+    result = run(bounded, simulated(0.05, samples=200), estimator=estimator)
+    assert parameter(result, "estimate")[0] == pytest.approx(at, rel=1e-12)
+    assert parameter(result, "at_bound").tolist() == [True, False]
+    if isinstance(estimator, (Auto, OutputError)):
+        fixed = lumped(
+            MASSES,
+            [*LINKS, Link((2, 3), 2e4, 20), Link((3, 4), at, 0)],
+            [Joint("j3", (3, 4), None, JointParameter(start=15.0))],
+        )
+        truth = {"truth": bounded}
+        alone = run(fixed, simulated(0.05, samples=200), estimator=estimator, **truth)
+        np.testing.assert_allclose(
+            parameter(result, "estimate")[1], parameter(alone, "estimate")[0], rtol=1e-3
+        )
+        assert diagnostic(result, "settled")
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS[1:3], ids=lambda estimator: estimator.name)
+def test_a_sharp_prior_outweighs_the_record_and_a_vague_one_does_not(estimator):
+    measurement = simulated(0.05, samples=200)
+    free = run(model(), measurement, estimator=estimator)
+    sharp = run(model(belief=Belief(1.9e4, 1e-6)), measurement, estimator=estimator)
+    vague = run(model(belief=Belief(1.9e4, 100.0)), measurement, estimator=estimator)
+    assert parameter(sharp, "estimate")[0] == pytest.approx(1.9e4, rel=1e-4)
+    deviation = parameter(free, "standard_error")
+    assert np.all(np.abs(parameter(vague, "estimate") - parameter(free, "estimate")) < deviation)
+
+
+def test_the_information_of_a_prior_adds_to_the_record():
+    """As wide as the record's own bound: with one unknown, the two weigh the same."""
+    c = JointParameter(value=20.0)
+    measurement = simulated(0.05, samples=200)
+    alone = run(model(c), measurement)
+    deviation = float(parameter(alone, "cramer_rao")[0]) / TRUE
+    mean = float(parameter(alone, "estimate")[0]) * np.exp(2 * deviation)
+    both = run(model(c, belief=Belief(mean, deviation)), measurement)
+    np.testing.assert_allclose(
+        parameter(both, "cramer_rao"), parameter(alone, "cramer_rao") / np.sqrt(2), rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        parameter(both, "cramer_rao_without_prior"), parameter(alone, "cramer_rao"), rtol=1e-12
+    )
+    # Half way between them, in logarithms; the noise is estimated and not exactly the true one.
+    moved = np.log(parameter(both, "estimate")[0] / parameter(alone, "estimate")[0])
+    assert moved == pytest.approx(deviation, rel=0.1)
+
+
+def test_a_prior_stands_in_for_what_the_record_does_not_tell():
+    """Two joints side by side cannot be told apart, but for a prior on one."""
+
+    def twins(belief=None):
+        unknown = {"start": 1e4, "true": 1e4}
+        joints = [
+            Joint("a", (3, 4), JointParameter(**unknown, belief=belief), 10.0),
+            Joint("b", (3, 4), JointParameter(**unknown), 10.0),
+        ]
+        return lumped(MASSES, [*LINKS, Link((2, 3), 2e4, 20)], joints)
+
+    with pytest.raises(NotIdentifiable, match="cannot be told apart"):
+        run(twins(), simulated(0.05, samples=200))
+    result = run(twins(Belief(1.1e4, 0.05)), simulated(0.05, samples=200))
+    assert parameter(result, "estimate").sum() == pytest.approx(2e4, rel=0.01)
+    assert parameter(result, "estimate")[0] == pytest.approx(1.1e4, rel=0.01)
+    assert np.isinf(parameter(result, "cramer_rao_without_prior")).all()
+    assert np.isfinite(parameter(result, "cramer_rao")).all()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"start": 1.0, "low": 2.0},
+        {"start": 1.0, "high": 0.5},
+        {"start": 1.0, "low": 0.0},
+        {"value": 1.0, "low": 0.5},
+        {"value": 1.0, "belief": Belief(1.0, 0.1)},
+        {"start": 1.0, "belief": Belief(-1.0, 0.1)},
+        {"start": 1.0, "belief": Belief(1.0, np.inf)},
+    ],
+)
+def test_nonsense_is_refused(given):
+    with pytest.raises(UsageError):
+        JointParameter(**given)
