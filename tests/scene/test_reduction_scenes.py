@@ -214,3 +214,15 @@ def test_the_screen_shows_the_elastic_modes_of_a_free_structure(tmp_path, capsys
     assert full[:2] == ["full", "10"]
     assert full[2:4] == row[2:4]
     assert "modes 1 … 2: of the rigid body, ω = 0" in out
+
+
+def test_an_indefinite_block_of_a_joint_is_refused_at_the_joint(tmp_path, capsys):
+    scene = tmp_path / "s.yaml"
+    scene.write_text(
+        "dynid: 1\nkind: reduction\nstructure: {lumped: {masses: [1, 2]}}\n"
+        "joints:\n  bolt: {dofs: [1, 2], k: [[1, -3], [-3, 1]]}\nreduction: [{method: guyan}]\n"
+    )
+    with pytest.raises(SystemExit) as stop:
+        main(["run", str(scene), "-o", str(tmp_path / "s.h5")])
+    assert stop.value.code == 2
+    assert "s.yaml:5:3: a joint's matrix must not be indefinite" in capsys.readouterr().err

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import DynidError, FileError, SceneError
+from dynid.errors import DynidError, FileError, SceneError, UsageError
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.outline import dof_faults
 from dynid.scene.schema.quantities import Quantity
@@ -164,7 +164,10 @@ def _each(given: Quantity | list[Quantity]) -> float | list[float]:
 
 
 def _joint(name: str, joint: JointModel) -> Joint:
-    return Joint(name, tuple(joint.dofs), _parameter(joint.k), _parameter(joint.c), _parameter(joint.m))
+    try:
+        return Joint(name, tuple(joint.dofs), _parameter(joint.k), _parameter(joint.c), _parameter(joint.m))
+    except UsageError as error:
+        raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
 
 
 def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | None:
