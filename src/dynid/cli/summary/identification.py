@@ -150,6 +150,10 @@ def _verdict(result: Result) -> Iterable[str]:
     yield f"  {result.value(f'{group}/verdict')} · {left} · white with p = {p:.2g}"
     if result.value(f"{group}/converged") and not result.value(f"{group}/white"):
         yield "  error bars are nominal: what is left is no noise"
+    bounds, known = "identification/parameters/at_bound", result["identification/parameters/name"].data
+    held = ", ".join(known[result[bounds].data]) if bounds in result else ""
+    if held:
+        yield f"  at a bound: {held}; without it the records would go on"
     condition = result.value(f"{group}/condition")
     relative = (
         result["identification/parameters/standard_error"].data
