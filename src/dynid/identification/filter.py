@@ -131,7 +131,9 @@ def _walk(
         whitened = H * weight[sample][:, None], innovation * weight[sample]
         z += _update(S, *whitened, present[sample], innovations[sample])
         check_run_away(model, z[n:], origin)
-        spread = np.sqrt(np.einsum("ij,ij->i", S, S))
+        unit = np.abs(S).max(axis=1)  # squares of large units overflow
+        shares = S / np.where(unit > 0, unit, 1.0)[:, None]
+        spread = np.sqrt(np.einsum("ij,ij->i", shares, shares)) * unit
         logs[sample], deviations[sample] = z[n:], spread[n:]
         states[sample], bands[sample] = z[:n], spread[:n]
     return S

@@ -321,10 +321,16 @@ def _update(t: Tables, sample: int, z: Array, S: Array, normalised: Array, work:
 
 @_inlined
 def _length(S: Array, row: int) -> float:
+    unit = 0.0  # squares of large units overflow
+    for c in range(S.shape[1]):
+        unit = max(unit, abs(S[row, c]))
+    if unit == 0.0:
+        return 0.0
     square = 0.0
     for c in range(S.shape[1]):
-        square += S[row, c] * S[row, c]
-    return math.sqrt(square)
+        share = S[row, c] / unit
+        square += share * share
+    return math.sqrt(square) * unit
 
 
 @_compiled

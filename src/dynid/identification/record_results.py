@@ -78,13 +78,13 @@ def _add_components(result: Result, group: str, dofs: Sequence[Label]) -> None:
 
 
 def add_spectrum(result: Result, group: str, measurement: Measurement, fit: Fit) -> None:
-    """Add the power spectral densities of the residuals of a record."""
-    omega, density = spectrum(fit.residual, measurement.step)
-    units = [f"({channel.unit})2.s/rad" for channel in measurement.channels]
+    """Add the spectra of the residuals of a record, as roots of power spectral densities."""
+    omega, amplitude = spectrum(fit.residual, measurement.step)
+    units = [f"{channel.unit}.(s/rad)^0.5" for channel in measurement.channels]
     result.add_axis(f"{group}/omega", omega, "rad/s")
     result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
     result.add(f"{group}/unit", units, ("channel",))
-    result.add(f"{group}/density", density, ("omega", "channel"), common_unit(units))
+    result.add(f"{group}/amplitude", amplitude, ("omega", "channel"), common_unit(units))
 
 
 def add_innovations(result: Result, group: str, measurement: Measurement, innovations: Array) -> None:

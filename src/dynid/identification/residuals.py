@@ -63,7 +63,7 @@ def autocorrelation(residual: Array) -> tuple[Array, Array]:
 
 
 def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
-    """Return the power spectral density of each channel, whose integral over omega is its mean square.
+    """Return the root of each channel's power spectral density, whose integral over omega is its mean square.
 
     Averaged over segments of up to 512 samples that overlap by half, under Hann's window (P. D. Welch, IEEE
     Trans. Audio Electroacoust. 15 (1967) 70–73). Missing samples count as zeros, and the power is raised by
@@ -79,7 +79,7 @@ def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
     Returns
     -------
     tuple
-        omega, rad/s, and one-sided densities (omega x channels), unit squared times s/rad.
+        omega, rad/s, and roots of one-sided densities (omega x channels), unit times the root of s/rad.
     """
     n = len(residual)
     length = min(n, _SEGMENT)
@@ -93,8 +93,8 @@ def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
     power[1 : (length + 1) // 2] *= 2
     omega = 2 * np.pi * np.fft.rfftfreq(length, step)
     present = np.count_nonzero(~np.isnan(residual), axis=0) / n
-    density = power * step / (2 * np.pi * np.sum(window**2)) / present * unit**2
-    return np.asarray(omega, dtype=float), np.asarray(density)
+    density = power * step / (2 * np.pi * np.sum(window**2)) / present
+    return np.asarray(omega, dtype=float), np.asarray(np.sqrt(density) * unit)
 
 
 def consistency(innovations: Array) -> Consistency:

@@ -52,7 +52,9 @@ def state_deviations(record: Fitter, fit: Fit, noise: Array, known: Array) -> Ar
 
 
 def _sizes(rows: Array) -> Array:
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", rows, rows)))
+    unit = np.abs(rows).max(axis=1)  # squares of large units overflow
+    shares = rows / np.where(unit > 0, unit, 1.0)[:, None]
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", shares, shares)) * unit)
 
 
 def _initial_root(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array:
