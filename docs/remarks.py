@@ -13,9 +13,8 @@ HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"  # Okabe and Ito: safe for all eyes
 DIRECT = "estimator={method: output-error}"
-RANDOM = (
-    "excitation=[{dof: %d, kind: random, amplitude: 122.5, seed: %d, band: [0, 300]}]"  # RMS of three lines
-)
+# Of the RMS of three lines of amplitude 100.
+RANDOM = "excitation=[{{dof: {}, kind: random, amplitude: 122.5, seed: {}, band: [0, 300]}}]"
 
 
 def run(name: str, *changes: str):

@@ -31,7 +31,8 @@ Made by `python docs/tables.py` from `configs/table1.yaml` … `table6.yaml`. Er
 (noise seed 1, started at half the true values); the bound is the Cramér–Rao bound on the standard error, at
 the true values, with the initial state unknown. What the errors are over 2,000 records of Tables 2 and 4:
 [monte_carlo.md](monte_carlo.md). Where the paper leaves step, duration and amplitude open they are 0.002 s,
-800 samples and 100 N. A clean record has no bound: what is left is rounding.
+800 samples and 100 N; an error of the paper below the bound (Table 4) is of another record. A clean record
+has no bound: what is left is rounding.
 """
 FIGURES = """\
 ![Histories, a state that is not measured, responses of reduced models.](tables.png)
