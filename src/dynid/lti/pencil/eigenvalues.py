@@ -269,7 +269,8 @@ def _refined(F: Any, G: Any, z: complex, room: float) -> tuple[complex, float]:
 
 def _vectors(F: Any, G: Any, z: complex, u: Complex, v: Complex) -> tuple[Complex, Complex]:
     """Return left and right vectors after one inverse iteration each."""
-    for nudge in (0.0, 4 * EPSILON * abs(z), EPSILON):  # singular to the last bit: from beside it
+    beside = [4**k * EPSILON * abs(z) for k in range(1, 8)]  # singular to the last bit: from beside it
+    for nudge in (0.0, *beside, EPSILON):
         left, right = _solved((z + nudge) * F - G, u, v)
         if np.isfinite(left).all() and np.isfinite(right).all():
             return left / np.linalg.norm(left), right / np.linalg.norm(right)
