@@ -152,5 +152,5 @@ def test_stored_energy_is_an_equivalent_source_at_a_port():
     assert result.value("bond_graph/port/load/f_eq/initial:m/exact") == "(-4)/s"
     # the source: u and the C's displacement 3 * 2 = 6 drive a 0-junction of 1/2 + 3 s
     assert result.value("bond_graph/port/source/f_eq/initial:c/exact") == "6"
-    assert result.value("bond_graph/port/source/Y_eq/exact") == "(6*s + 1)/(2)"
-    assert result.value("bond_graph/port/source/e_eq/initial:c/exact") == "(12)/(6*s + 1)"
+    assert result.value("bond_graph/port/source/Y_eq/exact") == "(6*s + 1)/2"
+    assert result.value("bond_graph/port/source/e_eq/initial:c/exact") == "12/(6*s + 1)"
