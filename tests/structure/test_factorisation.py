@@ -153,6 +153,13 @@ def test_a_pivot_that_is_rounding_has_no_sign():
         negatives(sp.csc_array(A))
 
 
+def test_pivots_that_grow_without_bound_are_left_for_dense_ones():
+    rows = "0 -2 0 1 3 0; 1 0 3 0 3 1; 0 0 0 1 -1 0; 0 0 0 0 0 1; -2 0 0 0 0 1; 1 -1 0 0 2 3"
+    half = np.array([[float(entry) for entry in row.split()] for row in rows.split(";")])
+    A = half + half.T
+    assert negatives(sp.csc_array(A)) == exact_negatives(A)
+
+
 def test_counts_below_values_of_a_dense_and_a_sparse_pencil():
     K, exact = grid(12)
     M = sp.eye_array(144, format="csc")

@@ -41,7 +41,12 @@ def negatives(A: Matrix, backend: str = "splu") -> int:
     from dynid.structure.factorisation import factorise
 
     for diagonal in (False, True) if backend == "splu" else (False,):
-        factor = factorise(A, backend, definite=diagonal)  # of SuperLU: pivots on the diagonal at any price
+        try:
+            factor = factorise(A, backend, definite=diagonal)
+        except NumericalError:
+            if not diagonal:
+                raise
+            break  # SuperLU's pivots on the diagonal at any price: the price was too high
         if factor.error <= _ROUNDING and (found := factor.negatives) is not None:
             return found
         del factor  # before the next one is made
