@@ -8,8 +8,8 @@ import pytest
 
 import dynid
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.decomposition.performance import static_characteristics
 from dynid.bondgraph.graph import Bond
-from dynid.bondgraph.performance import static_characteristics
 from dynid.bondgraph.question import Analysis
 from dynid.store import write_result
 from tests.bondgraph.graphs import ISOLATOR, written

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dynid.bondgraph.cut import OnLoop
-from dynid.bondgraph.decomposition import Decomposition
-from dynid.bondgraph.dynamics import dynamics_of
+from dynid.bondgraph.decomposition.cut import OnLoop
+from dynid.bondgraph.decomposition.dynamics import dynamics_of
+from dynid.bondgraph.decomposition.equivalents import Decomposition
 from dynid.bondgraph.graph import Bond
 from dynid.bondgraph.natural import characteristic_polynomials
 from dynid.bondgraph.results.dynamics import polynomial_text

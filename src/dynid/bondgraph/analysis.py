@@ -101,7 +101,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
 
 def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: Bond) -> None:
-    from dynid.bondgraph.decomposition import Decomposition
+    from dynid.bondgraph.decomposition.equivalents import Decomposition
     from dynid.bondgraph.results.port import add_port, add_port_response, add_requested
 
     parts = Decomposition(reduced.graph, port, analysis.inputs, tuple(analysis.initial))

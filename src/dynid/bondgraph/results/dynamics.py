@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.bondgraph.dynamics import Dynamics, dynamics_of
+from dynid.bondgraph.decomposition.dynamics import Dynamics, dynamics_of
 from dynid.bondgraph.engines import modelled_storages
 from dynid.bondgraph.question import Engine
 from dynid.bondgraph.reduced import ReducedGraph

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.decomposition import Decomposition, Side
-from dynid.bondgraph.dynamics import dynamics_of
+from dynid.bondgraph.decomposition.dynamics import dynamics_of
+from dynid.bondgraph.decomposition.equivalents import Decomposition, Side
+from dynid.bondgraph.decomposition.performance import static_characteristics
 from dynid.bondgraph.formula import readable_registers
-from dynid.bondgraph.performance import static_characteristics
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.writing import TEXT

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from dynid.bondgraph.cut import bond_fault, loop_fault
+from dynid.bondgraph.decomposition.cut import bond_fault, loop_fault
 from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
 from dynid.bondgraph.question import NUMERIC
 from dynid.errors import Fault

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial, reduce
 from typing import Any
 
-from dynid.bondgraph.cut import Cut
+from dynid.bondgraph.decomposition.cut import Cut
 from dynid.bondgraph.graph import JUNCTIONS, Bond, BondGraph, NodeType, Port
 from dynid.bondgraph.reduced import Planned
 from dynid.bondgraph.reduction.junctions import Junction
