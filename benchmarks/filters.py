@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.augmented import augmented
-from dynid.identification.auto import Auto
-from dynid.identification.compiled import VARIABLE
 from dynid.identification.ensemble import Ensemble
+from dynid.identification.estimators.auto import Auto
+from dynid.identification.estimators.passes import first_noise, run_passes
+from dynid.identification.filtering.compiled import VARIABLE
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Measurement, Simulation, data
-from dynid.identification.passes import first_noise, run_passes
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
+from dynid.identification.estimators.output_error import OutputError
+from dynid.identification.estimators.passes import Filter
 from dynid.identification.information import information
 from dynid.identification.measurement import Measurement
-from dynid.identification.output_error import OutputError
-from dynid.identification.passes import Filter
 from dynid.identification.residuals import autocorrelation, consistency, spectrum
 from dynid.identification.verdict import Facts, Sensor, verdict, warnings
 from dynid.structure.response import Channel

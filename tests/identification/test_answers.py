@@ -5,9 +5,9 @@ import pytest
 
 import dynid
 from dynid.errors import Diverged, DynidError
+from dynid.identification.estimators.output_error import OutputError
+from dynid.identification.estimators.passes import Filter
 from dynid.identification.measurement import Measurement
-from dynid.identification.output_error import OutputError
-from dynid.identification.passes import Filter
 from dynid.lti.signals import Multisine
 from dynid.structure.response import Load
 from tests.identification.cases import (

@@ -6,10 +6,10 @@ from scipy.optimize import least_squares
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.augmented import augmented
+from dynid.identification.estimators.output_error import OutputError
+from dynid.identification.estimators.passes import Filter
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Measurement, data
-from dynid.identification.output_error import OutputError
-from dynid.identification.passes import Filter
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
 from dynid.structure.response import Channel

@@ -9,7 +9,7 @@ from dynid.identification import augmented as cost
 from dynid.identification.augmented import augmented
 from dynid.identification.diagnostics import chi_squared_tail, root_mean_square
 from dynid.identification.estimate import identify
-from dynid.identification.filter import Prior, filter_pass, run_away
+from dynid.identification.filtering.filter import Prior, filter_pass, run_away
 from dynid.identification.measurement import Measurement, Simulation
 from dynid.lti.signals import Multisine, Record, signal
 from dynid.structure.joints import Joint

@@ -5,8 +5,8 @@ import pytest
 
 from dynid.errors import Diverged, NotIdentifiable, UsageError
 from dynid.identification.estimate import identify
+from dynid.identification.estimators.passes import Filter
 from dynid.identification.measurement import Measurement, Simulation
-from dynid.identification.passes import Filter
 from dynid.lti.signals import Impulse, Multisine, Record, signal
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

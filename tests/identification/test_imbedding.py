@@ -5,8 +5,8 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.identification.augmented import augmented
+from dynid.identification.estimators.imbedding import InvariantImbedding, _Flow
 from dynid.identification.fit import fitter
-from dynid.identification.imbedding import InvariantImbedding, _Flow
 from dynid.identification.measurement import Measurement, data
 from tests.identification.cases import (
     LOADS,

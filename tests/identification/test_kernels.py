@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.errors import Diverged, UsageError
-from dynid.identification import filter as filtering
 from dynid.identification.augmented import augmented
-from dynid.identification.compiled import VARIABLE, compiled
-from dynid.identification.filter import filter_pass
+from dynid.identification.filtering import filter as filtering
+from dynid.identification.filtering.compiled import VARIABLE, compiled
+from dynid.identification.filtering.filter import filter_pass
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Data, data
 from dynid.lti.signals import Chirp, Step
@@ -141,7 +141,7 @@ def test_no_folder_to_write_to_is_no_fault():
     script = (
         "import numba.core.caching as c\n"
         "c.CacheImpl._locator_classes = []\n"
-        "from dynid.identification import kernels\n"
+        "from dynid.identification.filtering import kernels\n"
         "assert kernels._degree(1.0) == 17, kernels._degree(1.0)\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True, timeout=120)

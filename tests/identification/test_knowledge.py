@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotIdentifiable, UsageError
-from dynid.identification.auto import Auto
-from dynid.identification.imbedding import InvariantImbedding
-from dynid.identification.output_error import OutputError
-from dynid.identification.passes import Filter
+from dynid.identification.estimators.auto import Auto
+from dynid.identification.estimators.imbedding import InvariantImbedding
+from dynid.identification.estimators.output_error import OutputError
+from dynid.identification.estimators.passes import Filter
 from dynid.structure.joints import Belief, Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from tests.identification.cases import LINKS, MASSES, diagnostic, parameter, run, simulated

@@ -9,11 +9,11 @@ from scipy.stats import kstest
 from dynid.errors import NotIdentifiable
 from dynid.identification.augmented import augmented
 from dynid.identification.diagnostics import is_explained, is_settled, whiteness
-from dynid.identification.filter import Prior, filter_pass
+from dynid.identification.estimators.passes import Filter
+from dynid.identification.filtering.filter import Prior, filter_pass
 from dynid.identification.fit import fitter
 from dynid.identification.information import information
 from dynid.identification.measurement import data
-from dynid.identification.passes import Filter
 from dynid.lti.signals import Impact, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -5,10 +5,10 @@ import pytest
 
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.estimate import Experiment, identify_all
-from dynid.identification.imbedding import InvariantImbedding
+from dynid.identification.estimators.imbedding import InvariantImbedding
+from dynid.identification.estimators.output_error import OutputError
+from dynid.identification.estimators.passes import Filter
 from dynid.identification.measurement import Measurement, Simulation
-from dynid.identification.output_error import OutputError
-from dynid.identification.passes import Filter
 from dynid.lti.propagate import response
 from dynid.lti.signals import Multisine
 from dynid.structure.response import Channel, Load, ports

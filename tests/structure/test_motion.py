@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dynid.errors import UsageError
-from dynid.identification.auto import Auto
 from dynid.identification.estimate import identify
+from dynid.identification.estimators.auto import Auto
 from dynid.identification.measurement import Measurement, Simulation
 from dynid.lti.signals import Multisine, Sampled, Step
 from dynid.structure.joints import Joint, JointParameter

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.augmented import augmented, unknowns_of
-from dynid.identification.auto import Auto
 from dynid.identification.ensemble import Ensemble
-from dynid.identification.estimation import Estimation, Estimator, Sweep
-from dynid.identification.filter import ASTRAY, Pass
+from dynid.identification.estimators.auto import Auto
+from dynid.identification.estimators.estimation import Estimation, Estimator, Sweep
+from dynid.identification.filtering.filter import ASTRAY, Pass
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Data, Experiment, Measurement, as_estimated, data
 from dynid.identification.model_error import ModelError, model_error

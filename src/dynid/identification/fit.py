@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel
 from dynid.identification.diagnostics import root_mean_square
-from dynid.identification.filter import Prior
+from dynid.identification.filtering.filter import Prior
 from dynid.identification.information import STATE_RANK, Information, information, least_squares, thin_svd
 from dynid.identification.measurement import Data
 from dynid.identification.prediction import Prediction, free_prediction, prediction

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.filter import Prior
+from dynid.identification.filtering.filter import Prior
 from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]

@@ -18,8 +18,8 @@ from dynid.identification.diagnostics import (
     whiteness,
 )
 from dynid.identification.ensemble import Ensemble, JointFit
-from dynid.identification.estimation import Estimation, Sweep
-from dynid.identification.filter import Pass
+from dynid.identification.estimators.estimation import Estimation, Sweep
+from dynid.identification.filtering.filter import Pass
 from dynid.identification.information import Information, untold
 from dynid.identification.measurement import Experiment
 from dynid.identification.model_error import ModelError

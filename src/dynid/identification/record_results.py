@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel
-from dynid.identification.filter import Pass
+from dynid.identification.filtering.filter import Pass
 from dynid.identification.fit import Fit, Fitter
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.residuals import consistency, spectrum

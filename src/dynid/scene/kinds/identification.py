@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from dynid.identification.estimate import Rebuild
-    from dynid.identification.estimation import Estimator
+    from dynid.identification.estimators.estimation import Estimator
     from dynid.identification.measurement import Experiment
     from dynid.lti.generator import Record
     from dynid.scene.kinds.reductions import LocatedReductor
@@ -114,10 +114,10 @@ def _identified(
 
 def _estimator(given: EstimatorModel) -> Estimator:
     """Return the estimator that a scene names."""
-    from dynid.identification.auto import Auto
-    from dynid.identification.imbedding import InvariantImbedding
-    from dynid.identification.output_error import OutputError
-    from dynid.identification.passes import Filter
+    from dynid.identification.estimators.auto import Auto
+    from dynid.identification.estimators.imbedding import InvariantImbedding
+    from dynid.identification.estimators.output_error import OutputError
+    from dynid.identification.estimators.passes import Filter
 
     kinds = (Auto, Filter, OutputError, InvariantImbedding)
     options: dict[str, Any] = given.options()

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from dynid.errors import DynidError
 from dynid.identification.diagnostics import is_coloured, is_explained
 from dynid.identification.ensemble import Ensemble
-from dynid.identification.estimation import Estimation, Stage, Sweep
-from dynid.identification.output_error import refine
-from dynid.identification.passes import annealed_passes, last, run_passes
+from dynid.identification.estimators.estimation import Estimation, Stage, Sweep
+from dynid.identification.estimators.output_error import refine
+from dynid.identification.estimators.passes import annealed_passes, last, run_passes
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.identification.ensemble import Ensemble
-from dynid.identification.estimation import Estimation, Stage, Sweep
-from dynid.identification.filter import Pass, Prior, filter_pass
+from dynid.identification.estimators.estimation import Estimation, Stage, Sweep
+from dynid.identification.filtering.filter import Pass, Prior, filter_pass
 from dynid.identification.fit import Fitter
 
 Array = NDArray[np.float64]

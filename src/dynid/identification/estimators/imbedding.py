@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.ensemble import Ensemble
-from dynid.identification.estimation import Estimation, Stage
-from dynid.identification.filter import ASTRAY, Pass, Prior, check_run_away
+from dynid.identification.estimators.estimation import Estimation, Stage
+from dynid.identification.estimators.passes import chained, last
+from dynid.identification.filtering.filter import ASTRAY, Pass, Prior, check_run_away
 from dynid.identification.fit import Fitter
-from dynid.identification.passes import chained, last
 
 Array = NDArray[np.float64]
 

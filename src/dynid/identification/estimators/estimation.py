@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.ensemble import Ensemble, JointFit
-from dynid.identification.filter import Pass
+from dynid.identification.filtering.filter import Pass
 
 Array = NDArray[np.float64]
 

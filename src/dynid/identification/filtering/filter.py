@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged
 from dynid.identification.augmented import AugmentedModel
-from dynid.identification.compiled import compiled
+from dynid.identification.filtering.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -149,7 +149,7 @@ def _walk_compiled(
     history: _History,
 ) -> Array:
     """Do the same by the kernel; where its series does not reach, the step is taken here."""
-    from dynid.identification import kernels  # loads numba
+    from dynid.identification.filtering import kernels  # loads numba
 
     tables = kernels.tables(model, measured, weight)
     padded = kernels.padded(S)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import DynidError, UsageError
 from dynid.identification.ensemble import Ensemble, JointFit
-from dynid.identification.estimation import Estimation, Stage
-from dynid.identification.filter import check_run_away
+from dynid.identification.estimators.estimation import Estimation, Stage
+from dynid.identification.filtering.filter import check_run_away
 from dynid.identification.information import Information, least_squares
 
 Array = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""The filter of the augmented state: one pass, in NumPy or compiled."""
