@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
-from dynid.errors import DynidError
-from dynid.identification.measurement import Measurement, Simulation, data
+from dynid.cli.summary.identification import lines
+from dynid.errors import Diverged, DynidError
+from dynid.identification.measurement import Measurement, Simulation, data, simulated
+from dynid.lti.signals import Sampled
 from dynid.scene.dispatch import run_scene
+from dynid.scene.kinds.records import experiments
 from dynid.scene.load import load_scene
-from dynid.structure.response import Channel
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.response import Channel, Load
 from tests.identification.cases import LOADS, suspension
 from tests.scene.test_identification_scenes import SCENE as ONE
 from tests.scene.written import faults_of
@@ -223,3 +228,104 @@ def test_bounds_and_priors_in_a_scene(tmp_path):
     ):
         found = faults_of(text.replace(right, wrong))
         assert any(fault in line for line in found), found
+
+
+PREPARED = (
+    HEAD.replace(", true: 20", "").replace(", true: 2", "")
+    + """\
+excitation: {dof: 2, kind: file, path: a.csv, column: force}
+measurement:
+  step: 0.02
+  samples: 2000
+  channels: [{dof: 2, quantity: displacement}]
+  file: {path: a.csv, columns: [motion]}
+  prepare:
+    - {detrend: linear}
+    - {band_pass: [0.5, 6], unit: Hz}
+    - {decimate: 3}
+estimator: {method: output-error}
+"""
+)
+
+
+@pytest.fixture
+def drifting(tmp_path):
+    """A folder with a record, whose sensor drifts."""
+    joints = [Joint("j", (1, 2), JointParameter(value=20.0), JointParameter(value=2.0))]
+    model = lumped((2, 1), (Link((1,), 100.0, 1.0),), joints)
+    force = np.random.default_rng(2).standard_normal(2000)
+    measurement = Measurement(0.02, 2000, (Channel(2, "displacement"),), Simulation())
+    clean = simulated(model, (Load(2, Sampled(force, 0.02)),), measurement).outputs[:, 0]
+    times = 0.02 * np.arange(2000)
+    rows = np.column_stack([times, force, clean + 0.3 + 0.02 * times])
+    np.savetxt(tmp_path / "a.csv", rows, fmt="%.12g", delimiter=",", header="time,force,motion", comments="")
+    return tmp_path
+
+
+def test_a_scene_prepares_its_record_and_says_so(drifting):
+    with pytest.raises(Diverged, match="explains nothing"):
+        run(drifting, PREPARED.replace("prepare:", "prepare: []  #").replace("    - {", "    # - {"))
+    result = run(drifting, PREPARED)
+    estimate = result["identification/parameters/estimate"].data
+    np.testing.assert_allclose(estimate, [20, 2], rtol=1e-3)
+    said = "detrend linear; band-pass 3.1416 … 37.699 rad/s; decimate 3"
+    assert result.group_attrs["identification/measurement"]["prepared"] == said
+    assert f"  prepared: {said}" in lines(result)
+    times = result["identification/measurement/time"].data
+    np.testing.assert_allclose(np.diff(times), 0.06)
+
+
+def test_records_share_their_preparation_and_may_do_without(drifting):
+    records = "    - {decimate: 3}\n  records: [{}, {prepare: [], samples: 400}]\n"
+    (drifting / "x.yaml").write_text(PREPARED.replace("    - {decimate: 3}\n", records))
+    scene = load_scene(drifting / "x.yaml")
+    first, second = experiments(scene, scene.model.excitation, scene.model.measurement)
+    assert first.measurement.step == pytest.approx(0.06)
+    assert len(first.measurement.prepared) == 3
+    assert (second.measurement.samples, second.measurement.prepared) == (400, ())
+    assert second.loads[0].signal.step == 0.02
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ("[0.5, 6]", "[6, 0.5]", "15:19: a band is [low, high], and low is not below high"),
+        ("[0.5, 6]", "[0.5]", "15:19: 'band_pass' has 1 entr"),
+        ("decimate: 3", "decimate: 1", "16:18: 'decimate' must be at least 2, not 1"),
+        ("decimate: 3", "decimat: 3", "16:8: 'decimat' is not a key of measurement.prepare.2; did you mean"),
+        ("{decimate: 3}", "{decimate: 3, detrend: linear}", "16:7: a step of 'prepare' is one of"),
+        ("{decimate: 3}", "{decimate: 3, unit: Hz}", "16:7: 'unit' and 'order' are those of a 'band_pass'"),
+        (
+            "detrend: linear",
+            "detrend: quadratic",
+            "14:17: 'detrend' cannot be 'quadratic'; it is one of constant, linear",
+        ),
+        (
+            "file: {path: a.csv, columns: [motion]}",
+            "simulate: {}",
+            "simulated; only what is read from a 'file'",
+        ),
+    ],
+)
+def test_a_preparation_that_makes_no_sense_is_placed(right, wrong, fault):
+    assert right in PREPARED
+    found = faults_of(PREPARED.replace(right, wrong, 1))
+    assert found, found
+    assert any(fault in one for one in found), found
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "place"),
+    [
+        ("[0.5, 6]", "[0.5, 30]", "15:8"),
+        ("decimate: 3", "decimate: 4000", "16:8"),
+        ("[0.5, 6]", "[0.001, 6]", "15:8"),
+    ],
+)
+def test_a_preparation_that_the_record_does_not_allow_is_placed(drifting, right, wrong, place):
+    (drifting / "x.yaml").write_text(PREPARED.replace(right, wrong, 1))
+    scene = load_scene(drifting / "x.yaml")
+    with pytest.raises(DynidError) as caught:
+        run_scene(scene)
+    fault = scene.locate(caught.value)
+    assert f"{fault.line}:{fault.column}" == place, str(fault)

@@ -82,6 +82,10 @@ class Measurement:
     noise
         Standard deviation of the noise that the estimator is told, in the channel's unit: one number, or one
         a channel, NaN where it is unknown. Absent: it is estimated from the residuals.
+    start
+        Time of the first measured sample on the clock of the loads, s.
+    prepared
+        What was done to the samples before, step by step; see `preparation.prepare`.
     """
 
     step: float
@@ -89,6 +93,8 @@ class Measurement:
     channels: tuple[Channel, ...]
     source: Simulation | ArrayLike = field(default_factory=Simulation)
     noise: float | Sequence[float] | None = None
+    start: float = 0.0
+    prepared: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         channels = tuple(Channel(*channel) for channel in self.channels)
@@ -123,7 +129,7 @@ class Measurement:
     @property
     def record(self) -> Record:
         """The record: step, samples, and the time of the first one."""
-        start = self.source.settle if isinstance(self.source, Simulation) else 0.0
+        start = self.source.settle if isinstance(self.source, Simulation) else self.start
         return Record(self.step, self.samples, start)
 
 

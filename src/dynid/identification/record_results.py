@@ -116,6 +116,8 @@ def add_measurement(result: Result, group: str, record: Fitter, experiment: Expe
     units_in = [load.unit for load in loads]
     result.add(f"{group}/input_unit", units_in, ("excitation",))
     result.add(f"{group}/input", inputs, ("time", "excitation"), common_unit(units_in))
+    if experiment.measurement.prepared:
+        result.annotate(group, prepared="; ".join(experiment.measurement.prepared))
     if data.noise is not None:
         result.add(f"{group}/noise", data.noise, ("channel",), unit)
     if data.given is not None:

@@ -19,6 +19,7 @@ _MOST_MODES, _SHOWN = 20, 8
 _WIDE = 1.959963984540054
 #: Condition of the information above which parameters are told apart badly.
 _BADLY = 1e3
+_MEASURED = "identification/measurement"
 
 
 def method(result: Result) -> str:
@@ -40,7 +41,7 @@ def lines(result: Result) -> list[str]:
     """Return the screen, line by line."""
     said: list[str] = []
     if "identification/parameters/name" in result:
-        said += [_record(result), "", *_table(result), "", *_verdict(result), ""]
+        said += [_record(result), *_prepared(result), "", *_table(result), "", *_verdict(result), ""]
     said += identifiability_lines(result)
     if "structure/modes/omega" in result:
         said += [*_modes(result), ""]
@@ -72,7 +73,7 @@ def _modes(result: Result) -> Iterable[str]:
 
 
 def _record(result: Result) -> str:
-    group = "identification/measurement"
+    group = _MEASURED
     several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
     every = [path.removesuffix("/measured") for path in several] or [group]
     measured = [result[f"{path}/measured"].data for path in every]
@@ -86,6 +87,12 @@ def _record(result: Result) -> str:
         f"  {states} physical states, {unknowns} unknown parameters; "
         f"{records}{sum(map(len, measured))} samples of {'; '.join(lists)}{gaps}"
     )
+
+
+def _prepared(result: Result) -> Iterable[str]:
+    """Yield what was done to the records before, one line for all that were treated alike."""
+    attrs = (attrs for group, attrs in result.group_attrs.items() if _MEASURED in group)
+    yield from dict.fromkeys(f"  prepared: {found['prepared']}" for found in attrs if "prepared" in found)
 
 
 def _table(result: Result) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import FileError
+from dynid.errors import FileError, UsageError
 from dynid.scene.kinds.grids import build_signals, layout_of
 from dynid.scene.kinds.structures import number
 from dynid.structure.response import Channel, Load
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.identification.measurement import Experiment, Measurement
+    from dynid.identification.preparation import Preparation
     from dynid.lti.generator import Record
     from dynid.scene.load import Scene
     from dynid.scene.schema.common import SignalPart
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         ChannelModel,
         MeasuredFileModel,
         MeasurementModel,
+        PrepareModel,
         RecordModel,
     )
     from dynid.scene.schema.quantities import Quantity
@@ -41,8 +43,33 @@ def experiments(scene: Scene, excitation: Sequence[SignalPart], given: Measureme
         where, parts = (
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
         )
-        found.append(Experiment(loads_of(scene, where, parts, measurement.record), measurement))
+        experiment = Experiment(loads_of(scene, where, parts, measurement.record), measurement)
+        found.append(_prepared(scene, experiment, record.prepare or [], place))
     return found
+
+
+def _prepared(scene: Scene, experiment: Experiment, given: Sequence[PrepareModel], place: str) -> Experiment:
+    """Return a record prepared as the scene says; a step that makes no sense is placed in it."""
+    from dynid.identification.preparation import prepare
+
+    try:
+        return prepare(experiment, [_preparation(step) for step in given])
+    except UsageError as error:
+        where = _own_or_shared(scene, place, "prepare").rpartition(".")[0]
+        names = [f"{where}.{name}" for name in error.names]
+        raise UsageError(error.problem, remedy=error.remedy, names=names) from error
+
+
+def _preparation(given: PrepareModel) -> Preparation:
+    from dynid.identification.preparation import BandPass, Decimate, Detrend
+    from dynid.scene.schema.reductions import in_radians
+
+    if given.band_pass is not None:
+        low, high = (in_radians(float(edge), given.unit or "rad/s") for edge in given.band_pass)
+        return BandPass(low, high) if given.order is None else BandPass(low, high, given.order)
+    if given.decimate is not None:
+        return Decimate(given.decimate)
+    return Detrend(1 if given.detrend == "linear" else 0)
 
 
 def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
@@ -84,9 +111,7 @@ def _measured(
     """Read the samples of a record (samples x channels)."""
     from dynid.scene.kinds.tables import read_columns
 
-    path, where = scene.folder / (file.path or ""), f"{place}.file"
-    if "file" not in _raw(scene, place):
-        where = "measurement.file"  # shared by the records
+    path, where = scene.folder / (file.path or ""), _own_or_shared(scene, place, "file")
     table = read_columns(path, file.columns, step=step, place=where, layout=layout_of(file))
     if table.shape[1] != shape[1]:
         raise FileError(
@@ -102,12 +127,12 @@ def _measured(
     return table[: shape[0]]
 
 
-def _raw(scene: Scene, place: str) -> Any:
-    """Return what stands at a dotted place of a scene."""
+def _own_or_shared(scene: Scene, place: str, key: str) -> str:
+    """Return where a key of the record at a dotted place of a scene stands: there, or for all records."""
     found: Any = scene.source.data
-    for key in place.split("."):
-        found = found[int(key) if isinstance(found, list) else key]
-    return found
+    for part in place.split("."):
+        found = found[int(part) if isinstance(found, list) else part]
+    return f"{place}.{key}" if key in found else f"measurement.{key}"
 
 
 def loads_of(scene: Scene, where: str, parts: Sequence[SignalPart], record: Record) -> list[Load]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from dynid.scene.schema.beams import PerElement, PerElementOrZero
 from dynid.scene.schema.common import Dof, MotionQuantity, Part, Signals, TablePlace
-from dynid.scene.schema.quantities import NotNegative, Positive, fault
+from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, fault
 
 Column = str | Annotated[int, Field(ge=1, strict=True)]
 
@@ -60,6 +60,32 @@ class MeasuredFileModel(TablePlace):
     columns: list[Column] | None = None
 
 
+class PrepareModel(Part):
+    """One step that prepares measured samples: subtract a trend, pass a band, or keep every n-th sample."""
+
+    detrend: Literal["constant", "linear"] | None = None
+    band_pass: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+    unit: Literal["rad/s", "Hz"] | None = None
+    order: int | None = Field(default=None, ge=1, le=10, strict=True)
+    decimate: int | None = Field(default=None, ge=2, le=100_000, strict=True)
+
+    @field_validator("band_pass")
+    @classmethod
+    def _is_a_band(cls, band: list[Quantity] | None) -> list[Quantity] | None:
+        if band and band[0].value >= band[1].value:
+            raise fault("a band is [low, high], and low is not below high")
+        return band
+
+    @model_validator(mode="after")
+    def _is_one_step(self) -> Self:
+        steps = [name for name in ("detrend", "band_pass", "decimate") if getattr(self, name) is not None]
+        if len(steps) != 1:
+            raise fault("a step of 'prepare' is one of 'detrend', 'band_pass' and 'decimate'")
+        if self.band_pass is None and (self.unit is not None or self.order is not None):
+            raise fault("'unit' and 'order' are those of a 'band_pass'")
+        return self
+
+
 class RecordModel(Part):
     """One record; what it does not say itself it shares with the others of the measurement."""
 
@@ -69,6 +95,7 @@ class RecordModel(Part):
     noise: PerElement | None = None
     simulate: SimulateModel | None = None
     file: MeasuredFileModel | None = None
+    prepare: list[PrepareModel] | None = Field(default=None, max_length=20)
     excitation: Signals | None = None
 
     def completed(self, shared: RecordModel, number: int) -> RecordModel:
@@ -95,6 +122,8 @@ class RecordModel(Part):
                 raise fault(f"{of} needs the key '{key}'")
         if (self.simulate is None) == (self.file is None):
             raise fault(f"{of} is either 'simulate'd or read from a 'file'")
+        if self.simulate is not None and self.prepare:
+            raise fault(f"{of} is simulated; only what is read from a 'file' can be 'prepare'd")
         channels = len(self.channels or ())
         if self.file is not None:
             if self.file.path is None:
