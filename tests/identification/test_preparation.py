@@ -5,8 +5,8 @@ import pytest
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimate import identify
+from dynid.identification.estimators.output_error import OutputError
 from dynid.identification.measurement import Experiment, Measurement, Simulation, simulated
-from dynid.identification.output_error import OutputError
 from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Random, Sampled, Sine, Step
 from dynid.structure.joints import Joint, JointParameter
@@ -89,9 +89,8 @@ def test_a_drift_spoils_the_estimate_and_preparation_mends_it(shaken):
     assert errors(drifting).max() > 3e-3
     assert errors(prepare(drifting, [Detrend(1), BandPass(3.0, 50.0)])).max() < 1e-4
     assert errors(prepare(drifting, [BandPass(3.0, 50.0), Decimate(2)])).max() < 1e-4
-    assert (
-        errors(prepare(drifting, [Detrend(1)])).max() < 2e-3
-    )  # the least-squares line takes some motion with it
+    # The line of least squares takes some of the motion with it.
+    assert errors(prepare(drifting, [Detrend(1)])).max() < 3e-4
 
 
 @pytest.mark.parametrize("hold", ["spline", "linear", "zero"])
