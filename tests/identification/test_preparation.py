@@ -132,6 +132,7 @@ def test_the_record_tells_what_was_done_to_it(shaken):
     result = identify(structure(), *prepared, estimator=OutputError())
     attrs = result.group_attrs["identification/measurement"]
     assert attrs["prepared"] == "detrend constant; decimate 4"
+    assert attrs["start"] == measurement.start
 
 
 def test_detrending_passes_over_missing_samples_and_leaves_a_dead_sensor_dead():
@@ -177,3 +178,20 @@ def test_gaps_are_not_filtered_nor_simulations_prepared():
     made = Experiment((), Measurement(STEP, 10, CHANNELS, Simulation()))
     with pytest.raises(UsageError, match="simulated"):
         prepare(made, [Detrend(0)])
+
+
+@pytest.mark.parametrize("steps", [[BandPass(3.0, 50.0)], [Decimate(3)]], ids=lambda steps: steps[0].said)
+def test_error_bars_of_a_given_noise_are_those_of_the_band_that_is_left(shaken, steps):
+    noise = np.array([0.01, 1.0])
+    generator = np.random.default_rng(8)
+    scores = []
+    for _ in range(20):
+        noisy = shaken + noise * generator.standard_normal(shaken.shape)
+        experiment = prepare(recorded(FORCE, noisy, noise=list(noise)), steps)
+        result = identify(structure(), *experiment, estimator=OutputError())
+        get = {
+            name: result[f"identification/parameters/{name}"].data for name in ("estimate", "standard_error")
+        }
+        scores.append((get["estimate"] - [K, C]) / get["standard_error"])
+    # The RMS of 40 scores scatters by 11 %.
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.3

@@ -212,6 +212,12 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
     ------
     UsageError
         Where a step makes no sense for the record; it names the step, ``prepare.<k>.<name>``.
+
+    Notes
+    -----
+    White noise comes out of a filter coloured. A noise that is given is passed on as its density in the band
+    that is left, so that error bars are right there; one that is estimated from the residuals is an average
+    over the whole band, and the verdict calls the error bars nominal.
     """
     given = experiment.measurement
     if not steps:

@@ -116,8 +116,10 @@ def add_measurement(result: Result, group: str, record: Fitter, experiment: Expe
     units_in = [load.unit for load in loads]
     result.add(f"{group}/input_unit", units_in, ("excitation",))
     result.add(f"{group}/input", inputs, ("time", "excitation"), common_unit(units_in))
-    if experiment.measurement.prepared:
-        result.annotate(group, prepared="; ".join(experiment.measurement.prepared))
+    measurement = experiment.measurement
+    if measurement.prepared:
+        # `time` counts from the first sample that is left; on the clock of the record it is at `start`, s.
+        result.annotate(group, prepared="; ".join(measurement.prepared), start=measurement.start)
     if data.noise is not None:
         result.add(f"{group}/noise", data.noise, ("channel",), unit)
     if data.given is not None:
