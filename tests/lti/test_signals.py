@@ -111,17 +111,28 @@ def test_sampled_is_not_continued_beyond_its_samples():
         SIGNALS["spline"].value(np.array([3.1]))
 
 
-def test_random_is_periodic_and_seeded_and_has_its_deviation():
-    first, again, other = (signal("random", {"amplitude": 2.0, "seed": s}, RECORD) for s in (1, 1, 2))
+@pytest.mark.parametrize("band", [None, [0, 310]])
+def test_random_is_seeded_and_has_its_deviation(band):
+    def noise(seed):
+        return signal("random", {"amplitude": 2.0, "seed": seed, "band": band}, RECORD)
+
+    first, again, other = noise(1), noise(1), noise(2)
     t = RECORD.times
     assert first.value(t).tobytes() == again.value(t).tobytes()
     assert np.abs(first.value(t) - other.value(t)).max() > 1
-    np.testing.assert_allclose(first.value(t), first.value(t + 3.01), atol=1e-10)
-    spread = [
-        np.mean(signal("random", {"amplitude": 2.0, "seed": s}, RECORD).value(t) ** 2) for s in range(200)
-    ]
+    if band is not None:
+        np.testing.assert_allclose(first.value(t), first.value(t + 3.01), atol=1e-10)  # a sum of lines
+    spread = [np.mean(noise(seed).value(t) ** 2) for seed in range(200)]
     # Chi-squared with 300 degrees a record, 200 records: 0.6 % standard error.
     assert np.mean(spread) == pytest.approx(4.0, rel=0.025)
+
+
+def test_random_without_a_band_is_the_spline_of_its_samples():
+    """So an estimator's spline hold is the truth, but near the ends of what it sees."""
+    noise = signal("random", {"amplitude": 1.0, "seed": 3}, Record(0.01, 301, 0.5))
+    seen = noise.sampled(Record(0.01, 301, 0.5))
+    between = 0.5 + 0.01 * (20 + np.arange(260) + 0.37)
+    np.testing.assert_allclose(seen.value(between), noise.value(between), atol=1e-9)
 
 
 def test_random_keeps_to_its_band():

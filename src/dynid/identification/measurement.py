@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.diagnostics import root_mean_square
 from dynid.lti.propagate import Response, response
-from dynid.lti.signals import Random, Record
+from dynid.lti.signals import Random, Record, White
 from dynid.structure.model import StructuralModel
 from dynid.structure.motion import drive, prescribed_state, signals_of
 from dynid.structure.response import Channel, Load
@@ -214,7 +214,7 @@ def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measur
 def as_estimated(loads: Sequence[Load], record: Record) -> list[Load]:
     """Return the loads as an estimator knows them: of a random signal its samples only."""
     return [
-        load._replace(signal=load.signal.sampled(record)) if isinstance(load.signal, Random) else load
+        load._replace(signal=load.signal.sampled(record)) if isinstance(load.signal, Random | White) else load
         for load in loads
     ]
 

@@ -10,6 +10,7 @@ from dynid.lti.generator import Record, Signal, require
 from dynid.lti.pulses import Impact, Impulse, Step
 from dynid.lti.sampled import Random, Sampled
 from dynid.lti.sines import Chirp, Multisine, Sine
+from dynid.lti.white import White
 
 __all__ = [
     "Chirp",
@@ -22,6 +23,7 @@ __all__ = [
     "Signal",
     "Sine",
     "Step",
+    "White",
     "signal",
 ]
 
@@ -70,7 +72,9 @@ def signal(kind: str, parameters: Mapping[str, Any], record: Record) -> Signal:
     """
     require(kind in _KINDS, f"there is no signal {kind!r}", f"Known are {', '.join(_KINDS)}.", (kind,))
     _check_keys(kind, parameters)
-    built: Signal = _KINDS[kind](**parameters, **_from_record(kind, record))
+    made = White if kind == "random" and parameters.get("band") is None else _KINDS[kind]
+    given = {key: value for key, value in parameters.items() if made is not White or key != "band"}
+    built: Signal = made(**given, **_from_record(kind, record))
     return built
 
 
