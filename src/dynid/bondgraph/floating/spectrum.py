@@ -150,9 +150,10 @@ class _Pencil:
         entries = self.constant + s * self.slope
         sizes = np.abs(self.constant) + abs(s) * np.abs(self.slope)
         x, y = self._null_vectors(s)
-        left, right = y.conj()[self.rows], x[self.columns]
-        slope = np.sum(left * self.slope * right)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            y, x = y / np.max(np.abs(y)), x / np.max(np.abs(x))  # close to a root they are very long
+            left, right = y.conj()[self.rows], x[self.columns]
+            slope = np.sum(left * self.slope * right)
             correction = -np.sum(left * entries * right) / slope
             sensitivity = np.sum(np.abs(left) * sizes * np.abs(right)) / abs(slope)
             residual = abs(correction) / sensitivity
