@@ -8,6 +8,7 @@ same equations of motion: free vibration and unknown initial states stay what th
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -94,14 +95,14 @@ class Detrend:
         return np.ones(len(omega))
 
 
-class _Filter:
+class _Filter(ABC):
     """A filter that runs forth and back (zero phase): its gain is that of one run, squared."""
 
     refused: ClassVar[tuple[type, ...]] = (Step, Impulse, Impact)
 
+    @abstractmethod
     def design(self, samples: Samples) -> Design:
         """Return zeros, poles and gain of one run."""
-        raise NotImplementedError
 
     def apply(self, samples: Samples) -> Samples:
         """Return the filtered samples, without the ends that its response reaches."""

@@ -99,6 +99,23 @@ class Sampled(Smooth):
         return np.asarray(self.start + np.arange(first, last + 1) * self.step)
 
 
+def require_noise(amplitude: float, seed: int, step: float, samples: int, hold: str) -> None:
+    """Refuse noise that makes no sense."""
+    require_finite("random", amplitude=amplitude)
+    require(
+        hold in HOLDS,
+        f"a random signal has no hold {hold!r}",
+        f"Use one of {', '.join(HOLDS)}.",
+        ("random", "hold"),
+    )
+    require(seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
+    require(
+        0 < step < math.inf and 0 < samples * step < math.inf,
+        "a random signal needs a positive step, and one sample or more",
+        names=("random", "step"),
+    )
+
+
 @dataclass(frozen=True)
 class Random(Smooth):
     """Gaussian noise: a finite sum of Fourier lines with seeded complex normal amplitudes.
@@ -133,19 +150,7 @@ class Random(Smooth):
     hold: str = "spline"
 
     def __post_init__(self) -> None:
-        require_finite("random", amplitude=self.amplitude)
-        require(
-            self.hold in HOLDS,
-            f"a random signal has no hold {self.hold!r}",
-            f"Use one of {', '.join(HOLDS)}.",
-            ("random", "hold"),
-        )
-        require(self.seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
-        require(
-            0 < self.step < math.inf and 0 < self.period < math.inf,
-            "a random signal needs a positive step, and one sample or more",
-            names=("random", "step"),
-        )
+        require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)
         first, last = self._range
         require(
             last >= first,

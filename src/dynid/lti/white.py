@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -10,9 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynid.lti.generator import Array, Record, Smooth, require, require_finite
-from dynid.lti.polynomials import HOLDS
-from dynid.lti.sampled import Sampled
+from dynid.lti.generator import Array, Record, Smooth, require
+from dynid.lti.sampled import Sampled, require_noise
 
 #: Most samples (800 MB with what is needed to join them).
 _MOST = 20_000_000
@@ -49,19 +47,7 @@ class White(Smooth):
     hold: str = "spline"
 
     def __post_init__(self) -> None:
-        require_finite("random", amplitude=self.amplitude)
-        require(self.seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
-        require(
-            self.hold in HOLDS,
-            f"a random signal has no hold {self.hold!r}",
-            f"Use one of {', '.join(HOLDS)}.",
-            ("random", "hold"),
-        )
-        require(
-            0 < self.step < math.inf and self.samples > 0,
-            "a random signal needs a positive step, and one sample or more",
-            names=("random", "step"),
-        )
+        require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)
         require(
             self.samples <= _MOST,
             f"a random signal of {self.samples:.3g} samples is too much, {_MOST:,} are allowed",
