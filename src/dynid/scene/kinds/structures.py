@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError, FileError, SceneError, UsageError
 from dynid.scene.schema.joints import ParameterModel
-from dynid.scene.schema.outline import dof_faults
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.structure import FileModel
+from dynid.scene.schema.structure_outline import dof_faults
 from dynid.structure.joints import Belief, Joint, JointParameter
 
 if TYPE_CHECKING:
