@@ -37,9 +37,9 @@ has no bound: what is left is rounding.
 FIGURES = """\
 ![Histories, a state that is not measured, responses of reduced models.](tables.png)
 
-The curves of the paper's figures: parameters over the filter's first pass (Figs 4, 5, 7, 8; in the files
+The curves of the paper's figures: parameters over the filter's first pass (Figs 5, 8, 10; in the files
 `identification/history`, or `first_pass` where there are several), the rotation at the pin, which no sensor
-measures (Fig. 9), and the mobility of the beam with joints, full and reduced (Fig. 10).
+measures (Fig. 9), and the mobility of the beam with joints, full and reduced (Fig. 7).
 """
 
 
@@ -146,7 +146,7 @@ def responses(axes) -> None:
         axes.axvline(line, color="gray", linewidth=0.8, linestyle=":")
     axes.set(xlabel="frequency (rad/s)", ylabel="mobility at the force (m/s/N)", xlim=(10, 400))
     axes.legend(frameon=False, fontsize=8)
-    axes.set_title("Fig. 10: responses of full and reduced beam; lines of Table 5", fontsize=10)
+    axes.set_title("Fig. 7: responses of full and reduced beam; lines of Table 5", fontsize=10)
 
 
 def main() -> None:
@@ -167,10 +167,10 @@ def main() -> None:
     figure = Figure(figsize=(11, 9.5), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(3, 2).ravel()
-    history(axes[0], results[1], "Fig. 4: suspension, clean")
-    history(axes[1], results[2], "Fig. 5: suspension, 5 % noise")
-    history(axes[2], results[3], "Fig. 7: beam, clean")
-    history(axes[3], results[4], "Fig. 8: beam, 8 % noise")
+    history(axes[0], results[1], "Fig. 5: suspension, clean")
+    history(axes[1], results[2], "Suspension, 5 % noise (Table 2)")
+    history(axes[2], results[3], "Fig. 8: beam, clean")
+    history(axes[3], results[4], "Fig. 10: beam, 8 % noise")
     hidden_state(axes[4], results[4])
     responses(axes[5])
     figure.savefig(HERE / "tables.png", metadata={"Software": None})
