@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.alternative import Benchmark
 from dynid.bench.catalogue import benchmark
 from dynid.errors import NumericalError
 from dynid.result import Result
@@ -158,8 +158,3 @@ def pareto(figures: Iterable[Figure]) -> list[Figure]:
             for other in rows
         )
     ]
-
-
-def alternatives(case: Benchmark) -> list[Alternative]:
-    """Return the alternatives that can run here."""
-    return [each for each in case.alternatives if not each.missing()]
