@@ -21,7 +21,7 @@ FLOORS = [
     {"__main__"},
 ]
 # What is allowed besides, or forbidden although it stands below.
-BESIDES = {("result", "errors"), ("atomic", "errors"), ("__init__", "_version")}
+BESIDES = {("result", "errors"), ("result", "words"), ("atomic", "errors"), ("__init__", "_version")}
 FORBIDDEN = {
     ("identification", "bondgraph"),
     *(("store", package) for package in ("lti", "bondgraph", "structure", "identification", "scene")),
@@ -42,6 +42,7 @@ LIBRARIES = {
     "sympy": {"bondgraph", "bench"},  # formulas
     "flint": {"lti", "bondgraph", "bench"},  # exact numbers
     "control": {"result", "bench"},  # state equations for users' hands; a peer
+    "xarray": {"result"},
     "matplotlib": {"bench.page"},
     "numba": {"lti", "identification", "bondgraph.algebra.doubled"},
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import DynidError, Fault, SceneError
+from dynid.scene.formats import as_current
 from dynid.scene.yaml.source import Source, apply_overrides, read_source
 from dynid.words import did_you_mean
 
@@ -128,6 +129,7 @@ def check_source(source: Source) -> Scene:
     from dynid.scene.schema.faults import located_faults
     from dynid.scene.schema.outline import read_names, whole_faults
 
+    source = as_current(source)
     model = _model_of(source)
     names, faults = read_names(source)
     faults += whole_faults(source, names)

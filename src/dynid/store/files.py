@@ -13,7 +13,8 @@ from dynid._version import __version__
 from dynid.atomic import replace_file
 from dynid.errors import FileError
 from dynid.result import Result, Scalar
-from dynid.store.reader import FORMAT, read_root
+from dynid.store.formats import CURRENT
+from dynid.store.reader import read_root
 from dynid.store.writer import ArrayWriter, write_attrs
 
 _PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "numba", "control")
@@ -94,7 +95,7 @@ def _write_root(file: Any, result: Result, scene_text: str) -> None:
         "python": platform.python_version(),
     }
     fixed: dict[str, Scalar] = {
-        "format": FORMAT,
+        "format": CURRENT,
         "kind": result.kind,
         "title": result.title,
         "status": "complete",

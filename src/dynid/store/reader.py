@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import FileError
 from dynid.result import Result, Scalar
+from dynid.store.formats import as_current, refuse_unknown
 
-FORMAT = 1
 SCALE_ATTRS = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"})
 OWN_ATTRS = frozenset({"units", "dynid_dims", "dynid_index"})
 ROOT_ATTRS = frozenset({"format", "kind", "title", "status", "scene"})
@@ -40,16 +40,14 @@ def read_root(file: Any, name: str) -> Result:
                 _read_array(result, path, item, name)
         elif attrs := _attrs(item):
             result.annotate(path, **attrs)
-    return result
+    return as_current(result, int(root["format"]))
 
 
 def _check_root(root: dict[str, Scalar], name: str) -> None:
     number = root.get("format")
     if not isinstance(number, int) or "kind" not in root:
         raise FileError(f"{name} is HDF5, but not a result of dynid", names=[name])
-    if number > FORMAT:
-        problem = f"{name} has format {number}; this dynid reads formats up to {FORMAT}"
-        raise FileError(problem, remedy="Update dynid to read it.", names=[name])
+    refuse_unknown(number, name)
     if root.get("status") != "complete":
         raise FileError(f"{name} is not complete", remedy="Run its scene again.", names=[name])
 

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import UsageError
-
 if TYPE_CHECKING:
     import control
+    import xarray
 
 Scalar = str | bool | int | float
 
@@ -150,28 +149,28 @@ class Result(Mapping[str, Variable]):
         UsageError
             Where the result holds no state equations, or an output differentiates an input.
         """
-        import control
+        from dynid.result.to_control import state_space
 
-        group = "bond_graph/state_space"
-        if f"{group}/A" not in self:
-            raise UsageError(
-                "the result holds no state equations", remedy="Add state_space to analysis.results."
-            )
-        names = {
-            axis: [str(name).replace(".", "_") for name in self[f"{group}/{axis}"].data]
-            for axis in ("state", "input", "output")
-        }
-        improper = self[f"{group}/feedthrough"].data[1:].any(axis=0)
-        for output, source in np.argwhere(improper):
-            raise UsageError(
-                f"output '{self[f'{group}/output'].data[output]}' follows a derivative of input "
-                f"'{self[f'{group}/input'].data[source]}': no state space in python-control can hold that",
-                remedy="Ask for other outputs, or put into the graph what limits them.",
-            )
-        matrices = (self[f"{group}/{name}"].data for name in "ABCD")
-        return control.StateSpace(
-            *matrices, states=names["state"], inputs=names["input"], outputs=names["output"]
-        )
+        return state_space(self)
+
+    def to_xarray(self, group: str = "") -> xarray.Dataset:
+        """Return the arrays of a group as a dataset of xarray, each dimension with its coordinate.
+
+        Parameters
+        ----------
+        group
+            Its path (`bond_graph/frequency_response`); absent: the arrays at the root.
+
+        Raises
+        ------
+        UsageError
+            Where the result has no such group.
+        ImportError
+            Where xarray is not installed.
+        """
+        from dynid.result.to_xarray import dataset
+
+        return dataset(self, group)
 
     def merge(self, other: Result) -> None:
         """Take over every array and group attribute of another result."""
