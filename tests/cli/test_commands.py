@@ -253,6 +253,46 @@ def test_the_printed_schema_accepts_the_scenes_that_come_along(dynid, kind):
         assert validator.is_valid(data) == (kind in (None, data["kind"])), config.name
 
 
+_KEYWORDS = {
+    *("$schema", "$defs", "$ref", "oneOf", "anyOf", "allOf", "const", "enum", "type", "title", "description"),
+    *("default", "properties", "required", "additionalProperties", "propertyNames", "minProperties"),
+    *("items", "minItems", "maxItems", "minLength", "maxLength", "minimum", "maximum"),
+    *("exclusiveMinimum", "exclusiveMaximum", "discriminator", "pattern", "format"),
+}
+
+
+def _keywords(schema, names=False):
+    """Yield the keywords of a schema and of all schemas in it; below some keys stand names, not keywords."""
+    if isinstance(schema, list):
+        for part in schema:
+            yield from _keywords(part)
+    elif isinstance(schema, dict):
+        for key, part in schema.items():
+            if not names:
+                yield key
+            if names or key not in ("const", "enum", "default", "discriminator", "required"):
+                yield from _keywords(part, names=not names and key in ("properties", "$defs"))
+
+
+def test_the_schema_keeps_to_draft_7_which_editors_know(dynid):
+    assert set(_keywords(json.loads(dynid("schema")[1]))) <= _KEYWORDS
+
+
+def test_a_new_scene_names_the_schema_that_is_written_with_it(dynid, folder):
+    code, out, _ = dynid("new", "reduction")
+    assert (code, len(out.splitlines())) == (0, 2)
+    first = (folder / "reduction.yaml").read_text().splitlines()[0]
+    schema = json.loads((folder / first.rpartition("$schema=")[2]).read_text())
+    jsonschema.Draft7Validator(schema).validate(read_source(folder / "reduction.yaml").data)
+    assert len(dynid("new", "bond-graph")[1].splitlines()) == 1  # the schema is there already
+
+
+def test_a_new_scene_without_a_schema(dynid, folder):
+    assert dynid("new", "reduction", "--no-schema")[0] == 0
+    assert {path.name for path in folder.iterdir()} == {"small.yaml", "reduction.yaml"}
+    assert "$schema" not in (folder / "reduction.yaml").read_text()
+
+
 @pytest.mark.parametrize("options", [[], ["--stages", "1"], ["--stages", "12", "--distinct"]])
 def test_a_chain_of_any_length_is_a_template(dynid, tmp_path, options):
     scene = tmp_path / "chain.yaml"

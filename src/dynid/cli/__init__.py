@@ -22,6 +22,7 @@ COMMANDS = {
     "new": ("dynid.cli.new:new", "Write a commented template scene."),
     "schema": ("dynid.cli.schema:schema", "Print the JSON Schema of scenes."),
     "bench": ("dynid.cli.bench:bench", "Measure speed against error, now."),
+    "help": ("dynid.cli.help:help_", "Explain a topic at length."),
 }
 
 
@@ -58,11 +59,27 @@ class LazyGroup(click.Group):
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="dynid", message="%(prog)s %(version)s")
+@click.option(
+    "--cite",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=lambda context, _option, asked: _cite(context, asked),
+    help="Show how to cite dynid, and exit.",
+)
 def cli() -> None:
     """Bond graphs in the frequency domain, and joint identification on reduced FE models.
 
     One YAML scene in, one HDF5 file out. Start with: dynid new bond-graph
     """
+
+
+def _cite(context: click.Context, asked: bool) -> None:
+    if asked:
+        from dynid.cli.citation import citation
+
+        click.echo(citation())
+        context.exit()
 
 
 def main(args: list[str] | None = None) -> None:

@@ -10,15 +10,20 @@ from dynid.errors import FileError, UsageError
 
 #: The template that is generated, of any length.
 _CHAIN = "chain"
+#: What editors complete keys from, beside the scene.
+_SCHEMA = "dynid.schema.json"
 
 
 @click.command()
 @click.argument("name")
 @click.option("-o", "--output", type=click.Path(), help="The file to write; default ./NAME.yaml.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
+@click.option("--no-schema", is_flag=True, help=f"Write no {_SCHEMA}, which editors complete keys from.")
 @click.option("--stages", type=click.IntRange(1, 10_000), help="chain: how many stages (default 10).")
 @click.option("--distinct", is_flag=True, help="chain: every stage with values of its own.")
-def new(name: str, output: str | None, force: bool, stages: int | None, distinct: bool) -> int:
+def new(
+    name: str, output: str | None, force: bool, no_schema: bool, stages: int | None, distinct: bool
+) -> int:
     """Write a commented template scene to start from.
 
     \b
@@ -55,6 +60,21 @@ def new(name: str, output: str | None, force: bool, stages: int | None, distinct
         written = chain_scene(stages or 10, vary=distinct).encode()
     else:
         written = folder.joinpath(f"{name}.yaml").read_bytes()
-    replace_file(str(target), written)
+    if no_schema:
+        replace_file(str(target), written)
+    else:
+        replace_file(str(target), f"# yaml-language-server: $schema={_SCHEMA}\n".encode() + written)
+        _write_schema(target.parent / _SCHEMA)
     click.echo(f"wrote {target}; run it: dynid run {target}")
     return 0
+
+
+def _write_schema(target: Path) -> None:
+    """Write the schema that the scene names, unless it stands there as it is."""
+    from dynid.atomic import replace_file
+    from dynid.cli.schema import schema_text
+
+    written = f"{schema_text()}\n".encode()
+    if not target.is_file() or target.read_bytes() != written:
+        replace_file(str(target), written)
+        click.echo(f"wrote {target}, from which editors complete its keys")

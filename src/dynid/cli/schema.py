@@ -13,18 +13,25 @@ from dynid.errors import UsageError
 @click.argument("kind", required=False)
 def schema(kind: str | None) -> int:
     """Print the JSON Schema of scenes: of one KIND, or of all."""
-    from dynid.scene.load import KINDS, kind_model
+    from dynid.scene.load import KINDS
     from dynid.words import did_you_mean
 
     if kind is not None and kind not in KINDS:
         raise UsageError(
             f"no kind '{kind}'{did_you_mean(kind, KINDS)}", remedy=f"There are {', '.join(KINDS)}."
         )
+    click.echo(schema_text(kind))
+    return 0
+
+
+def schema_text(kind: str | None = None) -> str:
+    """Return the JSON Schema of the scenes of a kind, or of all kinds, in the words of draft 7."""
+    from dynid.scene.load import KINDS, kind_model
+
     schemas = [kind_model(name).model_json_schema() for name in ([kind] if kind else KINDS)]
     if len(schemas) == 1:
         document = schemas[0]
     else:
         definitions = {name: part for one in schemas for name, part in one.pop("$defs", {}).items()}
         document = {"oneOf": schemas, "$defs": definitions}
-    click.echo(json.dumps({"$schema": "http://json-schema.org/draft-07/schema#", **document}, indent=2))
-    return 0
+    return json.dumps({"$schema": "http://json-schema.org/draft-07/schema#", **document}, indent=2)

@@ -1,0 +1,1 @@
+"""What `dynid help TOPIC` prints, a Markdown file a topic."""
