@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from dynid import atomic
+from dynid.checks import compare
 from dynid.errors import FileError
 from dynid.result import Result
-from dynid.store import read_result, write_result
+from dynid.store import open_stored, read_result, write_result
 
 RESPONSE = "bond_graph/frequency_response"
 
@@ -316,3 +317,55 @@ def test_other_tools_files_are_read_as_far_as_they_fit(tmp_path):
     found = read_result(tmp_path / "r.h5")
     assert found["more/single"].dims == ("axis_1",)
     assert found["more/fixed"].data.tolist() == ["ab", "c"]
+
+
+# --- arrays that stay in the file ------------------------------------------------------------------
+
+
+def test_a_stored_result_is_the_one_that_was_written(tmp_path):
+    write_result(make(), tmp_path / "r.h5")
+    with open_stored(tmp_path / "r.h5") as stored:
+        assert stored.equals(make())
+        for path, variable in make().items():
+            assert (stored[path].shape, stored[path].dtype) == (variable.shape, variable.dtype)
+
+
+@pytest.mark.parametrize("block", [1, 7, 2**20])
+def test_blocks_rows_and_entries_are_pieces_of_the_whole(tmp_path, monkeypatch, block):
+    monkeypatch.setattr("dynid.store.reader._BLOCK", block)
+    values = np.arange(60.0).reshape(10, 3, 2)
+    result = Result("reduction")
+    result.add("a/b", values, ("x", "y", "z"))
+    write_result(result, tmp_path / "r.h5")
+    with open_stored(tmp_path / "r.h5") as stored:
+        pieces = list(stored["a/b"].blocks())
+        assert [start for start, _ in pieces] == list(range(0, 10, len(pieces[0][1])))
+        np.testing.assert_array_equal(np.concatenate([piece for _, piece in pieces]), values)
+        np.testing.assert_array_equal(stored["a/b"].rows(2, 5), values[2:5])
+        np.testing.assert_array_equal(stored["a/b"].entries(1, 3), values[:, 1:3])
+
+
+def test_differences_are_the_same_piece_by_piece(tmp_path, monkeypatch):
+    monkeypatch.setattr("dynid.store.reader._BLOCK", 4)
+    rng = np.random.default_rng(1)
+    results = []
+    for name in "ab":
+        result = Result("reduction")
+        result.add("n/values", np.where(rng.random((20, 2)) < 0.8, 1.0, np.nan), ("x", "y"))
+        result.add("n/words", np.where(rng.random(20) < 0.5, "p", "q").astype(object), ("x",))
+        result.add("n/table", np.array([(1, rng.random())] * 9, [("i", int), ("r", float)]), ("z",))
+        write_result(result, tmp_path / f"{name}.h5")
+        results.append(result)
+    expected = compare(*results)
+    assert len(expected) == 3
+    with open_stored(tmp_path / "a.h5") as a, open_stored(tmp_path / "b.h5") as b:
+        assert compare(a, b) == expected
+        assert compare(a, a) == []
+
+
+def test_what_goes_wrong_with_open_file_is_not_laid_to_the_file(tmp_path):
+    write_result(make(), tmp_path / "r.h5")
+    with pytest.raises(ValueError, match="ours"), open_stored(tmp_path / "r.h5"):
+        raise ValueError("ours")
+    with pytest.raises(FileError, match="no such file"), open_stored(tmp_path / "none.h5"):
+        pass

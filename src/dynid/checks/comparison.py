@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,38 +82,54 @@ def words_of(data: NDArray[Any]) -> str:
 def _difference(a: Variable, b: Variable, rtol: float, atol: float) -> str:
     for what, mine, theirs in (
         ("dimensions", a.dims, b.dims),
-        ("shape", a.data.shape, b.data.shape),
+        ("shape", a.shape, b.shape),
         ("units", a.units, b.units),
     ):
         if mine != theirs:
             return f"{what} {mine} against {theirs}"
-    return _value_difference(a.data, b.data, rtol, atol)
-
-
-def _value_difference(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> str:
     if a.dtype.names != b.dtype.names:
         return "the columns differ"
-    for name in a.dtype.names or ():
-        if message := _value_difference(a[name], b[name], rtol, atol):
-            return f"{name}: {message}"
-    numeric = a.dtype.kind in "ifc" and b.dtype.kind in "ifc"
-    if a.dtype.names or a.size == 0:
-        return ""
-    if not numeric and a.dtype.kind != b.dtype.kind:
-        return f"{words_of(a)} against {words_of(b)}"
-    agree = _agree(a, b, rtol, atol) if numeric else np.asarray(a == b, dtype=bool)
-    misses = np.argwhere(~agree)
-    if not len(misses):
-        return ""
-    first = tuple(misses[0])
-    entry = f" at entry {', '.join(str(place + 1) for place in first)}" if first else ""
-    count = f" ({len(misses)} of {a.size} entries differ)" if a.size > 1 else ""
-    return f"{word(a[first])} against {word(b[first])}{entry}{count}"
+    for name in a.dtype.names or ("",):
+        if message := _value_difference(_paired(a, b, name), a.shape, rtol, atol):
+            return f"{name}: {message}" if name else message
+    return ""
+
+
+_Pairs = Iterable[tuple[int, NDArray[Any], NDArray[Any]]]
+
+
+def _paired(a: Variable, b: Variable, name: str) -> _Pairs:
+    """Yield the same entries of both, of one column where they are tables, piece by piece."""
+    for start, mine in a.blocks():
+        theirs = b.rows(start, start + len(mine)) if mine.ndim else b.data
+        yield (start, mine[name], theirs[name]) if name else (start, mine, theirs)
+
+
+def _value_difference(pairs: _Pairs, shape: tuple[int, ...], rtol: float, atol: float) -> str:
+    """Say where the first of all differences is, and how many there are."""
+    first, count = "", 0
+    for start, a, b in pairs:
+        if a.size and a.dtype.kind != b.dtype.kind and not (_is_numeric(a) and _is_numeric(b)):
+            return f"{words_of(a)} against {words_of(b)}"
+        misses = np.argwhere(~_agree(a, b, rtol, atol))
+        if len(misses) and not count:
+            place = tuple(misses[0])
+            entry = ", ".join(str(step + 1 + start * (not axis)) for axis, step in enumerate(place))
+            first = f"{word(a[place])} against {word(b[place])}{f' at entry {entry}' if entry else ''}"
+        count += len(misses)
+    size = math.prod(shape)
+    return first + (f" ({count} of {size} entries differ)" if count and size > 1 else "")
 
 
 def _agree(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> NDArray[Any]:
+    if not (_is_numeric(a) and _is_numeric(b)):
+        return np.asarray(a == b, dtype=bool)
     both_nan = np.isnan(a) & np.isnan(b)
     return np.asarray(close(a, b, rtol, atol) | close(b, a, rtol, atol) | both_nan)
+
+
+def _is_numeric(data: NDArray[Any]) -> bool:
+    return data.dtype.kind in "ifc"
 
 
 def _attr_differences(
@@ -123,7 +140,7 @@ def _attr_differences(
         where = f"{path}/{name}" if path else name
         if name not in a or name not in b:
             found.append(Difference(where, f"only in the {'second' if name not in a else 'first'}"))
-        elif message := _value_difference(as_array(a[name]), as_array(b[name]), rtol, atol):
+        elif message := _value_difference([(0, as_array(a[name]), as_array(b[name]))], (), rtol, atol):
             found.append(Difference(where, message))
     return found
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.checks.axes import Axis, axis_of
 from dynid.checks.comparison import RTOL, as_array, close, word, words_of
 from dynid.result import Result, Scalar, Variable
 from dynid.words import did_you_mean
@@ -72,16 +73,20 @@ def _expected_words(expectation: Mapping[str, Any]) -> str:
     return f"{'at ' + where + ' ' if where else ''}{' and '.join(parts)}"
 
 
-def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[NDArray[Any], list[_Axis]]:
+def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[NDArray[Any], list[Axis]]:
     variable = _lookup(result, path)
     data = variable.data
-    axes = [_axis(result, path, dim, length) for dim, length in zip(variable.dims, data.shape, strict=True)]
+    axes = [axis_of(result, path, dim, length) for dim, length in zip(variable.dims, data.shape, strict=True)]
     for dim, label in at.items():
         names = [axis.dim for axis in axes]
         if dim not in names:
             raise _Unmet(f"has no dimension '{dim}'{did_you_mean(dim, names)}")
         number = names.index(dim)
-        data = np.asarray(np.take(data, axes[number].find(label), axis=number), dtype=data.dtype)
+        place = axes[number].find(label)
+        if place is None:
+            hint = did_you_mean(str(label), map(str, axes[number].labels))
+            raise _Unmet(f"has no {dim} {label}{hint}")
+        data = np.asarray(np.take(data, place, axis=number), dtype=data.dtype)
         del axes[number]
     return data, axes
 
@@ -101,36 +106,7 @@ def _lookup(result: Result, path: str) -> Variable:
     return Variable((), as_array(value))
 
 
-@dataclass(frozen=True)
-class _Axis:
-    """A dimension with its labels; without a coordinate, the entries' numbers from 1."""
-
-    dim: str
-    labels: NDArray[Any]
-
-    def find(self, label: Any) -> int:
-        if self.labels.dtype.kind == "O" or isinstance(label, str):
-            hits = [place for place, own in enumerate(self.labels) if own == label]
-        else:
-            hits = list(np.flatnonzero(np.isclose(self.labels, label, rtol=RTOL, atol=0)))
-        if hits:
-            return int(hits[0])
-        raise _Unmet(f"has no {self.dim} {label}{did_you_mean(str(label), map(str, self.labels))}")
-
-
-def _axis(result: Result, path: str, dim: str, length: int) -> _Axis:
-    group = path
-    while group:
-        group = group.rpartition("/")[0]
-        coordinate = result.get(f"{group}/{dim}" if group else dim)
-        if coordinate is not None and coordinate.dims == (dim,):
-            if len(coordinate.data) == length and not coordinate.data.dtype.names:
-                return _Axis(dim, coordinate.data)
-            break
-    return _Axis(dim, np.arange(1, length + 1))
-
-
-def _meet(data: NDArray[Any], axes: list[_Axis], expectation: Mapping[str, Any]) -> None:
+def _meet(data: NDArray[Any], axes: list[Axis], expectation: Mapping[str, Any]) -> None:
     if not expectation.keys() & {"value", "min", "max", "max_abs"}:
         raise _Unmet(f"is {words_of(data)}, but nothing is expected of it: give value, min, max or max_abs")
     if "value" in expectation:
@@ -198,7 +174,7 @@ def _number(value: Any) -> complex | None:
 
 
 def _demand(
-    met: NDArray[Any], data: NDArray[Any], axes: list[_Axis], expected: NDArray[Any], words: str
+    met: NDArray[Any], data: NDArray[Any], axes: list[Axis], expected: NDArray[Any], words: str
 ) -> None:
     misses = np.argwhere(~np.asarray(met))
     if not len(misses):

@@ -21,9 +21,10 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
     Provenance (versions, creation time, the scene's text) is not compared.
     """
     from dynid.checks import compare as differences_between
-    from dynid.store import read_result
+    from dynid.store import open_stored
 
-    differences = differences_between(read_result(first), read_result(second), rtol, atol)
+    with open_stored(first) as one, open_stored(second) as other:
+        differences = differences_between(one, other, rtol, atol)
     if not quiet:
         for difference in differences:
             click.echo(str(difference))

@@ -43,6 +43,28 @@ class Variable:
         if self.data.ndim != len(self.dims):
             raise ValueError(f"{self.data.ndim} axes, but dimensions {self.dims}")
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The length of every axis."""
+        return self.data.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the values."""
+        return self.data.dtype
+
+    def blocks(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield all values as (first entry along the first axis, values), in pieces that fit the memory."""
+        yield 0, self.data
+
+    def rows(self, start: int, stop: int) -> NDArray[Any]:
+        """Return the entries start … stop - 1 along the first axis."""
+        return self.data[start:stop]
+
+    def entries(self, start: int, stop: int) -> NDArray[Any]:
+        """Return the entries start … stop - 1 along the second axis, of all along the first."""
+        return self.data[:, start:stop]
+
     def equals(self, other: Variable) -> bool:
         """Tell whether axes, units, attributes, type and every value are the same (NaN equals NaN)."""
         return (
@@ -74,7 +96,8 @@ def _same_scalar(a: Scalar, b: Scalar) -> bool:
     return type(a) is type(b) and (a == b or (a != a and b != b))
 
 
-def _as_array(data: ArrayLike) -> NDArray[Any]:
+def as_kept(data: ArrayLike) -> NDArray[Any]:
+    """Return values under one of the types that a result holds."""
     array = np.asarray(data)
     if array.dtype.names:
         return array.astype([(name, _stored_type(array.dtype[name])) for name in array.dtype.names])
@@ -121,9 +144,13 @@ class Result(Mapping[str, Variable]):
         self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
     ) -> None:
         """Store one array under `path`; a path is written once."""
+        self.put(path, Variable(dims, as_kept(data), units, attrs))
+
+    def put(self, path: str, variable: Variable) -> None:
+        """Store a variable as it is under `path`; a path is written once."""
         if path in self._variables:
             raise ValueError(f"{path} is already in the result")
-        self._variables[path] = Variable(dims, _as_array(data), units, attrs)
+        self._variables[path] = variable
 
     def add_axis(self, path: str, data: ArrayLike, units: str = "", **attrs: Scalar) -> None:
         """Store a coordinate: its dimension is the last part of its path."""
@@ -175,9 +202,7 @@ class Result(Mapping[str, Variable]):
     def merge(self, other: Result) -> None:
         """Take over every array and group attribute of another result."""
         for path, variable in other.items():
-            if path in self._variables:
-                raise ValueError(f"{path} is already in the result")
-            self._variables[path] = variable
+            self.put(path, variable)
         for group, attrs in other.group_attrs.items():
             self.annotate(group, **attrs)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import platform
 import stat
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -14,7 +16,7 @@ from dynid.atomic import replace_file
 from dynid.errors import FileError
 from dynid.result import Result, Scalar
 from dynid.store.formats import CURRENT
-from dynid.store.reader import read_root
+from dynid.store.reader import read_root, reading
 from dynid.store.writer import ArrayWriter, write_attrs
 
 _PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "numba", "control")
@@ -55,23 +57,34 @@ def read_result(path: str | os.PathLike[str]) -> Result:
     FileError
         When there is no such file, or it is not a complete result of a known format.
     """
+    name = os.fspath(path)
+    with reading(name), _opened(name) as file:
+        return read_root(file, name)
+
+
+@contextmanager
+def open_stored(path: str | os.PathLike[str]) -> Iterator[Result]:
+    """Open a result whose arrays stay in the file until they are asked for, and are not kept then.
+
+    Raises
+    ------
+    FileError
+        As `read_result`; also when values are asked for that are damaged.
+    """
+    name = os.fspath(path)
+    with ExitStack() as stack:
+        with reading(name):
+            result = read_root(stack.enter_context(_opened(name)), name, stored=True)
+        yield result
+
+
+def _opened(name: str) -> Any:
     import h5py
 
-    name = os.fspath(path)
-    try:
-        if not stat.S_ISREG(os.stat(name).st_mode):  # noqa: PTH116
-            raise FileError(f"{name} is not a regular file", names=[name])
-        # Files are replaced and never changed in place, so that nothing needs a lock.
-        with h5py.File(name, "r", locking=False) as file:
-            return read_root(file, name)
-    except FileNotFoundError:
-        raise FileError(f"{name}: no such file", names=[name]) from None
-    except PermissionError:
-        raise FileError(f"{name} cannot be read: permission denied", names=[name]) from None
-    except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError) as error:
-        # A damaged file can make h5py raise nearly anything.
-        problem = f"{name} is not an HDF5 file, or a damaged one"
-        raise FileError(problem, remedy="Run its scene again.", names=[name]) from error
+    if not stat.S_ISREG(os.stat(name).st_mode):  # noqa: PTH116
+        raise FileError(f"{name} is not a regular file", names=[name])
+    # Files are replaced and never changed in place, so that nothing needs a lock.
+    return h5py.File(name, "r", locking=False)
 
 
 def _image(result: Result, scene_text: str) -> bytes:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
-from dynid.result import Result, Scalar
+from dynid.result import Result, Scalar, Variable, as_kept
 from dynid.store.formats import as_current, refuse_unknown
 
 SCALE_ATTRS = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"})
@@ -17,10 +18,94 @@ OWN_ATTRS = frozenset({"units", "dynid_dims", "dynid_index"})
 ROOT_ATTRS = frozenset({"format", "kind", "title", "status", "scene"})
 _MAX_DEPTH = 64
 _MAX_EXPANSION = 2000  # what a compressed array may grow by on reading; deflate reaches 1032
+_BLOCK = 2**20  # values that are read at a time
 
 
-def read_root(file: Any, name: str) -> Result:
+@contextmanager
+def reading(name: str) -> Iterator[None]:
+    """Turn whatever goes wrong in reading a file into a `FileError`."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise FileError(f"{name}: no such file", names=[name]) from None
+    except PermissionError:
+        raise FileError(f"{name} cannot be read: permission denied", names=[name]) from None
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError) as error:
+        # A damaged file can make h5py raise nearly anything.
+        problem = f"{name} is not an HDF5 file, or a damaged one"
+        raise FileError(problem, remedy="Run its scene again.", names=[name]) from error
+
+
+class StoredVariable(Variable):
+    """An array that stays in its open file: what is asked for is read, and not kept."""
+
+    _dataset: Any
+    _file: str
+
+    def __init__(self, dataset: Any, path: str, name: str) -> None:
+        _check_stored(dataset, path, name)
+        for key, value in (
+            ("dims", _dims(dataset)),
+            ("units", str(dataset.attrs.get("units", ""))),
+            ("attrs", _attrs(dataset)),
+            ("_dataset", dataset),
+            ("_file", name),
+        ):
+            object.__setattr__(self, key, value)  # variables do not change
+
+    @property
+    def data(self) -> NDArray[Any]:
+        """All values, read now."""
+        return self._take(...)
+
+    def loaded(self) -> Variable:
+        """Return the same with its values in memory."""
+        return Variable(self.dims, self.data, self.units, self.attrs)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The length of every axis."""
+        shape: tuple[int, ...] = self._dataset.shape
+        return shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the values."""
+        return self.rows(0, 0).dtype if self.shape else self.data.dtype
+
+    def blocks(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield all values as (first entry along the first axis, values), some megabytes at a time."""
+        if not self.shape:
+            yield 0, self.data
+            return
+        step = max(1, _BLOCK // max(1, int(np.prod(self.shape[1:], dtype=np.int64))))
+        for start in range(0, self.shape[0], step):
+            yield start, self.rows(start, start + step)
+
+    def rows(self, start: int, stop: int) -> NDArray[Any]:
+        """Return the entries start … stop - 1 along the first axis."""
+        return self._take(slice(start, stop))
+
+    def entries(self, start: int, stop: int) -> NDArray[Any]:
+        """Return the entries start … stop - 1 along the second axis, of all along the first."""
+        return self._take((slice(None), slice(start, stop)))
+
+    def _take(self, place: Any) -> NDArray[Any]:
+        with reading(self._file):
+            return as_kept(_read(self._dataset, place))
+
+
+def read_root(file: Any, name: str, stored: bool = False) -> Result:
     """Read the result that an open file holds.
+
+    Parameters
+    ----------
+    file
+        The open file.
+    name
+        Its name, for messages.
+    stored
+        Whether arrays stay in the file until they are asked for, which the file must stay open for.
 
     Raises
     ------
@@ -37,7 +122,8 @@ def read_root(file: Any, name: str) -> Result:
     for path, item in _items(file):
         if hasattr(item, "shape"):
             if path != "scene" and "dynid_index" not in item.attrs:
-                _read_array(result, path, item, name)
+                variable = StoredVariable(item, path, name)
+                result.put(path, variable if stored else variable.loaded())
         elif attrs := _attrs(item):
             result.annotate(path, **attrs)
     return as_current(result, int(root["format"]))
@@ -80,13 +166,6 @@ def _hard_item(group: Any, key: str) -> Any:
     return item if isinstance(item, h5py.Group | h5py.Dataset) else None
 
 
-def _read_array(result: Result, path: str, dataset: Any, name: str) -> None:
-    data = _values(dataset, path, name)
-    attrs = _attrs(dataset)
-    units = dataset.attrs.get("units", "")
-    result.add(path, data, _dims(dataset), str(units), **attrs)
-
-
 def _dims(dataset: Any) -> tuple[str, ...]:
     if "dynid_dims" in dataset.attrs:
         return tuple(str(dataset.attrs["dynid_dims"]).split("\n"))
@@ -102,13 +181,22 @@ def _dim_name(dim: Any) -> str:
 
 
 def _values(dataset: Any, path: str, name: str) -> NDArray[Any]:
+    _check_stored(dataset, path, name)
+    return _read(dataset, ...)
+
+
+def _check_stored(dataset: Any, path: str, name: str) -> None:
     if dataset is None or dataset.is_virtual or dataset.external or dataset.shape is None:
         raise FileError(f"{name}: '{path}' is not an array stored in the file itself", names=[name])
     if dataset.nbytes > _MAX_EXPANSION * dataset.id.get_storage_size():
         raise FileError(f"{name}: '{path}' claims more values than the file holds", names=[name])
+
+
+def _read(dataset: Any, place: Any) -> NDArray[Any]:
+    """Read some entries of an array, with texts as such."""
     if dataset.dtype.kind in "OS":
-        return np.array(dataset.asstr()[...], dtype=object)
-    data: NDArray[Any] = np.asarray(dataset[...])
+        return np.array(dataset.asstr()[place], dtype=object)
+    data: NDArray[Any] = np.asarray(dataset[place])
     return _with_texts(data) if data.dtype.names else data
 
 

@@ -43,10 +43,8 @@ def contents(result: Result) -> str:
     width = max((len(path) for path in result), default=0)
     rows = []
     for path, variable in sorted(result.items()):
-        axes = " x ".join(
-            f"{dim} {size}" for dim, size in zip(variable.dims, variable.data.shape, strict=True)
-        )
-        dtype = variable.data.dtype
+        axes = " x ".join(f"{dim} {size}" for dim, size in zip(variable.dims, variable.shape, strict=True))
+        dtype = variable.dtype
         kind = "table" if dtype.names else "text" if dtype.kind == "O" else dtype.name
         rows.append(f"  {path:<{width}}  {kind}  {axes}  {variable.units}".rstrip())
     return "\n".join(rows)
