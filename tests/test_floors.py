@@ -16,7 +16,7 @@ FLOORS = [
     {"bondgraph", "structure"},
     {"identification"},
     {"scene"},
-    {"store", "checks", "templates", "topics", "bench"},
+    {"report", "store", "checks", "templates", "topics", "bench"},
     {"cli", "__init__"},
     {"__main__"},
 ]

@@ -1,0 +1,72 @@
+"""Which figures a result has. Who adds a figure adds a family here.
+
+A family is a module with a function `figures(result)` that yields `Figure`s; it is imported only for
+results that it has something to show of, and a figure is drawn only when somebody looks at it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynid.report.figure import Figure
+    from dynid.result import Result
+
+When = Callable[["Result"], bool]
+
+
+def kind(*names: str) -> When:
+    """Tell that a family applies to results of scenes of some kinds."""
+    return lambda result: result.kind in names
+
+
+def holds(*beginnings: str) -> When:
+    """Tell that a family applies to results with an array whose path starts so."""
+    return lambda result: any(path.startswith(beginnings) for path in result)
+
+
+@dataclass(frozen=True)
+class Family:
+    """A kind of figure.
+
+    Parameters
+    ----------
+    module
+        Where its function `figures(result)` is.
+    when
+        Whether a result may have such figures.
+    """
+
+    module: str
+    when: When
+
+
+#: In the order in which a page shows them.
+FAMILIES: tuple[Family, ...] = ()
+
+
+def figures(result: Result) -> list[Figure]:
+    """Return the figures that a result has, none of them drawn yet.
+
+    Parameters
+    ----------
+    result
+        Of a run, or read back from its file.
+
+    Returns
+    -------
+    list of Figure
+        Their names are unique.
+    """
+    found: dict[str, Figure] = {}
+    for family in FAMILIES:
+        if family.when(result):
+            build: Callable[[Result], Iterable[Figure]] = import_module(family.module).figures
+            for figure in build(result):
+                if figure.name in found:
+                    raise ValueError(f"two figures are called '{figure.name}'")
+                found[figure.name] = figure
+    return list(found.values())

@@ -1,0 +1,120 @@
+"""A small writer of SVG: text stays text, numbers have one form, equal figures are equal bytes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from xml.sax.saxutils import escape, quoteattr
+
+from dynid.report.style import css
+
+Point = tuple[float, float]
+
+# Characters that no XML document can hold.
+_ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def number(value: float) -> str:
+    """Write a coordinate: at most two decimals, no negative zero."""
+    text = f"{value:.2f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def plain(text: str) -> str:
+    """Escape a text for XML, without the characters that XML cannot hold."""
+    return escape(_ILLEGAL.sub("\N{REPLACEMENT CHARACTER}", text))
+
+
+def path_of(points: Iterable[Point], *, closed: bool = False) -> str:
+    """Return the path data of a polyline."""
+    pairs = [f"{number(x)} {number(y)}" for x, y in points]
+    return "M" + " L".join(pairs) + ("Z" if closed else "")
+
+
+class Svg:
+    """A figure while it is drawn; y points down, lengths are px.
+
+    Parameters
+    ----------
+    name
+        The figure's name, unique on a page: every id of the figure starts with it.
+    title, description
+        What the figure shows, for those who cannot see it.
+    """
+
+    def __init__(self, name: str, title: str, description: str = "") -> None:
+        self.name = re.sub(r"[^\w-]+", "-", name).strip("-") or "figure"
+        self.title, self.description = title, description
+        self._parts: list[str] = []
+        self._open: list[str] = []
+        self._ids = 0
+
+    def id(self) -> str:
+        """Return a new id, unique to this figure."""
+        self._ids += 1
+        return f"{self.name}-{self._ids}"
+
+    def raw(self, markup: str) -> None:
+        """Put in markup as it is."""
+        self._parts.append(markup)
+
+    def element(self, tag: str, cls: str = "", content: str = "", /, **attrs: str | float) -> None:
+        """Put in an element; `content` is markup, `font_size=9` becomes `font-size="9"`."""
+        opening = _opening(tag, cls, attrs)
+        self._parts.append(f"<{opening}>{content}</{tag}>" if content else f"<{opening}/>")
+
+    def open(self, cls: str = "", *, tip: str = "", **attrs: str | float) -> None:
+        """Open a group, with a text that shows under the pointer."""
+        self._parts.append(f"<{_opening('g', cls, attrs)}>" + (f"<title>{plain(tip)}</title>" if tip else ""))
+        self._open.append("</g>")
+
+    def close(self) -> None:
+        """Close the last group."""
+        self._parts.append(self._open.pop())
+
+    def line(self, *points: Point, cls: str = "line", **attrs: str | float) -> None:
+        """Draw a polyline."""
+        self.element("path", cls, d=path_of(points), **attrs)
+
+    def polygon(self, *points: Point, cls: str = "solid", **attrs: str | float) -> None:
+        """Draw a closed polygon."""
+        self.element("path", cls, d=path_of(points, closed=True), **attrs)
+
+    def rect(
+        self, x: float, y: float, width: float, height: float, cls: str = "frame", **attrs: str | float
+    ) -> None:
+        """Draw a rectangle from its upper left corner."""
+        self.element("rect", cls, x=x, y=y, width=width, height=height, **attrs)
+
+    def circle(self, x: float, y: float, radius: float, cls: str = "line", **attrs: str | float) -> None:
+        """Draw a circle."""
+        self.element("circle", cls, cx=x, cy=y, r=radius, **attrs)
+
+    def text(
+        self, x: float, y: float, text: str, cls: str = "", *, anchor: str = "middle", **attrs: str | float
+    ) -> None:
+        """Write a line of text on a baseline; `anchor` is start, middle or end."""
+        if anchor != "start":
+            attrs["text_anchor"] = anchor
+        self.element("text", cls, plain(text), x=x, y=y, **attrs)
+
+    def render(self, width: float, height: float, x: float = 0, y: float = 0) -> str:
+        """Return the figure as an SVG document that may also stand within a page."""
+        box = " ".join(map(number, (x, y, width, height)))
+        head = (
+            f'<svg xmlns="http://www.w3.org/2000/svg" class="fig" id={quoteattr(self.name)} viewBox="{box}" '
+            f'width="{number(width)}" height="{number(height)}" role="img" '
+            f'aria-labelledby="{self.name}-title {self.name}-desc">'
+        )
+        title = f'<title id="{self.name}-title">{plain(self.title)}</title>'
+        about = f'<desc id="{self.name}-desc">{plain(self.description or self.title)}</desc>'
+        body = "\n".join(self._parts + self._open[::-1])
+        return f"{head}\n{title}\n{about}\n<style>\n{css()}</style>\n{body}\n</svg>\n"
+
+
+def _opening(tag: str, cls: str, attrs: dict[str, str | float]) -> str:
+    texts = [tag, *([f"class={quoteattr(cls)}"] if cls else [])]
+    for name, value in attrs.items():
+        text = _ILLEGAL.sub("", value) if isinstance(value, str) else number(value)
+        texts.append(f"{name.rstrip('_').replace('_', '-')}={quoteattr(text)}")
+    return " ".join(texts)

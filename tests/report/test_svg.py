@@ -1,0 +1,86 @@
+"""The SVG writer: what it writes is XML, the same each time, and readable in light, dark and alone."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynid.report.metrics import text_width
+from dynid.report.style import COLOURS, SERIES, css, resolved
+from dynid.report.svg import Svg, number
+
+NAMESPACE = "{http://www.w3.org/2000/svg}"
+
+
+def drawn(text="x"):
+    svg = Svg("a figure", text, text)
+    svg.open("bonds", tip=text)
+    svg.line((0, 0), (10, 1 / 3), cls="s1")
+    svg.text(5, 5, text, data_name=text)
+    svg.close()
+    return svg.render(20, 10)
+
+
+@given(st.text())
+def test_any_text_gives_xml_that_says_it(text):
+    root = ET.fromstring(drawn(text))
+    shown = root.find(f".//{NAMESPACE}text").text or ""
+    kept = re.sub("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "�", text)
+    assert shown == kept.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def test_a_figure_names_itself_for_those_who_cannot_see_it():
+    root = ET.fromstring(drawn("Bonds & <strokes>"))
+    names = root.get("aria-labelledby").split()
+    texts = {element.get("id"): element.text for element in root.iter()}
+    assert [texts[name] for name in names] == ["Bonds & <strokes>"] * 2
+    assert root.get("role") == "img"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1 / 3, "0.33"), (-0.001, "0"), (2.0, "2"), (1e3, "1000"), (-1.5, "-1.5")]
+)
+def test_a_number_has_one_form(value, text):
+    assert number(value) == text
+
+
+def test_ids_are_the_figures_own():
+    svg = Svg("bode m.f/v", "")
+    assert svg.id() != svg.id()
+    assert svg.id().startswith("bode-m-f-v-")
+
+
+def test_every_colour_of_the_sheet_is_known_in_both_themes():
+    assert set(re.findall(r"var\(--(\w+)", css())) <= set(COLOURS)
+    for dark in (False, True):
+        plain = resolved(drawn(), dark=dark)
+        ET.fromstring(plain)
+        assert "var(" not in plain
+        assert "--" not in plain
+        assert COLOURS["s1"][dark] in plain
+
+
+def luminance(colour):
+    channels = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+    return sum(weight * c for weight, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_everything_stands_out_from_the_paper(dark):
+    paper = luminance(COLOURS["paper"][dark])
+
+    def contrast(name):
+        bright, dim = sorted((luminance(COLOURS[name][dark]), paper), reverse=True)
+        return (bright + 0.05) / (dim + 0.05)
+
+    assert all(contrast(name) >= 4.5 for name in ("ink", "muted", "accent"))  # WCAG 2.2, text
+    assert all(contrast(name) >= 3 for name in SERIES)  # graphical objects
+
+
+def test_wide_and_combining_characters_count_as_such():
+    assert text_width("가나", 10) == 20
+    assert text_width("e\u0301", 10) == text_width("e", 10)
+    assert text_width("m", 10, bold=True) > text_width("m", 10) > text_width("i", 10)
