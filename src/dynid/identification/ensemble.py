@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.diagnostics import root_mean_square, whiteness
-from dynid.identification.fit import Fit, Fitter
+from dynid.identification.fit import Fitter
 from dynid.identification.information import Information, joined
 from dynid.identification.knowledge import Knowledge
+from dynid.identification.observed import Fit, Observed
 from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
@@ -52,21 +53,21 @@ class JointFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Ensemble:
-    """Fits records with the same parameters.
+class Likelihood:
+    """The likelihood of all that is observed, as a function of the parameters.
 
     Attributes
     ----------
     records
-        One fitter a record, all of the same unknowns.
+        What is observed, all with the same unknowns.
     """
 
-    records: tuple[Fitter, ...]
+    records: tuple[Observed, ...]
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         """The unknown parameters (p)."""
-        return self.records[0].model.unknowns
+        return self.records[0].unknowns
 
     @cached_property
     def knowledge(self) -> Knowledge:
@@ -140,4 +141,18 @@ class Ensemble:
 
     def whiteness(self, fit: JointFit) -> float:
         """Return the p-value of the residuals' whiteness."""
-        return whiteness(*fit.residuals)
+        each = zip(self.records, fit.residuals, strict=True)
+        return whiteness(*(record.series(residual) for record, residual in each))
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble(Likelihood):
+    """Records of time that share their parameters.
+
+    Attributes
+    ----------
+    records
+        One fitter a record, all of the same unknowns.
+    """
+
+    records: tuple[Fitter, ...]

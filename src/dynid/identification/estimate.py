@@ -135,7 +135,7 @@ def _identified(
             found = here.run(ensemble, logs)
         if outcome is not None:
             found = _joined(outcome, ensemble, model, found)
-        outcome = Outcome(ensemble, experiments, model.dofs, estimator.name, found)
+        outcome = Outcome(ensemble, estimator.name, found, experiments, model.dofs)
         change, logs = np.abs(found.fit.logs - logs), found.fit.logs
         if rebuild is None or np.all(change <= np.maximum(_STAYS * outcome.information.deviations(), _LEAST)):
             break

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel
-from dynid.identification.diagnostics import root_mean_square
 from dynid.identification.filtering.filter import Prior
 from dynid.identification.information import STATE_RANK, Information, information, least_squares, thin_svd
 from dynid.identification.measurement import Data
-from dynid.identification.prediction import Prediction, free_prediction, prediction
+from dynid.identification.observed import Fit, Observed, weights
+from dynid.identification.prediction import free_prediction, prediction
 from dynid.lti.floating import finite
+from dynid.structure.joints import Unknown
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel
 
@@ -28,29 +29,7 @@ _LEAST_NOISE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """A fit at fixed parameters, the initial state being the best one (linear least squares).
-
-    Attributes
-    ----------
-    logs
-        Logarithms of the parameters (p).
-    predicted
-        Noise-free prediction and sensitivities, the states in SI divided by the model's scale.
-    residual
-        Measured minus predicted (times x channels), NaN where missing.
-    noise
-        Standard deviation of the noise (channels): as given, else estimated from the residuals.
-    """
-
-    logs: Array
-    predicted: Prediction
-    residual: Array
-    noise: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Fitter:
+class Fitter(Observed):
     """Fits one record with one model; see `fitter`.
 
     Attributes
@@ -71,13 +50,14 @@ class Fitter:
     sharing: int = 1
 
     @property
-    def given(self) -> Array:
-        """The noise's deviations (channels) as far as they are given, else NaN."""
-        return np.full(self.data.values.shape[1], np.nan) if self.data.given is None else self.data.given
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknown parameters (p)."""
+        return self.model.unknowns
 
-    def known_or(self, estimated: Array) -> Array:
-        """Return the noise's deviations (channels): those given, else these."""
-        return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
+    @property
+    def nuisances(self) -> int:
+        """Number of physical states, whose initial values are unknown."""
+        return self.model.states
 
     def fit(self, logs: Array, values: Array, noise: Array | None = None) -> Fit:
         """Fit the initial state to `values` (times x channels) at the parameters exp(logs).
@@ -85,7 +65,7 @@ class Fitter:
         Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
         """
         free, transitions = free_prediction(self.model, logs)
-        weight = self._weight(self.data.rms if noise is None else noise, values)
+        weight = weights(self.data.rms if noise is None else noise, values)
         forced = free.forced + free.by_state @ self.model.initial
         target = np.nan_to_num(values - forced) * weight
         matrix = ((free.by_state @ self.root) * weight[..., None]).reshape(target.size, -1)
@@ -99,19 +79,9 @@ class Fitter:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
         p = fit.predicted
         names = tuple(unknown.name for unknown in self.model.unknowns)
-        weight = self._weight(noise, fit.residual)
+        weight = weights(noise, fit.residual)
         found = information(names, p.by_parameter, p.by_state @ self.root, p.outputs, weight)
         return replace(found, values=np.exp(fit.logs))
-
-    def scatter(self, residual: Array) -> Array:
-        """Return the RMS of residuals (channels), corrected for the number of fitted values."""
-        fitted = (self.model.states + self.model.parameters / self.sharing) / residual.shape[1]
-        count = np.count_nonzero(~np.isnan(residual), axis=0)
-        return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
-
-    def weighted(self, fit: Fit, noise: Array) -> Array:
-        """Return the residuals over noise (values), 0 where missing."""
-        return (np.nan_to_num(fit.residual) * self._weight(noise, fit.residual)).ravel()
 
     def floored(self, noise: Array) -> Array:
         """Return the noise to assume: never less than a small part of each channel's RMS."""
@@ -129,7 +99,7 @@ class Fitter:
         """
         p = fit.predicted
         root = self._wide_root()
-        weight = self._weight(self.floored(fit.noise), fit.residual)
+        weight = weights(self.floored(fit.noise), fit.residual)
         both = np.concatenate([p.by_state, p.by_parameter], axis=2) * weight[..., None]
         _, s, Vt = thin_svd(both.reshape(weight.size, -1) @ root)
         seen = np.zeros(len(root))
@@ -157,9 +127,6 @@ class Fitter:
         root[:n, :n] = self.root
         root[n:, n:] = spread * np.eye(p)
         return root
-
-    def _weight(self, noise: Array, values: Array) -> Array:
-        return np.asarray(np.where(np.isnan(values), 0.0, 1 / noise))
 
 
 def fitter(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.diagnostics import root_mean_square
-from dynid.identification.ensemble import Ensemble, JointFit
+from dynid.identification.ensemble import JointFit, Likelihood
 from dynid.result import Result
 from dynid.structure.joints import Unknown
 from dynid.structure.matrices import Label
@@ -102,10 +102,10 @@ class ModelError:
 
 def model_error(
     model: StructuralModel,
-    ensemble: Ensemble,
+    ensemble: Likelihood,
     fit: JointFit,
     dofs: list[Label],
-    refitted: Callable[[StructuralModel], Ensemble],
+    refitted: Callable[[StructuralModel], Likelihood],
 ) -> ModelError:
     """Compare a reduced model with what it was made from, at the estimate.
 
@@ -146,13 +146,13 @@ def model_error(
     )
 
 
-def _noise(ensemble: Ensemble, fit: JointFit) -> list[Array]:
+def _noise(ensemble: Likelihood, fit: JointFit) -> list[Array]:
     """Return the noise seen, not below rounding."""
     each = zip(fit.parts, ensemble.records, strict=True)
     return [np.maximum(part.noise, np.finfo(float).eps * record.data.rms) for part, record in each]
 
 
-def _step(ensemble: Ensemble, fit: JointFit) -> Array:
+def _step(ensemble: Likelihood, fit: JointFit) -> Array:
     """Return the Gauss–Newton step of the logarithms, no longer than where it means anything."""
     noise = _noise(ensemble, fit)
     step = ensemble.information(fit, noise).step(ensemble.weighted(fit, noise))

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel
 from dynid.identification.filtering.filter import Pass
-from dynid.identification.fit import Fit, Fitter
+from dynid.identification.fit import Fitter
 from dynid.identification.measurement import Experiment, Measurement
+from dynid.identification.observed import Fit
 from dynid.identification.residuals import consistency, spectrum
 from dynid.result import Result
 from dynid.structure.matrices import Label

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.fit import Fit, Fitter
+from dynid.identification.fit import Fitter
 from dynid.identification.information import thin_svd
 from dynid.identification.measurement import Measurement, Simulation, simulated
+from dynid.identification.observed import Fit
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Load

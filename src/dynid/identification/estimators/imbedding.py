@@ -101,7 +101,7 @@ class InvariantImbedding:
             raise Diverged(f"the integration of eqs 19 and 20 breaks down: {solved.message}", remedy=ASTRAY)
         history = flow.history(np.asarray(solved.y.T))
         for logs in history.logs[[len(history.logs) // 2, -1]]:
-            check_run_away(record.model, logs, origin)
+            check_run_away(record.unknowns, logs, origin)
         return history, len(start), int(solved.nfev)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, UsageError
-from dynid.identification.ensemble import Ensemble, JointFit
+from dynid.identification.ensemble import JointFit, Likelihood
 from dynid.identification.estimators.estimation import Estimation, Stage
 from dynid.identification.filtering.filter import check_run_away
 from dynid.identification.information import Information, least_squares
@@ -60,7 +60,7 @@ class OutputError:
         if self.iterations < 1:
             raise UsageError("output error needs at least one iteration")
 
-    def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
+    def run(self, ensemble: Likelihood, origin: Array) -> Estimation:
         """Estimate, from the logarithms `origin` (p).
 
         Raises
@@ -72,7 +72,7 @@ class OutputError:
         return Estimation(fits[-1], [], [Stage("output error", fits)])
 
 
-def refine(ensemble: Ensemble, logs: Array, iterations: int = 50) -> Iterations:
+def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iterations:
     """Go to the nearest maximum of the likelihood.
 
     Parameters
@@ -108,7 +108,7 @@ def refine(ensemble: Ensemble, logs: Array, iterations: int = 50) -> Iterations:
         fit = better
         way.fits.append(fit)
         way.damping.append(damping)
-        check_run_away(ensemble.records[0].model, fit.logs, logs)
+        check_run_away(ensemble.unknowns, fit.logs, logs)
         if np.all(np.abs(step) <= np.maximum(_PART * information.deviations(), _SIZE)):
             return way._replace(finished=True)
         damping = max(damping / 10, _LEAST)
@@ -127,7 +127,7 @@ def _step(information: Information, residual: Array, damping: float) -> Array:
     return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
 
 
-def _improved(ensemble: Ensemble, fit: JointFit, step: Array, noise: Sequence[Array]) -> JointFit | None:
+def _improved(ensemble: Likelihood, fit: JointFit, step: Array, noise: Sequence[Array]) -> JointFit | None:
     """Return the fit after a step if it is better, else None."""
     try:
         new = ensemble.fit(fit.logs + step, noise)

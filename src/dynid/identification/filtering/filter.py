@@ -14,6 +14,7 @@ constant, so that between samples nothing is added to P.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from dynid.errors import Diverged
 from dynid.identification.augmented import AugmentedModel
 from dynid.identification.filtering.compiled import compiled
+from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
 
@@ -130,7 +132,7 @@ def _walk(
         innovation = measured[sample] - model.feedthrough[sample] - H[:, :n] @ z[:n]
         whitened = H * weight[sample][:, None], innovation * weight[sample]
         z += _update(S, *whitened, present[sample], innovations[sample])
-        check_run_away(model, z[n:], origin)
+        check_run_away(model.unknowns, z[n:], origin)
         unit = np.abs(S).max(axis=1)  # squares of large units overflow
         shares = S / np.where(unit > 0, unit, 1.0)[:, None]
         spread = np.sqrt(np.einsum("ij,ij->i", shares, shares)) * unit
@@ -158,7 +160,7 @@ def _walk_compiled(
     while node < nodes:
         node = kernels.walk(tables, node, arrived, z, padded, origin, RUNAWAY, tuple(history))
         if node < 0:
-            check_run_away(model, z[model.states :], origin)
+            check_run_away(model.unknowns, z[model.states :], origin)
         if arrived := node < nodes:
             _propagate(model, node, z, root)
     return root
@@ -196,11 +198,11 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
     return correction
 
 
-def check_run_away(model: AugmentedModel, logs: Array, origin: Array) -> None:
+def check_run_away(unknowns: Sequence[Unknown], logs: Array, origin: Array) -> None:
     """Refuse logarithms (p) that are not finite or a factor of a million from their origin."""
     away = ~(np.abs(logs - origin) < RUNAWAY)
     if away.any():
-        raise run_away([unknown.name for unknown, bad in zip(model.unknowns, away, strict=True) if bad])
+        raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad])
 
 
 def run_away(names: list[str]) -> Diverged:

@@ -1,0 +1,103 @@
+"""What the likelihood asks of anything that is observed: records of time, or frequency response functions."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.diagnostics import root_mean_square
+from dynid.identification.information import Information
+from dynid.identification.measurement import Data
+from dynid.identification.prediction import Prediction
+from dynid.structure.joints import Unknown
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit at fixed parameters, the initial state being the best one (linear least squares).
+
+    Attributes
+    ----------
+    logs
+        Logarithms of the parameters (p).
+    predicted
+        Noise-free prediction and sensitivities, the states in SI divided by the model's scale.
+    residual
+        Measured minus predicted (times x channels), NaN where missing.
+    noise
+        Standard deviation of the noise (channels): as given, else estimated from the residuals.
+    """
+
+    logs: Array
+    predicted: Prediction
+    residual: Array
+    noise: Array
+
+
+class Observed(ABC):
+    """Real values (rows x channels) that depend on the parameters, with white Gaussian noise.
+
+    Attributes
+    ----------
+    data
+        The values.
+    sharing
+        Number of records that share the parameters.
+    """
+
+    data: Data
+    sharing: int
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknown parameters (p)."""
+
+    @property
+    @abstractmethod
+    def nuisances(self) -> int:
+        """Number of unknowns beside the parameters."""
+
+    @abstractmethod
+    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> Fit:
+        """Fit what is unknown beside the parameters to `values` (rows x channels) at exp(logs).
+
+        Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
+        """
+
+    @abstractmethod
+    def information(self, fit: Fit, noise: Array) -> Information:
+        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
+
+    @property
+    def given(self) -> Array:
+        """The noise's deviations (channels) as far as they are given, else NaN."""
+        return np.full(self.data.values.shape[1], np.nan) if self.data.given is None else self.data.given
+
+    def known_or(self, estimated: Array) -> Array:
+        """Return the noise's deviations (channels): those given, else these."""
+        return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
+
+    def scatter(self, residual: Array) -> Array:
+        """Return the RMS of residuals (channels), corrected for the number of fitted values."""
+        fitted = (self.nuisances + len(self.unknowns) / self.sharing) / residual.shape[1]
+        count = np.count_nonzero(~np.isnan(residual), axis=0)
+        return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
+
+    def weighted(self, fit: Fit, noise: Array) -> Array:
+        """Return the residuals over noise (values), 0 where missing."""
+        return (np.nan_to_num(fit.residual) * weights(noise, fit.residual)).ravel()
+
+    def series(self, residual: Array) -> Array:
+        """Return residuals (rows x channels) as what is white, row after row, if the model is right."""
+        return residual
+
+
+def weights(noise: Array, values: Array) -> Array:
+    """Return one over the noise's deviations (rows x channels), 0 where a value is missing."""
+    return np.asarray(np.where(np.isnan(values), 0.0, 1 / noise))
