@@ -17,6 +17,7 @@ FLOORS = [
     {"identification"},
     {"scene"},
     {"report", "store", "checks", "templates", "topics", "bench"},
+    {"study"},
     {"cli", "__init__"},
     {"__main__"},
 ]
@@ -27,6 +28,7 @@ FORBIDDEN = {
     *(("store", package) for package in ("lti", "bondgraph", "structure", "identification", "scene")),
     *(("checks", package) for package in ("lti", "bondgraph", "structure", "identification")),
     *(("cli", package) for package in ("lti", "bondgraph", "structure", "identification")),
+    *(("study", package) for package in ("lti", "bondgraph", "structure", "identification")),
 }
 # The store and the checks know nothing of scenes but how to suggest a name.
 SUGGESTIONS = "dynid.scene.yaml.source"

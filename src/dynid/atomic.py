@@ -6,6 +6,7 @@ import contextlib
 import os
 import secrets
 import stat
+from collections.abc import Iterator
 
 from dynid.errors import FileError
 
@@ -25,6 +26,19 @@ def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
     FileError
         When it cannot be written; the old file is untouched then.
     """
+    with replacing(path) as part, open(part, "r+b") as file:  # noqa: PTH123
+        file.write(content)
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[str]:
+    """Give the name of an empty file to fill, which takes the place of `path` when all went well.
+
+    Raises
+    ------
+    FileError
+        When it cannot be written; the old file is untouched then.
+    """
     name = os.fspath(path)
     try:
         target = os.path.realpath(name)
@@ -32,13 +46,15 @@ def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
         folder = os.path.dirname(target)  # noqa: PTH120 - bytes of odd names pass through os.path untouched
         part = os.path.join(folder, f".dynid-{secrets.token_hex(8)}.part")  # noqa: PTH118
         try:
-            _write_durably(part, content, target)
+            _create(part, target)
+            yield part
+            _sync(part)
             os.replace(part, target)  # noqa: PTH105
         except BaseException:
             with contextlib.suppress(OSError):
                 os.unlink(part)  # noqa: PTH108
             raise
-        _sync_folder(folder)
+        sync_folder(folder)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise FileError(f"{name} cannot be written: {reason}", names=[name]) from error
@@ -56,17 +72,21 @@ def _check_target(target: str, name: str) -> None:
         raise FileError(f"{name} cannot be written: it is write-protected", names=[name])
 
 
-def _write_durably(part: str, content: bytes, target: str) -> None:
-    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
-    with os.fdopen(descriptor, "wb") as file:
-        with contextlib.suppress(FileNotFoundError):
-            os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))  # noqa: PTH101, PTH116
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+def _create(part: str, target: str) -> None:
+    os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    with contextlib.suppress(FileNotFoundError):
+        os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))  # noqa: PTH101, PTH116
 
 
-def _sync_folder(folder: str) -> None:
+def _sync(part: str) -> None:
+    descriptor = os.open(part, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_folder(folder: str) -> None:
     """Make the new name itself durable, where the system lets a folder be synchronised."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)

@@ -11,10 +11,12 @@ if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.scene.load import Scene
 
-_RUNNERS = {
+#: For every kind the module that runs its scenes.
+RUNNERS = {
     "bond-graph": "dynid.scene.kinds.bond_graph",
     "identification": "dynid.scene.kinds.identification",
     "reduction": "dynid.scene.kinds.reduction",
+    "study": "dynid.scene.kinds.study",
 }
 
 
@@ -45,7 +47,7 @@ def run_scene(scene: Scene) -> Result:
     FileError
         Where a file that the scene names cannot be read.
     """
-    result: Result = import_module(_RUNNERS[scene.kind]).run(scene)
+    result: Result = import_module(RUNNERS[scene.kind]).run(scene)
     result.attrs["scene"] = scene.source.resolved_text()
     result.attrs["seed"] = next(_seeds(scene.source.data), 0)  # 0 where nothing in the scene is random
     return result

@@ -22,6 +22,7 @@ KINDS = {
     "bond-graph": ("dynid.scene.schema.bond_graph", "BondGraphScene"),
     "identification": ("dynid.scene.schema.identification", "IdentificationScene"),
     "reduction": ("dynid.scene.schema.reduction", "ReductionScene"),
+    "study": ("dynid.scene.schema.study", "StudyScene"),
 }
 
 
@@ -139,7 +140,12 @@ def check_source(source: Source) -> Scene:
         faults += located_faults(source, model, error)
     if faults:
         raise SceneError(faults)
-    return Scene(source, validated)
+    scene = Scene(source, validated)
+    if scene.kind == "study":
+        from dynid.scene.kinds.study import check_study
+
+        check_study(scene)
+    return scene
 
 
 def _model_of(source: Source) -> type[SceneModel]:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import os
 import platform
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
 from dynid._version import __version__
-from dynid.atomic import replace_file
+from dynid.atomic import replace_file, replacing
 from dynid.errors import FileError
-from dynid.result import Result, Scalar
+from dynid.result import Result, Scalar, Variable
 from dynid.store.formats import CURRENT
-from dynid.store.reader import read_root, reading
+from dynid.store.reader import INTERRUPTED, read_root, reading
 from dynid.store.writer import ArrayWriter, write_attrs
 
 _PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "numba", "control")
@@ -49,8 +52,65 @@ def write_result(result: Result, path: str | os.PathLike[str], scene_text: str |
     replace_file(name, content)
 
 
-def read_result(path: str | os.PathLike[str]) -> Result:
+#: Rows of an array that comes in parts: its path, the number of the first row, the rows.
+Block = tuple[str, int, NDArray[Any]]
+
+
+def write_blocks(
+    result: Result, path: str | os.PathLike[str], blocks: Iterable[Block], complete: bool = True
+) -> None:
+    """Write a result whose long arrays come part by part, so that they are never in memory as a whole.
+
+    Parameters
+    ----------
+    result
+        The result. Of an array that comes in parts only axes, shape and type count.
+    path
+        The file; an existing one is replaced, when all is written.
+    blocks
+        Every row of the arrays that come in parts; the arrays are those of the first part of each.
+    complete
+        Whether the result is all that it shall be one day.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be written. An existing file is untouched then.
+    """
+    import h5py
+
+    name = os.fspath(path)
+    hollow = {place for place, variable in result.items() if is_hollow(variable)}
+    with replacing(name) as part:
+        try:
+            with h5py.File(part, "w", libver="earliest") as file:
+                _write_root(file, result, str(result.attrs.get("scene", "")), complete)
+                ArrayWriter(file, result, hollow).write()
+                for place, first, rows in blocks:
+                    file[place][first : first + len(rows)] = rows
+        except (OSError, RuntimeError, ValueError, TypeError) as error:
+            raise FileError(f"{name} cannot be written: {error}", names=[name]) from error
+
+
+def hollow(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Return an array of a shape and type that takes no memory: its values come later."""
+    return np.broadcast_to(np.empty((), dtype), shape)
+
+
+def is_hollow(variable: Variable) -> bool:
+    """Tell whether the values of an array come later."""
+    return variable.data.ndim > 0 and not any(variable.data.strides)
+
+
+def read_result(path: str | os.PathLike[str], partial: bool = False) -> Result:
     """Read a result back from an HDF5 file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    partial
+        Whether one that was interrupted will do.
 
     Raises
     ------
@@ -59,12 +119,19 @@ def read_result(path: str | os.PathLike[str]) -> Result:
     """
     name = os.fspath(path)
     with reading(name), _opened(name) as file:
-        return read_root(file, name)
+        return read_root(file, name, partial=partial)
 
 
 @contextmanager
-def open_stored(path: str | os.PathLike[str]) -> Iterator[Result]:
+def open_stored(path: str | os.PathLike[str], partial: bool = False) -> Iterator[Result]:
     """Open a result whose arrays stay in the file until they are asked for, and are not kept then.
+
+    Parameters
+    ----------
+    path
+        The file.
+    partial
+        Whether one that was interrupted will do.
 
     Raises
     ------
@@ -74,7 +141,7 @@ def open_stored(path: str | os.PathLike[str]) -> Iterator[Result]:
     name = os.fspath(path)
     with ExitStack() as stack:
         with reading(name):
-            result = read_root(stack.enter_context(_opened(name)), name, stored=True)
+            result = read_root(stack.enter_context(_opened(name)), name, stored=True, partial=partial)
         yield result
 
 
@@ -98,7 +165,7 @@ def _image(result: Result, scene_text: str) -> bytes:
         return bytes(file.id.get_file_image())
 
 
-def _write_root(file: Any, result: Result, scene_text: str) -> None:
+def _write_root(file: Any, result: Result, scene_text: str, complete: bool = True) -> None:
     import h5py
 
     stamps: dict[str, Scalar] = {
@@ -111,7 +178,7 @@ def _write_root(file: Any, result: Result, scene_text: str) -> None:
         "format": CURRENT,
         "kind": result.kind,
         "title": result.title,
-        "status": "complete",
+        "status": "complete" if complete else INTERRUPTED,
     }
     attrs = result.group_attrs.get("", {}) | result.attrs
     given = {name: value for name, value in attrs.items() if name != "scene"}

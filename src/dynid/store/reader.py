@@ -13,6 +13,7 @@ from dynid.errors import FileError
 from dynid.result import Result, Scalar, Variable, as_kept
 from dynid.store.formats import as_current, refuse_unknown
 
+INTERRUPTED = "interrupted"
 SCALE_ATTRS = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"})
 OWN_ATTRS = frozenset({"units", "dynid_dims", "dynid_index"})
 ROOT_ATTRS = frozenset({"format", "kind", "title", "status", "scene"})
@@ -95,7 +96,7 @@ class StoredVariable(Variable):
             return as_kept(_read(self._dataset, place))
 
 
-def read_root(file: Any, name: str, stored: bool = False) -> Result:
+def read_root(file: Any, name: str, stored: bool = False, partial: bool = False) -> Result:
     """Read the result that an open file holds.
 
     Parameters
@@ -106,6 +107,8 @@ def read_root(file: Any, name: str, stored: bool = False) -> Result:
         Its name, for messages.
     stored
         Whether arrays stay in the file until they are asked for, which the file must stay open for.
+    partial
+        Whether a result that was interrupted will do.
 
     Raises
     ------
@@ -113,7 +116,7 @@ def read_root(file: Any, name: str, stored: bool = False) -> Result:
         When it holds none, an incomplete one, or one of a newer format.
     """
     root = _attrs(file)
-    _check_root(root, name)
+    _check_root(root, name, partial)
     attrs = {key: value for key, value in root.items() if key not in ROOT_ATTRS}
     scene = file.get("scene", getlink=True)
     if scene is not None:
@@ -129,12 +132,12 @@ def read_root(file: Any, name: str, stored: bool = False) -> Result:
     return as_current(result, int(root["format"]))
 
 
-def _check_root(root: dict[str, Scalar], name: str) -> None:
+def _check_root(root: dict[str, Scalar], name: str, partial: bool) -> None:
     number = root.get("format")
     if not isinstance(number, int) or "kind" not in root:
         raise FileError(f"{name} is HDF5, but not a result of dynid", names=[name])
     refuse_unknown(number, name)
-    if root.get("status") != "complete":
+    if root.get("status") not in ("complete", INTERRUPTED if partial else "complete"):
         raise FileError(f"{name} is not complete", remedy="Run its scene again.", names=[name])
 
 

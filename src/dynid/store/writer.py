@@ -7,7 +7,7 @@ named coordinates.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,9 +27,10 @@ def write_attrs(item: Any, attrs: Mapping[str, Scalar]) -> None:
 class ArrayWriter:
     """Writes the arrays of one result, and gives each of their dimensions a scale."""
 
-    def __init__(self, file: Any, result: Result) -> None:
+    def __init__(self, file: Any, result: Result, hollow: Collection[str] = ()) -> None:
         self.file = file
         self.result = result
+        self.hollow = hollow  # arrays whose values come later
         self._attached: dict[str, int] = {}  # scale: arrays that use it
         self._taken = {prefix for path in (*result, *result.group_attrs) for prefix in _prefixes(path)}
 
@@ -54,8 +55,9 @@ class ArrayWriter:
         if reserved := sorted(variable.attrs.keys() & (OWN_ATTRS | SCALE_ATTRS)):
             raise ValueError(f"{path}: the attribute '{reserved[0]}' is set by the store")
         dtype = _stored_type(variable.data.dtype)
+        data = None if path in self.hollow else variable.data.astype(dtype)
         dataset = self.file.create_dataset(
-            path, data=variable.data.astype(dtype), dtype=dtype, track_times=False
+            path, variable.data.shape, data=data, dtype=dtype, track_times=False
         )
         if _is_coordinate(path, variable):
             dataset.make_scale(path.rsplit("/", 1)[-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -22,6 +22,7 @@ __all__ = [
     "apply_overrides",
     "parse_source",
     "read_source",
+    "set_values",
 ]
 
 _START: Place = (1, 1)
@@ -138,6 +139,19 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
             faults += error.faults
     if faults:
         raise SceneError(faults)
+    return source
+
+
+def set_values(source: Source, values: Mapping[str, Any]) -> Source:
+    """Set plain values at dotted paths, as `--set` does with values written in YAML.
+
+    Raises
+    ------
+    SceneError
+        When a path makes no sense.
+    """
+    for path, value in values.items():
+        source = _set(source, path, value, {(): Marks(_START, _START, path)}, path)
     return source
 
 

@@ -1,0 +1,205 @@
+"""Scenes of kind `study`: one scene, many values."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PlainValidator,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
+
+from dynid.scene.schema.common import Part, SceneModel
+from dynid.scene.schema.quantities import Positive, Value, fault
+from dynid.words import did_you_mean
+
+#: More would not fit into one file, nor into the memory that holds their plan.
+MAX_SAMPLES = 10_000_000
+
+
+def _is_plain(raw: Any) -> Any:
+    if isinstance(raw, bool | int | float | str | list | dict):
+        return raw
+    raise fault("a value is a number, a text, true, false, or a list or mapping of these")
+
+
+Plain = Annotated[Any, PlainValidator(_is_plain), WithJsonSchema({"description": "a value of the scene"})]
+
+
+class Listed(Part):
+    """Values, one by one; under several paths, a list of values for each."""
+
+    values: list[Plain] = Field(min_length=1, max_length=MAX_SAMPLES)
+    name: str | None = None
+
+
+class Spread(Part):
+    """Values at even distances; where they are drawn, any value between."""
+
+    start: Value
+    stop: Value
+    points: int | None = Field(default=None, ge=1, le=MAX_SAMPLES, strict=True)
+    scale: Literal["linear", "log"] = "linear"
+    name: str | None = None
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if self.scale == "log" and not float(self.start) * float(self.stop) > 0:
+            raise fault("a logarithmic scale has two ends of the same sign, neither of them 0")
+        if self.points == 1 and float(self.start) != float(self.stop):
+            raise fault("one point cannot be at both 'start' and 'stop'")
+        return self
+
+
+class _Distribution(Part):
+    """What every distribution may say: into how many equally likely values a grid divides it."""
+
+    points: int | None = Field(default=None, ge=1, le=MAX_SAMPLES, strict=True)
+    name: str | None = None
+
+
+class Uniform(_Distribution):
+    """Evenly between two bounds: the value, its logarithm, or the whole numbers there, both ends included."""
+
+    distribution: Literal["uniform", "loguniform", "integer"]
+    low: Value
+    high: Value
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if float(self.low) >= float(self.high):
+            raise fault("'low' is not below 'high'")
+        if self.distribution == "loguniform" and float(self.low) <= 0:
+            raise fault("'low' of a log-uniform distribution is above 0")
+        if self.distribution == "integer" and any(q.exact.denominator != 1 for q in (self.low, self.high)):
+            raise fault("'low' and 'high' of whole numbers are whole numbers")
+        return self
+
+
+class Normal(_Distribution):
+    """Gaussian, or with a Gaussian logarithm; mean and standard deviation are those of the value itself.
+
+    `low` and `high` cut it off: what is beyond is not drawn.
+    """
+
+    distribution: Literal["normal", "lognormal"]
+    mean: Value
+    std: Positive
+    low: Value | None = None
+    high: Value | None = None
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if self.distribution == "lognormal" and float(self.mean) <= 0:
+            raise fault("'mean' of a lognormal distribution is above 0")
+        if self.low is not None and self.high is not None and float(self.low) >= float(self.high):
+            raise fault("'low' is not below 'high'")
+        if self.distribution == "lognormal" and self.high is not None and float(self.high) <= 0:
+            raise fault("'high' of a lognormal distribution is above 0")
+        return self
+
+
+class Triangular(_Distribution):
+    """A triangle from `low` over its peak at `mode` to `high`."""
+
+    distribution: Literal["triangular"]
+    low: Value
+    mode: Value
+    high: Value
+
+    @model_validator(mode="after")
+    def _is_a_triangle(self) -> Self:
+        if not float(self.low) <= float(self.mode) <= float(self.high) or self.low.value == self.high.value:
+            raise fault("'low', 'mode' and 'high' do not follow each other")
+        return self
+
+
+_FORMS = {
+    "uniform": "uniform",
+    "loguniform": "uniform",
+    "integer": "uniform",
+    "normal": "normal",
+    "lognormal": "normal",
+    "triangular": "triangular",
+}
+
+
+def _form_of(raw: Any) -> str:
+    """Tell which form of a factor a mapping has, by its keys."""
+    if isinstance(raw, dict) and "distribution" in raw:
+        return _FORMS[raw["distribution"]]
+    return "range" if isinstance(raw, dict) and {"start", "stop", "scale"} & raw.keys() else "values"
+
+
+def _as_mapping(raw: Any) -> Any:
+    """Take a bare list for its values, and refuse what has no form."""
+    if isinstance(raw, list):
+        return {"values": raw}
+    if not isinstance(raw, dict):
+        raise fault("what varies has 'values', 'start' and 'stop', or a 'distribution'")
+    name = raw.get("distribution", "uniform")
+    if not isinstance(name, str) or name not in _FORMS:
+        hint = did_you_mean(str(name), _FORMS)
+        raise fault(f"there is no distribution '{name}'; it is one of {', '.join(_FORMS)}{hint}")
+    return raw
+
+
+Factor = Annotated[
+    Annotated[Listed, Tag("values")]
+    | Annotated[Spread, Tag("range")]
+    | Annotated[Uniform, Tag("uniform")]
+    | Annotated[Normal, Tag("normal")]
+    | Annotated[Triangular, Tag("triangular")],
+    Discriminator(_form_of),
+    BeforeValidator(_as_mapping),
+]
+"""How one value of the scene varies, or several together."""
+
+Paths = Annotated[list[str], Field(min_length=2)]
+
+
+class Correlation(Part):
+    """How two drawn values go together: the correlation of their normal scores."""
+
+    between: list[str] = Field(min_length=2, max_length=2)
+    value: float = Field(gt=-1, lt=1)
+
+
+class Sampling(Part):
+    """Which combinations of the values are run."""
+
+    method: Literal["grid", "list", "random", "latin-hypercube", "sobol"] = "grid"
+    samples: int | None = Field(default=None, ge=1, le=MAX_SAMPLES, strict=True)
+    seed: int = Field(default=0, ge=0, strict=True)
+    correlation: list[Correlation] = []
+    indices: bool = False
+
+
+class StudyScene(SceneModel):
+    """A scene, what varies in it, and what is gathered."""
+
+    kind: Literal["study"]
+    scene: str = Field(min_length=1)
+    vary: dict[str, Factor] = Field(min_length=1)
+    derive: dict[str, str] = {}
+    zip: list[Paths] = []
+    sampling: Sampling = Sampling()
+    collect: list[Annotated[str, Field(min_length=1)]] = []
+
+
+def paths_of(key: str) -> tuple[str, ...]:
+    """Return the dotted paths that a key of `vary` stands for: one, or several with commas between."""
+    return tuple(path.strip() for path in key.split(","))
+
+
+def names_of_factor(key: str, factor: Factor) -> tuple[str, ...]:
+    """Return the names by which expressions know what a key of `vary` stands for."""
+    paths = paths_of(key)
+    if factor.name is not None:
+        return paths_of(factor.name)
+    return tuple(path.rpartition(".")[2] for path in paths)

@@ -1,0 +1,1 @@
+"""Parameter studies: one scene, many values."""
