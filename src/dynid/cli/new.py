@@ -19,10 +19,19 @@ _SCHEMA = "dynid.schema.json"
 @click.option("-o", "--output", type=click.Path(), help="The file to write; default ./NAME.yaml.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @click.option("--no-schema", is_flag=True, help=f"Write no {_SCHEMA}, which editors complete keys from.")
+@click.option(
+    "--from", "netlist", type=click.Path(), help="bond-graph: the graph of a .bg netlist of BondGraphTools."
+)
 @click.option("--stages", type=click.IntRange(1, 10_000), help="chain: how many stages (default 10).")
 @click.option("--distinct", is_flag=True, help="chain: every stage with values of its own.")
 def new(
-    name: str, output: str | None, force: bool, no_schema: bool, stages: int | None, distinct: bool
+    name: str,
+    output: str | None,
+    force: bool,
+    no_schema: bool,
+    netlist: str | None,
+    stages: int | None,
+    distinct: bool,
 ) -> int:
     """Write a commented template scene to start from.
 
@@ -49,6 +58,10 @@ def new(
         )
     if name != _CHAIN and (stages is not None or distinct):
         raise UsageError(f"a template '{name}' has no stages", remedy=f"Use them with `dynid new {_CHAIN}`.")
+    if name != "bond-graph" and netlist is not None:
+        raise UsageError(
+            f"a template '{name}' has no graph", remedy="Use `dynid new bond-graph --from FILE`."
+        )
     target = Path(output or f"{name}.yaml")
     if target.exists() and not force:
         raise FileError(
@@ -58,6 +71,10 @@ def new(
         from dynid.templates.chain import chain_scene
 
         written = chain_scene(stages or 10, vary=distinct).encode()
+    elif netlist is not None:
+        from dynid.scene.netlists import read_netlist
+
+        written = read_netlist(netlist).encode()
     else:
         written = folder.joinpath(f"{name}.yaml").read_bytes()
     if no_schema:
