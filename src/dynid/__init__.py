@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynid._version import __version__
+from dynid.building import GraphBuilder, StructureBuilder, scene_from
 
 if TYPE_CHECKING:
     import os
@@ -20,7 +21,15 @@ if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.scene.load import Scene
 
-__all__ = ["__version__", "load_scene", "open_result", "run"]
+__all__ = [
+    "GraphBuilder",
+    "StructureBuilder",
+    "__version__",
+    "load_scene",
+    "open_result",
+    "run",
+    "scene_from",
+]
 
 
 def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Scene:
