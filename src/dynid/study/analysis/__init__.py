@@ -1,0 +1,1 @@
+"""What a study says: statistics, influence of the inputs, expectations, the worst sample."""

@@ -1,0 +1,100 @@
+"""Designs, recognised from the samples themselves, so that a list made elsewhere is as good as our own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Columns = Mapping[str, NDArray[Any]]
+
+
+def sortable(column: NDArray[Any]) -> NDArray[Any]:
+    """Return a column in a type whose values have an order; texts as such."""
+    return column.astype(str) if column.dtype.kind == "O" else column
+
+
+@dataclass(frozen=True)
+class SaltelliDesign:
+    """Samples in rows of d + 2: A, then A with one factor of B after the other, then B.
+
+    Parameters
+    ----------
+    factors
+        The inputs that change together, for each of the d factors.
+    """
+
+    factors: tuple[tuple[str, ...], ...]
+
+    def split(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return a result's values at A, at B (each of shape (rows,)) and mixed (factors, rows)."""
+        rows = values.reshape(-1, len(self.factors) + 2)
+        return rows[:, 0], rows[:, -1], rows[:, 1:-1].T
+
+
+def saltelli_design(inputs: Columns) -> SaltelliDesign | None:
+    """Recognise Saltelli's design.
+
+    Parameters
+    ----------
+    inputs
+        The samples, by input. Inputs that change together are one factor; one that follows from several
+        factors is none of its own.
+    """
+    count = len(next(iter(inputs.values()), ()))
+    for factors in range(len(inputs), 0, -1):
+        if count % (factors + 2) == 0 and count > factors + 2:
+            found = _saltelli_factors(inputs, factors)
+            if found is not None:
+                return SaltelliDesign(found)
+    return None
+
+
+def _saltelli_factors(inputs: Columns, count: int) -> tuple[tuple[str, ...], ...] | None:
+    found: list[list[str]] = [[] for _ in range(count)]
+    for name, column in inputs.items():
+        rows = column.reshape(-1, count + 2)
+        a, b = rows[:, :1], rows[:, -1:]
+        of_a, of_b = (rows[:, 1:-1] == a).all(axis=0), (rows[:, 1:-1] == b).all(axis=0)
+        if of_b.sum() == 1 and not (of_a & of_b).any() and (of_a | of_b).all():
+            found[int(np.flatnonzero(of_b)[0])].append(name)
+        elif (of_a | of_b).all() and not of_a.all():
+            return None
+    return tuple(map(tuple, found)) if all(found) else None
+
+
+@dataclass(frozen=True)
+class OneAtATime:
+    """Samples that differ from a centre in one input each.
+
+    Parameters
+    ----------
+    centre
+        The samples at the centre.
+    varied
+        For each input the samples in which it alone is changed.
+    """
+
+    centre: NDArray[np.intp]
+    varied: Mapping[str, NDArray[np.intp]]
+
+
+def one_at_a_time(inputs: Columns) -> OneAtATime | None:
+    """Recognise samples around a centre of which each differs from it in at most one input."""
+    changed = {}
+    for name, column in inputs.items():
+        levels, counts = np.unique(
+            column.astype(str) if column.dtype.kind == "O" else column, return_counts=True
+        )
+        level = levels[np.argmax(counts)]
+        changed[name] = (column.astype(str) if column.dtype.kind == "O" else column) != level
+    if not changed:
+        return None
+    differing = np.sum(list(changed.values()), axis=0)
+    if differing.max(initial=0) != 1 or not (differing == 0).any():
+        return None
+    varied = {name: np.flatnonzero(where) for name, where in changed.items() if where.any()}
+    return OneAtATime(np.flatnonzero(differing == 0), varied)

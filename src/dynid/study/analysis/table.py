@@ -1,0 +1,180 @@
+"""A study's file as a table: samples in rows, what varied and what was gathered in columns.
+
+Only what is asked for is read, one array at a time, so that any number of samples fits.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.checks.axes import Axis, axis_of
+from dynid.checks.comparison import word
+from dynid.errors import UsageError
+from dynid.result import Result, Variable
+from dynid.words import did_you_mean
+
+SAMPLES, RESULTS, STATISTICS = "study/samples", "study/results", "study/statistics"
+
+_ENTRY = re.compile(r"(?P<path>[^\[]*)\[(?P<labels>.*)\]")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number of each sample.
+
+    Parameters
+    ----------
+    name
+        Its path in the result; of an array's entry with the labels: `path[label,…]`.
+    units
+        Its units.
+    values
+        Float64, shape (samples,); NaN where a sample has no value; magnitudes of complex numbers.
+    """
+
+    name: str
+    units: str
+    values: NDArray[np.float64]
+
+
+class StudyTable:
+    """A study as a table.
+
+    Parameters
+    ----------
+    result
+        A study's result, in memory or stored.
+
+    Raises
+    ------
+    UsageError
+        Where the result is of another kind.
+    """
+
+    def __init__(self, result: Result) -> None:
+        if result.kind != "study" or "study/status" not in result:
+            raise UsageError(f"this is a result of kind {result.kind}, not of a study")
+        self.result = result
+
+    @cached_property
+    def status(self) -> NDArray[Any]:
+        """What became of each sample: done, failed or pending."""
+        return self.result["study/status"].data
+
+    @cached_property
+    def inputs(self) -> dict[str, NDArray[Any]]:
+        """What varied, by its path in the scene, in the order of the names."""
+        head = f"{SAMPLES}/"
+        return {
+            path.removeprefix(head): self.result[path].data for path in self.result if path.startswith(head)
+        }
+
+    @cached_property
+    def paths(self) -> list[str]:
+        """The paths of everything that was gathered for each sample, texts too."""
+        every = {path: self.variable(path) for path in _below(self.result, RESULTS)}
+        found = {path: variable for path, variable in every.items() if variable.dims[:1] == ("sample",)}
+        lengths = {
+            f"{path.rpartition('/')[0]}/{variable.attrs['lengths']}".strip("/")
+            for path, variable in found.items()
+            if "lengths" in variable.attrs
+        }
+        return [path for path in found if path not in lengths]
+
+    def variable(self, path: str) -> Variable:
+        """Return what was gathered at a path, samples first."""
+        return self.result[f"{RESULTS}/{path}"]
+
+    def is_number(self, path: str) -> bool:
+        """Tell numbers from texts."""
+        return self.variable(path).dtype.kind in "bifc"
+
+    def size(self, path: str) -> int:
+        """Return how many entries a sample has at a path."""
+        return math.prod(self.variable(path).shape[1:])
+
+    def axes(self, path: str) -> list[Axis]:
+        """Return the axes of one sample at a path."""
+        variable = self.variable(path)
+        return [
+            axis_of(self.result, f"{RESULTS}/{path}", dim, length)
+            for dim, length in zip(variable.dims[1:], variable.shape[1:], strict=True)
+        ]
+
+    def columns(self, path: str) -> Iterator[Column]:
+        """Yield the number at a path, or every entry of an array of numbers, as columns."""
+        variable = self.variable(path)
+        values = as_numbers(variable.data).reshape(variable.shape[0], -1)
+        for number, (name, _) in enumerate(self.entries(path)):
+            yield Column(name, variable.units, values[:, number])
+
+    def entries(self, path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+        """Yield the name and the place of each entry that a sample has at a path."""
+        axes = self.axes(path)
+        labels = [[_label(label) for label in axis.labels] for axis in axes]
+        for place in np.ndindex(*(len(axis.labels) for axis in axes)):
+            chosen = ",".join(labels[axis][step] for axis, step in enumerate(place))
+            yield f"{path}[{chosen}]" if axes else path, place
+
+    def find(self, name: str) -> tuple[str, tuple[int, ...] | None]:
+        """Return the path and the place of an entry that a name means; no place: all of the array.
+
+        Raises
+        ------
+        UsageError
+            Where there is no such number.
+        """
+        name = name.strip("/").removeprefix(f"{RESULTS}/")
+        match = _ENTRY.fullmatch(name)
+        path = match["path"] if match and name not in self.paths else name
+        if path not in self.paths:
+            raise UsageError(f"the study has gathered nothing at '{path}'{did_you_mean(path, self.paths)}")
+        if not self.is_number(path):
+            raise UsageError(f"'{path}' is a text, which has no worst")
+        if path == name:
+            return path, None if self.variable(path).dims[1:] else ()
+        axes = self.axes(path)
+        labels = match["labels"].split(",") if match else []
+        if len(labels) != len(axes):
+            dims = ", ".join(axis.dim for axis in axes) or "none"
+            raise UsageError(f"'{name}' names {len(labels)} entries; the axes of {path} are: {dims}")
+        return path, tuple(
+            _place(axis, label.strip(), path) for axis, label in zip(axes, labels, strict=True)
+        )
+
+
+def _below(result: Result, group: str) -> list[str]:
+    """Return the paths below a group, from there on."""
+    return [path.removeprefix(f"{group}/") for path in result if path.startswith(f"{group}/")]
+
+
+def as_numbers(data: NDArray[Any]) -> NDArray[np.float64]:
+    """Return values as float64, complex ones by their magnitude."""
+    return np.abs(data) if data.dtype.kind == "c" else data.astype(np.float64, copy=False)
+
+
+def _label(label: Any) -> str:
+    return str(label) if isinstance(label, str) else word(label)
+
+
+def _place(axis: Axis, label: str, path: str) -> int:
+    names = [_label(own) for own in axis.labels]
+    if label in names:
+        return names.index(label)
+    found = None
+    if axis.labels.dtype.kind in "if":
+        try:
+            found = axis.find(float(label))
+        except ValueError:
+            found = None
+    if found is None:
+        raise UsageError(f"{path} has no {axis.dim} {label}{did_you_mean(label, names)}")
+    return found

@@ -1,0 +1,209 @@
+"""Influence of inputs against closed forms: Ishigami's function, and linear models."""
+
+import numpy as np
+import pytest
+from scipy.stats import qmc, sobol_indices, spearmanr
+
+from dynid.study.analysis.correlation import correlations, scatter
+from dynid.study.analysis.design import one_at_a_time, saltelli_design
+from dynid.study.analysis.influence import from_design, from_samples
+from dynid.study.analysis.tornado import tornado
+from dynid.study.analysis.worst import worst
+
+A, B = 7.0, 0.1
+
+
+def ishigami(x1, x2, x3):
+    """Ishigami & Homma 1990."""
+    return np.sin(x1) + A * np.sin(x2) ** 2 + B * x3**4 * np.sin(x1)
+
+
+def ishigami_indices():
+    """Return the closed form of first and total order."""
+    v1 = 0.5 * (1 + B * np.pi**4 / 5) ** 2
+    v2 = A**2 / 8
+    v13 = B**2 * np.pi**8 * (1 / 18 - 1 / 50)
+    total = v1 + v2 + v13
+    return np.array([v1, v2, 0]) / total, np.array([v1 + v13, v2, v13]) / total
+
+
+def saltelli(factors, rows, seed=0):
+    """Return samples in (0, 1) in rows of A, A with one column of B each, B."""
+    points = qmc.Sobol(2 * factors, rng=seed).random(rows)
+    a, b = points[:, :factors], points[:, factors:]
+    block = np.repeat(a[:, None], factors + 2, axis=1)
+    for factor in range(factors):
+        block[:, factor + 1, factor] = b[:, factor]
+    block[:, -1] = b
+    return block.reshape(-1, factors)
+
+
+def columns(samples):
+    return {f"x{number + 1}": column for number, column in enumerate(samples.T)}
+
+
+def test_ishigami_from_the_design():
+    inputs = columns(np.pi * (2 * saltelli(3, 2**12) - 1))
+    design = saltelli_design(inputs)
+    assert design.factors == (("x1",), ("x2",), ("x3",))
+    found = from_design(*design.split(ishigami(*inputs.values())))
+    first, total = ishigami_indices()
+    # 4096 rows of a Sobol sequence: far better than the standard errors, which are those of random rows
+    assert found.first == pytest.approx(first, abs=0.01)
+    assert found.total == pytest.approx(total, abs=0.01)
+    assert found.samples == 5 * 2**12
+
+
+def test_the_estimators_are_those_of_scipy():
+    samples = columns(np.pi * (2 * saltelli(3, 2**8) - 1))
+    a, b, mixed = saltelli_design(samples).split(ishigami(*samples.values()))
+    found = from_design(a, b, mixed)
+    other = sobol_indices(func={"f_A": a[None], "f_B": b[None], "f_AB": mixed[:, None]}, n=2**8)
+    # scipy centres and scales by A and B together as well, with n - 1 nowhere
+    assert found.first == pytest.approx(other.first_order.ravel(), abs=1e-12)
+    assert found.total == pytest.approx(other.total_order.ravel(), abs=1e-12)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    rng = np.random.default_rng(5)
+    first, total = ishigami_indices()
+    held = np.zeros(2)
+    trials = 300
+    for _ in range(trials):
+        a, b = rng.uniform(-np.pi, np.pi, (2, 3, 400))
+        mixed = np.array([ishigami(*np.where(np.arange(3)[:, None] == i, b, a)) for i in range(3)])
+        found = from_design(ishigami(*a), ishigami(*b), mixed)
+        held += [
+            np.mean(np.abs(found.first - first) <= 1.96 * found.first_error),
+            np.mean(np.abs(found.total - total) <= 1.96 * found.total_error),
+        ]
+    # the linearisation is of first order in 1/sqrt(n): 95 % within a few per cent of coverage
+    assert held / trials == pytest.approx([0.95, 0.95], abs=0.03)
+
+
+def test_rows_with_failed_samples_are_left_out():
+    inputs = columns(np.pi * (2 * saltelli(3, 2**12) - 1))
+    values = ishigami(*inputs.values())
+    values[np.random.default_rng(3).random(values.size) < 0.02] = np.nan
+    found = from_design(*saltelli_design(inputs).split(values))
+    assert found.first == pytest.approx(ishigami_indices()[0], abs=0.05)
+
+
+def test_a_design_is_recognised_with_pairs_and_what_follows_from_others():
+    samples = saltelli(2, 8)
+    inputs = columns(samples) | {"pair": 3 * samples[:, 0], "sum": samples.sum(axis=1)}
+    assert saltelli_design({key: inputs[key] for key in ("x1", "pair", "x2")}).factors == (
+        ("x1", "pair"),
+        ("x2",),
+    )
+    assert saltelli_design({**inputs, "sum": samples[:, 0] * 0 + 2}).factors == (("x1", "pair"), ("x2",))
+    assert saltelli_design(columns(np.random.default_rng(0).random((32, 2)))) is None
+
+
+def test_ishigami_from_any_samples():
+    points = 2 * np.pi * qmc.LatinHypercube(3, rng=2).random(20_000).T - np.pi
+    found = from_samples(list(points), ishigami(*points))
+    # classes of 1/50 of the range and 20,000 random samples
+    assert found.first == pytest.approx(ishigami_indices()[0], abs=0.015)
+    assert np.all(np.abs(found.first - ishigami_indices()[0]) < 4 * found.first_error)
+    assert found.total is None
+
+
+def test_a_full_grid_gives_the_exact_parts():
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(5.0), np.arange(8.0)))
+    values = 3 * x + np.array([0.0, 1, 1, 5, 2, 2, 0, 9])[y.astype(int)]
+    found = from_samples([x, y.astype(int).astype(str).astype(object)], values)
+    share = 9 * x.var() / values.var()
+    # the correction for the number of classes
+    assert found.first[0] == pytest.approx(1 - (1 - share) * 39 / 35, abs=1e-12)
+    assert found.first.sum() == pytest.approx(1 - (1 - share) * 39 / 35 + 1 - share * 39 / 32, abs=1e-12)
+
+
+def test_inputs_without_influence_have_none_on_average():
+    rng = np.random.default_rng(8)
+    shares = [from_samples([rng.random(300)], rng.random(300)).first[0] for _ in range(300)]
+    assert np.mean(shares) == pytest.approx(0, abs=4 * np.std(shares) / np.sqrt(300))
+
+
+def test_what_does_not_vary_has_no_indices():
+    assert from_samples([np.arange(100.0)], np.full(100, 0.1)) is None
+    assert from_design(np.ones(8), np.ones(8), np.ones((2, 8))) is None
+    assert from_samples([np.arange(100.0)], np.full(100, np.nan)) is None
+
+
+def test_the_tornado_of_a_linear_model_is_the_model():
+    rng = np.random.default_rng(4)
+    x = {
+        "a": rng.random(500),
+        "b": 1e6 * rng.random(500),
+        "c": rng.random(500),
+        "word": np.array(["p"] * 500, object),
+    }
+    values = 1 + 3 * x["a"] - 2e-6 * x["b"]
+    values[::7] = np.nan
+    found = tornado(x, values)
+    assert [bar.input for bar in found.bars] == ["a", "b", "c"]
+    assert {bar.input: bar.slope for bar in found.bars} == pytest.approx(
+        {"a": 3, "b": -2e-6, "c": 0}, abs=1e-12
+    )
+    known = x["a"][np.isfinite(values)]
+    assert found.bars[0].swing == pytest.approx(3 * np.diff(np.quantile(known, [0.05, 0.95]))[0], rel=1e-12)
+    assert found.r2 == pytest.approx(1, abs=1e-12)
+    assert found.method == "regression"
+
+
+def test_a_bent_response_is_not_trusted():
+    x = np.linspace(-1, 1, 101)
+    found = tornado({"x": x, "y": np.random.default_rng(1).random(101)}, x**2)
+    assert found.r2 < 0.2
+    assert "trust the order" in found.remark
+
+
+def test_inputs_that_move_together_are_not_told_apart():
+    x = np.linspace(0, 1, 50)
+    found = tornado({"x": x, "twice": 2 * x}, x)
+    assert found.bars == ()
+    assert "cannot tell them apart" in found.remark
+
+
+def test_samples_taken_one_at_a_time_are_taken_as_they_are():
+    centre = np.array([1.0, 2.0, 3.0])
+    rows = [centre]
+    for place in range(3):
+        for step in (-0.5, 0.5):
+            rows.append(centre + step * (np.arange(3) == place))
+    inputs = columns(np.array(rows))
+    found = tornado(inputs, inputs["x1"] ** 2 + 10 * inputs["x2"])
+    assert found.method == "one at a time"
+    assert [(bar.input, bar.low, bar.high) for bar in found.bars][:2] == [("x2", 1.5, 2.5), ("x1", 0.5, 1.5)]
+    assert [bar.slope for bar in found.bars] == pytest.approx([10, 2, 0])
+    assert one_at_a_time(columns(np.random.default_rng(0).random((9, 2)))) is None
+
+
+def test_correlations_know_lines_and_ranks():
+    x = np.linspace(0.1, 4, 200)
+    y = np.where(np.arange(200) % 9 == 0, np.nan, np.exp(x))
+    assert correlations([x, np.ones(200)], [y])[:, 0] == pytest.approx([0.87, np.nan], abs=0.05, nan_ok=True)
+    assert correlations([x], [y], ranks=True)[0, 0] == pytest.approx(1, abs=1e-12)
+    assert correlations([x], [-y], ranks=True)[0, 0] == pytest.approx(-1, abs=1e-12)
+    ties = np.array([1.0, 1, 2, 2, 3, 3])
+    other = np.array([3.0, 1, 2, 5, 5, 7])
+    assert correlations([ties], [other], ranks=True)[0, 0] == pytest.approx(
+        spearmanr(ties, other)[0], abs=1e-12
+    )
+
+
+def test_a_scatter_is_thinned_in_order():
+    x, _ = scatter(np.arange(1000.0), np.where(np.arange(1000) % 2, np.nan, 1.0), most=100)
+    assert len(x) == 100
+    assert (x[0], x[-1]) == (0, 998)
+    assert np.all(np.diff(x) > 0)
+
+
+@pytest.mark.parametrize(("direction", "place"), [("max", 3), ("min", 2), ("abs", 2)])
+def test_the_worst_sample(direction, place):
+    assert worst(np.array([np.nan, 1.0, -9.0, 5.0, 5.0]), direction) == place
+
+
+def test_no_sample_is_worst_where_all_failed():
+    assert worst(np.array([np.nan, np.nan])) is None
