@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.result import Result, Scalar, Variable, without_costs
+from dynid.result import PROVENANCE_ARRAYS, Result, Scalar, Variable, without_costs
 
 RTOL = 1e-9
 
@@ -37,7 +37,7 @@ def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list
         Numbers x and y agree when |x - y| <= atol + rtol max(|x|, |y|). NaN agrees with NaN.
     """
     found = [Difference("kind", f"{a.kind} against {b.kind}")] if a.kind != b.kind else []
-    for path in sorted(a.keys() | b.keys()):
+    for path in sorted((a.keys() | b.keys()) - PROVENANCE_ARRAYS):
         if path not in a or path not in b:
             found.append(Difference(path, f"only in the {'second' if path not in a else 'first'}"))
         elif message := _difference(a[path], b[path], rtol, atol):

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 Scalar = str | bool | int | float
 
 # Root attributes that tell how a result came about, and not what it is.
-PROVENANCE = frozenset({"created", "dynid_version", "packages", "python", "scene"})
+PROVENANCE = frozenset({"created", "dynid_version", "folder", "packages", "python", "scene"})
+# Arrays that do: what the samples of a study are known by, and the text of the scene they vary.
+PROVENANCE_ARRAYS = frozenset({"study/key", "study/scene"})
 # Attributes of groups that tell what the work cost: they differ from run to run.
 COSTS = frozenset({"seconds", "peak_megabytes"})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -56,8 +56,16 @@ def write_result(result: Result, path: str | os.PathLike[str], scene_text: str |
 Block = tuple[str, int, NDArray[Any]]
 
 
+#: Gives arrays, whole, that follow from what is in the file by then.
+Finish = Callable[[Result], Iterable[tuple[str, NDArray[Any]]]]
+
+
 def write_blocks(
-    result: Result, path: str | os.PathLike[str], blocks: Iterable[Block], complete: bool = True
+    result: Result,
+    path: str | os.PathLike[str],
+    blocks: Iterable[Block],
+    complete: bool = True,
+    finish: Finish | None = None,
 ) -> None:
     """Write a result whose long arrays come part by part, so that they are never in memory as a whole.
 
@@ -71,6 +79,8 @@ def write_blocks(
         Every row of the arrays that come in parts; the arrays are those of the first part of each.
     complete
         Whether the result is all that it shall be one day.
+    finish
+        What follows from the parts once they are all there; its arrays have their shapes in the result.
 
     Raises
     ------
@@ -88,6 +98,9 @@ def write_blocks(
                 ArrayWriter(file, result, hollow).write()
                 for place, first, rows in blocks:
                     file[place][first : first + len(rows)] = rows
+                if finish is not None:
+                    for place, values in finish(read_root(file, name, stored=True, partial=True)):
+                        file[place][...] = values
         except (OSError, RuntimeError, ValueError, TypeError) as error:
             raise FileError(f"{name} cannot be written: {error}", names=[name]) from error
 

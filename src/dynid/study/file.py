@@ -2,8 +2,8 @@
 
 `study/sample` numbers the samples; `study/samples/<path>` is what was varied; `study/results/<path>` what
 was gathered, where failed and pending samples are NaN (or an empty text); `study/status`, `study/error`,
-`study/exit_code`, `study/key` and `study/expect/<n>` tell of each sample. Nothing under `study/` tells of
-a clock, a host or a duration.
+`study/exit_code`, `study/key` and `study/expect/<n>` tell of each sample; `study/statistics/<path>` sums the
+results up. Nothing under `study/` tells of a clock, a host or a duration.
 
 Numbers and truth values are float64, so that what is missing can be NaN; the attribute `stored` keeps
 their own type. Arrays that differ in length from sample to sample are padded; the attribute `lengths`
@@ -25,9 +25,9 @@ from dynid.errors import FileError
 from dynid.result import Result, Scalar, Variable
 from dynid.scene.batch import Outcome
 from dynid.store import hollow, read_result, write_blocks
+from dynid.study.analysis.table import RESULTS, SAMPLES
+from dynid.study.statistics import computed, declare
 
-RESULTS = "study/results"
-SAMPLES = "study/samples"
 _BLOCK_BYTES = 32 * 2**20
 _BLOCK_ROWS = 4096
 
@@ -103,7 +103,8 @@ def write_study(
     for number in range(layout.expectations):
         result.add(f"study/expect/{number}", hollow((count,), np.bool_), ("sample",))
     layout.declare(result, count)
-    write_blocks(result, path, _blocks(heading, layout, rows), complete)
+    declare(result)
+    write_blocks(result, path, _blocks(heading, layout, rows), complete, computed)
 
 
 def as_column(values: Sequence[Any]) -> NDArray[Any]:

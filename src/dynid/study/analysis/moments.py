@@ -30,7 +30,7 @@ def statistics(values: Floats) -> dict[str, Floats | NDArray[np.int64]]:
         values are infinite.
     """
     # Each entry's samples side by side and in order: neither sums nor quantiles depend on the layout.
-    ordered = np.sort(np.moveaxis(values, 0, -1), axis=-1)  # NaN last
+    ordered = np.sort(np.ascontiguousarray(np.moveaxis(values, 0, -1)), axis=-1)  # NaN last
     count = ordered.shape[-1] - np.isnan(ordered).sum(axis=-1)
     mean, std = _moments(ordered, count)
     quantiles = {name: quantile(ordered, count, share) for name, share in QUANTILES.items()}
