@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynid.report.metrics import text_width
+from dynid.report.numbers import short
 from dynid.report.style import COLOURS, SERIES, css, resolved
 from dynid.report.svg import Svg, number
 
@@ -84,3 +85,22 @@ def test_wide_and_combining_characters_count_as_such():
     assert text_width("가나", 10) == 20
     assert text_width("e\u0301", 10) == text_width("e", 10)
     assert text_width("m", 10, bold=True) > text_width("m", 10) > text_width("i", 10)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (2e4, "20\N{NARROW NO-BREAK SPACE}000"),
+        (0.0137, "0.0137"),
+        (1e-8, "10⁻⁸"),
+        (-5.263e-6, "−5.263·10⁻⁶"),
+        (-1234, "−1234"),
+        (0.0, "0"),
+        (2 / 3, "0.6667"),
+        (999999.9, "1\N{NARROW NO-BREAK SPACE}000\N{NARROW NO-BREAK SPACE}000"),
+        (float("inf"), "∞"),
+        (float("nan"), "nan"),
+    ],
+)
+def test_a_number_is_written_as_people_read_it(value, text):
+    assert short(value) == text

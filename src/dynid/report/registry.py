@@ -45,7 +45,7 @@ class Family:
 
 
 #: In the order in which a page shows them.
-FAMILIES: tuple[Family, ...] = ()
+FAMILIES: tuple[Family, ...] = (Family("dynid.report.drawing.graph", kind("bond-graph")),)
 
 
 def figures(result: Result) -> list[Figure]:

@@ -60,6 +60,8 @@ def _rules() -> str:
         ".dashed": "stroke-dasharray: 6 4",
         ".solid": f"fill: {ink}; stroke: none",
         ".paper": f"fill: {colour('paper')}; stroke: none",
+        ".bond": f"fill: none; stroke: {ink}; stroke-width: {BOLD:g}; stroke-linejoin: round",
+        ".node": f"fill: {muted}; fill-opacity: .1; stroke: none",
         ".mark": f"stroke: {colour('accent')}",
         ".marked": f"fill: {colour('accent')}",
     }

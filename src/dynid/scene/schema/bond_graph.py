@@ -23,6 +23,9 @@ from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, TimeGrid
 from dynid.scene.schema.quantities import Value, fault, names_of
 from dynid.words import did_you_mean
 
+#: Physical domains; `mechanical` is translation.
+Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
+
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
 
 
@@ -53,10 +56,11 @@ _NodeType = Annotated[
 
 
 class NodeModel(Part):
-    """One node: its type, and its value where it has one."""
+    """One node: its type, its value where it has one, and its physical domain, which colours drawings."""
 
     type: _NodeType
     value: Value | None = None
+    domain: Domain | None = None
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> Self:
@@ -67,6 +71,8 @@ class NodeModel(Part):
             raise fault(f"{'a junction' if self.type in '01' else self.type} takes no value")
         if self.type in TWO_PORTS and self.value is not None and self.value.value == 0:
             raise fault(f"the modulus of a {self.type} cannot be zero")
+        if self.type in TWO_PORTS and self.domain is not None:
+            raise fault(f"a {self.type} joins two domains; give 'domain' to the nodes on its sides")
         return self
 
 

@@ -1,0 +1,1 @@
+"""Bond graphs, block diagrams and structures as drawings, laid out without overlaps."""

@@ -1,0 +1,137 @@
+"""The bond graph of a result as a drawing: causal strokes, values, domains, the source-load cut."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+from dynid.bondgraph.causality.assign import assign_causality
+from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, Bond, BondGraph, Node, Port
+from dynid.report.drawing.domains import UNITS, spread
+from dynid.report.drawing.render import render_sketch
+from dynid.report.drawing.scenes import scene_of
+from dynid.report.drawing.sketch import Line, Link, Sketch, Vertex
+from dynid.report.figure import Figure, Picture, Table
+from dynid.report.numbers import short
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+    from dynid.scene.schema.bond_graph import BondGraphScene
+
+#: Nodes of the largest graph that is drawn: a larger one shows nothing to anybody.
+LARGEST = 300
+
+
+@dataclass(frozen=True)
+class Question:
+    """A graph and what was asked of it.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    inputs, outputs
+        Sources kept as inputs, and the variables asked for.
+    port
+        The bond of the source-load decomposition, if any, from the source side to the load side.
+    domains
+        The physical domain of every node that has one.
+    """
+
+    graph: BondGraph
+    inputs: tuple[str, ...]
+    outputs: tuple[Port, ...]
+    port: Bond | None
+    domains: dict[str, str]
+
+
+def question_of(result: Result) -> Question:
+    """Read the graph of a result, and what was asked of it."""
+    from dynid.scene.kinds.bond_graph import build_graph
+
+    model = cast("BondGraphScene", scene_of(result).model)
+    graph = build_graph(model)
+    sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
+    given = {name: node.domain for name, node in model.graph.nodes.items() if node.domain}
+    return Question(
+        graph,
+        tuple(model.analysis.inputs or sources),
+        tuple(model.analysis.outputs),
+        model.analysis.port,
+        spread(graph, given),
+    )
+
+
+def figures(result: Result) -> Iterator[Figure]:
+    """Yield the drawing of a result's bond graph."""
+    question = question_of(result)
+    if len(question.graph.nodes) <= LARGEST:
+        yield Figure("bond-graph", "Bond graph", lambda: _picture(result.title, question))
+
+
+def _picture(title: str, question: Question) -> Picture:
+    sketch = sketch_of(question)
+    graph = question.graph
+    about = f"{title}: bond graph of {len(graph.nodes)} nodes and {len(graph.bonds)} bonds"
+    strokes = {(link.tail, link.head): link.stroke for link in sketch.links}
+    rows = [
+        (bond.tail, bond.head, {"tail": bond.tail, "head": bond.head}[strokes[bond.tail, bond.head]])
+        for bond in graph.bonds
+    ]
+    caption = (
+        "Power is positive along the half arrows; the stroke of a bond is at the end that sets its flow, "
+        "effort is imposed towards it."
+    )
+    table = Table(("from", "to", "effort is imposed towards"), tuple(rows))
+    return Picture(render_sketch("bond-graph", f"Bond graph of {title}", about, sketch), caption, table)
+
+
+def sketch_of(question: Question) -> Sketch:
+    """Return the drawing of a graph as a sketch."""
+    graph, domains = question.graph, question.domains
+    outputs: dict[str, list[str]] = {}
+    for port in question.outputs:
+        outputs.setdefault(port.node, []).append(port.quantity)
+    vertices = tuple(
+        vertex_of(node, domains.get(name, ""), name in question.inputs, outputs.get(name, ()))
+        for name, node in graph.nodes.items()
+    )
+    source = next((name for name in question.inputs if graph.bonds_of(name)), None)
+    target = next(iter(outputs), None)
+    cut = (question.port.tail, question.port.head) if question.port is not None else None
+    return Sketch(vertices, tuple(_links(graph, domains)), source, target, cut)
+
+
+def _links(graph: BondGraph, domains: dict[str, str]) -> Iterator[Link]:
+    """Yield the bonds with their strokes; a bond has the domain of its end that is no two-port."""
+    for bond in assign_causality(graph).bonds:
+        plain = [end for end in (bond.tail, bond.head) if graph.nodes[end].type not in TWO_PORTS]
+        domain = next((domains[end] for end in plain if end in domains), "")
+        yield Link(bond.tail, bond.head, bond.stroke, domain)
+
+
+def vertex_of(node: Node, domain: str, is_input: bool, asked: Iterable[str]) -> Vertex:
+    """Return a node of a graph with its name, value and unit."""
+    quantities = ", ".join(asked)
+    notes = [value] if (value := value_text(node, domain)) else []
+    notes += ["input"] if is_input else []
+    notes += [f"output {quantities}"] if quantities else []
+    head: Sequence[Line]
+    if node.type in JUNCTIONS:
+        head = (Line(node.type, "glyph"), Line(node.name, "note"))
+    else:
+        head = (Line(f"{node.type} : {node.name}"),)
+    role = "both" if is_input and quantities else "input" if is_input else "output" if quantities else ""
+    return Vertex(node.name, (*head, *(Line(note, "note") for note in notes)), domain, role)
+
+
+def value_text(node: Node, domain: str) -> str:
+    """Write the value of a node, with its unit where the domain is known."""
+    if node.value is None:
+        return ""
+    number = short(float(node.value))
+    if node.type in TWO_PORTS:
+        return f"{'n' if node.type == 'TF' else 'r'} = {number}"
+    unit = UNITS.get(domain, {}).get(node.type, "")
+    return f"{number} {unit}".rstrip()

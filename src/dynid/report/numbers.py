@@ -1,0 +1,27 @@
+"""Numbers as people read them in a figure."""
+
+from __future__ import annotations
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: A space that does not break, between thousands.
+_THIN = "\N{NARROW NO-BREAK SPACE}"
+
+
+def short(value: float, digits: int = 4) -> str:
+    """Write a number with a few significant digits: 20 000, 0.0137, 1·10⁻⁸.
+
+    Powers of ten are written out from 10⁶ on and below 10⁻³; thousands stand apart.
+    """
+    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+    if not power:  # inf and nan
+        return {"inf": "∞", "-inf": "−∞"}.get(mantissa, mantissa)
+    if value and not -3 <= int(power) < 6:
+        mantissa = mantissa.rstrip("0").rstrip(".")
+        times = {"1": "", "-1": "−"}.get(mantissa, f"{mantissa}·")
+        return f"{times}10{str(int(power)).translate(_RAISED)}".replace("-", "−")
+    text = f"{float(f'{value:.{digits}g}'):.12g}"
+    whole, dot, rest = text.partition(".")
+    sign, figures = ("−", whole[1:]) if whole.startswith("-") else ("", whole)
+    if len(figures) > 4:
+        figures = f"{int(figures):,}".replace(",", _THIN)
+    return f"{sign}{figures}{dot}{rest}"
