@@ -77,7 +77,16 @@ class Fault:
     message: str
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}:{self.column}: {self.message}"
+        return f"{self.file}:{self.line}:{self.column}: {_on_one_line(self.message)}"
+
+
+def _on_one_line(message: str) -> str:
+    """Return a message as one printable line, whatever text of the user it repeats."""
+    if message.isprintable():
+        return message
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in message
+    )
 
 
 class SceneError(DynidError):

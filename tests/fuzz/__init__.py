@@ -1,0 +1,1 @@
+"""Hostile input: scenes and files that nobody means well with."""
