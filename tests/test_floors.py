@@ -11,7 +11,7 @@ ROOT = Path(dynid.__file__).parent
 
 # From the ground up; a package may import every floor below its own, and none beside it.
 FLOORS = [
-    {"_version", "errors", "words", "atomic", "result"},
+    {"_version", "errors", "words", "atomic", "result", "choices"},
     {"lti"},
     {"bondgraph", "structure"},
     {"identification"},

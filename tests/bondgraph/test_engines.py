@@ -2,6 +2,7 @@
 
 import random
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sympy import Rational, sympify
 
+from dynid.bondgraph import engines
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.exact import ExactEngine
 from dynid.bondgraph.floating.transfer import FloatEngine
@@ -17,6 +19,7 @@ from dynid.bondgraph.formula import expanded, nested
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.question import Analysis, Formulas
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.choices import EXACT_ROOTS
 from dynid.errors import NumericalError, Singular, Undecided, UsageError
 from tests.bondgraph.graphs import ISOLATOR, reduced, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
@@ -196,7 +199,7 @@ def test_roots_that_cannot_be_told_apart_raise_or_go_to_the_exact_engine(monkeyp
     graph = reduced(types, values, bonds, inputs, f"{output[0]}.{output[1]}")
     with pytest.raises(Undecided, match="origin"):
         asked(graph, engine="float")
-    monkeypatch.setattr("dynid.bondgraph.engines._ROOTS", 0)
+    monkeypatch.setitem(engines._LIMIT, (False, True), replace(EXACT_ROOTS, value=0))
     result = asked(graph)
     said = result.group_attrs["bond_graph"]
     assert said["engine"] == "exact"
@@ -204,14 +207,15 @@ def test_roots_that_cannot_be_told_apart_raise_or_go_to_the_exact_engine(monkeyp
 
 
 def test_the_engine_is_chosen_by_size_and_named(monkeypatch):
-    monkeypatch.setattr("dynid.bondgraph.engines._ROOTS", 20)
+    monkeypatch.setitem(engines._LIMIT, (False, True), replace(EXACT_ROOTS, value=20))
     small, large = chain(10, distinct(3)), chain(11, distinct(4))
     results = frozenset({"properties"})
     said = asked(small, results=results).group_attrs["bond_graph"]
     assert (said["engine"], said["reading"]) == ("exact", "decimal")
     said = asked(large, results=results).group_attrs["bond_graph"]
     assert said["engine"] == "float"
-    assert said["engine_reason"] == "22 storages: exact roots are taken up to 20 only"
+    limit = "exact zeros and poles up to 20 storages, float above (bench zeros-poles)"
+    assert said["engine_reason"] == f"22 storages; chosen by default: {limit}"
     assert "error estimates" in said["engine_limits"]
     forced = asked(small, results=results, engine="float").group_attrs["bond_graph"]
     assert (forced["engine"], forced["engine_reason"]) == ("float", "as asked for")

@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from dynid import choices
 from dynid.bondgraph.question import NUMERIC, Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 
-#: Most storages for which roots are certified unasked, and for which polynomials alone are formed.
-_ROOTS, _POLYNOMIALS = 400, 1000
-#: The same for junction structures with more loops than this: polynomials grow on them.
-_ROOTS_WITH_LOOPS, _POLYNOMIALS_WITH_LOOPS, _LOOPS = 80, 150, 4
-
+#: Up to how many storages the exact engine is chosen: on many loops, and where roots are asked for.
+_LIMIT = {
+    (False, False): choices.EXACT_POLYNOMIALS,
+    (False, True): choices.EXACT_ROOTS,
+    (True, False): choices.EXACT_POLYNOMIALS_ON_LOOPS,
+    (True, True): choices.EXACT_ROOTS_ON_LOOPS,
+}
 _LIMITS = {
     "exact": "none: zeros and poles carry certified bounds, every verdict is decided",
     "float": (
@@ -80,9 +83,8 @@ def choose(reduced: ReducedGraph, analysis: Analysis) -> Choice:
     roots = bool(analysis.results & NUMERIC)
     structure = reduced.structure
     loops = len(structure.couplings) - len(structure.junctions) + 1
-    looped = loops > _LOOPS
-    most = (_POLYNOMIALS, _ROOTS, _POLYNOMIALS_WITH_LOOPS, _ROOTS_WITH_LOOPS)[2 * looped + roots]
-    what = f"exact {'roots' if roots else 'polynomials'} are taken up to {most}"
+    looped = loops > choices.MANY_LOOPS.value
+    limit = _LIMIT[looped, roots]
     where = f" on {loops} loops" if looped else ""
-    reason = f"{size:,} storages{where}: {what}"
-    return Choice("exact", reason) if size <= most else Choice("float", f"{reason} only")
+    reason = f"{size:,} storages{where}; chosen by default: {limit}"
+    return Choice("exact" if size <= limit.value else "float", reason)

@@ -11,11 +11,12 @@ from dynid.bondgraph.graph import Port
 from dynid.bondgraph.natural import characteristic_polynomials, hidden_polynomial
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.transfer import TransferFunction
+from dynid.choices import STARTED_ROOTS
 from dynid.errors import NumericalError
 from dynid.lti.certified import Root, certified_roots
 
 #: Degree from which eigenvalues are worth their time as first values of roots.
-_LARGE = 40
+_LARGE = STARTED_ROOTS.value
 
 
 class ExactEngine:

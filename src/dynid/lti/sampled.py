@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.choices import HOLD
 from dynid.errors import UsageError
 from dynid.lti.generator import Array, Record, Smooth, require, require_finite
 from dynid.lti.lines import MOST_LINES, line_derivatives, sum_lines
@@ -43,7 +44,7 @@ class Sampled(Smooth):
 
     values: ArrayLike
     step: float
-    hold: str = "spline"
+    hold: str = HOLD.value
     start: float = 0.0
 
     def __post_init__(self) -> None:
@@ -147,7 +148,7 @@ class Random(Smooth):
     step: float
     samples: int
     band: tuple[float, float] | None = None
-    hold: str = "spline"
+    hold: str = HOLD.value
 
     def __post_init__(self) -> None:
         require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dynid.choices import HOLD
 from dynid.lti.generator import Array, Record, Smooth, require
 from dynid.lti.sampled import Sampled, require_noise
 
@@ -44,7 +45,7 @@ class White(Smooth):
     seed: int
     step: float
     samples: int
-    hold: str = "spline"
+    hold: str = HOLD.value
 
     def __post_init__(self) -> None:
         require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)

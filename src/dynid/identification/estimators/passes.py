@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.choices import FILTER_PASSES
 from dynid.errors import UsageError
 from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimators.estimation import Estimation, Stage, Sweep
@@ -48,7 +49,7 @@ class Filter:
         Number of passes over the record.
     """
 
-    passes: int = 2
+    passes: int = FILTER_PASSES.value
     name: str = "filter"
 
     def __post_init__(self) -> None:

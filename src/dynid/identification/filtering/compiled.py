@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import os
 
+from dynid.choices import COMPILED
 from dynid.errors import UsageError
 
 VARIABLE = "DYNID_COMPILED"
 # Seconds of a pass without kernels from which on compiling repays.
-_REPAYS = 10.0
+_REPAYS = COMPILED.value
 # Seconds a node without kernels: calls, and multiplications of the exponential with its derivatives.
 _CALLS, _FLOP = 1.2e-4, 2e-9
 

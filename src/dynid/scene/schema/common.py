@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from dynid.choices import HOLD
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Value, fault
 
 
@@ -204,7 +205,7 @@ class FileSignal(SignalPart, TablePlace):
     kind: Literal["file"]
     path: str
     column: str | Annotated[int, Field(ge=1, strict=True)] | None = None
-    hold: Hold = "spline"
+    hold: Hold = HOLD.value
 
 
 Signal = Annotated[

@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from dynid.choices import ESTIMATOR
 from dynid.scene.schema.common import Dof, FrequencyGrid, MotionQuantity, Part, SceneModel, Signals, TimeGrid
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel
@@ -26,7 +27,7 @@ _OPTIONS = {
 class EstimatorModel(Part):
     """How to identify."""
 
-    method: Literal["auto", "filter", "output-error", "invariant-imbedding"] = "auto"
+    method: Literal["auto", "filter", "output-error", "invariant-imbedding"] = ESTIMATOR.value
     passes: int | None = Field(default=None, ge=1, le=100, strict=True)
     iterations: int | None = Field(default=None, ge=1, le=1000, strict=True)
     noise_ratio: Positive | None = None

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
+from dynid.choices import MASTERS
 from dynid.scene.schema.common import Dof, Part
 from dynid.scene.schema.quantities import NotNegative, Positive, fault
 
@@ -41,7 +42,7 @@ class MastersModel(Part):
     """How to choose masters; without a count, one a mode."""
 
     count: int | None = Field(default=None, ge=1, strict=True)
-    choose: Literal["qr", "effective-independence", "mass"] = "qr"
+    choose: Literal["qr", "effective-independence", "mass"] = MASTERS.value
 
 
 class ModesModel(Part):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynid.choices import ALL_MODES, BACKEND, DENSE_MODES, FEW_MODES
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Matrix, as_array
@@ -11,9 +12,9 @@ from dynid.structure.modes.pencil import Pencil, scaled
 from dynid.structure.modes.solution import Modes, finished, too_many
 
 # Below this size dense matrices are faster whatever is asked; above the other, out of question.
-_SMALL, _LARGE = 400, 4000
+_SMALL, _LARGE = DENSE_MODES.value, ALL_MODES.value
 # The part of all modes beyond which Lanczos is slower than dense matrices.
-_PART = 8
+_PART = FEW_MODES.value
 
 
 @guarded("the modes of the structure")
@@ -79,7 +80,7 @@ def _chosen(size: int, count: int | None, below: float | None) -> str:
         return "dense"
     few = count is not None and count <= size // _PART
     if few or (size > _LARGE and (count or below)):
-        return "splu"
+        return BACKEND.value
     if size > _LARGE:
         raise UsageError(
             f"all modes of {size} DOFs are asked for",
@@ -87,7 +88,7 @@ def _chosen(size: int, count: int | None, below: float | None) -> str:
             f"{_LARGE} DOFs.",
             names=("modes",),
         )
-    return "splu" if below is not None else "dense"
+    return BACKEND.value if below is not None else "dense"
 
 
 def _dense(pencil: Pencil, C: Matrix, count: int | None, below: float | None) -> Modes:

@@ -13,6 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.choices import MASTERS
 from dynid.errors import Singular, UsageError
 from dynid.structure.labels import listed
 from dynid.structure.matrices import Array, Label
@@ -46,7 +47,7 @@ class Masters:
     """
 
     count: int | None = None
-    choose: Choice = "qr"
+    choose: Choice = MASTERS.value
 
     def __post_init__(self) -> None:
         if self.count is not None and self.count < 1:

@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynid.choices import BASIS_BAND
 from dynid.errors import UsageError
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.modes import modes
 from dynid.structure.reduction.masters import Masters
 
-BAND = 5.0
+BAND = BASIS_BAND.value
 """Without modes given, all below this many times the band of interest are kept.
 
 Modes left out still yield statically. On the beam of Yang, excited up to 271 rad/s, joints are identified

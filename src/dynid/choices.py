@@ -1,0 +1,81 @@
+"""What the suite chooses where a scene leaves it open, and the benchmark whose table justifies it.
+
+Code takes its thresholds from here; results, `dynid bench` and the documentation quote the same sentences.
+To change one: run the benchmark it names, look at its table, and change the number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Default(Generic[T]):
+    """A choice that the suite makes by default.
+
+    Parameters
+    ----------
+    value
+        The threshold, or what is chosen.
+    benchmark
+        The benchmark whose table justifies it: `dynid bench NAME` measures it now.
+    sentence
+        The choice in words; ``{value}`` stands for the value.
+    """
+
+    value: T
+    benchmark: str
+    sentence: str
+
+    def __str__(self) -> str:
+        return f"{self.sentence.format(value=self.value)} (bench {self.benchmark})"
+
+
+# Bond graphs: which engine.
+EXACT_ROOTS = Default(
+    400, "zeros-poles", "exact zeros and poles up to {value:,} storages, float above"
+)  # fmt: skip
+EXACT_POLYNOMIALS = Default(
+    1000, "zeros-poles", "exact polynomials up to {value:,} storages where no roots are asked for"
+)
+MANY_LOOPS = Default(4, "loops", "junction structures with more than {value} loops have limits of their own")
+EXACT_ROOTS_ON_LOOPS = Default(80, "loops", "exact zeros and poles up to {value} storages on many loops")
+EXACT_POLYNOMIALS_ON_LOOPS = Default(150, "loops", "exact polynomials up to {value} storages on many loops")
+STARTED_ROOTS = Default(
+    40, "zeros-poles", "roots of polynomials beyond degree {value} are certified from eigenvalues"
+)
+
+# Time responses.
+HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")
+
+# Structures: modes, responses, bases.
+DENSE_MODES = Default(400, "modes", "modes by dense matrices up to {value} DOFs")
+ALL_MODES = Default(4000, "modes", "all modes up to {value:,} DOFs")
+FEW_MODES = Default(8, "modes", "by sparse Lanczos where at most one mode in {value} is asked for")
+BACKEND = Default("splu", "modes", "sparse matrices are factorised by {value}")
+MASTERS: Default[Literal["qr"]] = Default(
+    "qr", "reduction", "masters are chosen by pivoted {value} of the modes"
+)
+BASIS_BAND = Default(5.0, "basis", "a basis keeps all modes below {value:g} times the band of interest")
+
+# Identification.
+ESTIMATOR: Default[Literal["auto"]] = Default(
+    "auto", "estimators", "{value}: a filter pass, then maximum likelihood"
+)
+FILTER_PASSES = Default(2, "estimators", "{value} passes of the filter")
+COMPILED = Default(
+    10.0, "filters", "compiled kernels where a pass without them would take more than {value:g} s"
+)
+
+#: All of them, by name.
+CHOICES: dict[str, Default[object]] = {
+    name.lower(): value for name, value in globals().items() if isinstance(value, Default)
+}
+
+
+def of_benchmark(name: str) -> list[str]:
+    """Return the choices that a benchmark justifies, in words."""
+    return [each.sentence.format(value=each.value) for each in CHOICES.values() if each.benchmark == name]
