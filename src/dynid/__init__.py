@@ -67,7 +67,13 @@ def run(scene: Scene | str | os.PathLike[str]) -> Result:
     from dynid.scene.dispatch import run_scene
     from dynid.scene.load import Scene
 
-    return run_scene(scene if isinstance(scene, Scene) else load_scene(scene))
+    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    result = run_scene(loaded)
+    if getattr(loaded.model, "accuracy", None) is not None:
+        from dynid.bench.scenes import add_accuracy
+
+        add_accuracy(result, loaded)
+    return result
 
 
 def open_result(path: str | os.PathLike[str]) -> Result:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from dynid.bench.alternative import Benchmark
 from dynid.bench.catalogue import benchmark
+from dynid.bench.process import Process
+from dynid.choices import of_benchmark
 from dynid.errors import NumericalError
 from dynid.result import Result
 
@@ -63,48 +61,19 @@ def _measured(
 ) -> dict[str, list[Figure]]:
     """Measure all alternatives, size by size in turns."""
     present = [each for each in case.alternatives if not each.missing()]
-    workers = {each.name: _Worker(name, each.name) for each in present}
+    workers = {each.name: Process("dynid.bench.worker", name, each.name) for each in present}
     figures: dict[str, list[Figure]] = {each.name: [] for each in present}
     try:
         for size in sizes:
             for each in present:
                 if each.most is None or size <= each.most:
                     tell(f"{name}: {each.name}, {case.size} {size:,}")
-                    figures[each.name].append(workers[each.name].measure(size))
+                    answer = workers[each.name].ask(size) or {"failed": "it ended"}
+                    figures[each.name].append(Figure(size, **answer))
     finally:
         for worker in workers.values():
             worker.close()
     return figures
-
-
-class _Worker:
-    """A process for one alternative."""
-
-    def __init__(self, name: str, alternative: str) -> None:
-        command = [sys.executable, "-m", "dynid.bench.worker", name, alternative]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        )
-
-    def measure(self, size: int) -> Figure:
-        """Ask for the figures of a size."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        try:
-            self._process.stdin.write(f"{size}\n")
-            self._process.stdin.flush()
-            answer: dict[str, Any] = json.loads(self._process.stdout.readline() or '{"failed": "it ended"}')
-        except BrokenPipeError:
-            answer = {"failed": "it ended"}
-        return Figure(size, **answer)
-
-    def close(self) -> None:
-        """Let it end."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.close()
-        self._process.stdout.close()
-        self._process.wait()
 
 
 def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[Figure]]) -> None:
@@ -119,6 +88,7 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
     result.annotate(
         group, title=case.title, size=case.size, measure=case.measure, failed=_said(case, figures)
     )
+    result.annotate(group, chosen="; ".join(of_benchmark(name)))
     result.annotate(
         group, missing="; ".join(f"{e.name} ({e.missing()})" for e in case.alternatives if e.missing())
     )

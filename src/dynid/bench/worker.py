@@ -1,4 +1,4 @@
-"""A process that measures one alternative, a size at a time, as it is told over its standard input.
+"""A process that measures one alternative, a size at a time, as it is asked.
 
 Each alternative has a process of its own, so that its peak memory is what it needs and nothing that another
 loads gets in its way; the processes take turns, so that a drift of the machine's speed hits all.
@@ -6,14 +6,15 @@ loads gets in its way; the processes take turns, so that a drift of the machine'
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from statistics import median
 from time import perf_counter
-from typing import Any, TextIO
+from typing import Any
 
 from dynid.bench.catalogue import benchmark
+from dynid.bench.process import serve
 from dynid.errors import DynidError
 
 #: Fewest and most runs, and the time after which no further one is begun, s.
@@ -23,10 +24,8 @@ _LONG = 5.0
 
 
 def main(name: str, alternative: str) -> None:
-    """Answer every line of standard input, a size, with a line of measurements."""
-    answers, sys.stdout = sys.stdout, sys.stderr  # what the work prints is no answer
-    for line in sys.stdin:
-        _say(answers, measured(name, alternative, int(line)))
+    """Answer sizes with measurements, as `dynid.bench.process.Process` asks."""
+    serve(partial(measured, name, alternative))
 
 
 def measured(name: str, alternative: str, size: int) -> dict[str, Any]:
@@ -62,12 +61,3 @@ def peak_memory() -> float:
         return 0.0
     unit = 1 if sys.platform == "darwin" else 1024
     return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)
-
-
-def _say(stream: TextIO, answer: dict[str, Any]) -> None:
-    stream.write(json.dumps(answer) + "\n")
-    stream.flush()
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.progress import teller
 from dynid.errors import UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 @click.command()
@@ -40,7 +36,7 @@ def bench(
             click.echo(f"  {name:{width}}  {benchmark(name).title}")
         return 0
     chosen = [_known(name, BENCHMARKS) for name in names] or list(BENCHMARKS)
-    result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), _teller())
+    result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), teller())
     click.echo(summary(result, ""))
     if output:
         from dynid.store import write_result
@@ -77,10 +73,3 @@ def _sizes(given: tuple[str, ...], known: dict[str, str]) -> dict[str, list[int]
             raise UsageError(f"--size {text}: sizes are whole numbers", remedy="Write NAME=100,1000.")
         sizes[_known(name, known)] = sorted({int(part) for part in parts})
     return sizes
-
-
-def _teller() -> Callable[[str], None]:
-    """Return what tells the progress: a line that is overwritten, or nothing where nobody looks."""
-    if not sys.stderr.isatty():
-        return lambda _: None
-    return lambda line: click.echo(f"\r\033[K{line}", nl=False, err=True)

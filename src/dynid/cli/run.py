@@ -32,8 +32,15 @@ class LocatedError(DynidError):
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
 @click.option("--junit", type=click.Path(), help="Write the expectations' outcome as JUnit XML.")
+@click.option(
+    "--accuracy",
+    is_flag=True,
+    help="Try what else could have been chosen: what it costs, and how far off it is.",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str | None, quiet: bool) -> int:
+def run(
+    scene: str, output: str | None, overrides: tuple[str, ...], junit: str | None, accuracy: bool, quiet: bool
+) -> int:
     """Run one scene and write one HDF5 file.
 
     The file is written whole or not at all. Exit code 1 says that an expectation of the scene failed; the
@@ -46,7 +53,7 @@ def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str |
     target = Path(output) if output else Path(Path(scene).stem + ".h5")
     refuse_overwriting(scene, str(target), junit)
     refuse_missing_folders(str(target), junit)
-    result = _compute(loaded)
+    result = _compute(loaded, accuracy=accuracy)
 
     from dynid.store import write_result
 
@@ -70,11 +77,17 @@ def run(scene: str, output: str | None, overrides: tuple[str, ...], junit: str |
     return 1 if met < len(outcomes) else 0
 
 
-def _compute(scene: Scene) -> Result:
+def _compute(scene: Scene, *, accuracy: bool) -> Result:
     from dynid.scene.dispatch import run_scene
 
     try:
-        return run_scene(scene)
+        result = run_scene(scene)
+        if accuracy or getattr(scene.model, "accuracy", None) is not None:
+            from dynid.bench.scenes import add_accuracy
+            from dynid.cli.progress import teller
+
+            add_accuracy(result, scene, tell=teller())
+        return result
     except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(scene, error) from error
 

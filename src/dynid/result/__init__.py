@@ -26,6 +26,8 @@ PROVENANCE = frozenset({"created", "dynid_version", "folder", "packages", "pytho
 PROVENANCE_ARRAYS = frozenset({"study/key", "study/scene"})
 # Attributes of groups that tell what the work cost: they differ from run to run.
 COSTS = frozenset({"seconds", "peak_megabytes"})
+# Arrays of alternatives that do so.
+COST_COLUMNS = frozenset({"time", "memory", "pareto", "runs"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +124,12 @@ def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
     return np.dtype(kept[dtype.kind])
 
 
+def is_cost(path: str) -> bool:
+    """Tell whether an array says what work cost, or follows from it: of benchmarks, and of alternatives."""
+    holder, _, rest = path.partition("/")
+    return holder in ("accuracy", "bench") and rest.rpartition("/")[2] in COST_COLUMNS
+
+
 class Result(Mapping[str, Variable]):
     """Named arrays by path (`bond_graph/frequency_response/omega`), with attributes of the whole.
 
@@ -216,7 +224,11 @@ class Result(Mapping[str, Variable]):
             and mine.keys() == theirs.keys()
             and all(_same_attrs(mine[group], theirs[group]) for group in mine)
             and self._variables.keys() == other._variables.keys()
-            and all(variable.equals(other[path]) for path, variable in self._variables.items())
+            and all(
+                variable.equals(other[path])
+                for path, variable in self._variables.items()
+                if not is_cost(path)
+            )
         )
 
     def _annotations(self) -> dict[str, dict[str, Scalar]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.cases.chain import exact, matrices, reduced
+from dynid.bench.roots import distance
 
 
 def _exact(stages: int) -> Callable[[], Any]:
@@ -68,19 +69,9 @@ def _error(stages: int, found: Any) -> float:
     transfer = exact(stages)
     size = max(abs(root.value) for root in transfer.poles)
     return max(
-        _distance(np.asarray(got), repeated(true), size)
+        distance(np.asarray(got), repeated(true), size)
         for got, true in zip(found, (transfer.zeros, transfer.poles), strict=True)
     )
-
-
-def _distance(got: Any, true: Any, size: float) -> float:
-    import numpy as np
-    from scipy.optimize import linear_sum_assignment
-
-    if len(got) != len(true):
-        return float("inf")
-    distance = np.abs(got[:, None] - true) / np.maximum(np.abs(true), 1e-3 * size)
-    return float(distance[linear_sum_assignment(distance)].max(initial=0.0))
 
 
 BENCHMARK = Benchmark(

@@ -30,7 +30,12 @@ def summary(result: Result, note: str) -> str:
     if result.kind not in _KINDS:
         return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
     module = import_module(_KINDS[result.kind])
-    return "\n".join([_headline(result.title, module.method(result), note), "", *module.lines(result)])
+    lines = [_headline(result.title, module.method(result), note), "", *module.lines(result)]
+    if "accuracy" in result.group_attrs:
+        from dynid.cli.summary.accuracy import accuracy_lines
+
+        lines += ["", *accuracy_lines(result)]
+    return "\n".join(lines).rstrip("\n")
 
 
 def _headline(title: str, method: str, note: str) -> str:

@@ -32,12 +32,12 @@ def _table(result: Result, group: str) -> Iterable[str]:
         for place, (_, name, time, memory, error, best) in enumerate(some):
             shown = f"{size:,}" if place == 0 else ""
             mark = " ●" if best else ""
-            figures = f"{_time(time):>10}  {_memory(memory):>9}  {error:>8.1e}"
+            figures = f"{time_text(time):>10}  {memory_text(memory):>9}  {error:>8.1e}"
             yield f"    {shown:>9}  {name:{width}}  {figures}{mark}"
     yield f"    error: {about['measure']}"
-    for word in ("failed", "missing"):
+    for word, said in (("failed", "failed"), ("missing", "missing"), ("chosen", "chosen by default")):
         if about.get(word):
-            yield f"    {word}: {about[word]}"
+            yield f"    {said}: {about[word]}"
 
 
 def _rows(result: Result, group: str, name: str) -> Iterable[tuple[int, str, float, float, float, bool]]:
@@ -46,12 +46,14 @@ def _rows(result: Result, group: str, name: str) -> Iterable[tuple[int, str, flo
         yield int(size), name, float(time), float(memory), float(error), bool(best)
 
 
-def _time(seconds: float) -> str:
+def time_text(seconds: float) -> str:
+    """Write a time."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if seconds >= size:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 1e-9:.3g} ns"
 
 
-def _memory(size: float) -> str:
+def memory_text(size: float) -> str:
+    """Write a size of memory, bytes; what is below what the system tells apart is none."""
     return f"{size / 1e6:.3g} MB" if size >= 1e5 else "-"

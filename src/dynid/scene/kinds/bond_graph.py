@@ -26,12 +26,17 @@ def run(scene: Scene) -> Result:
     Singular
         Where the graph has no unique solution.
     """
+    return analyse(*question(scene), scene.title)
+
+
+def question(scene: Scene) -> tuple[BondGraph, Analysis]:
+    """Return the graph of a scene, and what is asked of it."""
     model = cast("BondGraphScene", scene.model)
     graph = build_graph(model)
     wanted = model.analysis
     inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
     asked = wanted.asked()
-    analysis = Analysis(
+    return graph, Analysis(
         inputs=inputs,
         outputs=tuple(wanted.outputs),
         results=asked,
@@ -45,7 +50,6 @@ def run(scene: Scene) -> Result:
         reading=wanted.reading,
         formulas=Formulas(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
     )
-    return analyse(graph, analysis, scene.title)
 
 
 def _stored(given: InitialModel) -> Fraction:

@@ -10,9 +10,9 @@ from dynid.scene.kinds.grids import angular_frequencies, record_of
 from dynid.scene.kinds.records import channel_of, experiments, loads_of
 from dynid.scene.kinds.structures import build_structure, number
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import EstimatorModel, IdentificationScene
+from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ModesModel
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Load, frequency_response, time_response
+from dynid.structure.response import Channel, Load, frequency_response, time_response
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from dynid.lti.generator import Record
     from dynid.scene.kinds.reductions import LocatedReductor
     from dynid.scene.schema.common import TimeGrid
+    from dynid.structure.reduction.selection import Interest
 
 
 def run(scene: Scene) -> Result:
@@ -41,7 +42,7 @@ def run(scene: Scene) -> Result:
     """
     model = cast("IdentificationScene", scene.model)
     structure = build_structure(scene, model.structure, model.joints)
-    method = _reductor(model)
+    method = reductor_of(scene)
     result = Result("identification", scene.title)
     values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
     if model.measurement is not None:
@@ -52,6 +53,17 @@ def run(scene: Scene) -> Result:
         responding = structure if method is None else method.at(values).reduce(structure).model
         result.merge(_responses(scene, model, responding, values))
     return result
+
+
+def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float]]:
+    """Return the structure that responds, reduced where the scene says so, and values of its unknowns.
+
+    These are the true ones where all are given, else the starts.
+    """
+    model = cast("IdentificationScene", scene.model)
+    structure = build_structure(scene, model.structure, model.joints)
+    method, values = reductor_of(scene), expected_values(structure)
+    return (structure if method is None else method.at(values).reduce(structure).model), values
 
 
 class Setting(NamedTuple):
@@ -76,7 +88,7 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     """
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
-    method = _reductor(model)
+    method = reductor_of(scene)
     records = experiments(scene, model.excitation, model.measurement)
     if method is None:
         return Setting(structure, records, structure)
@@ -125,11 +137,19 @@ def _estimator(given: EstimatorModel) -> Estimator:
     return estimator
 
 
-def _reductor(model: IdentificationScene) -> LocatedReductor | None:
+def reductor_of(scene: Scene) -> LocatedReductor | None:
     """Return the reduction of a scene, made for its sensors, loads and the band of its excitation."""
+    model = cast("IdentificationScene", scene.model)
     if model.reduction is None:
         return None
-    from dynid.scene.kinds.reductions import band_of, build_reductor
+    from dynid.scene.kinds.reductions import build_reductor
+
+    return build_reductor(model.reduction, interest_of(model), "reduction")
+
+
+def interest_of(model: IdentificationScene) -> Interest:
+    """Return what a reduced model is for: sensors, loads, and the band of the excitation."""
+    from dynid.scene.kinds.reductions import band_of
     from dynid.structure.reduction.selection import Interest
 
     dofs = [part.dof for part in model.excitation]
@@ -147,8 +167,7 @@ def _reductor(model: IdentificationScene) -> LocatedReductor | None:
         ]
         if band is None and model.analysis.frequency is not None:
             band = float(angular_frequencies(model.analysis.frequency)[-1])
-    interest = Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
-    return build_reductor(model.reduction, interest, "reduction")
+    return Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
 
 
 def _rebuilder(full: StructuralModel, method: LocatedReductor) -> Rebuild:
@@ -172,31 +191,43 @@ def _responses(
     wanted = model.analysis
     assert wanted is not None
     result = Result("identification", scene.title)
-    sensors = model.measurement.sensors if model.measurement else []
-    outputs = [channel_of(item) for item in wanted.outputs or sensors]
     if wanted.modes is not None:
         from dynid.structure.description import modal_analysis
 
-        asked = wanted.modes
-        factor = 2 * math.pi if asked.unit == "Hz" else 1.0
-        below = None if asked.below is None else factor * float(asked.below)
-        result.merge(modal_analysis(structure, asked.count, below, values))
+        result.merge(modal_analysis(structure, *which_modes(wanted.modes), values))
     if wanted.frequency is not None:
         driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
         inputs = list(dict.fromkeys(wanted.inputs or driven))
         omega = angular_frequencies(wanted.frequency)
-        result.merge(frequency_response(structure, inputs, outputs, omega, values))
+        result.merge(frequency_response(structure, inputs, _outputs(model), omega, values))
     if wanted.time is not None:
-        record = record_of(wanted.time)
-        result.merge(
-            time_response(
-                structure,
-                _response_loads(scene, model, wanted.time, record),
-                outputs,
-                record.times,
-                values=values,
-                displacement={dof: number(motion.x) for dof, motion in model.initial.items()},
-                velocity={dof: number(motion.v) for dof, motion in model.initial.items()},
-            )
-        )
+        result.merge(time_response(structure, values=values, **time_question(scene)))
     return result
+
+
+def time_question(scene: Scene) -> dict[str, Any]:
+    """Return the loads, outputs, times and first motion of the time response that a scene asks for."""
+    model = cast("IdentificationScene", scene.model)
+    wanted = model.analysis
+    assert wanted is not None
+    assert wanted.time is not None
+    record = record_of(wanted.time)
+    return {
+        "loads": _response_loads(scene, model, wanted.time, record),
+        "outputs": _outputs(model),
+        "times": record.times,
+        "displacement": {dof: number(motion.x) for dof, motion in model.initial.items()},
+        "velocity": {dof: number(motion.v) for dof, motion in model.initial.items()},
+    }
+
+
+def which_modes(asked: ModesModel) -> tuple[int | None, float | None]:
+    """Return how many modes are asked for, and below what frequency, rad/s."""
+    factor = 2 * math.pi if asked.unit == "Hz" else 1.0
+    return asked.count, None if asked.below is None else factor * float(asked.below)
+
+
+def _outputs(model: IdentificationScene) -> list[Channel]:
+    """Return what responses show: what is named, else what the sensors measure."""
+    sensors = model.measurement.sensors if model.measurement else []
+    return [channel_of(item) for item in (model.analysis and model.analysis.outputs) or sensors]

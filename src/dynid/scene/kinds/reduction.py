@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies
 from dynid.scene.kinds.records import channel_of
-from dynid.scene.kinds.reductions import build_reductor
+from dynid.scene.kinds.reductions import LocatedReductor, build_reductor
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.reduction import ReductionScene, result_names
@@ -16,7 +16,7 @@ from dynid.structure.reduction.selection import Interest
 from dynid.structure.response import Channel
 
 if TYPE_CHECKING:
-    from dynid.structure.matrices import Label
+    pass
 
 
 def run(scene: Scene) -> Result:
@@ -31,21 +31,28 @@ def run(scene: Scene) -> Result:
     """
     model = cast("ReductionScene", scene.model)
     structure = build_structure(scene, model.structure, model.joints)
-    responses = _responses(model)
-    dofs: tuple[Label, ...] = ()
-    band = None
-    if responses is not None:
-        asked = [*(model.inputs or ()), *(output.dof for output in model.outputs or ())]
-        dofs, band = tuple(dict.fromkeys(asked)), float(responses.omega[-1])
-    interest = Interest(dofs, band)
+    result = Result("reduction", scene.title)
+    made = compare(structure, methods_of(model), responses=_responses(model), parts=model.substructures)
+    result.merge(made)
+    return result
+
+
+def methods_of(model: ReductionScene) -> dict[str, LocatedReductor]:
+    """Return the methods of a scene by their names in its result."""
+    interest = interest_of(model)
     names = result_names([part.method for part in model.reduction])
-    methods = {
+    return {
         name: build_reductor(part, interest, f"reduction.{place}")
         for place, (name, part) in enumerate(zip(names, model.reduction, strict=True))
     }
-    result = Result("reduction", scene.title)
-    result.merge(compare(structure, methods, responses=responses, parts=model.substructures))
-    return result
+
+
+def interest_of(model: ReductionScene) -> Interest:
+    """Return what reduced models are for: the DOFs and the band of the responses."""
+    if model.frequency is None:
+        return Interest()
+    asked = [*(model.inputs or ()), *(output.dof for output in model.outputs or ())]
+    return Interest(tuple(dict.fromkeys(asked)), float(angular_frequencies(model.frequency)[-1]))
 
 
 def _responses(model: ReductionScene) -> Responses | None:

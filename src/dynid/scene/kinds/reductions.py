@@ -69,6 +69,16 @@ def build_reductor(part: Reduction, interest: Interest, place: str) -> LocatedRe
         return LocatedReductor(METHODS[part.method](**options, interest=interest), place)
 
 
+def read_reduction(data: Mapping[str, Any]) -> Reduction:
+    """Return a part of a scene that describes a reduction in numbers and words alone."""
+    from pydantic import TypeAdapter
+
+    from dynid.scene.schema import reductions
+
+    part: Reduction = TypeAdapter(reductions.Reduction).validate_python(data)
+    return part
+
+
 def _option(value: Any) -> Any:
     if isinstance(value, MastersModel):
         return Masters(value.count, value.choose)

@@ -18,6 +18,7 @@ from pydantic import (
 
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
 from dynid.bondgraph.question import NUMERIC, USUAL, Engine, Form, Reading, ResultName
+from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.chains import chain_ends
 from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, TimeGrid
 from dynid.scene.schema.quantities import Value, fault, names_of
@@ -202,6 +203,7 @@ class BondGraphScene(SceneModel):
     """A bond graph and what to compute of it."""
 
     kind: Literal["bond-graph"]
+    accuracy: AccuracyModel | None = None
     graph: GraphModel
     analysis: AnalysisModel
     initial: dict[str, InitialModel] = {}

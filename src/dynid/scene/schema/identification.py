@@ -7,6 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from dynid.choices import ESTIMATOR
+from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.common import Dof, FrequencyGrid, MotionQuantity, Part, SceneModel, Signals, TimeGrid
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel
@@ -120,6 +121,7 @@ class IdentificationScene(SceneModel):
     """A structure with joints; a record to identify them from, responses, or both."""
 
     kind: Literal["identification"]
+    accuracy: AccuracyModel | None = None
     structure: StructureModel
     joints: dict[str, JointModel] = {}
     reduction: Reduction | None = None

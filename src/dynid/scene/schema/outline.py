@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dynid.errors import Fault
 from dynid.scene.arithmetic.expression import resolve_parameters
+from dynid.scene.schema.accuracy import accuracy_faults
 from dynid.scene.schema.graph_outline import (
     bond_graph_faults,
     driving_faults,
@@ -48,7 +49,7 @@ def whole_faults(source: Source, names: Names) -> list[Fault]:
     else:
         faults = structure_faults(source, names) if kind in ("identification", "reduction") else []
         faults += unknown_joint_faults(source) if kind == "reduction" else []
-    return [*faults, *_motionless_faults(source)]
+    return [*faults, *_motionless_faults(source), *accuracy_faults(source)]
 
 
 def _motionless_faults(source: Source) -> list[Fault]:

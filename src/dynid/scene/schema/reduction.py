@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.common import FrequencyGrid, SceneModel
 from dynid.scene.schema.identification import OutputModel
 from dynid.scene.schema.joints import JointModel
@@ -29,6 +30,7 @@ class ReductionScene(SceneModel):
     """A structure, and reductions of it to compare."""
 
     kind: Literal["reduction"]
+    accuracy: AccuracyModel | None = None
     structure: StructureModel
     joints: dict[str, JointModel] = {}
     reduction: list[Reduction] = Field(min_length=1, max_length=1000)

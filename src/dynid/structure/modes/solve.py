@@ -62,7 +62,7 @@ def modes(
     """
     _check(count, below)
     if backend == "auto":
-        backend = _chosen(K.shape[0], count, below)
+        backend = solver_for(K.shape[0], count, below)
     if backend == "dense":
         return _dense(scaled(as_array(K), as_array(M)), C, count, below)
     return _sparse(M, C, K, count, below, backend, proof)
@@ -75,7 +75,8 @@ def _check(count: int | None, below: float | None) -> None:
         raise UsageError("modes are asked for below a frequency, which must be positive", names=("below",))
 
 
-def _chosen(size: int, count: int | None, below: float | None) -> str:
+def solver_for(size: int, count: int | None, below: float | None) -> str:
+    """Return the backend that is chosen by size, and by how many modes are asked for."""
     if size <= _SMALL:
         return "dense"
     few = count is not None and count <= size // _PART

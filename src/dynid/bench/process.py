@@ -1,0 +1,78 @@
+"""A process that answers questions one by one, and can be stopped when it thinks too long."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Timer
+from types import TracebackType
+from typing import Any, Self
+
+
+class Process:
+    """A process of its own that runs the function `main` of a module, which calls `serve`.
+
+    Question and answer are pickled: both ends are this very installation.
+
+    Parameters
+    ----------
+    module
+        The module.
+    arguments
+        What to call it with.
+    """
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        # Imported rather than run: what is pickled must not belong to a module called __main__.
+        command = [sys.executable, "-c", f"from {module} import main; main(*{arguments!r})"]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+
+    def ask(self, question: Any, seconds: float | None = None) -> Any:
+        """Return the answer to a question; None where the process ended, or was stopped after `seconds`."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        timer = Timer(seconds if seconds is not None else 0.0, self._process.kill)
+        if seconds is not None:
+            timer.start()
+        try:
+            pickle.dump(question, self._process.stdin)
+            self._process.stdin.flush()
+            return pickle.load(self._process.stdout)
+        except (BrokenPipeError, EOFError, pickle.UnpicklingError):
+            return None
+        finally:
+            timer.cancel()
+
+    def close(self) -> None:
+        """Let it end; what it still thinks about is given up."""
+        self._process.kill()
+        for stream in (self._process.stdin, self._process.stdout):
+            with suppress(BrokenPipeError):
+                if stream is not None:
+                    stream.close()
+        self._process.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def serve(answer: Callable[[Any], Any]) -> None:
+    """Answer what comes over standard input, until it ends; what the work prints is no answer."""
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr
+    while True:
+        try:
+            question = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        pickle.dump(answer(question), answers)
+        answers.flush()

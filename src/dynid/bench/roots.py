@@ -1,0 +1,26 @@
+"""How far roots are off: paired with the true ones, relative to their size."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+#: Roots smaller than this part of the largest pole are measured by that.
+_SMALL = 1e-3
+
+
+def distance(got: Any, true: Any, size: float) -> float:
+    """Return the largest relative distance of roots paired with the true ones; inf for a wrong count."""
+    if len(got) != len(true):
+        return float("inf")
+    from scipy.optimize import linear_sum_assignment
+
+    apart = np.abs(got[:, None] - true) / relative_to(true, size)
+    return float(apart[linear_sum_assignment(apart)].max(initial=0.0))
+
+
+def relative_to(true: Any, size: float) -> Any:
+    """Return the sizes that errors of roots are relative to; `size` is that of the largest pole."""
+    scale = np.maximum(np.abs(true), _SMALL * size)
+    return np.where(scale > 0, scale, 1.0)

@@ -1,0 +1,235 @@
+"""What is chosen in a scene of kind `identification`: estimator, basis, holds, propagation, mode solver.
+
+Alternatives of the identification are scenes of their own: the same scene with another estimator, reduction
+or hold, without responses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.bench.alternative import Alternative
+from dynid.bench.scenes.aspect import Aspect
+from dynid.bench.scenes.bases import METHODS, described, sizes_around
+from dynid.bench.scenes.modes import solvers
+from dynid.bench.scenes.propagation import propagation
+from dynid.choices import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD
+from dynid.lti.polynomials import HOLDS
+from dynid.result import Result
+from dynid.scene.dispatch import run_scene
+from dynid.scene.kinds.identification import (
+    interest_of,
+    reductor_of,
+    responding_structure,
+    time_question,
+    which_modes,
+)
+from dynid.scene.kinds.structures import build_structure
+from dynid.scene.load import Scene, check_source
+from dynid.scene.schema.accuracy import ASPECTS as NAMES
+from dynid.scene.schema.identification import IdentificationScene
+from dynid.structure.response import time_response
+
+#: Passes of the filter that are tried.
+_PASSES = (1, 2, 3, 4)
+#: What an alternative of the identification leaves out.
+_OUTSIDE = ("accuracy", "analysis", "expect", "identifiability", "initial", "plan")
+
+
+class Found(NamedTuple):
+    """Parameters: estimate, true value (NaN where unknown), standard error and Cramér–Rao bound (p each)."""
+
+    estimate: NDArray[np.float64]
+    true: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    bound: NDArray[np.float64]
+
+
+def estimator(scene: Scene) -> Aspect:
+    """Return the estimators, and the one that the scene names."""
+    given = cast("IdentificationScene", scene.model).estimator
+    own = scene.source.data.get("estimator") or {}
+    passes = {**dict.fromkeys(NAMES["identification"]["estimator"], 1), "output-error": 0}
+    points = []
+    for name in passes:
+        options = own if name == given.method else {"method": name}
+        if name != "filter":
+            points.append((Alternative(name, _identified(scene, {"estimator": options})), passes[name]))
+            continue
+        some = {"estimator": {"method": name}}
+        tried = sorted({*_PASSES, given.passes or 1})
+        points += [(Alternative(name, _filtered(scene, some)), k) for k in tried]
+    chosen = given.passes or FILTER_PASSES.value if given.method == "filter" else passes[given.method]
+    named = "as asked for" if "method" in own else f"chosen by default: {ESTIMATOR}"
+    return _of_parameters("estimator", "passes", points, (given.method, chosen), named, _is_known(scene))
+
+
+def _filtered(scene: Scene, changes: Mapping[str, Any]) -> Callable[[int], Callable[[], Found]]:
+    def prepare(passes: int) -> Callable[[], Found]:
+        return _identified(scene, {"estimator": {**changes["estimator"], "passes": passes}})(passes)
+
+    return prepare
+
+
+def basis(scene: Scene) -> Aspect:
+    """Return reductions of the structure by all methods, and the full model."""
+    model = cast("IdentificationScene", scene.model)
+    structure = build_structure(scene, model.structure, model.joints)
+    method, n = reductor_of(scene), structure.size
+    without = {key: value for key, value in scene.source.data.items() if key != "reduction"}
+    points = [(Alternative("full", _identified(scene, {}, without)), n)]
+    chosen, because = ("full", n), "no reduction is asked for"
+    size = max(1, n // 2)
+    tried = [size]
+    if method is not None:
+        size = method.reduce(structure).model.size
+        own = scene.source.data["reduction"]
+        chosen, because = (own["method"], size), f"as asked for; chosen by default: {BASIS_BAND}"
+        tried = sizes_around(size, n)
+        points.append((Alternative(own["method"], _identified(scene, {"reduction": own})), size))
+    ends = len(
+        dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(model).dofs])
+    )
+
+    def reduced(name: str) -> Callable[[int], Callable[[], Found]]:
+        return lambda size: _identified(scene, {"reduction": described(name, size, ends)})(size)
+
+    points += [
+        (Alternative(name, reduced(name)), each)
+        for name in METHODS
+        for each in tried
+        if (name, each) != chosen
+    ]
+    return _of_parameters("basis of the model", "coordinates", points, chosen, because, _is_known(scene))
+
+
+def hold(scene: Scene) -> Aspect:
+    """Return the ways to join the samples that an estimator knows a force by."""
+    samples = sum(int(record.samples or 0) for record in cast("Any", scene.model).measurement.each)
+    points = [(Alternative("as-written", _identified(scene, {})), samples)]
+    points += [(Alternative(name, _held(scene, name)), samples) for name in HOLDS]
+    because = f"as written; chosen by default: {HOLD}"
+    return _of_parameters(
+        "hold of sampled forces", "samples", points, ("as-written", samples), because, _is_known(scene)
+    )
+
+
+def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], Found]]:
+    """Return the identification with all forces that are known by samples held so."""
+    data = scene.source.data
+    measurement = data["measurement"]
+    shared = "simulate" in measurement
+
+    def changed(given: Any, *, simulated: bool) -> Any:
+        known = ("random",) if simulated else ("random", "file")
+        if isinstance(given, dict):
+            return {**given, "hold": name} if given.get("kind") in known else given
+        return [changed(each, simulated=simulated) for each in given]
+
+    records = [
+        {**record, "excitation": changed(record["excitation"], simulated=shared or "simulate" in record)}
+        if "excitation" in record
+        else record
+        for record in measurement.get("records", [])
+    ]
+    changes = {"measurement": {**measurement, **({"records": records} if records else {})}}
+    if "excitation" in data:
+        every = shared or any("simulate" in record for record in records)
+        changes["excitation"] = changed(data["excitation"], simulated=every)
+    return _identified(scene, changes)
+
+
+def response(scene: Scene) -> Aspect:
+    """Return the ways to propagate the time response."""
+    structure, values = responding_structure(scene)
+    asked = time_question(scene)
+    loads = asked.pop("loads")
+
+    def work(signals: list[Any]) -> Callable[[], Any]:
+        driven = [load._replace(signal=signal) for load, signal in zip(loads, signals, strict=True)]
+        path = "structure/time_response/response"
+        return lambda: time_response(structure, driven, values=values, **asked)[path].data
+
+    return propagation(work, [load.signal for load in loads], asked["times"])
+
+
+def modes_of(scene: Scene) -> Aspect:
+    """Return the solvers of the modes that the scene asks for."""
+    structure, values = responding_structure(scene)
+    wanted = cast("IdentificationScene", scene.model).analysis
+    assert wanted is not None
+    assert wanted.modes is not None
+    return solvers(structure, *which_modes(wanted.modes), values)
+
+
+def _identified(
+    scene: Scene, changes: Mapping[str, Any], data: Mapping[str, Any] | None = None
+) -> Callable[[int], Callable[[], Found]]:
+    """Return an identification with parts of the scene changed; what they make no sense with is refused."""
+
+    def prepare(_: int) -> Callable[[], Found]:
+        kept = {key: v for key, v in (data or scene.source.data).items() if key not in _OUTSIDE}
+        other = check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
+        return lambda: _found(run_scene(other))
+
+    return prepare
+
+
+def _found(result: Result) -> Found:
+    columns = ("estimate", "true", "standard_error", "cramer_rao")
+    return Found(*(result[f"identification/parameters/{name}"].data for name in columns))
+
+
+def _is_known(scene: Scene) -> bool:
+    joints = cast("IdentificationScene", scene.model).joints
+    structure = build_structure(scene, cast("IdentificationScene", scene.model).structure, joints)
+    return all(unknown.true is not None for unknown in structure.unknowns)
+
+
+def _of_parameters(
+    title: str,
+    size: str,
+    points: list[tuple[Alternative, int]],
+    chosen: tuple[str, int],
+    because: str,
+    known: bool,
+) -> Aspect:
+    measure = "RMS relative error of the parameters, against their true values"
+    if not known:
+        measure = "RMS relative distance of the parameters from those of the reference"
+    return Aspect(
+        title=title,
+        size=size,
+        points=points,
+        chosen=frozenset({chosen}),
+        because=because,
+        error=_error,
+        measure=measure,
+        yardstick=_yardstick,
+    )
+
+
+def _error(found: Found, reference: Found) -> float:
+    true = found.true if np.isfinite(found.true).all() else reference.estimate
+    return float(np.sqrt(np.mean((found.estimate / true - 1) ** 2)))
+
+
+def _yardstick(found: Found) -> float | None:
+    """Return the RMS of the relative Cramér–Rao bounds; None where the truth is not known."""
+    if not np.isfinite(found.true).all():
+        return None
+    return float(np.sqrt(np.mean((found.bound / found.true) ** 2)))
+
+
+ASPECTS = {
+    "estimator": estimator,
+    "basis": basis,
+    "hold": hold,
+    "propagation": response,
+    "modes": modes_of,
+}
