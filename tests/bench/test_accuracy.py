@@ -182,12 +182,13 @@ def test_bases_and_solvers_are_measured_by_the_full_structure():
     [
         (
             "{alternatives: {engin: all}}",
-            "15:27: 'engin' is nothing that is chosen; a scene of kind bond-graph chooses engine, propagation; "
-            "did you mean 'engine'?",
+            "15:27: 'engin' is nothing that is chosen; a scene of kind bond-graph chooses engine, propagation"
+            "; did you mean 'engine'?",
         ),
         (
             "{alternatives: {engine: [exat]}}",
-            "15:36: there is no alternative 'exat'; it is one of exact, float, symbolic; did you mean 'exact'?",
+            "15:36: there is no alternative 'exat'; it is one of exact, float, symbolic; "
+            "did you mean 'exact'?",
         ),
         ("{alternatives: {propagation: all}}", "15:27: nothing in this scene is propagated"),
         ("{alternatives: {engine: some}}", "15:35: "),

@@ -57,7 +57,7 @@ def aspects_of(data: dict[str, Any]) -> list[str]:
 def accuracy_faults(source: Source) -> list[Fault]:
     """Check that the alternatives are such, and that the scene has what they are alternatives for."""
     kind, given = source.data.get("kind"), mapping(mapping_of(source.data.get("accuracy")), "alternatives")
-    if not isinstance(kind, str) or kind not in ASPECTS:
+    if not given or not isinstance(kind, str) or kind not in ASPECTS:
         return []
     known, there, faults = ASPECTS[kind], aspects_of(source.data), []
     for aspect, names in given.items():
@@ -125,7 +125,7 @@ def _is_held(data: dict[str, Any]) -> bool:
     if not _is_measured(data):
         return False
     for record in _records(data):
-        known = {"random"} if "simulate" in record else {"random", "file"}
+        known = ("random",) if "simulate" in record else ("random", "file")
         given = record.get("excitation", data.get("excitation"))
         if any(signal.get("kind") in known for _, signal in signals((), given)):
             return True
