@@ -6,7 +6,7 @@ from scipy.stats import qmc, sobol_indices, spearmanr
 
 from dynid.study.analysis.correlation import correlations, scatter
 from dynid.study.analysis.design import one_at_a_time, saltelli_design
-from dynid.study.analysis.influence import from_design, from_samples
+from dynid.study.analysis.influence import classes, from_design, from_samples
 from dynid.study.analysis.tornado import tornado
 from dynid.study.analysis.worst import worst
 
@@ -38,12 +38,20 @@ def saltelli(factors, rows, seed=0):
     return block.reshape(-1, factors)
 
 
+def as_blocks(samples):
+    """Return samples in rows of d + 2 as blocks: A, B, mixed."""
+    factors = samples.shape[1]
+    rows = samples.reshape(-1, factors + 2, factors)
+    return np.concatenate([rows[:, place] for place in (0, factors + 1, *range(1, factors + 1))])
+
+
 def columns(samples):
     return {f"x{number + 1}": column for number, column in enumerate(samples.T)}
 
 
-def test_ishigami_from_the_design():
-    inputs = columns(np.pi * (2 * saltelli(3, 2**12) - 1))
+@pytest.mark.parametrize("arranged", [lambda samples: samples, as_blocks], ids=["rows", "blocks"])
+def test_ishigami_from_the_design(arranged):
+    inputs = columns(np.pi * (2 * arranged(saltelli(3, 2**12)) - 1))
     design = saltelli_design(inputs)
     assert design.factors == (("x1",), ("x2",), ("x3",))
     found = from_design(*design.split(ishigami(*inputs.values())))
@@ -102,7 +110,7 @@ def test_a_design_is_recognised_with_pairs_and_what_follows_from_others():
 
 def test_ishigami_from_any_samples():
     points = 2 * np.pi * qmc.LatinHypercube(3, rng=2).random(20_000).T - np.pi
-    found = from_samples(list(points), ishigami(*points))
+    found = from_samples([classes(x) for x in points], ishigami(*points))
     # classes of 1/50 of the range and 20,000 random samples
     assert found.first == pytest.approx(ishigami_indices()[0], abs=0.015)
     assert np.all(np.abs(found.first - ishigami_indices()[0]) < 4 * found.first_error)
@@ -112,7 +120,7 @@ def test_ishigami_from_any_samples():
 def test_a_full_grid_gives_the_exact_parts():
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(5.0), np.arange(8.0)))
     values = 3 * x + np.array([0.0, 1, 1, 5, 2, 2, 0, 9])[y.astype(int)]
-    found = from_samples([x, y.astype(int).astype(str).astype(object)], values)
+    found = from_samples([classes(x), classes(y.astype(int).astype(str).astype(object))], values)
     share = 9 * x.var() / values.var()
     # the correction for the number of classes
     assert found.first[0] == pytest.approx(1 - (1 - share) * 39 / 35, abs=1e-12)
@@ -121,14 +129,14 @@ def test_a_full_grid_gives_the_exact_parts():
 
 def test_inputs_without_influence_have_none_on_average():
     rng = np.random.default_rng(8)
-    shares = [from_samples([rng.random(300)], rng.random(300)).first[0] for _ in range(300)]
+    shares = [from_samples([classes(rng.random(300))], rng.random(300)).first[0] for _ in range(300)]
     assert np.mean(shares) == pytest.approx(0, abs=4 * np.std(shares) / np.sqrt(300))
 
 
 def test_what_does_not_vary_has_no_indices():
-    assert from_samples([np.arange(100.0)], np.full(100, 0.1)) is None
+    assert from_samples([classes(np.arange(100.0))], np.full(100, 0.1)) is None
     assert from_design(np.ones(8), np.ones(8), np.ones((2, 8))) is None
-    assert from_samples([np.arange(100.0)], np.full(100, np.nan)) is None
+    assert from_samples([classes(np.arange(100.0))], np.full(100, np.nan)) is None
 
 
 def test_the_tornado_of_a_linear_model_is_the_model():

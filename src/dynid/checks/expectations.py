@@ -55,7 +55,7 @@ def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]
 
 def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
     path = str(expectation["path"]).strip("/")
-    expected = _expected_words(expectation)
+    expected = expected_words(expectation)
     found = "nothing"
     try:
         data, coordinates = _select(result, path, expectation.get("at", {}))
@@ -66,7 +66,8 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
 
 
-def _expected_words(expectation: Mapping[str, Any]) -> str:
+def expected_words(expectation: Mapping[str, Any]) -> str:
+    """Return what an expectation asks for, without its path."""
     words = {"value": "=", "min": ">=", "max": "<=", "max_abs": "|.| <="}
     parts = [f"{sign} {word(expectation[key])}" for key, sign in words.items() if key in expectation]
     where = ", ".join(f"{dim} {label}" for dim, label in expectation.get("at", {}).items())

@@ -11,10 +11,12 @@ import click
 def show(file: str, everything: bool) -> int:
     """Print a summary of a result."""
     from dynid.cli.summary import contents, summary
-    from dynid.store import read_result
+    from dynid.store import open_stored, read_result
 
-    result = read_result(file)
-    click.echo(summary(result, str(result.attrs.get("created", ""))))
-    if everything:
-        click.echo("\n" + contents(result))
+    # Of a study only what the screen needs is read; it may be one that was interrupted.
+    with open_stored(file, partial=True) as stored:
+        result = stored if stored.kind == "study" else read_result(file)
+        click.echo(summary(result, str(result.attrs.get("created", ""))))
+        if everything:
+            click.echo("\n" + contents(result))
     return 0

@@ -14,6 +14,7 @@ _KINDS = {
     "plan": "dynid.cli.summary.plan",
     "reduction": "dynid.cli.summary.reduction",
     "bench": "dynid.cli.summary.bench",
+    "study": "dynid.cli.summary.study",
 }
 
 

@@ -19,19 +19,23 @@ def sortable(column: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True)
 class SaltelliDesign:
-    """Samples in rows of d + 2: A, then A with one factor of B after the other, then B.
+    """Saltelli's design: samples A and B, and for each factor A with this factor of B.
 
     Parameters
     ----------
     factors
         The inputs that change together, for each of the d factors.
+    blocks
+        Whether A, B and the mixed samples follow each other as blocks; else in rows of d + 2: one sample of
+        A, the mixed ones, and the one of B.
     """
 
     factors: tuple[tuple[str, ...], ...]
+    blocks: bool
 
     def split(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return a result's values at A, at B (each of shape (rows,)) and mixed (factors, rows)."""
-        rows = values.reshape(-1, len(self.factors) + 2)
+        rows = _rows(values, len(self.factors), self.blocks)
         return rows[:, 0], rows[:, -1], rows[:, 1:-1].T
 
 
@@ -47,22 +51,28 @@ def saltelli_design(inputs: Columns) -> SaltelliDesign | None:
     count = len(next(iter(inputs.values()), ()))
     for factors in range(len(inputs), 0, -1):
         if count % (factors + 2) == 0 and count > factors + 2:
-            found = _saltelli_factors(inputs, factors)
-            if found is not None:
-                return SaltelliDesign(found)
+            for blocks in (True, False):
+                found = _saltelli_factors(inputs, factors, blocks)
+                if found is not None:
+                    return SaltelliDesign(found, blocks)
     return None
 
 
-def _saltelli_factors(inputs: Columns, count: int) -> tuple[tuple[str, ...], ...] | None:
+def _rows(column: NDArray[Any], factors: int, blocks: bool) -> NDArray[Any]:
+    """Return the samples in rows: A, mixed, B."""
+    if not blocks:
+        return column.reshape(-1, factors + 2)
+    return column.reshape(factors + 2, -1).T[:, [0, *range(2, factors + 2), 1]]
+
+
+def _saltelli_factors(inputs: Columns, count: int, blocks: bool) -> tuple[tuple[str, ...], ...] | None:
     found: list[list[str]] = [[] for _ in range(count)]
     for name, column in inputs.items():
-        rows = column.reshape(-1, count + 2)
+        rows = _rows(column, count, blocks)
         a, b = rows[:, :1], rows[:, -1:]
         of_a, of_b = (rows[:, 1:-1] == a).all(axis=0), (rows[:, 1:-1] == b).all(axis=0)
         if of_b.sum() == 1 and not (of_a & of_b).any() and (of_a | of_b).all():
             found[int(np.flatnonzero(of_b)[0])].append(name)
-        elif (of_a | of_b).all() and not of_a.all():
-            return None
     return tuple(map(tuple, found)) if all(found) else None
 
 

@@ -94,13 +94,13 @@ def from_design(a: Floats, b: Floats, mixed: Floats) -> Indices | None:
     return Indices(first, first_error, total, total_error, words, n * (len(mixed) + 2))
 
 
-def from_samples(inputs: Sequence[NDArray[Any]], values: Floats) -> Indices | None:
+def from_samples(inputs: Sequence[NDArray[np.intp]], values: Floats) -> Indices | None:
     """Return the first-order indices from any samples whose inputs are independent of each other.
 
     Parameters
     ----------
     inputs
-        Numbers or texts, shape (samples,) each.
+        For each input the samples' `classes`.
     values
         The result, NaN where there is none.
 
@@ -111,9 +111,9 @@ def from_samples(inputs: Sequence[NDArray[Any]], values: Floats) -> Indices | No
 
     Notes
     -----
-    The correlation ratio: each input is cut into classes (its levels where there are few, else equally full
-    ones), and the part of the variance that is left within them is what it does not explain. With the
-    correction for the number of classes (Kelley 1935), an input without influence has 0 on average.
+    The correlation ratio: the part of the variance that is left within an input's classes is what it does
+    not explain. With the correction for the number of classes (Kelley 1935), an input without influence has
+    0 on average.
     """
     known = np.isfinite(values)
     y = values[known]
@@ -124,10 +124,27 @@ def from_samples(inputs: Sequence[NDArray[Any]], values: Floats) -> Indices | No
     variance = float(y @ y) / n
     if not _varies(variance, float(values[known].mean())):
         return None
-    found = [_correlation_ratio(_classes(x[known]), y, variance) for x in inputs]
+    found = [_correlation_ratio(own[known], y, variance) for own in inputs]
     first, error = (np.array(part, dtype=float) for part in zip(*found, strict=True))
     words = f"correlation ratio of {n} samples, first order only"
     return Indices(first, error, None, None, words, n)
+
+
+def classes(x: NDArray[Any]) -> NDArray[np.intp]:
+    """Return the class of each sample: its level where there are few, else one of equally full ranges.
+
+    Parameters
+    ----------
+    x
+        An input's numbers or texts, shape (samples,).
+    """
+    levels, found = np.unique(sortable(x), return_inverse=True)
+    most = int(np.clip(len(x) // _FEWEST_A_BIN, 2, _MOST_BINS))
+    if len(levels) <= min(_MOST_BINS, len(x) // 2) or levels.dtype.kind == "U":
+        return np.asarray(found)
+    ordered = np.sort(x)
+    edges = np.unique(ordered[len(x) * np.arange(1, most) // most])
+    return np.searchsorted(edges, x, side="right")
 
 
 def _varies(variance: float, mean: float) -> bool:
@@ -142,25 +159,14 @@ def _ratio(part: Floats, power: Floats, variance: float) -> tuple[Floats, Floats
     return share, slope.std(axis=-1, ddof=1) / np.sqrt(part.shape[-1])
 
 
-def _classes(x: NDArray[Any]) -> NDArray[np.intp]:
-    """Return the class of each sample: its level, or one of equally full ranges."""
-    levels, found = np.unique(sortable(x), return_inverse=True)
-    most = int(np.clip(len(x) // _FEWEST_A_BIN, 2, _MOST_BINS))
-    if len(levels) <= min(_MOST_BINS, len(x) // 2) or levels.dtype.kind == "U":
-        return np.asarray(found)
-    ordered = np.sort(x)
-    edges = np.unique(ordered[len(x) * np.arange(1, most) // most])
-    return np.searchsorted(edges, x, side="right")
-
-
-def _correlation_ratio(classes: NDArray[np.intp], y: Floats, variance: float) -> tuple[float, float]:
-    counts = np.bincount(classes)
+def _correlation_ratio(own: NDArray[np.intp], y: Floats, variance: float) -> tuple[float, float]:
+    counts = np.bincount(own)
     used = int((counts > 0).sum())
     n = len(y)
     if used < 2 or used >= n:
         return (0.0, 0.0) if used < 2 else (np.nan, np.nan)
-    means = np.bincount(classes, weights=y) / np.maximum(counts, 1)
-    left = np.square(y - means[classes])
+    means = np.bincount(own, weights=y) / np.maximum(counts, 1)
+    left = np.square(y - means[own])
     unexplained = left.mean() / variance
     error = float(np.std(left - unexplained * y * y) / variance / np.sqrt(n))
     return 1 - unexplained * (n - 1) / (n - used), error

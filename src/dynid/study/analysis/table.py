@@ -60,22 +60,39 @@ class StudyTable:
     """
 
     def __init__(self, result: Result) -> None:
-        if result.kind != "study" or "study/status" not in result:
+        if result.kind != "study" or "study/exit_code" not in result:
             raise UsageError(f"this is a result of kind {result.kind}, not of a study")
         self.result = result
 
     @cached_property
-    def status(self) -> NDArray[Any]:
-        """What became of each sample: done, failed or pending."""
-        return self.result["study/status"].data
+    def failed(self) -> NDArray[np.intp]:
+        """The rows of the samples that failed."""
+        return np.flatnonzero(self._exit_codes > 0)
+
+    @cached_property
+    def pending(self) -> NDArray[np.intp]:
+        """The rows of the samples that have not been run."""
+        return np.flatnonzero(self._exit_codes < 0)
+
+    @cached_property
+    def done(self) -> NDArray[np.bool_]:
+        """Whether each sample has results."""
+        return np.equal(self._exit_codes, 0)
+
+    @cached_property
+    def _exit_codes(self) -> NDArray[np.int64]:
+        return self.result["study/exit_code"].data
+
+    @cached_property
+    def numbers(self) -> NDArray[np.int64]:
+        """The number of each row's sample in the plan."""
+        return self.result["study/sample"].data
 
     @cached_property
     def inputs(self) -> dict[str, NDArray[Any]]:
         """What varied, by its path in the scene, in the order of the names."""
-        head = f"{SAMPLES}/"
-        return {
-            path.removeprefix(head): self.result[path].data for path in self.result if path.startswith(head)
-        }
+        names = sorted(_below(self.result, SAMPLES))
+        return {name: self.result[f"{SAMPLES}/{name}"].data for name in names}
 
     @cached_property
     def paths(self) -> list[str]:
