@@ -18,6 +18,7 @@ COMMANDS = {
     "check": ("dynid.cli.check:check", "Read and check scenes without running them."),
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
     "show": ("dynid.cli.show:show", "Print a summary of a result."),
+    "export": ("dynid.cli.export:export", "Write a result as CSV or Parquet tables."),
     "compare": ("dynid.cli.compare:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),
     "schema": ("dynid.cli.schema:schema", "Print the JSON Schema of scenes."),

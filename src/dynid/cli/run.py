@@ -125,9 +125,9 @@ def _warn(result: Result, scene: str) -> None:
 
 def refuse_overwriting(scene: str, target: str, junit: str | None) -> None:
     """Refuse to write over the scene, or one output over another."""
-    if _is_same(target, scene):
+    if is_same(target, scene):
         raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
-    if junit and (_is_same(junit, scene) or _is_same(junit, target)):
+    if junit and (is_same(junit, scene) or is_same(junit, target)):
         raise UsageError(f"the JUnit file would overwrite {junit}", remedy="Name another file with --junit.")
 
 
@@ -139,5 +139,6 @@ def refuse_missing_folders(*files: str | None) -> None:
             raise FileError(f"{file} cannot be written: there is no folder {folder}", remedy="Make it first.")
 
 
-def _is_same(file: str, other: str) -> bool:
+def is_same(file: str, other: str) -> bool:
+    """Tell whether two names are of the same file."""
     return os.path.realpath(file) == os.path.realpath(other)

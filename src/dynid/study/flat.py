@@ -1,0 +1,91 @@
+"""A study as one table: a row for each sample."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.store.tables import Field, Kind, Table, kind_of
+from dynid.store.tables.table import split
+from dynid.study.analysis.table import SAMPLES, StudyTable
+
+#: Columns beyond which a row for each sample is no table any more.
+MOST_COLUMNS = 16_384
+_VALUES = 2**20  # values that are in memory at a time
+_STATUS = np.array(["pending", "done", "failed"], dtype=object)
+_STORED: dict[str, Kind] = {"bool": "truth", "int64": "integer"}
+
+
+def flat_table(table: StudyTable, name: str) -> Table:
+    """Return a study as a table with a row for each sample.
+
+    Parameters
+    ----------
+    table
+        The study.
+    name
+        The table's name.
+
+    Returns
+    -------
+    Table
+        Columns: the sample's number, its status, what was varied (by path in the scene), what was gathered
+        (by path in the result; every entry of an array with its labels: `path[label,…]`; complex numbers as
+        `.re` and `.im`), whether each expectation of the scene is met, and the error of a failed sample,
+        of which all results are missing.
+
+    Raises
+    ------
+    UsageError
+        Where arrays are so long that no tool would read the row.
+    """
+    fields = [Field("sample", "integer"), Field("status", "text")]
+    fields += [Field(path, kind_of(column.dtype)) for path, column in table.inputs.items()]
+    for path in table.paths:
+        fields += _fields(table, path)
+    count = sum(path.startswith("study/expect/") for path in table.result)
+    fields += [Field(f"expect[{number + 1}]", "truth") for number in range(count)]
+    fields.append(Field("error", "text"))
+    if len(fields) > MOST_COLUMNS:
+        problem = f"a row for each sample would have {len(fields):,} columns"
+        raise UsageError(
+            problem, remedy="Export with --long: one table for each group, a row for each entry."
+        )
+
+    def batches() -> Iterator[list[NDArray[Any]]]:
+        step = max(1, _VALUES // len(fields))
+        for start in range(0, len(table.numbers), step):
+            yield _rows(table, start, start + step, count)
+
+    return Table(name, tuple(fields), batches, {"kind": "study", "title": table.result.title})
+
+
+def _fields(table: StudyTable, path: str) -> list[Field]:
+    variable = table.variable(path)
+    if variable.dtype.kind == "c":
+        return [
+            Field(f"{name}.{part}", "number", variable.units)
+            for name, _ in table.entries(path)
+            for part in ("re", "im")
+        ]
+    kind = _STORED.get(str(variable.attrs.get("stored")), kind_of(variable.dtype))
+    return [Field(name, kind, variable.units) for name, _ in table.entries(path)]
+
+
+def _rows(table: StudyTable, start: int, stop: int, expectations: int) -> list[NDArray[Any]]:
+    result = table.result
+    code = result["study/exit_code"].rows(start, stop)
+    columns = [table.numbers[start:stop], _STATUS[np.sign(code) + 1]]
+    columns += [result[f"{SAMPLES}/{path}"].rows(start, stop) for path in table.inputs]
+    for path in table.paths:
+        values = table.variable(path).rows(start, stop).reshape(len(code), -1)
+        columns += [part for entry in values.T for part in split(entry)]
+    for number in range(expectations):
+        met = result[f"study/expect/{number}"].rows(start, stop)
+        columns.append(np.where(code == 0, met, np.nan))
+    columns.append(result["study/error"].rows(start, stop))
+    return columns
