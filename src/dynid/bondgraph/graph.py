@@ -9,6 +9,7 @@ one effort, a 1-junction one flow.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal, Protocol, get_args
@@ -141,6 +142,15 @@ class BondGraph:
         if value is None:
             raise UsageError(f"'{name}' has no value")
         return value
+
+    def valued(self, values: Mapping[str, Fraction]) -> BondGraph:
+        """Return the graph with other values of some of its elements."""
+        other = copy(self)
+        other.nodes = {
+            name: replace(node, value=values[name]) if name in values else node
+            for name, node in self.nodes.items()
+        }
+        return other
 
     def rounded(self) -> BondGraph:
         """Return the graph with every value rounded to the nearest double, which is then its exact value."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from fractions import Fraction
@@ -62,6 +62,14 @@ class Planned(ABC):
         self.program = Program(point)
         self._write()
 
+    def valued(self, values: Mapping[str, Fraction]) -> Self:
+        """Return it with other values of some elements, for which the plan is known to hold."""
+        other = copy(self)
+        other.graph = self.graph.valued(values)
+        other._values = {**self._values, **values}
+        other._prime = prime_for(other._values.values())
+        return other
+
     def on_axis(self, omega: Fraction) -> Self:
         """Return it planned for one frequency: no pivot of it is exactly zero at s = j omega.
 
@@ -79,17 +87,17 @@ class Planned(ABC):
         """Write the program."""
 
     @abstractmethod
-    def _pivots(self) -> Iterable[int]:
+    def pivots(self) -> list[int]:
         """Return what the program divides by."""
 
     @abstractmethod
-    def _answers(self) -> Iterable[int]:
+    def answers(self) -> Iterable[int]:
         """Return the registers that will be asked for."""
 
     def _holds_with_numbers(self) -> bool:
         """Tell whether every divisor stays nonzero with the graph's values, at a random s."""
         point = numeric_point(self._values, self._prime)
-        return not self.program.vanishing(self._answers(), list(self._pivots()), point)
+        return not self.program.vanishing(self.answers(), self.pivots(), point)
 
     def run(self, registers: Iterable[int], values: dict[str, Any], laplace: Any, one: Any) -> dict[int, Any]:
         """Run the program for these registers on any number type."""
@@ -153,10 +161,12 @@ class ReducedGraph(Planned):
             for port in self.outputs
         }
 
-    def _pivots(self) -> Iterable[int]:
+    def pivots(self) -> list[int]:
+        """Return what the program divides by."""
         return [pivot for reduction in self.reductions.values() for pivot in reduction.pivots]
 
-    def _answers(self) -> Iterable[int]:
+    def answers(self) -> Iterable[int]:
+        """Return the registers that will be asked for."""
         yield from self.channels().values()
         for reduction in self.reductions.values():
             yield from (register for _, register in reduction.prototype.systems)

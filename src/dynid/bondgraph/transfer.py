@@ -40,6 +40,15 @@ class TransferFunction(Verdicts):
         """Bring a rational function into lowest terms."""
         return cls(*ratio.lowest_terms())
 
+    @classmethod
+    def of_roots(
+        cls, numerator: Any, denominator: Any, zeros: tuple[Root, ...], poles: tuple[Root, ...]
+    ) -> TransferFunction:
+        """Return it with zeros and poles that are certified already."""
+        known = cls(numerator, denominator)
+        vars(known).update(zeros=zeros, poles=poles)
+        return known
+
     def times(self, factor: Fraction) -> TransferFunction:
         """Return it times a number."""
         numerator, denominator = self.numerator * factor.numerator, self.denominator * factor.denominator

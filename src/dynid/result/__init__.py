@@ -7,7 +7,7 @@ coordinate of that dimension within its group.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -150,6 +150,10 @@ class Result(Mapping[str, Variable]):
         self.group_attrs: dict[str, dict[str, Scalar]] = {}
         self._variables: dict[str, Variable] = {}
 
+    def wants(self, path: str) -> bool:  # noqa: ARG002 - a selection looks at it
+        """Tell whether an array is kept: what is not wanted need not be computed."""
+        return True
+
     def add(
         self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
     ) -> None:
@@ -248,3 +252,35 @@ class Result(Mapping[str, Variable]):
 
     def __repr__(self) -> str:
         return f"<Result of {self.kind} {self.title!r}: {len(self)} arrays>"
+
+
+class Selection(Result):
+    """A result that keeps only some of what is added to it.
+
+    Parameters
+    ----------
+    kind
+        The kind of scene that produced it.
+    wanted
+        The paths of the arrays to keep.
+    """
+
+    def __init__(self, kind: str, wanted: Collection[str]) -> None:
+        super().__init__(kind)
+        self._wanted = wanted
+
+    def wants(self, path: str) -> bool:
+        """Tell whether an array is kept."""
+        return path in self._wanted
+
+    def add(
+        self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
+    ) -> None:
+        """Store one array under `path` if it is wanted."""
+        if path in self._wanted:
+            super().add(path, data, dims, units, **attrs)
+
+    def put(self, path: str, variable: Variable) -> None:
+        """Store a variable as it is under `path` if it is wanted."""
+        if path in self._wanted:
+            super().put(path, variable)

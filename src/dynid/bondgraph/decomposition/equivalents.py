@@ -120,6 +120,20 @@ class Decomposition(Planned):
         self.effort = {name: self._effort(name) for name in self.inputs}
         self.flow = {name: self._flow(name) for name in self.inputs}
 
+    def pivots(self) -> list[int]:
+        """Return what the program divides by."""
+        return list(self._pivots())
+
+    def answers(self) -> Iterable[int]:
+        """Return the registers that will be asked for."""
+        yield from [*self.effort.values(), *self.flow.values()]
+        for side in (self.source, self.load):
+            yield from [*(side.effort or {}).values(), *(side.flow or {}).values()]
+            own = (side.impedance, side.admittance, side.opened, side.shorted)
+            yield from (register for register in own if register is not None)
+        if self.driven is not None:
+            yield from (register for _, register in self.driven.prototype.systems)
+
     def _pivots(self) -> Iterable[int]:
         for side in (self.source, self.load):
             yield from side.reduction.pivots if side.reduction is not None else ()
@@ -129,15 +143,6 @@ class Decomposition(Planned):
             yield from self.driven.pivots
         if self.total is not None:
             yield self.total
-
-    def _answers(self) -> Iterable[int]:
-        yield from [*self.effort.values(), *self.flow.values()]
-        for side in (self.source, self.load):
-            yield from [*(side.effort or {}).values(), *(side.flow or {}).values()]
-            own = (side.impedance, side.admittance, side.opened, side.shorted)
-            yield from (register for register in own if register is not None)
-        if self.driven is not None:
-            yield from (register for _, register in self.driven.prototype.systems)
 
     def _total(self) -> Register | None:
         """Write Z_eq + Z_eq of both sides where they have one, else Y_eq + Y_eq, else nothing."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +22,22 @@ from dynid.result import Result
 
 if TYPE_CHECKING:
     from dynid.bondgraph.floating.transfer import FloatEngine
+
+
+#: What is told of a channel by one value.
+PROPERTIES: dict[str, Callable[[Verdicts], Any]] = {
+    name: attrgetter(name)
+    for name in (
+        "relative_degree",
+        "dc_gain",
+        "high_frequency_gain",
+        "stable",
+        "stability",
+        "minimum_phase",
+        "order",
+        "zero_stability",
+    )
+}
 
 
 def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
@@ -55,7 +73,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: Choice) -> Resu
         return result
     engine = _engine(choice, reduced)
     for channel in reduced.channels():
-        _add_channel(result, engine, channel, analysis.results)
+        add_channel(result, engine, channel, analysis.results)
     return result
 
 
@@ -71,9 +89,10 @@ def _group(channel: Channel) -> str:
     return f"bond_graph/transfer_function/{channel[0]}/{channel[1]}"
 
 
-def _add_channel(
-    result: Result, engine: ExactEngine | FloatEngine, channel: Channel, asked: frozenset[str]
+def add_channel(
+    result: Result, engine: ExactEngine | FloatEngine | Sample, channel: Channel, asked: frozenset[str]
 ) -> None:
+    """Add what is asked for of one channel."""
     transfer, group = engine.channel(channel), _group(channel)
     if "transfer_function" in asked:
         if isinstance(transfer, TransferFunction):
@@ -101,21 +120,13 @@ def _add_coefficients(result: Result, group: str, transfer: TransferFunction) ->
 def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduction: Reduction) -> None:
     """Add the properties; a truth value that is undecided is left out, and its verdict says so."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-    values = {
-        "relative_degree": transfer.relative_degree,
-        "dc_gain": transfer.dc_gain,
-        "high_frequency_gain": transfer.high_frequency_gain,
-        "stable": transfer.stable,
-        "stability": transfer.stability,
-        "minimum_phase": transfer.minimum_phase,
-        "order": transfer.order,
-        "prototype": reduction.prototype.letter,
-        "zero_stability": transfer.zero_stability,
-    }
-    for name, value in values.items():
-        if value is not None:
-            result.add(f"{group}/{name}", value)
-    _add_natural_frequencies(result, group, each(transfer.poles, "value", np.complex128))
+    for name, told in PROPERTIES.items():
+        path = f"{group}/{name}"
+        if result.wants(path) and (value := told(transfer)) is not None:
+            result.add(path, value)
+    result.add(f"{group}/prototype", reduction.prototype.letter)
+    if any(result.wants(f"{group}/{name}") for name in ("natural_frequency", "damping_ratio")):
+        _add_natural_frequencies(result, group, each(transfer.poles, "value", np.complex128))
 
 
 def _add_natural_frequencies(result: Result, group: str, poles: NDArray[np.complex128]) -> None:
@@ -129,7 +140,7 @@ def _add_natural_frequencies(result: Result, group: str, poles: NDArray[np.compl
 
 
 def _add_hidden_modes(
-    result: Result, engine: ExactEngine | FloatEngine, channel: Channel, *, explained: bool
+    result: Result, engine: ExactEngine | FloatEngine | Sample, channel: Channel, *, explained: bool
 ) -> None:
     """Add the natural modes that cancel in the channel, and why where that is asked for and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"

@@ -1,0 +1,138 @@
+"""What a user asks of many samples of a graph, computed together as far as that goes.
+
+Zeros, poles and what follows from them are computed for all samples at once; responses sample by sample, on
+the plan that they share. Every number is that of `dynid.bondgraph.analysis` for the sample alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from fractions import Fraction
+
+import numpy as np
+
+from dynid.bondgraph.engines import choose
+from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.results.channels import add_channel, add_channels
+from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
+from dynid.bondgraph.results.zero_input import add_zero_input
+from dynid.bondgraph.sampling.engine import Sample, SampledEngine
+from dynid.bondgraph.sampling.family import Family, Values
+from dynid.errors import DynidError
+from dynid.result import Result, Selection
+
+#: Groups of results that samples are computed for together.
+_CHANNELS = ("bond_graph/transfer_function/", "bond_graph/properties/")
+_FREQUENCY, _TIME = "bond_graph/frequency_response/", "bond_graph/time_response/"
+#: Of channels the names that the exact engine alone has the numbers for, one sample at a time.
+_ALONE = frozenset(
+    {"zero_error_bound", "pole_error_bound", "hidden_mode_cause", "hidden_mode_elements", "exact"}
+)
+
+
+def shared(wanted: Collection[str], analysis: Analysis) -> bool:
+    """Tell whether samples of an analysis share enough of the work on these paths to be run together."""
+    groups = (*_CHANNELS, _FREQUENCY, _TIME)
+    return analysis.port is None and all(path.startswith(groups) for path in wanted)
+
+
+class SampledAnalysis:
+    """An analysis of many samples.
+
+    Parameters
+    ----------
+    graph
+        One of the graphs.
+    analysis
+        What is asked.
+    varying
+        The elements whose values vary.
+    wanted
+        The arrays to compute, by path; all of them `shared`.
+
+    Raises
+    ------
+    Singular
+        Where the equations have no unique solution whatever the values.
+    """
+
+    def __init__(
+        self, graph: BondGraph, analysis: Analysis, varying: Collection[str], wanted: Collection[str]
+    ) -> None:
+        self.analysis, self.wanted = analysis, frozenset(wanted)
+        self._family = Family(graph, analysis.inputs, analysis.outputs, tuple(varying), traced=False)
+        self._responds = self._asks(_FREQUENCY, _TIME)
+        alone = any(path.rpartition("/")[2] in _ALONE for path in self.wanted)
+        exact = choose(self._family.reduced, analysis).engine == "exact"
+        self._polynomials = None
+        if self._asks(*_CHANNELS) and exact and not alone:
+            self._polynomials = self._family.polynomials
+
+    def run(
+        self, values: Values, count: int, initial: list[Mapping[str, Fraction]] | None = None
+    ) -> list[Result | None]:
+        """Return what is wanted of every sample; None for one that is to be run alone.
+
+        Parameters
+        ----------
+        values
+            The values of the samples.
+        count
+            How many samples there are.
+        initial
+            Stored energy of every sample at t = 0; absent: as the analysis says.
+        """
+        holds = self._family.holds(values, count)
+        kept = np.flatnonzero(holds).tolist()
+        engine = self._engine({name: [column[k] for k in kept] for name, column in values.items()}, len(kept))
+        found: list[Result | None] = [None] * count
+        for place, sample in enumerate(kept):
+            certain = engine is not None and engine.certain[place]
+            one = {name: column[sample] for name, column in values.items()}
+            stored = self.analysis.initial if initial is None else initial[sample]
+            found[sample] = self._sample(one, stored, engine[place] if engine and certain else None)
+        return found
+
+    def _engine(self, values: Values, count: int) -> SampledEngine | None:
+        if self._polynomials is None or not count:
+            return None
+        return SampledEngine(self._family, self._polynomials, values, count)
+
+    def _sample(
+        self, values: Mapping[str, Fraction], initial: Mapping[str, float | Fraction], known: Sample | None
+    ) -> Result | None:
+        """Return what is wanted of one sample; None where that has no answer: alone it will say why."""
+        result = Selection("bond-graph", self.wanted)
+        try:
+            if known is not None:
+                for channel in known.reduced.channels():
+                    add_channel(result, known, channel, self.analysis.results)
+            if known is None or self._responds:
+                self._add_alone(result, self._family.at(values), initial, channels=known is None)
+        except DynidError:
+            return None
+        return result
+
+    def _add_alone(
+        self,
+        result: Result,
+        reduced: ReducedGraph,
+        initial: Mapping[str, float | Fraction],
+        *,
+        channels: bool,
+    ) -> None:
+        """Add what is computed of a sample by itself."""
+        analysis = self.analysis
+        if channels and self._asks(*_CHANNELS):
+            add_channels(result, reduced, analysis)
+            if "transfer_function" in analysis.results and initial:
+                add_zero_input(result, reduced, initial)
+        if self._asks(_FREQUENCY) and analysis.omega is not None:
+            add_frequency_response(result, reduced, analysis.omega)
+        if self._asks(_TIME) and analysis.times is not None:
+            add_time_response(result, reduced, analysis.times, analysis.signals, initial)
+
+    def _asks(self, *groups: str) -> bool:
+        return any(path.startswith(groups) for path in self.wanted)

@@ -1,0 +1,1 @@
+"""Roots of many polynomials at once, certified in arrays of doubled precision."""
