@@ -143,7 +143,7 @@ class BondGraph:
             raise UsageError(f"'{name}' has no value")
         return value
 
-    def valued(self, values: Mapping[str, Fraction]) -> BondGraph:
+    def with_values(self, values: Mapping[str, Fraction]) -> BondGraph:
         """Return the graph with other values of some of its elements."""
         other = copy(self)
         other.nodes = {

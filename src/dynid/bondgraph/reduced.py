@@ -25,7 +25,7 @@ Channel = tuple[Port, str]
 
 
 @contextmanager
-def _no_collection() -> Iterator[None]:
+def no_collection() -> Iterator[None]:
     """Look for no garbage in circles meanwhile: a plan makes millions of small objects and none."""
     collecting = gc.isenabled()
     gc.disable()
@@ -62,10 +62,10 @@ class Planned(ABC):
         self.program = Program(point)
         self._write()
 
-    def valued(self, values: Mapping[str, Fraction]) -> Self:
+    def with_values(self, values: Mapping[str, Fraction]) -> Self:
         """Return it with other values of some elements, for which the plan is known to hold."""
         other = copy(self)
-        other.graph = self.graph.valued(values)
+        other.graph = self.graph.with_values(values)
         other._values = {**self._values, **values}
         other._prime = prime_for(other._values.values())
         return other
@@ -151,7 +151,7 @@ class ReducedGraph(Planned):
         self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port], *, traced: bool = True
     ) -> None:
         self.inputs, self.outputs, self._traced = tuple(inputs), tuple(outputs), traced
-        with _no_collection():
+        with no_collection():
             self.structure = JunctionStructure(graph)
             super().__init__(graph)
 

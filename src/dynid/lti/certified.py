@@ -82,11 +82,6 @@ def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) ->
         for factor, multiplicity in _squarefree(polynomial)
         for root in _simple_roots(factor, multiplicity, starts)
     ]
-    return in_order(roots)
-
-
-def in_order(roots: Iterable[Root]) -> tuple[Root, ...]:
-    """Return roots, the one of smallest modulus first."""
     return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
 
 

@@ -79,7 +79,9 @@ def run_batch(
         depends on what else is run with it.
     """
     outcomes = _batched(template, overrides, collect, judge)
-    return outcomes if outcomes is not None else [_run(template, one, collect, judge) for one in overrides]
+    return (
+        outcomes if outcomes is not None else [run_alone(template, one, collect, judge) for one in overrides]
+    )
 
 
 def _batched(
@@ -110,8 +112,8 @@ def _judged(
     return Outcome(gather(result, collect), expectations=judge(result, expected))
 
 
-def _run(
-    template: Scene, override: Mapping[str, Any], collect: tuple[str, ...], judge: Judge | None
+def run_alone(
+    template: Scene, override: Mapping[str, Any], collect: tuple[str, ...], judge: Judge | None = None
 ) -> Outcome:
     """Load, check and run one sample."""
     try:

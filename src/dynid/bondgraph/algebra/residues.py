@@ -1,4 +1,4 @@
-"""Arrays of residues modulo a prime: many samples of the values of a graph at once, nonzero told from zero."""
+"""Arrays of residues modulo a prime: nonzero told from zero for many samples of a graph at once."""
 
 from __future__ import annotations
 

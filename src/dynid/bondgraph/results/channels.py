@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,22 +20,20 @@ from dynid.result import Result
 
 if TYPE_CHECKING:
     from dynid.bondgraph.floating.transfer import FloatEngine
+    from dynid.bondgraph.sampling.engine import Sample
 
 
 #: What is told of a channel by one value.
-PROPERTIES: dict[str, Callable[[Verdicts], Any]] = {
-    name: attrgetter(name)
-    for name in (
-        "relative_degree",
-        "dc_gain",
-        "high_frequency_gain",
-        "stable",
-        "stability",
-        "minimum_phase",
-        "order",
-        "zero_stability",
-    )
-}
+_PROPERTIES = (
+    "relative_degree",
+    "dc_gain",
+    "high_frequency_gain",
+    "stable",
+    "stability",
+    "minimum_phase",
+    "order",
+    "zero_stability",
+)
 
 
 def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
@@ -120,9 +116,8 @@ def _add_coefficients(result: Result, group: str, transfer: TransferFunction) ->
 def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduction: Reduction) -> None:
     """Add the properties; a truth value that is undecided is left out, and its verdict says so."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-    for name, told in PROPERTIES.items():
-        path = f"{group}/{name}"
-        if result.wants(path) and (value := told(transfer)) is not None:
+    for path, name in ((f"{group}/{name}", name) for name in _PROPERTIES):
+        if result.wants(path) and (value := getattr(transfer, name)) is not None:
             result.add(path, value)
     result.add(f"{group}/prototype", reduction.prototype.letter)
     if any(result.wants(f"{group}/{name}") for name in ("natural_frequency", "damping_ratio")):
@@ -130,13 +125,19 @@ def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduct
 
 
 def _add_natural_frequencies(result: Result, group: str, poles: NDArray[np.complex128]) -> None:
-    """Add |s| and -Re s / |s| of the poles, a conjugate pair once; a pole at 0 has the damping ratio 0."""
+    size, damping = natural_frequencies(poles)
+    result.add_axis(f"{group}/mode", np.arange(1, len(size) + 1))
+    result.add(f"{group}/natural_frequency", size, ("mode",), "rad/s")
+    result.add(f"{group}/damping_ratio", damping, ("mode",))
+
+
+def natural_frequencies(
+    poles: NDArray[np.complex128],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return |s| and -Re s / |s| of the poles, a conjugate pair once; a pole at 0 has the damping ratio 0."""
     upper = poles[poles.imag >= 0]
     size = np.abs(upper)
-    result.add_axis(f"{group}/mode", np.arange(1, len(upper) + 1))
-    result.add(f"{group}/natural_frequency", size, ("mode",), "rad/s")
-    damping = -upper.real / np.where(size > 0, size, 1.0) + 0.0  # + 0: no -0
-    result.add(f"{group}/damping_ratio", damping, ("mode",))
+    return size, -upper.real / np.where(size > 0, size, 1.0) + 0.0  # + 0: no -0
 
 
 def _add_hidden_modes(
@@ -144,6 +145,8 @@ def _add_hidden_modes(
 ) -> None:
     """Add the natural modes that cancel in the channel, and why where that is asked for and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
+    if not result.wants(f"{group}/hidden_modes"):
+        return
     if not (explained and isinstance(engine, ExactEngine)):
         _add_modes(result, group, each(engine.hidden_modes(channel), "value", np.complex128))
         return

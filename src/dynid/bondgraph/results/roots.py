@@ -45,7 +45,8 @@ def add_roots(
     result.add_axis(f"{group}/{axis}", np.arange(1, len(values) + 1))
     result.add(f"{group}/{name}", values, (axis,), "rad/s")
     error = f"{group}/{axis}_error_{'estimate' if estimated else 'bound'}"
-    result.add(error, each(roots, "radius", np.float64), (axis,), "rad/s")
+    if result.wants(error):
+        result.add(error, each(roots, "radius", np.float64), (axis,), "rad/s")
     if estimated:
         result.add(f"{group}/{axis}_residual", each(roots, "residual", np.float64), (axis,))
 

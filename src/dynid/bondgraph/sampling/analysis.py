@@ -6,7 +6,7 @@ the plan that they share. Every number is that of `dynid.bondgraph.analysis` for
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -14,14 +14,14 @@ import numpy as np
 from dynid.bondgraph.engines import choose
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.question import Analysis
-from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.results.channels import add_channel, add_channels
+from dynid.bondgraph.reduced import no_collection
+from dynid.bondgraph.results.channels import add_channels
 from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
-from dynid.bondgraph.results.zero_input import add_zero_input
-from dynid.bondgraph.sampling.engine import Sample, SampledEngine
+from dynid.bondgraph.sampling.columns import Column, columns
+from dynid.bondgraph.sampling.engine import SampledEngine
 from dynid.bondgraph.sampling.family import Family, Values
 from dynid.errors import DynidError
-from dynid.result import Result, Selection
+from dynid.result import Result, Selection, Variable
 
 #: Groups of results that samples are computed for together.
 _CHANNELS = ("bond_graph/transfer_function/", "bond_graph/properties/")
@@ -71,8 +71,8 @@ class SampledAnalysis:
             self._polynomials = self._family.polynomials
 
     def run(
-        self, values: Values, count: int, initial: list[Mapping[str, Fraction]] | None = None
-    ) -> list[Result | None]:
+        self, values: Values, count: int, initial: Sequence[Mapping[str, float | Fraction]] | None = None
+    ) -> list[Mapping[str, Variable] | None]:
         """Return what is wanted of every sample; None for one that is to be run alone.
 
         Parameters
@@ -84,15 +84,31 @@ class SampledAnalysis:
         initial
             Stored energy of every sample at t = 0; absent: as the analysis says.
         """
-        holds = self._family.holds(values, count)
-        kept = np.flatnonzero(holds).tolist()
+        with no_collection():
+            return self._run(values, count, initial)
+
+    def _run(
+        self, values: Values, count: int, initial: Sequence[Mapping[str, float | Fraction]] | None
+    ) -> list[Mapping[str, Variable] | None]:
+        kept = np.flatnonzero(self._family.holds(values, count)).tolist()
         engine = self._engine({name: [column[k] for k in kept] for name, column in values.items()}, len(kept))
-        found: list[Result | None] = [None] * count
+        known: dict[str, Column] = {}
+        if engine is not None:
+            known = columns(
+                engine, self.analysis, {path for path in self.wanted if path.startswith(_CHANNELS)}
+            )
+        found: list[Mapping[str, Variable] | None] = [None] * count
         for place, sample in enumerate(kept):
-            certain = engine is not None and engine.certain[place]
-            one = {name: column[sample] for name, column in values.items()}
-            stored = self.analysis.initial if initial is None else initial[sample]
-            found[sample] = self._sample(one, stored, engine[place] if engine and certain else None)
+            certain = engine is not None and bool(engine.certain[place])
+            told = {path: column[place] for path, column in known.items()} if certain else {}
+            if self._responds or not certain:
+                one = {name: column[sample] for name, column in values.items()}
+                stored = self.analysis.initial if initial is None else initial[sample]
+                alone = self._alone(one, stored, channels=not certain)
+                if alone is None:
+                    continue
+                told |= alone
+            found[sample] = told
         return found
 
     def _engine(self, values: Values, count: int) -> SampledEngine | None:
@@ -100,39 +116,22 @@ class SampledAnalysis:
             return None
         return SampledEngine(self._family, self._polynomials, values, count)
 
-    def _sample(
-        self, values: Mapping[str, Fraction], initial: Mapping[str, float | Fraction], known: Sample | None
+    def _alone(
+        self, values: Mapping[str, Fraction], initial: Mapping[str, float | Fraction], *, channels: bool
     ) -> Result | None:
-        """Return what is wanted of one sample; None where that has no answer: alone it will say why."""
-        result = Selection("bond-graph", self.wanted)
+        """Return what is computed of a sample by itself; None where it has no answer: alone it says why."""
+        analysis, result = self.analysis, Selection("bond-graph", self.wanted)
+        reduced = self._family.at(values)
         try:
-            if known is not None:
-                for channel in known.reduced.channels():
-                    add_channel(result, known, channel, self.analysis.results)
-            if known is None or self._responds:
-                self._add_alone(result, self._family.at(values), initial, channels=known is None)
+            if channels and self._asks(*_CHANNELS):
+                add_channels(result, reduced, analysis)
+            if self._asks(_FREQUENCY) and analysis.omega is not None:
+                add_frequency_response(result, reduced, analysis.omega)
+            if self._asks(_TIME) and analysis.times is not None:
+                add_time_response(result, reduced, analysis.times, analysis.signals, initial)
         except DynidError:
             return None
         return result
-
-    def _add_alone(
-        self,
-        result: Result,
-        reduced: ReducedGraph,
-        initial: Mapping[str, float | Fraction],
-        *,
-        channels: bool,
-    ) -> None:
-        """Add what is computed of a sample by itself."""
-        analysis = self.analysis
-        if channels and self._asks(*_CHANNELS):
-            add_channels(result, reduced, analysis)
-            if "transfer_function" in analysis.results and initial:
-                add_zero_input(result, reduced, initial)
-        if self._asks(_FREQUENCY) and analysis.omega is not None:
-            add_frequency_response(result, reduced, analysis.omega)
-        if self._asks(_TIME) and analysis.times is not None:
-            add_time_response(result, reduced, analysis.times, analysis.signals, initial)
 
     def _asks(self, *groups: str) -> bool:
         return any(path.startswith(groups) for path in self.wanted)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +15,52 @@ from dynid.bondgraph.sampling.family import Family, Polynomials, Values
 from dynid.bondgraph.sampling.polynomials import Factor, Integers, Tables, nonzero
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.lti.batches.roots import RootBatch, disjoint, root_batch
-from dynid.lti.certified import Root, in_order
-
-#: Roots of a family: those of each factor, with the factor's multiplicity.
-Spectrum = list[tuple[RootBatch, int]]
+from dynid.lti.certified import Root
 
 
 @dataclass(frozen=True, eq=False)
-class _Solved:
-    """A channel of all samples."""
+class Spectrum:
+    """Roots of one polynomial of every sample.
+
+    Attributes
+    ----------
+    values
+        The roots, each as often as its multiplicity says, smallest modulus first (sample x root).
+    radii, sides
+        Bounds on their errors, and their sides of the axis, likewise.
+    multiplicities
+        Their multiplicities, likewise.
+    """
+
+    values: NDArray[np.complex128]
+    radii: NDArray[np.float64]
+    sides: NDArray[np.int8]
+    multiplicities: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, factors: Sequence[tuple[RootBatch, int]], count: int) -> Spectrum:
+        """Join the roots of the factors of polynomials, each with its multiplicity."""
+
+        def joined(what: str, kind: type) -> NDArray[Any]:
+            parts = [np.repeat(getattr(batch, what), power, axis=1) for batch, power in factors]
+            return np.concatenate([np.empty((count, 0), dtype=kind), *parts], axis=1)
+
+        values, radii, sides = joined("values", complex), joined("radii", float), joined("sides", np.int8)
+        each = [np.full((count, batch.values.shape[1] * power), power) for batch, power in factors]
+        powers = np.concatenate([np.empty((count, 0), dtype=int), *each], axis=1)
+        order = np.lexsort((values.imag, values.real, np.hypot(values.real, values.imag)))
+        return cls(*(np.take_along_axis(part, order, axis=1) for part in (values, radii, sides, powers)))
+
+    def roots(self, sample: int) -> tuple[Root, ...]:
+        """Return the roots of one sample, each once."""
+        rows = (part[sample].tolist() for part in (self.values, self.radii, self.sides, self.multiplicities))
+        found = dict.fromkeys(zip(*rows, strict=True))
+        return tuple(Root(value, power, radius, side) for value, radius, side, power in found)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledChannel:
+    """A channel of all samples: coefficients, ascending, for each one integer a sample, and roots."""
 
     numerator: list[Integers]
     denominator: list[Integers]
@@ -30,13 +68,27 @@ class _Solved:
     poles: Spectrum
     hidden: Spectrum
 
+    @property
+    def relative_degree(self) -> int:
+        """Poles minus zeros."""
+        return len(self.denominator) - len(self.numerator)
+
+    def dc_gain(self) -> list[float]:
+        """Return the limit of T(s) as s falls to 0, of every sample."""
+        above, below = map(_lowest, (self.numerator, self.denominator))
+        return _limits(self.numerator[above], self.denominator[below], above - below)
+
+    def high_frequency_gain(self) -> list[float]:
+        """Return the limit of T(s) as s grows, of every sample."""
+        return _limits(self.numerator[-1], self.denominator[-1], self.relative_degree)
+
 
 class SampledEngine:
     """The channels of samples of a family.
 
     Numerator and denominator are evaluated exactly and the roots certified together. A sample for which
-    something of that fails (a leading coefficient that vanishes, roots that meet or cancel, one that is on the
-    axis by chance) is not `certain`: it is to be run alone.
+    something of that fails (a leading coefficient that vanishes, roots that meet or cancel, one that is on
+    the axis by chance) is not `certain`: it is to be run alone.
 
     Parameters
     ----------
@@ -63,10 +115,10 @@ class SampledEngine:
         parts = [
             part
             for one in channels.values()
-            for part in (one.numerator, one.denominator, *(f.polynomial for f in (*one.zeros, *one.poles, *one.hidden)))
+            for part in (one.numerator, one.denominator, *(factor.polynomial for factor in one.factors))
         ]
         self._tables = Tables([values[name] for name in family.varying], parts, count)
-        self._solved = {channel: self._solve(one) for channel, one in channels.items()}
+        self.channels = {channel: self._solve(one) for channel, one in channels.items()}
 
     def __getitem__(self, sample: int) -> Sample:
         return Sample(self, sample)
@@ -75,29 +127,28 @@ class SampledEngine:
         """Return a channel of a sample; its roots are known already."""
         from flint import fmpz_poly
 
-        solved = self._solved[channel]
+        solved = self.channels[channel]
         numerator, denominator = (
             fmpz_poly([column[sample] for column in columns])
             for columns in (solved.numerator, solved.denominator)
         )
-        zeros, poles = (_roots(spectrum, sample) for spectrum in (solved.zeros, solved.poles))
-        return TransferFunction.of_roots(numerator, denominator, zeros, poles)
+        return TransferFunction.of_roots(
+            numerator, denominator, solved.zeros.roots(sample), solved.poles.roots(sample)
+        )
 
     def hidden_modes(self, channel: Channel, sample: int) -> tuple[Root, ...]:
         """Return the natural modes that cancel in a channel of a sample."""
-        return _roots(self._solved[channel].hidden, sample)
+        return self.channels[channel].hidden.roots(sample)
 
-    def _solve(self, channel: Polynomials) -> _Solved:
-        numerator, denominator = (
-            self._tables.coefficients(part) for part in (channel.numerator, channel.denominator)
-        )
-        zeros, poles, hidden = (
-            self._spectrum(part) for part in (channel.zeros, channel.poles, channel.hidden)
-        )
+    def _solve(self, channel: Polynomials) -> SampledChannel:
+        above, below = map(self._tables.coefficients, (channel.numerator, channel.denominator))
+        zeros, poles, hidden = (self._roots(part) for part in (channel.zeros, channel.poles, channel.hidden))
         self.certain &= _apart([*zeros, *poles], self.count) & _apart(hidden, self.count)
-        return _Solved(numerator, denominator, zeros, poles, hidden)
+        return SampledChannel(
+            above, below, *(Spectrum.of(part, self.count) for part in (zeros, poles, hidden))
+        )
 
-    def _spectrum(self, factors: Sequence[Factor]) -> Spectrum:
+    def _roots(self, factors: Sequence[Factor]) -> list[tuple[RootBatch, int]]:
         spectrum = []
         for factor in factors:
             if factor.is_laplace:
@@ -141,17 +192,34 @@ def _origin(count: int) -> RootBatch:
     return RootBatch(zeros.astype(complex), zeros, zeros.astype(np.int8), np.ones(count, dtype=bool))
 
 
-def _apart(spectrum: Spectrum, count: int) -> NDArray[np.bool_]:
+def _apart(spectrum: Sequence[tuple[RootBatch, int]], count: int) -> NDArray[np.bool_]:
     """Tell for which samples no root of one factor may be one of another."""
     if len(spectrum) < 2:
         return np.ones(count, dtype=bool)
-    values, radii = (np.concatenate([getattr(part, what) for part, _ in spectrum], axis=1) for what in ("values", "radii"))
-    return disjoint(values, radii)
+    values = np.concatenate([part.values for part, _ in spectrum], axis=1)
+    return disjoint(values, np.concatenate([part.radii for part, _ in spectrum], axis=1))
 
 
-def _roots(spectrum: Spectrum, sample: int) -> tuple[Root, ...]:
-    return in_order(
-        Root(value, multiplicity, radius, side)
-        for batch, multiplicity in spectrum
-        for value, radius, side in zip(*batch.row(sample), strict=True)
-    )
+def _lowest(columns: Sequence[Integers]) -> int:
+    """Return the lowest power whose coefficient is not always 0."""
+    return next((power for power, column in enumerate(columns) if column.any()), 0)
+
+
+def _limits(above: Integers, below: Integers, power: int) -> list[float]:
+    """Return the limits of above/below times the variable to a power, as it falls to 0."""
+    pairs = zip(above.tolist(), below.tolist(), strict=True)
+    if power > 0:
+        return [0.0] * len(above)
+    return [
+        _quotient(a, b) if power == 0 else (math.inf if (a > 0) == (b > 0) else -math.inf) for a, b in pairs
+    ]
+
+
+def _quotient(a: int, b: int) -> float:
+    """Return a / b rounded to the nearest double; beyond their range to infinity."""
+    try:
+        return a / b
+    except OverflowError:
+        return math.inf if (a > 0) == (b > 0) else -math.inf
+    except ZeroDivisionError:  # of a sample that is not certain
+        return math.nan

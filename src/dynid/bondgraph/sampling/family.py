@@ -1,4 +1,4 @@
-"""A graph in which some values vary: planned once, its channels known as polynomials in s and these values."""
+"""A graph in which some values vary: planned once, its channels polynomials in s and these values."""
 
 from __future__ import annotations
 
@@ -45,6 +45,11 @@ class Polynomials:
     poles: tuple[Factor, ...]
     hidden: tuple[Factor, ...]
 
+    @property
+    def factors(self) -> tuple[Factor, ...]:
+        """All of these factors."""
+        return (*self.zeros, *self.poles, *self.hidden)
+
 
 class Family:
     """Graphs that differ in the values of some elements.
@@ -77,7 +82,7 @@ class Family:
     ) -> None:
         self.varying = tuple(varying)
         stand_ins = {name: Fraction(1009 + 20 * k, 7) for k, name in enumerate(varying)}
-        self.reduced = ReducedGraph(graph.valued(stand_ins), inputs, outputs, traced=traced)
+        self.reduced = ReducedGraph(graph.with_values(stand_ins), inputs, outputs, traced=traced)
 
     def holds(self, values: Values, count: int) -> NDArray[np.bool_]:
         """Tell for which samples the plan holds: nothing that it divides by vanishes.
@@ -99,7 +104,7 @@ class Family:
 
     def at(self, values: Mapping[str, Fraction]) -> ReducedGraph:
         """Return one of the graphs, for which the plan is known to hold."""
-        return self.reduced.valued(values)
+        return self.reduced.with_values(values)
 
     @cached_property
     def polynomials(self) -> dict[Channel, Polynomials] | None:

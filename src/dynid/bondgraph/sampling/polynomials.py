@@ -76,9 +76,7 @@ class Tables:
     ) -> None:
         degrees = np.max([(*polynomial.degrees(),) for polynomial in polynomials], axis=0, initial=0)[1:]
         self.samples = samples
-        self._powers = [
-            _powers(column, int(degree)) for column, degree in zip(values, degrees, strict=True)
-        ]
+        self._powers = [_powers(column, int(degree)) for column, degree in zip(values, degrees, strict=True)]
 
     def coefficients(self, polynomial: Any) -> list[Integers]:
         """Return the coefficients of s, ascending: for every power one integer a sample."""
@@ -94,7 +92,8 @@ class Tables:
 def _powers(values: Sequence[Fraction], degree: int) -> list[Integers]:
     """Return n^e d^(D - e) for e up to D."""
     above, below = (
-        np.array(part, dtype=object) for part in zip(*((v.numerator, v.denominator) for v in values), strict=True)
+        np.array(part, dtype=object)
+        for part in zip(*((v.numerator, v.denominator) for v in values), strict=True)
     )
     return [above**e * below ** (degree - e) for e in range(degree + 1)]
 

@@ -1,9 +1,9 @@
 """Arrays of real and complex numbers of twice the usual precision: unevaluated sums of two doubles.
 
 Sums and products are the error-free transformations of Knuth and Dekker, so that they need no fused
-multiply-add and no compiler: a number comes out the same whatever array it stands in. Their relative errors are
-at most 3 and 10 units of 2^-106 (Joldes, Muller & Popescu, "Tight and rigorous error bounds for basic building
-blocks of double-word arithmetic", ACM TOMS 44 (2017) 15).
+multiply-add and no compiler: a number comes out the same whatever array it stands in. Their relative errors
+are at most 3 and 10 units of 2^-106 (Joldes, Muller & Popescu, "Tight and rigorous error bounds for basic
+building blocks of double-word arithmetic", ACM TOMS 44 (2017) 15).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Certified roots of many real polynomials of one degree at once.
 
 Eigenvalues of the companion matrices start Newton's iteration in doubled precision. The disc of radius
-n |p/p'| about a point holds a root of p, and so n disjoint ones hold one each (as in `dynid.lti.enclosures`):
-where the discs are so small that every number in one is rounded to the same double, the roots are known to the
-last bit. Where they are not, that is said, and ball arithmetic decides (`dynid.lti.certified`). Hence what is
+n |p/p'| about a point holds a root of p, and so n disjoint ones hold one each (`dynid.lti.enclosures`): where
+the discs are so small that every number in one is rounded to the same double, the roots are known to the last
+bit. Where they are not, that is said, and ball arithmetic decides (`dynid.lti.certified`). Hence what is
 returned does not depend on the company in which a polynomial is solved.
 """
 
@@ -11,19 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.lti.batches.doubled import Array, Doubled, DoubledComplex
 
-T = TypeVar("T", bound=NDArray[Any])
-
 #: Newton steps that follow the eigenvalues, and those that rows get whose discs are still too large.
 _STEPS, _MORE_STEPS = 2, 3
-# Error bounds of one step of Horner's rule, relative to the sum of the moduli: in doubled precision 64 units of
-# 2^-106 cover four products and three sums of parts; in double precision 16 units of 2^-53.
+# Error bounds of one step of Horner's rule, relative to the sum of the moduli: in doubled precision 64 units
+# of 2^-106 cover four products and three sums of parts; in double precision 16 units of 2^-53.
 _DOUBLED, _DOUBLE = 2.0**-100, 2.0**-49
 #: Bits of the mantissa that a coefficient is cut to, and what the cut leaves, relative to it.
 _BITS, _CUT = 106, 2.0**-105
@@ -56,17 +54,17 @@ class RootBatch:
     sides: NDArray[np.int8]
     certain: NDArray[np.bool_]
 
-    def row(self, polynomial: int) -> tuple[list[complex], list[float], list[int]]:
-        """Return the roots of one polynomial: values, radii, sides."""
-        return self.values[polynomial].tolist(), self.radii[polynomial].tolist(), self.sides[polynomial].tolist()
 
-
-class _Scaled(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Scaled:
     """Polynomials in z = s / 2^shift with coefficients about 1, ascending (polynomial x power)."""
 
     coefficients: Doubled
     shift: NDArray[np.int64]
     fits: NDArray[np.bool_]
+
+    def __getitem__(self, rows: slice) -> _Scaled:
+        return _Scaled(self.coefficients[rows], self.shift[rows], self.fits[rows])
 
 
 def root_batch(columns: Sequence[Sequence[int]], *, even: bool = False) -> RootBatch:
@@ -83,10 +81,7 @@ def root_batch(columns: Sequence[Sequence[int]], *, even: bool = False) -> RootB
     scaled = _scaled(columns, 2 if even else 1)
     count, size = len(columns[0]), len(columns)
     block = max(1, _BLOCK // (size - 1))
-    parts = [
-        _roots(_Scaled(*(item[start : start + block] for item in scaled)), even=even)
-        for start in range(0, count, block)
-    ]
+    parts = [_roots(scaled[start : start + block], even=even) for start in range(0, count, block)]
     return RootBatch(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
@@ -206,8 +201,8 @@ def _slope(coefficients: Array, points: NDArray[np.complex128]) -> NDArray[np.co
     return _along(coefficients[:, 1:] * np.arange(1, degree + 1), points)
 
 
-def _along(coefficients: Array, points: T) -> T:
-    """Evaluate polynomials, coefficients ascending, in the precision of the points."""
+def _along(coefficients: Array, points: NDArray[Any]) -> NDArray[Any]:
+    """Evaluate polynomials, coefficients ascending."""
     total = np.zeros_like(points) + coefficients[:, [-1]]
     for power in range(coefficients.shape[1] - 2, -1, -1):
         total = total * points + coefficients[:, [power]]
@@ -220,9 +215,9 @@ def _known(values: DoubledComplex, radii: Array) -> NDArray[np.bool_]:
     A part that is 0 is exactly so: a disc about a real number that holds one root of a real polynomial holds
     its conjugate as well.
     """
-    known = np.isfinite(radii)
+    known: NDArray[np.bool_] = np.isfinite(radii)
     for part in (values.real, values.imag):
-        known &= (part.high == 0) | part.rounds_the_same(radii)
+        known = known & ((part.high == 0) | part.rounds_the_same(radii))
     return known
 
 
@@ -232,5 +227,4 @@ def disjoint(values: NDArray[np.complex128], radii: Array) -> NDArray[np.bool_]:
     reach = radii * _SLACK + 2.0**-52 * np.abs(values)
     apart = np.abs(values[:, :, None] - values[:, None, :]) > (reach[:, :, None] + reach[:, None, :]) * _SLACK
     apart[:, range(size), range(size)] = True
-    disjoint: NDArray[np.bool_] = apart.all(axis=(1, 2))
-    return disjoint
+    return np.asarray(np.all(apart, axis=(1, 2)))

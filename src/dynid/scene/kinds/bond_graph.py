@@ -14,8 +14,12 @@ from dynid.scene.schema.bond_graph import BondGraphScene, InitialModel
 from dynid.scene.schema.common import StepSignal
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
     from dynid.lti.generator import Signal
     from dynid.result import Result
+    from dynid.scene.batch import Outcome
 
 
 def run(scene: Scene) -> Result:
@@ -27,6 +31,15 @@ def run(scene: Scene) -> Result:
         Where the graph has no unique solution.
     """
     return analyse(*question(scene), scene.title)
+
+
+def batched(
+    template: Scene, overrides: Sequence[Mapping[str, Any]], collect: tuple[str, ...]
+) -> list[Outcome] | None:
+    """Run samples of a scene together; see `dynid.scene.kinds.graph_samples`."""
+    from dynid.scene.kinds.graph_samples import batched as run_together
+
+    return run_together(template, overrides, collect)
 
 
 def question(scene: Scene) -> tuple[BondGraph, Analysis]:
