@@ -81,7 +81,10 @@ def test_samples_of_a_random_graph(seed, junctions, loops):
     varied = rng.sample(list(values), min(3, len(values)))
     analysis = Analysis(tuple(inputs), (Port(node, quantity),), ASKED)
     samples = [
-        {name: Fraction(rng.randint(1, 400), rng.randint(1, 90)) * rng.choice([1, 1, 1, -1]) for name in varied}
+        {
+            name: Fraction(rng.randint(1, 400), rng.randint(1, 90)) * rng.choice([1, 1, 1, -1])
+            for name in varied
+        }
         for _ in range(4)
     ]
     if varied:

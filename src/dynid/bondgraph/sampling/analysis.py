@@ -14,12 +14,12 @@ import numpy as np
 from dynid.bondgraph.engines import choose
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.question import Analysis
-from dynid.bondgraph.reduced import no_collection
+from dynid.bondgraph.reduced import Channel, no_collection
 from dynid.bondgraph.results.channels import add_channels
 from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
 from dynid.bondgraph.sampling.columns import Column, columns
 from dynid.bondgraph.sampling.engine import SampledEngine
-from dynid.bondgraph.sampling.family import Family, Values
+from dynid.bondgraph.sampling.family import Family, Polynomials, Values
 from dynid.errors import DynidError
 from dynid.result import Result, Selection, Variable
 
@@ -64,11 +64,18 @@ class SampledAnalysis:
         self.analysis, self.wanted = analysis, frozenset(wanted)
         self._family = Family(graph, analysis.inputs, analysis.outputs, tuple(varying), traced=False)
         self._responds = self._asks(_FREQUENCY, _TIME)
-        alone = any(path.rpartition("/")[2] in _ALONE for path in self.wanted)
-        exact = choose(self._family.reduced, analysis).engine == "exact"
-        self._polynomials = None
-        if self._asks(*_CHANNELS) and exact and not alone:
-            self._polynomials = self._family.polynomials
+        self._polynomials = self._together() if self._asks(*_CHANNELS) else None
+
+    def _together(self) -> dict[Channel, Polynomials] | None:
+        """Return the channels as polynomials; None where each sample is to be solved by itself."""
+        ends = {path.rpartition("/")[2] for path in self.wanted}
+        if ends & _ALONE or choose(self._family.reduced, self.analysis).engine != "exact":
+            return None
+        found = self._family.polynomials
+        explained = "hidden_modes" in self.analysis.results and "hidden_modes" in ends
+        if found is None or (explained and any(one.hidden for one in found.values())):
+            return None  # hidden modes stand in the order of their causes
+        return found
 
     def run(
         self, values: Values, count: int, initial: Sequence[Mapping[str, float | Fraction]] | None = None

@@ -1,0 +1,173 @@
+"""Samples of a scene run together are those that each gives alone: the same numbers, or the same error."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dynid
+from dynid.scene.batch import run_alone, run_batch
+from dynid.scene.kinds.bond_graph import batched
+from dynid.scene.load import check_source
+from dynid.scene.yaml.source import parse_source
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+CHANNEL = "bond_graph/transfer_function/m_s.f/v_in"
+VARIED = ("parameters.m_s", "parameters.b", "parameters.A_p", "parameters.C_a")
+TYPICAL = (10.0, 50.0, 0.01, 1e-8)
+
+
+@pytest.fixture(scope="module")
+def isolator():
+    return dynid.load_scene(CONFIGS / "isolator.yaml", ["analysis.results=[zeros, poles, properties]"])
+
+
+def scene(text):
+    return check_source(parse_source("dynid: 1\nkind: bond-graph\n" + text, "scene.yaml"))
+
+
+def assert_same(template, overrides, collect=(), *, together=True):
+    """Check samples against each alone, and that the batched route takes them or not."""
+    assert (batched(template, overrides, collect or ("",)) is not None) == together
+    outcomes = run_batch(template, overrides, collect)
+    assert len(outcomes) == len(overrides)
+    for override, outcome in zip(overrides, outcomes, strict=True):
+        alone = run_alone(template, override, collect)
+        assert (outcome.error, outcome.exit_code) == (alone.error, alone.exit_code)
+        assert outcome.values.keys() == alone.values.keys()
+        for path, variable in alone.values.items():
+            assert outcome.values[path].equals(variable), path
+    return outcomes
+
+
+FACTOR = st.floats(0.1, 10)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.tuples(FACTOR, FACTOR, FACTOR, FACTOR), min_size=1, max_size=4))
+def test_samples_of_the_isolator(isolator, factors):
+    overrides = [
+        {path: value * factor for path, value, factor in zip(VARIED, TYPICAL, row, strict=True)}
+        for row in factors
+    ]
+    assert_same(isolator, overrides)
+    assert_same(isolator, overrides, (f"{CHANNEL}/zeros", f"{CHANNEL}/poles", f"{CHANNEL}/zero_error_bound"))
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        0.0,
+        -50.0,
+        math.inf,
+        math.nan,
+        1e-320,
+        1e300,
+        10**5000,
+        "2*25",
+        "A_p*0",
+        "1/0",
+        "nobody",
+        "",
+        True,
+        None,
+        [1],
+    ],
+    ids=lambda value: repr(value) if not isinstance(value, int) else "integer",
+)
+def test_an_odd_value_gives_what_it_gives_alone(isolator, odd):
+    outcomes = assert_same(isolator, [{"parameters.b": value} for value in (50, odd, 49.5)])
+    assert not outcomes[0].error
+    assert not outcomes[2].error
+
+
+def test_a_failing_sample_is_a_row_with_the_error_that_it_has_alone(isolator):
+    outcomes = assert_same(isolator, [{"parameters.A_p": 0.02}, {"parameters.A_p": 0}])
+    assert not outcomes[0].error
+    assert "modulus" in outcomes[1].error
+    assert outcomes[1].exit_code == 2
+
+
+def test_the_chunks_do_not_matter(isolator):
+    overrides = [{"parameters.m_s": 5 + 0.1 * k, "parameters.b": 20.0 + k} for k in range(12)]
+    whole = run_batch(isolator, overrides, ())
+    parts = [
+        one for start in range(0, 12, 5) for one in run_batch(isolator, overrides[start : start + 5], ())
+    ]
+    for one, other in zip(whole, parts, strict=True):
+        assert one.values.keys() == other.values.keys()
+        assert all(one.values[path].equals(other.values[path]) for path in one.values)
+
+
+FUNCTIONS = """
+parameters: {w: 3, z: 0.1, m: 2, k: m*w**2, r: 2*z*sqrt(k*m), cap: 1/k}
+graph:
+  nodes: {F: Se, v: 1, m: {type: I, value: m}, r: {type: R, value: r}, k: {type: C, value: cap}}
+  bonds: [F -> v, v -> m, v -> r, v -> k]
+analysis: {outputs: [k.q], results: [transfer_function, zeros, poles, properties, hidden_modes]}
+"""
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.tuples(st.floats(-2, 5), st.floats(-0.5, 2)), min_size=1, max_size=4))
+def test_parameters_that_depend_on_others_follow(pairs):
+    assert_same(scene(FUNCTIONS), [{"parameters.w": w, "parameters.z": z} for w, z in pairs])
+
+
+def test_a_domain_error_is_that_of_its_sample_alone():
+    outcomes = assert_same(scene(FUNCTIONS), [{"parameters.m": m} for m in (1, -1, 0, 4)])
+    assert [bool(outcome.error) for outcome in outcomes] == [False, False, True, False]
+
+
+RESPONSES = """
+parameters: {c: 0.25}
+graph:
+  nodes: {F: Se, v: 1, m: {type: I, value: 2}, r: {type: R, value: 0.4}, k: {type: C, value: c}}
+  bonds: [F -> v, v -> m, v -> r, v -> k]
+analysis:
+  outputs: [m.f]
+  frequency: {start: 0.1, stop: 10, points: 5}
+  time: {stop: 1, step: 0.25}
+  results: [frequency_response, time_response]
+initial: {m: {f: 0.5}, k: {e: 2*c}}
+"""
+
+
+def test_values_of_elements_stored_energies_and_responses():
+    overrides = [
+        {"graph.nodes.r.value": r, "initial.m.f": f, "parameters.c": c}
+        for r, f, c in ((0.4, 1, 0.1), (1, 0, 0.2), (0, 2.5, 1 / 3))
+    ]
+    assert_same(scene(RESPONSES), overrides, ("bond_graph/*_response/response",))
+
+
+@pytest.mark.parametrize("reading", ["binary", "decimal"])
+def test_either_reading_of_numbers(reading):
+    text = FUNCTIONS.replace("outputs:", f"reading: {reading}, outputs:")
+    assert_same(scene(text), [{"parameters.w": 0.1 * k, "graph.nodes.r.value": 0.3} for k in range(1, 4)])
+
+
+@pytest.mark.parametrize(
+    ("override", "collect"),
+    [
+        ({"analysis.frequency.points": 7}, ("bond_graph/frequency_response/response",)),  # a grid
+        ({"initial.k.f": 1}, ("bond_graph/frequency_response/response",)),  # not there in the scene
+        ({"parameters.c": 0.5}, ("bond_graph/frequency_response/nothing",)),  # no such result
+        ({"parameters.d": 0.5}, ("bond_graph/frequency_response/response",)),  # no such parameter
+    ],
+)
+def test_what_shares_too_little_is_run_one_by_one(override, collect):
+    assert_same(scene(RESPONSES), [override], collect, together=False)
+
+
+def test_a_grid_that_follows_a_varied_parameter_is_run_one_by_one():
+    text = RESPONSES.replace("stop: 10,", "stop: 40*c,")
+    override = [{"parameters.c": c} for c in (0.3, 0.5)]
+    assert_same(scene(text), override, ("bond_graph/frequency_response/response",), together=False)
+
+
+def test_what_is_written_in_the_graph_follows_an_integer_name():
+    text = FUNCTIONS.replace("m: {type: I", "7: {type: I").replace("v -> m", "v -> 7")
+    assert_same(scene(text), [{"graph.nodes.7.value": value} for value in (1, 2.5)])
