@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from dynid.errors import Fault, FileError, SceneError, UsageError
@@ -243,6 +243,13 @@ def _refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
         for name in sorted(parse(text).names - names.keys()):
             message = f"there is no '{name}' among what is varied{did_you_mean(name, names)}"
             yield scene.source.fault(("derive", target), message)
+    needs = {
+        target: [names[name] for name in sorted(parse(text).names & names.keys())]
+        for target, text in model.derive.items()
+    }
+    for cycle in _cycles(needs):
+        message = f"'{cycle[0]}' is defined by itself: {' -> '.join([*cycle, cycle[0]])}"
+        yield scene.source.fault(("derive", cycle[0]), message)
     parameters = [str(name) for name in mapping(base.source.data, "parameters")]
     for section, paths in (("vary", _each_path(model)), ("derive", [(path, path) for path in model.derive])):
         for key, path in paths:
@@ -253,6 +260,24 @@ def _refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
     for key, factor in model.vary.items():
         if message := _why_refused(base, key, factor):
             yield scene.source.fault(("vary", key), message, key=True)
+
+
+def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
+    """Yield what refers to itself by a chain of others, each circle once."""
+    sorted_out: set[str] = set()
+    for start in needs:
+        chain: list[str] = []
+        stack = [(start, 0)]
+        while stack:
+            target, depth = stack.pop()
+            del chain[depth:]
+            if target in chain:
+                yield chain[chain.index(target) :]
+                sorted_out |= set(chain)
+            elif target in needs and target not in sorted_out:
+                chain.append(target)
+                stack += [(other, depth + 1) for other in needs[target]]
+        sorted_out.add(start)
 
 
 def _each_path(model: StudyScene) -> list[tuple[str, str]]:
