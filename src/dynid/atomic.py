@@ -26,7 +26,7 @@ def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
     FileError
         When it cannot be written; the old file is untouched then.
     """
-    with replacing(path) as part, open(part, "r+b") as file:  # noqa: PTH123
+    with replacing(path) as part, os.fdopen(os.open(part, os.O_WRONLY), "wb") as file:
         file.write(content)
 
 

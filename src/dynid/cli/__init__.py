@@ -16,6 +16,8 @@ from dynid._version import __version__
 COMMANDS = {
     "run": ("dynid.cli.run:run", "Run one scene and write one HDF5 file."),
     "check": ("dynid.cli.check:check", "Read and check scenes without running them."),
+    "study": ("dynid.cli.study:study", "Run a parameter study, or go on with one."),
+    "study-merge": ("dynid.cli.study_merge:study_merge", "Put the shards of a study into one file."),
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
     "show": ("dynid.cli.show:show", "Print a summary of a result."),
     "export": ("dynid.cli.export:export", "Write a result as CSV or Parquet tables."),

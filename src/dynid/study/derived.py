@@ -75,7 +75,10 @@ class _Columns:
         self._open: list[str] = []  # what is being evaluated
 
     def all(self) -> dict[str, NDArray[np.float64]]:
-        return {target: np.broadcast_to(self._column(target), (self.size,)) for target in self.model.derive}
+        return {
+            target: np.array(np.broadcast_to(self._column(target), (self.size,)))
+            for target in self.model.derive
+        }
 
     def _column(self, path: str) -> Any:
         if path in self._open:

@@ -1,13 +1,15 @@
 """What is finished stays finished: an append-only file of outcomes beside the file of the study.
 
 The journal begins with a magic line. Each record is its length and its CRC-32 (little-endian, 4 bytes
-each), and its payload: the letter `L` and a layout (JSON: the arrays of an outcome), or the letter `S` and a
-sample: its key, the number of its layout, what is particular of it (JSON), and the values. Whatever end a
-process, a disk or a power supply comes to, all records up to the first damaged one hold.
+each), and its payload: the letter `L` and a layout (JSON: the arrays of an outcome), or the letter `S` (`F`
+where it failed) and a sample: its key, the number of its layout, what is particular of it (JSON), and the
+values. Whatever end a process, a disk or a power supply comes to, all records up to the first damaged one
+hold.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import struct
@@ -48,6 +50,7 @@ class Journal:
     def __init__(self, path: str) -> None:
         self.path = path
         self.places: dict[bytes, int] = {}  # key: where its record begins
+        self.failures: set[bytes] = set()  # keys of samples that failed
         self._layouts: list[list[dict[str, Any]]] = []
         self._numbers: dict[str, int] = {}  # layout as text: its number
         try:
@@ -60,8 +63,23 @@ class Journal:
             self.close()
             raise
 
-    def __len__(self) -> int:
-        return len(self.places)
+    @staticmethod
+    def read_keys(path: str) -> set[bytes]:
+        """Return the keys of all samples in a journal, and leave it as it is."""
+        try:
+            with open(path, "rb") as file:  # noqa: PTH123
+                size = os.fstat(file.fileno()).st_size
+                records = _records(file.fileno(), len(MAGIC), size)
+                return {_key_of(payload) for _, payload in records if payload[:1] != b"L"}
+        except OSError as error:
+            problem = f"{path} cannot be read: {error.strerror or error}"
+            raise FileError(problem, names=[path]) from error
+
+    @staticmethod
+    def discard(path: str) -> None:
+        """Remove a journal, if there is one: all that it held is safe elsewhere."""
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)  # noqa: PTH108
 
     def __contains__(self, key: bytes) -> bool:
         return key in self.places
@@ -74,13 +92,15 @@ class Journal:
         FileError
             When they cannot be written. The journal is as it was before then.
         """
-        content, places = bytearray(), {}
+        content, places, failures = bytearray(), {}, set()
         layouts = len(self._layouts)
         try:
             for key, outcome in outcomes:
                 layout, particular, values = self._encoded(outcome, content)
                 places[key] = self._end + len(content)
-                content += _record(b"S" + _SAMPLE.pack(key, layout, len(particular)) + particular + values)
+                failures |= {key} if outcome.error else set()
+                letter = b"F" if outcome.error else b"S"
+                content += _record(letter + _SAMPLE.pack(key, layout, len(particular)) + particular + values)
             self._write(content)
         except BaseException as error:
             for text in list(self._numbers)[layouts:]:
@@ -91,6 +111,7 @@ class Journal:
             raise
         self._end += len(content)
         self.places |= places
+        self.failures |= failures
 
     def outcome(self, key: bytes) -> Outcome:
         """Read an outcome back."""
@@ -103,16 +124,13 @@ class Journal:
 
     def forget(self, keys: Iterable[bytes]) -> None:
         """Take samples for unfinished, so that they are run again; the last record of a key counts."""
-        for key in keys:
+        for key in list(keys):
             del self.places[key]
+            self.failures.discard(key)
 
     def close(self) -> None:
         """Close the file."""
         os.close(self._descriptor)
-
-    def remove(self) -> None:
-        """Remove the file: all that it holds is safe elsewhere."""
-        os.unlink(self.path)  # noqa: PTH108
 
     def _failed(self, error: OSError) -> FileError:
         problem = f"{self.path} cannot be written: {error.strerror or error}"
@@ -143,9 +161,9 @@ class Journal:
             self._begin()
             return len(MAGIC)
         end = len(MAGIC)
-        for place, length, head in self._records(end, size):
-            self._note(place, head)
-            end = place + _HEAD.size + length
+        for place, payload in _records(self._descriptor, end, size):
+            self._note(place, payload)
+            end = place + _HEAD.size + len(payload)
         if end < size:
             os.ftruncate(self._descriptor, end)
         return end
@@ -159,26 +177,17 @@ class Journal:
             raise self._failed(error) from error
         sync_folder(os.path.dirname(os.path.realpath(self.path)))  # noqa: PTH120
 
-    def _records(self, begin: int, size: int) -> Iterator[tuple[int, int, bytes]]:
-        place = begin
-        while place + _HEAD.size <= size:
-            length, check = _HEAD.unpack(os.pread(self._descriptor, _HEAD.size, place))
-            if not 0 < length <= min(size - place - _HEAD.size, _MAX_RECORD):
-                return
-            payload = os.pread(self._descriptor, length, place + _HEAD.size)
-            if len(payload) < length or zlib.crc32(payload) != check:
-                return
-            yield place, length, payload
-            place += _HEAD.size + length
-
     def _note(self, place: int, payload: bytes) -> None:
         if payload[:1] == b"L":
             text = payload[1:].decode()
             self._numbers[text] = len(self._layouts)
             self._layouts.append(json.loads(text))
         else:
-            key, _, _ = _SAMPLE.unpack_from(payload, 1)
+            key = _key_of(payload)
             self.places[key] = place
+            self.failures.discard(key)
+            if payload[:1] == b"F":
+                self.failures.add(key)
 
     def _payload(self, place: int) -> bytes:
         length, check = _HEAD.unpack(os.pread(self._descriptor, _HEAD.size, place))
@@ -228,6 +237,25 @@ class Journal:
 
 def _text(data: Any) -> str:
     return json.dumps(data, separators=(",", ":"), default=lambda value: value.item())
+
+
+def _records(descriptor: int, begin: int, size: int) -> Iterator[tuple[int, bytes]]:
+    """Yield where each whole record begins, and its payload."""
+    place = begin
+    while place + _HEAD.size <= size:
+        length, check = _HEAD.unpack(os.pread(descriptor, _HEAD.size, place))
+        if not 0 < length <= min(size - place - _HEAD.size, _MAX_RECORD):
+            return
+        payload = os.pread(descriptor, length, place + _HEAD.size)
+        if len(payload) < length or zlib.crc32(payload) != check:
+            return
+        yield place, payload
+        place += _HEAD.size + length
+
+
+def _key_of(payload: bytes) -> bytes:
+    key: bytes = _SAMPLE.unpack_from(payload, 1)[0]
+    return key
 
 
 def _record(payload: bytes) -> bytes:

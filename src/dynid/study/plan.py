@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,6 +50,16 @@ class Plan:
     size: int
     attrs: Mapping[str, Scalar]
 
+    @cached_property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The columns as arrays, of numbers or texts."""
+        return {path: as_column(values) for path, values in self.columns.items()}
+
+    @property
+    def seed(self) -> int:
+        """The seed of its sampling."""
+        return study_model(self.study).sampling.seed
+
     @property
     def collect(self) -> tuple[str, ...]:
         """What is gathered from each result."""
@@ -60,6 +72,19 @@ class Plan:
     def overrides(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
         """Return what samples set in the scene."""
         return [self.override(number) for number in numbers]
+
+
+def as_column(values: Sequence[Any] | NDArray[Any]) -> NDArray[Any]:
+    """Return values of one path as an array: of numbers, else of texts (lists and mappings as JSON)."""
+    if isinstance(values, np.ndarray):
+        return values
+    if all(type(value) in (int, float) for value in values):
+        return np.array(values, dtype=None if any(type(value) is int for value in values) else float)
+    if all(isinstance(value, bool) for value in values):
+        return np.array(values, dtype=bool)
+    texts = np.empty(len(values), dtype=object)
+    texts[:] = [value if isinstance(value, str) else json.dumps(value) for value in values]
+    return texts
 
 
 def _plain(value: Any) -> Any:
@@ -78,7 +103,7 @@ def make_plan(study: Scene) -> Plan:
     columns, size, attrs = _sampled(model)
     settings = [*columns, *(target for target in model.derive if "." in target)]
     columns |= derived_columns(study, base, columns, size)
-    return Plan(study, base, columns, tuple(settings), size, {**attrs, "size": size})
+    return Plan(study, base, columns, tuple(settings), size, {**attrs, "size": size, "base": model.scene})
 
 
 def _sampled(model: StudyScene) -> tuple[dict[str, Any], int, dict[str, Scalar]]:

@@ -1,0 +1,130 @@
+"""`dynid study`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from dynid.study.plan import Plan
+
+
+class Shard(click.ParamType[tuple[int, int]]):
+    """I/N: the Ith of N parts, from 1."""
+
+    name = "I/N"
+
+    def convert(
+        self, value: str | tuple[int, int], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Read a shard."""
+        if isinstance(value, tuple):
+            return value
+        index, slash, count = value.partition("/")
+        if not (slash and index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
+            self.fail(f"'{value}' is no shard; write I/N with I from 1 to N, such as 1/4", param, ctx)
+        return int(index), int(count)
+
+
+@click.command()
+@click.argument("study", type=click.Path())
+@click.option("-o", "--output", type=click.Path(), help="The HDF5 file to write; default ./<study>.h5.")
+@click.option(
+    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the study; repeatable."
+)
+@click.option(
+    "--executor",
+    type=click.Choice(["serial", "processes", "dask"]),
+    help="What runs samples; default processes, or dask where a scheduler is named.",
+)
+@click.option("--workers", type=click.IntRange(1, 100_000), help="How many processes; default one a core.")
+@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786.")
+@click.option("--scheduler-file", type=click.Path(), help="The file of a Dask scheduler's address.")
+@click.option("--shard", type=Shard(), help="Run the Ith of N parts only, for job arrays.")
+@click.option("--max-failures", type=click.IntRange(0), help="Stop when more samples fail (exit code 3).")
+@click.option("--retry-failed", is_flag=True, help="Run samples again that failed before.")
+@click.option("--dry-run", is_flag=True, help="Show the plan and its size, and run nothing.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+def study(
+    study: str,
+    output: str | None,
+    overrides: tuple[str, ...],
+    executor: str | None,
+    workers: int | None,
+    scheduler: str | None,
+    scheduler_file: str | None,
+    shard: tuple[int, int] | None,
+    max_failures: int | None,
+    retry_failed: bool,
+    dry_run: bool,
+    quiet: bool,
+) -> int:
+    """Run a parameter study and write one HDF5 file; where it was interrupted, go on.
+
+    Every finished sample is safe at once, in FILE.h5.journal, whatever happens next. A sample that fails is
+    a row of the file with its error.
+    """
+    from dynid.cli.run import refuse_missing_folders, refuse_overwriting
+    from dynid.scene.load import load_scene
+    from dynid.study.plan import make_plan
+
+    loaded = load_scene(study, overrides)
+    plan = make_plan(loaded)
+    target = output or default_target(study, shard)
+    refuse_overwriting(study, target, None)
+    refuse_overwriting(plan.base.source.file, target, None)
+    refuse_missing_folders(target)
+    if dry_run:
+        _show_plan(plan, target, shard)
+        return 0
+    from dynid.cli.study_progress import showing
+    from dynid.study.execute import run_study
+    from dynid.study.executors import hire
+
+    started = time.perf_counter()
+    crew = hire(executor, workers, scheduler, scheduler_file)
+    try:
+        with showing(quiet) as report:
+            run_study(
+                plan,
+                target,
+                crew,
+                shard=shard,
+                max_failures=max_failures,
+                retry_failed=retry_failed,
+                report=report,
+            )
+    except KeyboardInterrupt:
+        again = f"dynid study {study}{f' -o {output}' if output else ''}"
+        again += f" --shard {shard[0]}/{shard[1]}" if shard else ""
+        click.echo(f"interrupted; what is finished is safe. Go on with: {again}", err=True)
+        return 130
+    if not quiet:
+        _show_end(target, started)
+    return 0
+
+
+def default_target(study: str, shard: tuple[int, int] | None) -> str:
+    """Return the name of the file of a study, or of a shard of it."""
+    part = f"-{shard[0]}-of-{shard[1]}" if shard else ""
+    return f"{Path(study).stem}{part}.h5"
+
+
+def _show_plan(plan: Plan, target: str, shard: tuple[int, int] | None) -> None:
+    from dynid.cli.summary.study_plan import lines
+    from dynid.study.execute import shard_of, valid_samples
+
+    numbers = shard_of(plan, shard)
+    click.echo("\n".join(lines(plan, numbers, valid_samples(plan, target, shard), target)))
+
+
+def _show_end(target: str, started: float) -> None:
+    from dynid.cli.summary import summary
+    from dynid.store import open_stored
+
+    with open_stored(target) as result:
+        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
+    click.echo(f"\n  wrote {target}")

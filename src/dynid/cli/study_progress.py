@@ -1,0 +1,104 @@
+"""How far a study is: a bar on a terminal, plain lines elsewhere, both on stderr."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from dynid.study.execute import Progress, Report
+
+_SECONDS = 10.0  # between two plain lines
+_WINDOW = 60.0  # the rate is that of the last minute
+
+
+class Rate:
+    """Samples a second, and what is left of the time, from what was finished when."""
+
+    def __init__(self) -> None:
+        self._seen: list[tuple[float, int]] = []
+
+    def see(self, now: float, finished: int) -> None:
+        """Take note of how many samples are finished now."""
+        self._seen.append((now, finished))
+        while len(self._seen) > 2 and now - self._seen[1][0] > _WINDOW:
+            self._seen.pop(0)
+
+    @property
+    def per_second(self) -> float:
+        """Samples a second; 0 where it is too early to tell."""
+        if not self._seen:
+            return 0.0
+        (begin, first), (end, last) = self._seen[0], self._seen[-1]
+        return (last - first) / (end - begin) if end > begin else 0.0
+
+
+def words(progress: Progress, rate: float) -> str:
+    """Say how far a study is."""
+    left = progress.total - progress.finished
+    parts = [f"{progress.finished} of {progress.total} samples"]
+    if progress.failed:
+        parts.append(f"{progress.failed} failed")
+    if rate > 0 and left:
+        parts += [f"{rate:.3g} a second", f"{duration(left / rate)} left"]
+    return ", ".join(parts)
+
+
+def duration(seconds: float) -> str:
+    """Say how long something takes."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
+
+
+@contextmanager
+def showing(quiet: bool) -> Iterator[Report | None]:
+    """Give what a study reports its progress to."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        with _bar() as report:
+            yield report
+    else:
+        yield _Lines()
+
+
+class _Lines:
+    """A line now and then, and one at the end."""
+
+    def __init__(self) -> None:
+        self._rate = Rate()
+        self._next = 0.0
+
+    def __call__(self, progress: Progress) -> None:
+        now = time.monotonic()
+        self._rate.see(now, progress.finished)
+        if now >= self._next or progress.finished == progress.total:
+            click.echo(words(progress, self._rate.per_second), err=True)
+            self._next = now + _SECONDS
+
+
+@contextmanager
+def _bar() -> Iterator[Report]:
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    rate = Rate()
+    columns = (BarColumn(), TextColumn("{task.description}"))
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def report(progress: Progress) -> None:
+            rate.see(time.monotonic(), progress.finished)
+            said = words(progress, rate.per_second)
+            bar.update(task, total=progress.total, completed=progress.finished, description=said)
+
+        yield report

@@ -1,0 +1,116 @@
+"""The shards of a study into one file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.scene.batch import Outcome
+from dynid.study.file import Heading, write_study
+from dynid.study.keys import SIZE
+from dynid.study.lock import locked
+from dynid.study.stored import StudyFile, open_study
+
+_RANK = {"done": 0, "failed": 1, "pending": 2}
+
+
+def merge_studies(
+    files: Sequence[str | os.PathLike[str]], target: str | os.PathLike[str], partial: bool = False
+) -> int:
+    """Write one file out of the shards of a study, the same as if it had been run in one piece.
+
+    Parameters
+    ----------
+    files
+        The shards, in any order; where two have the same sample, the one that is finished counts.
+    target
+        The file to write.
+    partial
+        Whether samples may be missing.
+
+    Returns
+    -------
+    int
+        The number of samples in the file.
+
+    Raises
+    ------
+    UsageError
+        When the files are not of one study, or samples are missing.
+    FileError
+        When a file cannot be read or written.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(locked(os.fspath(target)))
+        studies = [stack.enter_context(open_study(file)) for file in files]
+        _check_same(studies, files)
+        rows = _Rows(studies)
+        size = int(studies[0].result.group_attrs["study"]["size"])
+        missing = _missing(rows, size)
+        if len(missing) and not partial:
+            raise UsageError(
+                f"{len(missing)} of {size} samples are finished in none of the files: {_listed(missing)}",
+                remedy="Run their shards, or merge what there is with --partial.",
+            )
+        write_study(target, rows.heading(), rows, complete=not len(missing))
+        return len(rows.numbers)
+
+
+def _check_same(studies: Sequence[StudyFile], files: Sequence[str | os.PathLike[str]]) -> None:
+    first = studies[0].result.group_attrs["study"]["plan"]
+    for study, file in zip(studies, files, strict=True):
+        if study.result.group_attrs["study"]["plan"] != first:
+            problem = f"{os.fspath(file)} is of another study than {os.fspath(files[0])}"
+            raise UsageError(problem, remedy="Merge the shards of one study, run from the same scenes.")
+
+
+def _missing(rows: _Rows, size: int) -> NDArray[np.int64]:
+    return np.setdiff1d(np.arange(size), rows.numbers[rows.finished])
+
+
+def _listed(numbers: NDArray[np.int64]) -> str:
+    return ", ".join(map(str, numbers[:5])) + (", …" if len(numbers) > 5 else "")
+
+
+class _Rows:
+    """The outcomes of several files, in the order of the plan."""
+
+    def __init__(self, studies: Sequence[StudyFile]) -> None:
+        self.studies = studies
+        numbers = np.concatenate([study.numbers for study in studies])
+        ranks = np.concatenate([[_RANK[status] for status in study.status] for study in studies])
+        holders = np.repeat(np.arange(len(studies)), [len(study) for study in studies])
+        order = np.lexsort((holders, ranks, numbers))
+        chosen = order[np.unique(numbers[order], return_index=True)[1]]
+        self.numbers: NDArray[np.int64] = numbers[chosen]
+        self.finished = ranks[chosen] < _RANK["pending"]
+        self._holders = holders[chosen]
+        self._chosen = chosen  # rows of all files, one after another
+
+    def __iter__(self) -> Iterator[Outcome | None]:
+        walks = [zip(study.numbers, study.outcomes(), strict=True) for study in self.studies]
+        for number, holder in zip(self.numbers, self._holders, strict=True):
+            yield next(outcome for found, outcome in walks[holder] if found == number)
+
+    def heading(self) -> Heading:
+        """Return what the files say beside the outcomes."""
+        first = self.studies[0].result
+        columns = [study.columns() for study in self.studies]
+        keys = np.frombuffer(b"".join(key for study in self.studies for key in study.keys), np.uint8)
+        return Heading(
+            title=first.title,
+            text=str(first.attrs["scene"]),
+            base=str(first.value("study/scene")),
+            seed=int(first.attrs["seed"]),
+            numbers=self.numbers,
+            columns={
+                path: np.concatenate([one[path] for one in columns])[self._chosen] for path in columns[0]
+            },
+            keys=keys.reshape(-1, SIZE)[self._chosen],
+            attrs=first.group_attrs["study"],
+        )
