@@ -6,7 +6,7 @@ import os
 import platform
 import stat
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -19,7 +19,9 @@ from dynid.atomic import replace_file, replacing
 from dynid.errors import FileError
 from dynid.result import Result, Scalar, Variable
 from dynid.store.formats import CURRENT
+from dynid.store.interrupts import deferred_interrupts
 from dynid.store.reader import INTERRUPTED, read_root, reading
+from dynid.store.sink import Sink
 from dynid.store.writer import ArrayWriter, write_attrs
 
 _PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "numba", "control")
@@ -91,18 +93,23 @@ def write_blocks(
 
     name = os.fspath(path)
     hollow = {place for place, variable in result.items() if is_hollow(variable)}
-    with replacing(name) as part:
+    with replacing(name) as part, closing(Sink(part)) as sink, deferred_interrupts() as check:
         try:
-            with h5py.File(part, "w", libver="earliest") as file:
+            with h5py.File(sink, "w", libver="earliest") as file:
                 _write_root(file, result, str(result.attrs.get("scene", "")), complete)
                 ArrayWriter(file, result, hollow).write()
                 for place, first, rows in blocks:
                     file[place][first : first + len(rows)] = rows
+                    sink.check()
+                    check()
                 if finish is not None:
                     for place, values in finish(read_root(file, name, stored=True, partial=True)):
                         file[place][...] = values
+                        check()
         except (OSError, RuntimeError, ValueError, TypeError) as error:
+            sink.check()
             raise FileError(f"{name} cannot be written: {error}", names=[name]) from error
+        sink.check()
 
 
 def hollow(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
