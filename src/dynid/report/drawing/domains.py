@@ -51,9 +51,8 @@ def spread(graph: BondGraph, given: Mapping[str, str]) -> dict[str, str]:
                 queue.append(other)
     for name, node in graph.nodes.items():
         if node.type in TWO_PORTS:
-            sides = {
-                known.get(end, "") for bond in graph.bonds_of(name) for end in (bond.tail, bond.head)
-            } - {known.get(name, "")}
+            ends = {end for bond in graph.bonds_of(name) for end in (bond.tail, bond.head)} - {name}
+            sides = {known.get(end, "") for end in ends}
             if len(sides) == 1 and "" not in sides:
                 known[name] = sides.pop()
     return known

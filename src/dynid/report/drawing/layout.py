@@ -127,9 +127,10 @@ class _Part:
         for column in self.spine.columns:
             left, right = 0.0, 0.0
             for item in column.items:
+                a, b = (-item.across, item.across)
                 if item.name is not None:
                     a, b = self._extent(item.name, forests[item.name])
-                    left, right = min(left, a), max(right, b)
+                left, right = min(left, a), max(right, b)
             lefts.append(left)
             rights.append(right)
         channels = self._channels()
@@ -179,7 +180,6 @@ class _Part:
         for column in self.spine.columns:
             for item in column.items:
                 if item.name is None:
-                    item.up = item.down = PORT / 2
                     continue
                 half = self.size(item.name)[1] / 2
                 item.up, item.down = (

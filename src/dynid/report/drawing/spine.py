@@ -11,7 +11,7 @@ from dynid.report.drawing.layers import layers_of
 from dynid.report.drawing.planar import Edge, Embedding, biconnecting
 from dynid.report.drawing.sketch import PORT, Sketch
 
-_SWEEPS = 200
+_SWEEPS, _STRAIGHT = 60, 4
 _LANE_WEIGHT = 4.0  # long bonds are straight before nodes are in the middle of theirs
 
 
@@ -23,8 +23,8 @@ class Item:
     ----------
     name
         The node; none for a bond or a crossing.
-    up, down
-        The room it needs above and below its height.
+    up, down, across
+        The room it needs above and below its height, and to either side (a node: as much as it turns out).
     y
         Its height, downwards.
     """
@@ -32,6 +32,7 @@ class Item:
     name: str | None = None
     up: float = PORT / 2
     down: float = PORT / 2
+    across: float = 0.0
     y: float = 0.0
 
 
@@ -89,26 +90,31 @@ class Spine:
 
     def settle(self) -> None:
         """Give every item its height: bonds as straight as the room that everything needs allows."""
-        ties: dict[Item, list[tuple[Item, float]]] = {
+        ties: dict[Item, list[tuple[Item, float, bool]]] = {
             item: [] for column in self.columns for item in column.items
         }
         for route in self.routes.values():
             for a, b in pairwise(route):
-                ties[a.item].append((b.item, b.enter - a.leave))
-                ties[b.item].append((a.item, a.leave - b.enter))
+                ties[a.item].append((b.item, b.enter - a.leave, b.column < a.column))
+                ties[b.item].append((a.item, a.leave - b.enter, a.column < b.column))
         for column in self.columns:
             _spread(column.items, [0.0] * len(column.items))
-        for sweep in range(_SWEEPS):
-            for column in self.columns[:: 1 if sweep % 2 else -1]:
-                wanted = [_median([i.y + d for i, d in ties[item]], item.y) for item in column.items]
-                _spread(column.items, wanted)
+        for sweep in range(_SWEEPS + _STRAIGHT):
+            forward = sweep % 2 or sweep >= _SWEEPS
+            for column in self.columns if forward else self.columns[::-1]:
+                _spread(column.items, [_wanted(item, ties[item], sweep >= _SWEEPS) for item in column.items])
 
 
-def _median(values: list[float], otherwise: float) -> float:
-    if not values:
-        return otherwise
-    values = sorted(values)
-    return (values[(len(values) - 1) // 2] + values[len(values) // 2]) / 2
+def _wanted(item: Item, ties: list[tuple[Item, float, bool]], straight: bool) -> float:
+    """Return the height at which an item's bonds rise least; of several, the middle or the straightest."""
+    if not ties:
+        return item.y
+    heights = sorted(other.y + offset for other, offset, _ in ties)
+    low, high = heights[(len(heights) - 1) // 2], heights[len(heights) // 2]
+    before = sorted(other.y + offset for other, offset, is_before in ties if is_before)
+    if not straight or not before:
+        return (low + high) / 2
+    return min(max(before[len(before) // 2], low), high)
 
 
 def _spread(items: list[Item], wanted: list[float]) -> None:

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 from dynid.bondgraph.decomposition.cut import bond_fault, loop_fault
-from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, Bond, graph_faults
+from dynid.bondgraph.graph import NODE_TYPES, ONE_PORTS, TWO_PORTS, Bond, graph_faults
 from dynid.bondgraph.question import NUMERIC
 from dynid.errors import Fault
 from dynid.scene.schema.chains import chain_ends
@@ -68,6 +68,34 @@ def port_faults(source: Source) -> list[Fault]:
         return []  # reported where it stands, or by what is wrong with the bonds
     problem = bond_fault(types, bonds, Bond(*ends)) or loop_fault(types, bonds, Bond(*ends))
     return [source.fault(("analysis", "port"), problem)] if problem else []
+
+
+def domain_faults(source: Source) -> list[Fault]:
+    """Check that nodes of two domains have a TF or GY between them."""
+    nodes = mapping(mapping(source.data, "graph"), "nodes")
+    types = node_types(source)
+    given = {str(name): node["domain"] for name, node in nodes.items() if _has_domain(node)}
+    near: dict[str, list[str]] = {name: [] for name in types}
+    for bond in _bonds(source, types)[0]:
+        if not {types[bond.tail], types[bond.head]} & TWO_PORTS:
+            near[bond.tail].append(bond.head)
+            near[bond.head].append(bond.tail)
+    faults, by = [], dict.fromkeys(types, "")
+    for first, domain in given.items():
+        reached = [first] if not by.get(first) else []
+        for name in reached:
+            by[name] = first
+            if given.get(name, domain) != domain:
+                message = (
+                    f"'{first}' is {domain} and '{name}' {given[name]}, but no TF or GY stands between them"
+                )
+                faults.append(source.fault(("graph", "nodes", written_key(nodes, name), "domain"), message))
+            reached += [other for other in dict.fromkeys(near[name]) if other not in reached]
+    return faults
+
+
+def _has_domain(node: Any) -> bool:
+    return isinstance(node, dict) and isinstance(node.get("domain"), str)
 
 
 def _is_crowded(name: str, types: Mapping[str, str], bonds: list[Bond]) -> bool:

@@ -11,6 +11,7 @@ from dynid.scene.arithmetic.expression import resolve_parameters
 from dynid.scene.schema.accuracy import accuracy_faults
 from dynid.scene.schema.graph_outline import (
     bond_graph_faults,
+    domain_faults,
     driving_faults,
     engine_faults,
     initial_faults,
@@ -45,7 +46,7 @@ def whole_faults(source: Source, names: Names) -> list[Fault]:
     kind = source.data.get("kind")
     if kind == "bond-graph":
         faults = [*bond_graph_faults(source), *initial_faults(source), *driving_faults(source)]
-        faults += [*port_faults(source), *engine_faults(source)]
+        faults += [*port_faults(source), *engine_faults(source), *domain_faults(source)]
     else:
         faults = structure_faults(source, names) if kind in ("identification", "reduction") else []
         faults += unknown_joint_faults(source) if kind == "reduction" else []
