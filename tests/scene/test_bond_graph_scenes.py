@@ -42,7 +42,7 @@ def test_the_scene_of_these_tests_is_valid():
         ("F: Se", "F: Se, F: Sf", "4:18: the key 'F' is given twice, first on line 4"),
         ("one: 1", "one: 1, 7: 0, '7': 1", "4:107: the key '7' is given twice, first on line 4"),
         ("value: 3", "value: 3, domain: thermal", "4:71: a TF joins two domains; give 'domain' to the nodes"),
-        ("F: Se", "F: {type: Se, domain: hydraulics}", "4:33: 'domain' cannot be 'hydraulics'; it is one of mechanical"),
+        ("F: Se", "F: {type: Se, domain: hydraulics}", "4:33: 'domain' cannot be 'hydraulics'; it is one of"),
         # bonds
         ("z -> k", "z -> K", "5:41: bond 'z -> K': no node 'K'; did you mean 'k'?"),
         ("z -> k", "z > k", "5:41: 'z > k' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"),
@@ -137,7 +137,8 @@ def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
 
 def test_two_domains_need_a_two_port_between_them():
     def domains(m, k):
-        return SCENE.replace("value: 2", f"value: 2, domain: {m}").replace("value: 0.1", f"value: 0.1, domain: {k}")
+        scene = SCENE.replace("value: 2", f"value: 2, domain: {m}")
+        return scene.replace("value: 0.1", f"value: 0.1, domain: {k}")
 
     assert faults_of(domains("mechanical", "electrical")) == []
     scene = domains("mechanical", "electrical").replace("F: Se", "F: {type: Se, domain: thermal}")

@@ -45,7 +45,10 @@ class Family:
 
 
 #: In the order in which a page shows them.
-FAMILIES: tuple[Family, ...] = (Family("dynid.report.drawing.graph", kind("bond-graph")),)
+FAMILIES: tuple[Family, ...] = (
+    Family("dynid.report.drawing.graph", kind("bond-graph")),
+    Family("dynid.report.drawing.strip", holds("bond_graph/reduction/steps")),
+)
 
 
 def figures(result: Result) -> list[Figure]:

@@ -298,11 +298,8 @@ class _Builder:
         at: dict[int, Item] = {}
         used = {vertex for way in ways.values() for vertex in way}
         for vertex in sorted(used | set(range(len(core)))):
-            own, room = (
-                core[vertex] if vertex < len(core) else None,
-                PORT if vertex in crossings else PORT / 2,
-            )
-            at[vertex] = Item(own, room, room)
+            room = (1.5 * PORT, 1.5 * PORT, PORT) if vertex in crossings else (PORT / 2, PORT / 2, 0.0)
+            at[vertex] = Item(core[vertex] if vertex < len(core) else None, *room)
             stacks[first + rank[vertex]].append((height[vertex], at[vertex]))
         routes: dict[int, list[Stop]] = {}
         for index, way in ways.items():
