@@ -24,8 +24,8 @@ from dynid.identification.augmented import augmented
 from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.passes import first_noise, run_passes
-from dynid.identification.filtering.compiled import VARIABLE
 from dynid.identification.fit import fitter
+from dynid.identification.kernels.compiled import VARIABLE
 from dynid.identification.measurement import Measurement, Simulation, data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter

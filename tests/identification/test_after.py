@@ -103,10 +103,8 @@ def test_only_the_filter_with_a_pass_that_knows_the_noise_reports_innovations(no
 
 def test_correlations_are_those_of_the_inverse_of_the_full_information():
     rng = np.random.default_rng(5)
-    by_parameter, by_state = rng.standard_normal((50, 2, 3)), rng.standard_normal((50, 2, 4))
-    ones = np.ones((50, 2))
-    found = information(("a", "b", "c"), by_parameter, by_state, ones, ones).correlation()
-    J = np.concatenate([by_parameter, by_state], axis=2).reshape(100, 7)
+    J = rng.standard_normal((100, 7))
+    found = information(("a", "b", "c"), J[:, :3], J[:, 3:], 10.0, 100).correlation()
     covariance = np.linalg.inv(J.T @ J)[:3, :3]
     size = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(found, covariance / np.outer(size, size), rtol=1e-10)

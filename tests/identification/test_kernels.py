@@ -10,11 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.errors import Diverged, UsageError
-from dynid.identification.augmented import augmented
+from dynid.identification import information
+from dynid.identification.augmented import AugmentedModel, augmented
 from dynid.identification.filtering import filter as filtering
-from dynid.identification.filtering.compiled import VARIABLE, compiled
 from dynid.identification.filtering.filter import filter_pass
 from dynid.identification.fit import fitter
+from dynid.identification.kernels import triangle
+from dynid.identification.kernels.compiled import VARIABLE, compiled
 from dynid.identification.measurement import Data, data
 from dynid.lti.signals import Chirp, Step
 from dynid.structure.joints import Joint
@@ -93,16 +95,49 @@ def test_any_small_model_goes_both_ways(size, stiffness, damping, joint, step, o
                 one_pass(fits, origin_of(model), 0.3)
 
 
-def test_steps_that_no_series_reaches_are_taken_as_ever(monkeypatch):
+def test_steps_that_no_series_reaches_are_made_as_ever(monkeypatch):
     """Frequency times step passes the limit as the stiffness moves: both sorts of step in one pass."""
     model = lumped([1.0], [], [Joint("j", (1,), unknown(4e6, 0.1), unknown(40.0, 0.5))])
     fits = fits_of(model, (Channel(1, "velocity"),), (Load(1, Step(1.0)),), 2e-3, 120)
-    taken = []
-    step = filtering._propagate
-    monkeypatch.setattr(filtering, "_propagate", lambda *args: taken.append(args[1]) or step(*args))
+    made = []
+    transition = AugmentedModel.transition
+    monkeypatch.setattr(AugmentedModel, "transition", lambda *args: made.append(0) or transition(*args))
     plain, kernel = paths(monkeypatch, fits, origin_of(model))
-    assert 0 < len(taken) - 119 < 119
+    by_kernel = len(made)
+    monkeypatch.setenv(VARIABLE, "0")
+    one_pass(fits, origin_of(model))
+    without = len(made) - by_kernel
+    assert 0 < by_kernel - without < without
     assert_same(plain, kernel, 1e-9)
+
+
+@pytest.mark.parametrize("missing", [[], [(0, 0), (5, 1), (6, 0), (6, 1)]])
+@pytest.mark.parametrize("channels", [VELOCITIES, (Channel(2, "acceleration"), Channel(5, "displacement"))])
+def test_fits_are_the_same_both_ways(monkeypatch, channels, missing):
+    model = suspension()
+    fits = fits_of(model, channels, samples=200, missing=missing)
+    both = []
+    for wish in "01":
+        monkeypatch.setenv(VARIABLE, wish)
+        fit = fits.fit(origin_of(model), fits.data.values)
+        told = fits.information(fit, fit.noise)
+        both.append((*fit.predicted, fit.noise, told.covariance(), told.total))
+    assert_same(*both, 1e-10)  # rounding, times the condition of the state's sensitivities
+
+
+@settings(max_examples=25, deadline=None)
+@given(rows=st.integers(1, 300), columns=st.integers(1, 20), seed=st.integers(0, 1000))
+def test_triangles_keep_lengths_and_angles(rows, columns, seed):
+    """Against the rows themselves, whose products with each other a triangle of them keeps."""
+    values = (
+        np.random.default_rng(seed).standard_normal((rows, 2, columns)) * 10.0 ** np.arange(-2, 0)[:, None]
+    )
+    grams = np.einsum("tci,tcj->cij", values, values)
+    for found in (information.triangles(values), triangle.triangles(values)):
+        np.testing.assert_array_equal(found, np.triu(found))
+        size = np.sqrt(np.einsum("cii->ci", grams))
+        error = (np.einsum("cki,ckj->cij", found, found) - grams) / size[:, :, None] / size[:, None]
+        assert np.abs(error).max() < 1e-13
 
 
 def test_intervals_of_several_lengths(monkeypatch):
@@ -141,7 +176,7 @@ def test_no_folder_to_write_to_is_no_fault():
     script = (
         "import numba.core.caching as c\n"
         "c.CacheImpl._locator_classes = []\n"
-        "from dynid.identification.filtering import kernels\n"
-        "assert kernels._degree(1.0) == 17, kernels._degree(1.0)\n"
+        "from dynid.identification.kernels import steps\n"
+        "assert steps._degree(1.0) == 17, steps._degree(1.0)\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True, timeout=120)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.motion import drive, prescribed_state, signals_of
 from dynid.structure.response import Channel, Load
+
+if TYPE_CHECKING:
+    from dynid.identification.kernels.steps import Tables
 
 Array = NDArray[np.float64]
 
@@ -96,6 +100,13 @@ class AugmentedModel:
     def parameters(self) -> int:
         """Number of parameter states."""
         return len(self.unknowns)
+
+    @cached_property
+    def tables(self) -> Tables:
+        """What kernels need of the model."""
+        from dynid.identification.kernels.steps import tables  # loads numba
+
+        return tables(self)
 
     def transition(self, logs: Array, h: float) -> Transition:
         """Return the exact step over h at the parameters ``exp(logs)``, with its derivatives."""

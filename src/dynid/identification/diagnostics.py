@@ -21,9 +21,12 @@ _STEP = 1e-4
 
 def root_mean_square(residual: Array) -> Array:
     """Return the RMS of each channel (times x channels, NaN where missing), however large or small."""
-    size = np.nanmax(np.abs(residual), axis=0)
-    unit = np.where(size > 0, size, 1.0)
-    return np.asarray(np.sqrt(np.nanmean((residual / unit) ** 2, axis=0)) * unit)
+    missing = np.isnan(residual)
+    filled = np.where(missing, 0.0, residual) if missing.any() else residual
+    size = np.abs(filled).max(axis=0)
+    shares = filled / np.where(size > 0, size, 1.0)
+    count = len(residual) - np.count_nonzero(missing, axis=0)
+    return np.asarray(np.sqrt(np.einsum("ij,ij->j", shares, shares) / count) * size)
 
 
 def whiteness(*residuals: Array) -> float:

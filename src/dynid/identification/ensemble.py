@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import root_mean_square, whiteness
+from dynid.identification.diagnostics import whiteness
 from dynid.identification.fit import Fitter
 from dynid.identification.information import Information, joined
 from dynid.identification.knowledge import Knowledge
@@ -109,7 +109,7 @@ class Likelihood:
         return found.beside(self.knowledge.rows()) if prior else found
 
     def weighted(self, fit: JointFit, noise: Sequence[Array]) -> Array:
-        """Return the residuals over noise (values), 0 where missing; those of the priors at the end."""
+        """Return the residuals over noise, row by row as the information has them, priors at the end."""
         each = zip(self.records, fit.parts, noise, strict=True)
         measured = [record.weighted(part, level) for record, part, level in each]
         return np.concatenate([*measured, self.knowledge.residual(fit.logs)])
@@ -123,21 +123,21 @@ class Likelihood:
         for record, part, level in zip(self.records, fit.parts, self.likeliest(fit), strict=True):
             counts = np.count_nonzero(~np.isnan(part.residual), axis=0)
             given = ~np.isnan(record.given)
-            squares = (root_mean_square(part.residual) / level) ** 2
+            squares = (part.size / level) ** 2
             total += float(counts @ np.log(level) + counts[given] @ squares[given] / 2)
         return total
 
     def likeliest(self, fit: JointFit) -> list[Array]:
         """Return the noise given, else the RMS of the residuals, not below rounding (channels)."""
         return [
-            record.known_or(np.hypot(root_mean_square(part.residual), _ROUNDING * record.data.rms))
+            record.known_or(np.hypot(part.size, _ROUNDING * record.data.rms))
             for record, part in zip(self.records, fit.parts, strict=True)
         ]
 
     def residual_ratio(self, fit: JointFit) -> Array:
         """Return the RMS of the residuals over that of the measured values (channels of all records)."""
-        each = zip(self.records, fit.residuals, strict=True)
-        return np.concatenate([root_mean_square(residual) / record.data.rms for record, residual in each])
+        each = zip(self.records, fit.parts, strict=True)
+        return np.concatenate([part.size / record.data.rms for record, part in each])
 
     def whiteness(self, fit: JointFit) -> float:
         """Return the p-value of the residuals' whiteness."""

@@ -9,9 +9,17 @@ from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel
 from dynid.identification.filtering.filter import Prior
-from dynid.identification.information import STATE_RANK, Information, information, least_squares, thin_svd
+from dynid.identification.information import (
+    STATE_RANK,
+    Information,
+    information,
+    least_squares,
+    thin_svd,
+    triangles,
+)
+from dynid.identification.kernels.compiled import compiled
 from dynid.identification.measurement import Data
-from dynid.identification.observed import Fit, Observed, weights
+from dynid.identification.observed import Fit, Observed
 from dynid.identification.prediction import free_prediction, prediction
 from dynid.lti.floating import finite
 from dynid.structure.joints import Unknown
@@ -64,24 +72,51 @@ class Fitter(Observed):
 
         Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
         """
-        free, transitions = free_prediction(self.model, logs)
-        weight = weights(self.data.rms if noise is None else noise, values)
+        free, steps = free_prediction(self.model, logs)
         forced = free.forced + free.by_state @ self.model.initial
-        target = np.nan_to_num(values - forced) * weight
-        matrix = ((free.by_state @ self.root) * weight[..., None]).reshape(target.size, -1)
+        weight = 1.0 if noise is None else (self.data.rms / noise)[:, None, None]
+        rows = self._triangles(values - forced, free.by_state) * weight
+        matrix = (rows[..., :-1] @ self.root).reshape(-1, len(self.root))
         # Rank-revealing: initial states that the record does not show stay at zero.
-        x0 = self.model.initial + self.root @ least_squares(matrix, target.ravel(), STATE_RANK)
-        predicted = prediction(self.model, logs, x0, free, transitions)
+        x0 = self.model.initial + self.root @ least_squares(matrix, rows[..., -1].ravel(), STATE_RANK)
+        predicted = prediction(self.model, logs, x0, free, steps)
         residual = values - predicted.outputs
-        return Fit(logs, predicted, residual, self.known_or(self.scatter(residual)))
+        found = self._triangles(residual, predicted.by_state, predicted.by_parameter)
+        return Fit(logs, predicted, residual, self.known_or(self.scatter(residual)), found)
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
-        p = fit.predicted
+        n, p = self.model.states, self.model.parameters
+        rows = self._weighted(fit, noise)
         names = tuple(unknown.name for unknown in self.model.unknowns)
-        weight = weights(noise, fit.residual)
-        found = information(names, p.by_parameter, p.by_state @ self.root, p.outputs, weight)
+        present = ~np.isnan(fit.residual)
+        signal = float(np.linalg.norm(np.where(present, fit.predicted.outputs, 0.0) / noise))
+        count = int(np.count_nonzero(present))
+        found = information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count)
         return replace(found, values=np.exp(fit.logs))
+
+    def weighted(self, fit: Fit, noise: Array) -> Array:
+        """Return the residuals over noise, row by row as the information has them."""
+        return self._weighted(fit, noise)[:, -1]
+
+    def _weighted(self, fit: Fit, noise: Array) -> Array:
+        assert fit.triangles is not None
+        rows = fit.triangles * (self.data.rms / noise)[:, None, None]
+        return rows.reshape(-1, rows.shape[-1])
+
+    def _triangles(self, residual: Array, *derivatives: Array) -> Array:
+        """Return the triangles (channels x w x w) of derivatives (times x channels x …) and residuals."""
+        rows = np.concatenate([*derivatives, residual[..., None]], axis=2)
+        rows /= self.data.rms[:, None]
+        missing = np.isnan(residual)
+        if missing.any():
+            rows[missing] = 0.0
+        line = self.model.line
+        if not compiled(len(line.nodes), self.model.states + len(line.G), self.model.parameters):
+            return triangles(rows)
+        from dynid.identification.kernels import triangle  # loads numba
+
+        return triangle.triangles(rows)
 
     def floored(self, noise: Array) -> Array:
         """Return the noise to assume: never less than a small part of each channel's RMS."""
@@ -97,14 +132,12 @@ class Fitter(Observed):
         It is the fit's own covariance times the number of values, bounded by the wide prior: wide enough
         not to pull, narrow enough to keep the filter where its linearisation holds.
         """
-        p = fit.predicted
         root = self._wide_root()
-        weight = weights(self.floored(fit.noise), fit.residual)
-        both = np.concatenate([p.by_state, p.by_parameter], axis=2) * weight[..., None]
-        _, s, Vt = thin_svd(both.reshape(weight.size, -1) @ root)
+        rows = self._weighted(fit, self.floored(fit.noise))[:, :-1]
+        _, s, Vt = thin_svd(rows @ root)
         seen = np.zeros(len(root))
-        seen[: len(s)] = s**2 / np.count_nonzero(weight)
-        return Prior(p.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + seen)))
+        seen[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
+        return Prior(fit.predicted.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + seen)))
 
     def continued(self, prior: Prior, logs: Array, root: Array) -> Prior:
         """Return a prior of this record's state, with logarithms as another record left them.

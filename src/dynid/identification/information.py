@@ -154,7 +154,7 @@ class Information:
 
 
 def information(
-    names: tuple[str, ...], by_parameter: Array, by_state: Array, outputs: Array, weight: Array
+    names: tuple[str, ...], by_parameter: Array, by_state: Array, signal: float, values: int
 ) -> Information:
     """Collect the information of a record.
 
@@ -163,21 +163,19 @@ def information(
     names
         The parameters (p).
     by_parameter, by_state
-        Sensitivities (times x channels x p, times x channels x n), the states in the units of their prior.
-    outputs
-        Predicted values (times x channels).
-    weight
-        One over the noise's standard deviation (times x channels); 0 where a sample is missing.
+        Sensitivities over noise, or a triangle of them (rows x p, rows x n), the states in the units of their
+        prior.
+    signal
+        Norm of the predicted values over noise.
+    values
+        How many values there are.
     """
-    by_parameter = (by_parameter * weight[..., None]).reshape(-1, len(names))
-    by_state = (by_state * weight[..., None]).reshape(len(by_parameter), -1)
     U, s, _ = thin_svd(by_state)
     U = U[:, : len(s)][:, s > STATE_RANK * s.max(initial=0.0)]
     projected = by_parameter - U @ (U.T @ by_parameter)
     projected -= U @ (U.T @ projected)  # once more: what rounding left
     total = np.linalg.norm(by_parameter, axis=0)
-    freedom = int(np.count_nonzero(weight)) - U.shape[1]
-    return Information(names, projected, total, float(np.linalg.norm(outputs * weight)), freedom)
+    return Information(names, projected, total, signal, values - U.shape[1])
 
 
 def joined(parts: Sequence[Information]) -> Information:
@@ -218,6 +216,28 @@ def _tall_qr(matrix: Array) -> tuple[Array, Array]:
     blocks, triangles = np.linalg.qr(filled.reshape(-1, height, columns))
     Q, R = _tall_qr(triangles.reshape(-1, columns))
     return (blocks @ Q.reshape(-1, columns, columns)).reshape(-1, columns)[:rows], R
+
+
+def triangles(rows: Array) -> Array:
+    """Return triangles (channels x w x w) whose products with their transposes are those of the rows.
+
+    Parameters
+    ----------
+    rows
+        Rows of each channel (times x channels x w).
+    """
+    return np.stack([_triangle(rows[:, channel]) for channel in range(rows.shape[1])])
+
+
+def _triangle(matrix: Array) -> Array:
+    rows, columns = matrix.shape
+    height = _BLOCK * columns
+    if rows > height:
+        filled = np.concatenate([matrix, np.zeros((-rows % height, columns))])
+        blocks = np.linalg.qr(filled.reshape(-1, height, columns), mode="r")
+        return _triangle(np.asarray(blocks).reshape(-1, columns))
+    R = np.linalg.qr(matrix, mode="r")
+    return np.concatenate([R, np.zeros((columns - len(R), columns))])
 
 
 def least_squares(matrix: Array, right: Array, rank: float) -> Array:

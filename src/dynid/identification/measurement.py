@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -164,7 +165,7 @@ class Data:
     clean: Array | None = None
     given: Array | None = None
 
-    @property
+    @cached_property
     def rms(self) -> Array:
         """Root mean square of each channel over the samples present."""
         return root_mean_square(self.values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +32,22 @@ class Fit:
         Measured minus predicted (times x channels), NaN where missing.
     noise
         Standard deviation of the noise (channels): as given, else estimated from the residuals.
+    triangles
+        Of each channel, over its RMS, a triangle of derivatives by the initial state (scaled) and by the
+        logarithms, and residuals, side by side (channels x n + p + 1 x n + p + 1). Whatever the channels are
+        to count by, these few rows tell what all values tell. None where the values themselves are used.
     """
 
     logs: Array
     predicted: Prediction
     residual: Array
     noise: Array
+    triangles: Array | None = None
+
+    @cached_property
+    def size(self) -> Array:
+        """RMS of the residuals (channels)."""
+        return root_mean_square(self.residual)
 
 
 class Observed(ABC):
@@ -90,7 +101,7 @@ class Observed(ABC):
         return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
 
     def weighted(self, fit: Fit, noise: Array) -> Array:
-        """Return the residuals over noise (values), 0 where missing."""
+        """Return the residuals over noise, row by row as the information has them, 0 where missing."""
         return (np.nan_to_num(fit.residual) * weights(noise, fit.residual)).ravel()
 
     def series(self, residual: Array) -> Array:

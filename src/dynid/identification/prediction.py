@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel, Transition
+from dynid.identification.kernels.compiled import compiled
 from dynid.lti.recurrence import free_response, recurrence
 
+if TYPE_CHECKING:
+    from dynid.identification.kernels.steps import Linear
+
 Array = NDArray[np.float64]
+Steps: TypeAlias = "list[Transition] | Linear"
+"""The steps of all lengths at some parameters, as NumPy or as kernels have them."""
 
 # Runs are cut at so many steps: what is in work does not grow with the record.
 _LONGEST_RUN = 4096
@@ -41,8 +47,8 @@ class Prediction(NamedTuple):
     by_state: Array
 
 
-def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, list[Transition]]:
-    """Return the prediction for every initial state, and the transitions it was made with.
+def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, Steps]:
+    """Return the prediction for every initial state, and the steps it was made with.
 
     Parameters
     ----------
@@ -52,6 +58,8 @@ def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, list[Tran
         Logarithms of the parameters (p).
     """
     line, n = model.line, model.states
+    if compiled(len(line.nodes), n + len(line.G), model.parameters):
+        return _free_compiled(model, logs)
     transitions = [model.transition(logs, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     forced = np.zeros((len(line.nodes), n))
@@ -70,9 +78,17 @@ def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, list[Tran
     return Free(forced[line.wanted] @ C.T + model.feedthrough, by_state), transitions
 
 
-def prediction(
-    model: AugmentedModel, logs: Array, x0: Array, free: Free, transitions: list[Transition]
-) -> Prediction:
+def _free_compiled(model: AugmentedModel, logs: Array) -> tuple[Free, Steps]:
+    from dynid.identification.kernels import simulate  # loads numba
+
+    C, at = model.output(logs)[0], simulate.steps_at(model, logs)
+    forced = np.empty(model.feedthrough.shape)
+    by_state = np.empty((*forced.shape, model.states))
+    simulate.free(model.tables, at, C, forced, by_state)
+    return Free(forced, by_state), at
+
+
+def prediction(model: AugmentedModel, logs: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
     """Return the prediction from `x0` with its sensitivities to the parameters' logarithms.
 
     Parameters
@@ -81,9 +97,12 @@ def prediction(
         Model and parameters' logarithms (p).
     x0
         Initial state (n), scaled.
-    free, transitions
+    free, steps
         What `free_prediction` returned for the same parameters.
     """
+    if not isinstance(steps, list):
+        return _compiled(model, logs, x0, free, steps)
+    transitions = steps
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     drift = _forcing(model, [transition.derivatives[:, :, n:] for transition in transitions])
@@ -101,6 +120,18 @@ def prediction(
     direct = np.moveaxis(trajectory @ C_slopes.swapaxes(1, 2), 0, -1)
     outputs = trajectory @ C.T + model.feedthrough
     return Prediction(outputs, trajectory, seen + direct, free.by_state)
+
+
+def _compiled(model: AugmentedModel, logs: Array, x0: Array, free: Free, at: Linear) -> Prediction:
+    from dynid.identification.kernels import simulate  # loads numba
+
+    C, C_slopes = model.output(logs)
+    outputs = np.empty(model.feedthrough.shape)
+    states = np.empty((len(outputs), model.states))
+    by_parameter = np.empty((*outputs.shape, model.parameters))
+    varying = C_slopes if C_slopes.any() else C_slopes[:0]
+    simulate.sensitive(model.tables, at, C, varying, x0, outputs, states, by_parameter)
+    return Prediction(outputs, states, by_parameter, free.by_state)
 
 
 def _runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 _LONGEST = 1.5
 #: First damping, its least and its most; it falls and rises tenfold.
 _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
-#: A step is the last if it is below this part of the standard errors, or this size.
+#: A step is the last if what is left after it is below this part of the standard errors, or this size.
 _PART, _SIZE = 1e-3, 1e-11
 
 
@@ -35,7 +35,7 @@ class Iterations(NamedTuple):
     """The way to an optimum.
 
     `fits`: one an iteration, the start first; `damping`: that of the step to each (0: the start); `finished`:
-    whether the last step was as small as it has to be.
+    whether what is left is as small as it has to be.
     """
 
     fits: list[JointFit]
@@ -90,8 +90,9 @@ def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iteration
         If a parameter leaves its start by a factor of a million.
     """
     fit = ensemble.fit(logs)
+    misfit = ensemble.misfit(fit)
     way = Iterations([fit], [0.0], finished=False)
-    damping = _DAMPING
+    damping, before = _DAMPING, 0.0
     for _ in range(iterations):
         noise = ensemble.likeliest(fit)
         information = ensemble.information(fit, noise)
@@ -101,18 +102,24 @@ def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iteration
         while better is None and damping <= _MOST:
             step = _step(information.without(held), residual, damping)
             step = ensemble.knowledge.clipped(fit.logs + step) - fit.logs
-            better = _improved(ensemble, fit, step, noise)
+            better = _improved(ensemble, fit.logs + step, noise, misfit)
             damping *= 1.0 if better else 10.0
         if better is None:  # no step improves: rounding is all that is left
             return way._replace(finished=True)
-        fit = better
+        fit, misfit = better
         way.fits.append(fit)
         way.damping.append(damping)
         check_run_away(ensemble.unknowns, fit.logs, logs)
-        if np.all(np.abs(step) <= np.maximum(_PART * information.deviations(), _SIZE)):
+        size = float(np.max(np.abs(step) / np.maximum(_PART * information.deviations(), _SIZE)))
+        if _left(size, before) <= 1.0:
             return way._replace(finished=True)
-        damping = max(damping / 10, _LEAST)
+        damping, before = max(damping / 10, _LEAST), size
     return way
+
+
+def _left(size: float, before: float) -> float:
+    """Return the size of all steps to come, after two of these sizes: a geometric series."""
+    return size * size / (before - size) if size < before / 2 else size
 
 
 def _step(information: Information, residual: Array, damping: float) -> Array:
@@ -127,10 +134,13 @@ def _step(information: Information, residual: Array, damping: float) -> Array:
     return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
 
 
-def _improved(ensemble: Likelihood, fit: JointFit, step: Array, noise: Sequence[Array]) -> JointFit | None:
-    """Return the fit after a step if it is better, else None."""
+def _improved(
+    ensemble: Likelihood, logs: Array, noise: Sequence[Array], misfit: float
+) -> tuple[JointFit, float] | None:
+    """Return the fit at these logarithms and its misfit if that is below this one, else None."""
     try:
-        new = ensemble.fit(fit.logs + step, noise)
+        new = ensemble.fit(logs, noise)
     except DynidError:  # so far off that numbers leave their range
         return None
-    return new if ensemble.misfit(new) < ensemble.misfit(fit) else None
+    reached = ensemble.misfit(new)
+    return (new, reached) if reached < misfit else None

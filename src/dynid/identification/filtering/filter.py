@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged
 from dynid.identification.augmented import AugmentedModel
-from dynid.identification.filtering.compiled import compiled
+from dynid.identification.filtering.linearised import MOST, PART, Linearised
+from dynid.identification.kernels.compiled import compiled
 from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
 # A logarithm this far from its start is a run-away: a factor of a million.
 RUNAWAY = float(np.log(1e6))
+# Squares between these neither overflow nor lose digits.
+_SMALL, _LARGE = 1e-280, 1e280
 
 
 class Prior(NamedTuple):
@@ -118,24 +121,25 @@ def _walk(
     n = model.states
     logs, deviations, states, bands, innovations = history
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
+    expected = measured - model.feedthrough
     outputs_vary = bool(model.C_slopes.any())
     H = np.zeros((measured.shape[1], len(z)))
     H[:, :n] = model.C
+    steps, spread = Linearised(model), _lengths(S)
     for node, sample in enumerate(model.line.sample_of().tolist()):
         if node:
-            _propagate(model, node, z, S)
+            steps.follow(z[n:], spread[n:])
+            _propagate(model, node, z, S, steps)
         if sample < 0:
             continue
         if outputs_vary:
             C, C_slopes = model.output(z[n:])
             H[:, :n], H[:, n:] = C, (C_slopes @ z[:n]).T
-        innovation = measured[sample] - model.feedthrough[sample] - H[:, :n] @ z[:n]
+        innovation = expected[sample] - H[:, :n] @ z[:n]
         whitened = H * weight[sample][:, None], innovation * weight[sample]
         z += _update(S, *whitened, present[sample], innovations[sample])
         check_run_away(model.unknowns, z[n:], origin)
-        unit = np.abs(S).max(axis=1)  # squares of large units overflow
-        shares = S / np.where(unit > 0, unit, 1.0)[:, None]
-        spread = np.sqrt(np.einsum("ij,ij->i", shares, shares)) * unit
+        spread = _lengths(S)
         logs[sample], deviations[sample] = z[n:], spread[n:]
         states[sample], bands[sample] = z[:n], spread[:n]
     return S
@@ -150,29 +154,43 @@ def _walk_compiled(
     origin: Array,
     history: _History,
 ) -> Array:
-    """Do the same by the kernel; where its series does not reach, the step is taken here."""
-    from dynid.identification.filtering import kernels  # loads numba
+    """Do the same by the kernel; steps that its series does not reach are made here."""
+    from dynid.identification.kernels import steps, walk  # loads numba
 
-    tables = kernels.tables(model, measured, weight)
-    padded = kernels.padded(S)
-    root = padded[:, : len(S)]
-    nodes, node, arrived = len(model.line.nodes), 0, False
+    n, lengths, nodes = model.states, model.line.lengths, len(model.line.nodes)
+    at, padded, spread = steps.linear(model), walk.padded(S), _lengths(S)[n:]
+    record = steps.plain(measured), steps.plain(weight)
+    limits = PART, MOST, RUNAWAY
+    node = 0
     while node < nodes:
-        node = kernels.walk(tables, node, arrived, z, padded, origin, RUNAWAY, tuple(history))
+        node = walk.walk(model.tables, at, limits, node, *record, z, padded, spread, origin, tuple(history))
         if node < 0:
-            check_run_away(model.unknowns, z[model.states :], origin)
-        if arrived := node < nodes:
-            _propagate(model, node, z, root)
-    return root
+            check_run_away(model.unknowns, z[n:], origin)
+        if node < nodes:
+            length = int(model.line.which[node - 1])
+            steps.place(at, length, model.transition(at.logs, float(lengths[length])))
+    return padded[:, : len(S)]
 
 
-def _propagate(model: AugmentedModel, node: int, z: Array, S: Array) -> None:
-    """Take state and root to a node from the one before it, in place: exact, and S turns into F S."""
-    n, logs = model.states, z[model.states :]
-    step, slopes = model.transition(logs, float(model.line.lengths[model.line.which[node - 1]]))
-    driven = np.concatenate([z[:n], model.W[node - 1]])
-    z[:n] = step @ driven
-    S[:n] = step[:, :n] @ S[:n] + (slopes @ driven).T @ S[n:]
+def _propagate(model: AugmentedModel, node: int, z: Array, S: Array, steps: Linearised) -> None:
+    """Take state and root to a node from the one before it, in place: S turns into F S."""
+    n = model.states
+    forward, total = steps.step(int(model.line.which[node - 1]))
+    moved = (forward @ np.concatenate([z[:n], model.W[node - 1]])).reshape(-1, n)
+    total[:, n:] = moved[1:].T
+    z[:n] = moved[0] + (z[n:] - steps.logs) @ moved[1:]
+    S[:n] = total @ S
+
+
+def _lengths(S: Array) -> Array:
+    """Return the lengths of the rows of a root, however large or small."""
+    with np.errstate(over="ignore", under="ignore"):
+        squares = np.einsum("ij,ij->i", S, S)
+    if squares.min() > _SMALL and squares.max() < _LARGE:
+        return np.asarray(np.sqrt(squares))
+    unit = np.abs(S).max(axis=1)  # squares of large units overflow
+    shares = S / np.where(unit > 0, unit, 1.0)[:, None]
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", shares, shares)) * unit)
 
 
 def _update(S: Array, H: Array, innovation: Array, present: list[int], normalised: Array) -> Array:

@@ -180,14 +180,16 @@ def exact_bounds(
     measurement = experiment.measurement
     times = measurement.record.times
     joint = augmented(model, loads, measurement.channels, times)
-    free, transitions = free_prediction(joint, expected.fit.logs)
+    free, steps = free_prediction(joint, expected.fit.logs)
     x0 = _settled(model, loads, float(times[0]), expected.values) / joint.scale
-    seen = prediction(joint, expected.fit.logs, x0, free, transitions)
+    seen = prediction(joint, expected.fit.logs, x0, free, steps)
     root = expected.ensemble.records[0].root
-    weight = np.broadcast_to(1 / expected.noise[0], seen.outputs.shape)
+    weight = 1 / expected.noise[0][:, None]
+    by_parameter = (seen.by_parameter * weight).reshape(-1, len(expected.values))
+    by_state = (seen.by_state @ root * weight).reshape(len(by_parameter), -1)
+    signal = float(np.linalg.norm(seen.outputs / expected.noise[0]))
     names = tuple(expected.ensemble.names)
-    found = information(names, seen.by_parameter, seen.by_state @ root, seen.outputs, weight)
-    return relative_bounds(found)
+    return relative_bounds(information(names, by_parameter, by_state, signal, seen.outputs.size))
 
 
 def _settled(model: StructuralModel, loads: Sequence[Load], time: float, values: dict[str, float]) -> Array:

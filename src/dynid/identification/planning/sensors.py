@@ -92,8 +92,8 @@ def sensors(
     known = as_estimated(experiment.loads, experiment.measurement.record)
     joint = augmented(model, known, every, experiment.measurement.record.times)
     logs, x0 = expected.fit.logs, expected.fit.parts[0].predicted.states[0]
-    free, transitions = free_prediction(joint, logs)
-    seen = prediction(joint, logs, x0, free, transitions)
+    free, steps = free_prediction(joint, logs)
+    seen = prediction(joint, logs, x0, free, steps)
     rms = np.sqrt(np.mean(seen.outputs**2, axis=0))
     largest = {channel.quantity: 0.0 for channel in every}
     for channel, size in zip(every, rms, strict=True):

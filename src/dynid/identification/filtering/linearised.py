@@ -1,0 +1,57 @@
+"""The steps of a pass, linearised about parameters that the estimate has hardly left.
+
+Between samples the physical part is propagated exactly at parameters near the estimate, and to first order in
+the difference. It is made anew where a logarithm has moved by a part of its own standard deviation. What the
+first order leaves out is then a few hundredths of what the filter leaves out anyway, which linearises about
+an estimate that is off by that deviation; so a pass asks for some hundred matrix exponentials, not for one a
+sample, and for hardly more over a longer record.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.augmented import AugmentedModel
+
+Array = NDArray[np.float64]
+
+#: How far a logarithm may move before steps are linearised anew: in its standard deviations, and at the most.
+PART, MOST = 0.3, 0.05
+
+
+class Step(NamedTuple):
+    """``forward`` (n (1 + p) x n + q) takes [x, w] to the next state and its derivatives by the logarithms.
+
+    `total` (n x n + p) is Phi, with room for those derivatives beside it.
+    """
+
+    forward: Array
+    total: Array
+
+
+class Linearised:
+    """The steps of a model about some logarithms, made when they are needed."""
+
+    def __init__(self, model: AugmentedModel) -> None:
+        self._model = model
+        self._steps: dict[int, Step] = {}
+        self.logs = np.full(model.parameters, np.nan)
+
+    def follow(self, logs: Array, spread: Array) -> None:
+        """Linearise anew if logarithms of these deviations (p) have left the present ones."""
+        if not np.all(np.abs(logs - self.logs) <= np.minimum(PART * spread, MOST)):
+            self.logs = logs.copy()
+            self._steps.clear()
+
+    def step(self, length: int) -> Step:
+        """Return the step of a length of the timeline."""
+        if length not in self._steps:
+            n = self._model.states
+            step, slopes = self._model.transition(self.logs, float(self._model.line.lengths[length]))
+            forward = np.concatenate([step[None], slopes]).reshape(-1, step.shape[1])
+            total = np.concatenate([step[:, :n], np.empty((n, len(self.logs)))], axis=1)
+            self._steps[length] = Step(forward, total)
+        return self._steps[length]

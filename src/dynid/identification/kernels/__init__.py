@@ -1,0 +1,1 @@
+"""Compiled loops, and when they are used. Importing any but `compiled` loads numba."""

@@ -1,0 +1,255 @@
+"""The exact step and its derivatives at given parameters, as a kernel; see `AugmentedModel.transition`.
+
+They are summed from a Taylor series, which the lower half of the system matrix alone drives: the upper half
+says that velocities are rates of displacements. Where a step is too long for the series the kernel says so,
+and its caller asks `AugmentedModel.transition`, which squares.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.augmented import AugmentedModel, Transition
+from dynid.identification.kernels.compile import inlined, kernel
+from dynid.identification.kernels.lanes import LANES, accumulate, product
+
+Array = NDArray[np.float64]
+
+# Numbers in the table of forcing: beyond, its making would take longer than it saves.
+_MOST_FORCING = 1_000_000
+# The series' first omitted term, over the sum: rounding of the state, a digit more for the sensitivities.
+_REMAINDER = 1e-15
+#: Norm of the longest step that the series takes: beyond, cancellation would cost more than a digit.
+REACH = 4.0
+
+
+class Tables(NamedTuple):
+    """What steps need of the model, as plain arrays.
+
+    `lower` (n/2 x n) and `rates` (n/2) are the lower half of A and the diagonal of its upper right quarter;
+    `left` (p x n/2 x r) times `right` (p x r x n) is the lower half's change by the parameters. `forcing`
+    (lengths x degrees x n/2 x q) takes the generator state to what it feeds, degree by degree; `reach`
+    (lengths) is the norm of the generator, times the step.
+    """
+
+    lower: Array
+    left: Array
+    right: Array
+    rates: Array
+    lengths: Array
+    forcing: Array
+    reach: Array
+    W: Array
+    C: Array
+    C_slopes: Array
+    feedthrough: Array
+    which: NDArray[np.int64]
+    sample: NDArray[np.int64]
+
+
+class Linear(NamedTuple):
+    """The steps of all lengths at some logarithms (p), so far as they are `ready` (lengths).
+
+    `forward` (lengths x n + q x n (1 + p), padded) takes [x, w] to the next state and its derivatives, the
+    latter beside each state; `total` (lengths x n x n + p, padded) is Phi with room for those derivatives.
+    """
+
+    logs: Array
+    ready: NDArray[np.bool_]
+    forward: Array
+    total: Array
+
+
+class Work(NamedTuple):
+    """Room to sum a series in: scaled matrices, and what is summed, block by block."""
+
+    values: Array
+    A: Array
+    scaled: Array
+    left: Array
+    touched: Array
+    one: Array
+    other: Array
+
+
+def plain(array: Array) -> Array:
+    """Return it as every kernel has it: they are compiled for one type of array."""
+    return np.require(array, float, ["C", "W"])
+
+
+def lanes(count: int) -> int:
+    """Return the next multiple of the registers' width."""
+    return -(-count // LANES) * LANES
+
+
+def tables(model: AugmentedModel) -> Tables:
+    """Return the tables of a model."""
+    line, m = model.line, model.states // 2
+    left, right = _factors(model.A_slopes[:, m:])
+    forcing = _forcing(model)
+    reach = np.abs(line.G).sum(axis=0).max(initial=0.0) * line.lengths
+    return Tables(
+        lower=plain(model.A[m:]),
+        left=plain(left),
+        right=plain(right),
+        rates=plain(model.A[:m, m:].diagonal()),
+        lengths=plain(line.lengths),
+        forcing=forcing,
+        reach=reach if len(forcing) else np.full(len(line.lengths), np.inf),
+        W=plain(model.W),
+        C=plain(model.C),
+        C_slopes=plain(model.C_slopes if model.C_slopes.any() else model.C_slopes[:0]),
+        feedthrough=plain(model.feedthrough),
+        which=line.which,
+        sample=line.sample_of(),
+    )
+
+
+def _factors(slopes: Array) -> tuple[Array, Array]:
+    """Factorise matrices (p x n/2 x n) by their largest rank r: p x n/2 x r, p x r x n."""
+    U, s, Vt = np.linalg.svd(slopes, full_matrices=False)
+    rank = max(1, int((s > 8 * np.finfo(float).eps * s[:, :1]).sum(axis=1).max()))
+    return U[:, :, :rank] * s[:, None, :rank], Vt[:, :rank]
+
+
+def _forcing(model: AugmentedModel) -> Array:
+    """Return the table of forcing, by Horner's scheme from the highest degree down; empty if it is large."""
+    line, drive = model.line, model.drive[model.states // 2 :]
+    degrees = _degree(REACH) + 1
+    if len(line.lengths) * degrees * drive.size > _MOST_FORCING:
+        return np.empty((0, degrees, *drive.shape))
+    forcing = np.empty((len(line.lengths), degrees, *drive.shape))
+    for table, h in zip(forcing, line.lengths, strict=True):
+        E = np.eye(len(line.G))
+        for k in reversed(range(degrees)):
+            table[k] = drive @ E * (h / (k + 1))
+            E = np.eye(len(E)) + line.G @ E * (h / (k + 1))
+    return forcing
+
+
+def linear(model: AugmentedModel) -> Linear:
+    """Return room for the steps of a model, none of which is ready."""
+    n, p, lengths = model.states, model.parameters, len(model.line.lengths)
+    return Linear(
+        np.full(p, np.nan),
+        np.zeros(lengths, dtype=bool),
+        np.zeros((lengths, n + len(model.line.G), lanes(n * (1 + p)))),
+        np.zeros((lengths, n, lanes(n + p))),
+    )
+
+
+def place(at: Linear, length: int, transition: Transition) -> None:
+    """Put in a step that the series does not reach."""
+    step, derivatives = transition
+    n = len(step)
+    both = np.concatenate([step[None], derivatives]).transpose(2, 1, 0).reshape(step.shape[1], -1)
+    at.forward[length, :, : both.shape[1]] = both
+    at.total[length, :, :n] = step[:, :n]
+    at.ready[length] = True
+
+
+@kernel
+def _degree(norm: float) -> int:
+    """Return the degree of the Taylor polynomial of exp for a matrix of this norm."""
+    degree, term = 1, norm * norm / 2
+    while term > _REMAINDER:
+        degree += 1
+        term *= norm / (degree + 1)
+    return degree
+
+
+@kernel
+def work(t: Tables) -> Work:
+    """Return room to work in."""
+    p, m, rank = t.left.shape
+    n, block = 2 * m, -(-(2 * m + t.W.shape[1]) // LANES) * LANES
+    return Work(
+        np.zeros(p),
+        np.zeros((m, n)),
+        np.zeros((m, n)),
+        np.zeros((m, rank)),
+        np.zeros((p * rank, block)),
+        np.zeros((n, (1 + p) * block)),
+        np.zeros((n, (1 + p) * block)),
+    )
+
+
+@inlined
+def _norm(t: Tables, logs: Array, room: Work) -> float:
+    """Set values and lower half of the system matrix; return the largest column sum of the whole."""
+    p, m, rank = t.left.shape
+    A = room.A
+    A[:] = t.lower
+    for j in range(p):
+        room.values[j] = math.exp(logs[j])
+        for i in range(m):
+            for r in range(rank):
+                share = room.values[j] * t.left[j, i, r]
+                for k in range(2 * m):
+                    A[i, k] += share * t.right[j, r, k]
+    largest = 0.0
+    for k in range(2 * m):
+        column = abs(t.rates[k - m]) if k >= m else 0.0
+        for i in range(m):
+            column += abs(A[i, k])
+        largest = max(largest, column)
+    return largest
+
+
+@inlined
+def _summed(t: Tables, length: int, degree: int, room: Work) -> Array:
+    """Sum the series of [Phi, Gamma] and its derivatives (1 + p x n x padded), by Horner's scheme."""
+    p, m, rank = t.left.shape
+    n, block = 2 * m, room.touched.shape[1]
+    wide = (1 + p) * block
+    q, h, old, new = t.W.shape[1], t.lengths[length], room.one, room.other
+    old[:] = 0.0
+    for i in range(n):
+        old[i, i] = 1.0
+    for k in range(degree, 0, -1):
+        share = h / k
+        for i in range(m):
+            for c in range(n):
+                room.scaled[i, c] = share * room.A[i, c]
+        product(m, n, wide, room.scaled, 0, n, old, 0, wide, new, m * wide, wide)
+        product(p * rank, n, block, t.right, 0, n, old, 0, wide, room.touched, 0, block)
+        for j in range(p):
+            for i in range(m):
+                for r in range(rank):
+                    room.left[i, r] = share * room.values[j] * t.left[j, i, r]
+            fed = m * wide + (1 + j) * block
+            accumulate(
+                m, rank, block, room.left, 0, rank, room.touched, j * rank * block, block, new, fed, wide
+            )
+        for i in range(m):
+            rate = share * t.rates[i]
+            for c in range(wide):
+                new[i, c] = rate * old[m + i, c]
+            for j in range(q):
+                new[m + i, n + j] += t.forcing[length, k - 1, i, j]
+        for i in range(n):
+            new[i, i] += 1.0
+        old, new = new, old
+    return old
+
+
+@kernel
+def linearise(t: Tables, length: int, at: Linear, room: Work) -> bool:
+    """Make the step of a length ready; tell whether the series reaches."""
+    norm = max(t.lengths[length] * _norm(t, at.logs, room), t.reach[length])
+    if not norm <= REACH:
+        return False
+    summed = _summed(t, length, _degree(norm) + 1, room)
+    n, beside, block = 2 * len(t.lower), 1 + len(at.logs), room.touched.shape[1]
+    for i in range(n):
+        for j in range(beside):
+            for k in range(at.forward.shape[1]):
+                at.forward[length, k, i * beside + j] = summed[i, j * block + k]
+        for k in range(n):
+            at.total[length, i, k] = summed[i, k]
+    at.ready[length] = True
+    return True
