@@ -1,6 +1,7 @@
 """Samples of a scene run together are those that each gives alone: the same numbers, or the same error."""
 
 import math
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 import dynid
 from dynid.scene.batch import run_alone, run_batch
-from dynid.scene.kinds.bond_graph import batched
+from dynid.scene.dispatch import RUNNERS
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
@@ -30,7 +31,8 @@ def scene(text):
 
 def assert_same(template, overrides, collect=(), *, together=True):
     """Check samples against each alone, and that the batched route takes them or not."""
-    assert (batched(template, overrides, collect or ("",)) is not None) == together
+    route = import_module(RUNNERS[template.kind]).batched
+    assert (route(template, overrides, collect or ("",)) is not None) == together
     outcomes = run_batch(template, overrides, collect)
     assert len(outcomes) == len(overrides)
     for override, outcome in zip(overrides, outcomes, strict=True):
@@ -171,3 +173,46 @@ def test_a_grid_that_follows_a_varied_parameter_is_run_one_by_one():
 def test_what_is_written_in_the_graph_follows_an_integer_name():
     text = FUNCTIONS.replace("m: {type: I", "7: {type: I").replace("v -> m", "v -> 7")
     assert_same(scene(text), [{"graph.nodes.7.value": value} for value in (1, 2.5)])
+
+
+@pytest.fixture(scope="module")
+def suspension():
+    return dynid.load_scene(
+        CONFIGS / "table2.yaml", ["measurement.samples=150", "measurement.simulate.settle=0"]
+    )
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        [{"measurement.simulate.seed": seed} for seed in (1, 7, -1, 2.5)],
+        [
+            {"measurement.simulate.noise_ratio": ratio, "measurement.simulate.seed": 3}
+            for ratio in (0.02, 0, -1, "0.1")
+        ],
+        [{"joints.upper.k.start": start, "joints.lower.c.start": 15} for start in (8e3, 0, 1e-310)],
+        [{"joints.upper.k.true": 2.1e4, "measurement.simulate.seed": 4}],
+    ],
+    ids=["seed", "noise", "start", "true"],
+)
+def test_identifications_are_those_of_each_sample(suspension, overrides):
+    outcomes = assert_same(suspension, overrides)
+    assert not outcomes[0].error
+
+
+def test_of_an_identification_any_part_can_be_collected(suspension):
+    collect = (
+        "identification/diagnostics/converged",
+        "identification/hist*/estimate",
+        "identification/states",
+    )
+    outcomes = assert_same(suspension, [{"measurement.simulate.seed": 5}], collect)
+    assert "identification/history/time" in outcomes[0].values
+    assert "identification/parameters/estimate" not in outcomes[0].values
+
+
+@pytest.mark.parametrize(
+    "override", [{"measurement.samples": 160}, {"structure.lumped.masses": [2, 2, 1.5, 1, 2]}]
+)
+def test_identifications_of_other_records_are_run_one_by_one(suspension, override):
+    assert_same(suspension, [override], together=False)

@@ -58,6 +58,8 @@ def identify_all(
     *,
     truth: StructuralModel | None = None,
     rebuild: Rebuild | None = None,
+    clean: Sequence[Array | None] | None = None,
+    into: Result | None = None,
 ) -> Result:
     """Identify the unknown joint parameters of a structure from records that share them.
 
@@ -74,6 +76,10 @@ def identify_all(
     rebuild
         Makes the model anew for parameters by name: a reduced one whose basis follows the joints. The
         estimator goes on with it until the estimates stay, at most ten times. Absent: `model` stays.
+    clean
+        Of each record the values without noise, where somebody has simulated them already.
+    into
+        What the result is added to: of a `Selection` only what is wanted is computed. Absent: a new one.
 
     Returns
     -------
@@ -111,17 +117,26 @@ def identify_all(
         raise UsageError("there is no record to identify from", names=("measurement",))
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
-        return _identified(model, experiments, estimator or Auto(), truth or model, rebuild)
+        values = [
+            data(truth or model, *experiment, None if clean is None else clean[k])
+            for k, experiment in enumerate(experiments)
+        ]
+        outcome, last = _identified(model, experiments, values, estimator or Auto(), truth or model, rebuild)
+        return outcome.result(
+            Result("identification") if into is None else into,
+            lambda: [true_states(truth or model, last, *experiment) for experiment in experiments],
+        )
 
 
 def _identified(
     model: StructuralModel,
     experiments: Sequence[Experiment],
+    values: Sequence[Data],
     estimator: Estimator,
     truth: StructuralModel,
     rebuild: Rebuild | None,
-) -> Result:
-    values = [data(truth, *experiment) for experiment in experiments]
+) -> tuple[Outcome, StructuralModel]:
+    """Return what was found, and the model it was found with in the end."""
     names = [unknown.name for unknown in model.unknowns]
     logs, here = np.log([unknown.start for unknown in model.unknowns]), estimator
     outcome: Outcome | None = None
@@ -144,7 +159,7 @@ def _identified(
     outcome.check()
     if model.basis is not None and truth.basis is None:
         outcome = replace(outcome, model_error=_model_error(model, outcome, values))
-    return outcome.result([true_states(truth, model, *experiment) for experiment in experiments])
+    return outcome, model
 
 
 def _model_error(model: StructuralModel, outcome: Outcome, values: Sequence[Data]) -> ModelError:

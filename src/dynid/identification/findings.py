@@ -36,6 +36,8 @@ _VOID = 0.5
 _NOTHING = 1.0
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
 _BLIND = 10.0
+#: What the autocorrelation of the residuals is told by.
+_AUTOCORRELATION = ("lag", "autocorrelation", "autocorrelation_band", "channel_whiteness_p")
 
 
 class Named(Protocol):
@@ -202,7 +204,8 @@ class Findings(ABC):
         result.add(f"{group}/true", true, dims, unit)
         result.add(f"{group}/estimate", estimate, dims, unit)
         result.add(f"{group}/standard_error", estimate * self.information.deviations(), dims, unit)
-        result.add(f"{group}/cramer_rao", self._bound, dims, unit)
+        if result.wants(f"{group}/cramer_rao"):
+            result.add(f"{group}/cramer_rao", self._bound, dims, unit)
         knowledge = self.ensemble.knowledge
         result.add(f"{group}/at_bound", knowledge.at_bound(self._final.logs), dims)
         if knowledge.believed.any():
@@ -277,8 +280,10 @@ class Findings(ABC):
         result.add(f"{group}/condition", self.information.condition())
         for name, fact in self.estimation.facts.items():
             result.add(f"{group}/{name}", fact)
-        self._add_autocorrelation(result)
-        self._add_words(result, settled=settled, explained=explained)
+        if any(result.wants(f"{group}/{name}") for name in _AUTOCORRELATION):
+            self._add_autocorrelation(result)
+        if any(result.wants(f"{group}/{name}") for name in ("verdict", "warnings")):
+            self._add_words(result, settled=settled, explained=explained)
 
     def _add_autocorrelation(self, result: Result) -> None:
         group = "identification/diagnostics"

@@ -171,11 +171,14 @@ class Data:
         return root_mean_square(self.values)
 
 
-def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Data:
+def data(
+    model: StructuralModel, loads: Sequence[Load], measurement: Measurement, clean: Array | None = None
+) -> Data:
     """Return the measured values, simulated with `model` where they are to be simulated.
 
     Simulated values are exact for the continuous loads, from rest at t = 0, the unknown joint parameters at
-    their true values; the noise of each channel then has the standard deviation noise ratio x RMS.
+    their true values; the noise of each channel then has the standard deviation noise ratio x RMS. `clean`
+    are the values without noise, where somebody has simulated them already.
 
     Raises
     ------
@@ -186,7 +189,8 @@ def data(model: StructuralModel, loads: Sequence[Load], measurement: Measurement
     """
     given = measurement.given_noise
     if isinstance(measurement.source, Simulation):
-        clean = simulated(model, loads, measurement).outputs
+        if clean is None:
+            clean = simulated(model, loads, measurement).outputs
         noise = measurement.source.deviation(clean)
         generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
         record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)

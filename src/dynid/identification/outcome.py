@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,6 +29,12 @@ from dynid.result import Result
 from dynid.structure.matrices import Label
 
 Array = NDArray[np.float64]
+
+#: Groups that have the samples of a record for an axis.
+_OF_TIME = tuple(
+    f"identification/{group}"
+    for group in ("history", "first_pass", "measurement", "states", "residual_spectrum", "innovations")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,30 +99,36 @@ class Outcome(Findings):
         each = zip(self.ensemble.records, self._final.parts, self._noise, strict=True)
         return [state_deviations(record, part, noise, known) for record, part, noise in each]
 
-    def result(self, true_states: Sequence[Array | None]) -> Result:
-        """Return everything under ``identification/``.
+    def result(self, result: Result, true_states: Callable[[], Sequence[Array | None]]) -> Result:
+        """Return everything under ``identification/``, as far as it is wanted.
 
         Parameters
         ----------
+        result
+            What to add it to.
         true_states
-            Of each record the states (times x n) that it was made with, where they are known.
+            Gives of each record the states (times x n) that it was made with, where they are known.
         """
-        result = Result("identification")
         self._add_parameters(result)
-        sweeps = self.estimation.histories or [self._whole_records()]
-        self._add_sweep(result, "identification/history", sweeps[-1])
-        if len(sweeps) > 1:
-            self._add_sweep(result, "identification/first_pass", sweeps[0])
+        if any(map(result.wants_below, _OF_TIME)):
+            self._add_histories(result, true_states())
         self._add_stages(result)
-        for k, record in enumerate(self.ensemble.records):
-            group = self._group("identification/measurement", k)
-            add_measurement(result, group, record, self.experiments[k], self._final.parts[k])
-            self._add_findings(result, k, true_states[k])
         self._add_diagnostics(result)
         result.add("identification/diagnostics/passes", len(self.estimation.histories))
         if self.model_error is not None:
             self.model_error.add_to(result, [place.name for place in self._channels])
         return result
+
+    def _add_histories(self, result: Result, true_states: Sequence[Array | None]) -> None:
+        """Add what has the samples of a record for an axis."""
+        sweeps = self.estimation.histories or [self._whole_records()]
+        self._add_sweep(result, "identification/history", sweeps[-1])
+        if len(sweeps) > 1:
+            self._add_sweep(result, "identification/first_pass", sweeps[0])
+        for k, record in enumerate(self.ensemble.records):
+            group = self._group("identification/measurement", k)
+            add_measurement(result, group, record, self.experiments[k], self._final.parts[k])
+            self._add_findings(result, k, true_states[k])
 
     def _whole_records(self) -> Sweep:
         """Return the history of an estimator of whole records: it knows as much at any time."""

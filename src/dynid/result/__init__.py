@@ -154,6 +154,10 @@ class Result(Mapping[str, Variable]):
         """Tell whether an array is kept: what is not wanted need not be computed."""
         return True
 
+    def wants_below(self, group: str) -> bool:  # noqa: ARG002 - a selection looks at it
+        """Tell whether anything in a group is kept."""
+        return True
+
     def add(
         self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
     ) -> None:
@@ -272,6 +276,10 @@ class Selection(Result):
     def wants(self, path: str) -> bool:
         """Tell whether an array is kept."""
         return path in self._wanted
+
+    def wants_below(self, group: str) -> bool:
+        """Tell whether anything in a group is kept."""
+        return any(path.startswith(f"{group}/") for path in self._wanted)
 
     def add(
         self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar

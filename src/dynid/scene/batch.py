@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: In `collect`: every number under `properties` and `parameters`; what an empty `collect` stands for.
 NUMBERS = ""
+#: The groups that these stand in.
+GATHERED_ANYWAY = frozenset({"properties", "parameters"})
 #: Tells of each expectation whether a result meets it; the checks stand a floor above.
 Judge = Callable[[Result, Sequence[Mapping[str, Any]]], tuple[bool, ...]]
 #: What runs samples of a kind together, or says with None that it cannot run these.
@@ -197,7 +199,7 @@ def selected(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterat
 
 
 def _is_collected_anyway(path: str, variable: Variable) -> bool:
-    return variable.data.dtype.kind in "bifc" and not {"properties", "parameters"}.isdisjoint(path.split("/"))
+    return variable.data.dtype.kind in "bifc" and not GATHERED_ANYWAY.isdisjoint(path.split("/"))
 
 
 def _coordinates(result: Mapping[str, Variable], path: str) -> Iterator[str]:

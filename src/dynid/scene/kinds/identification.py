@@ -17,10 +17,14 @@ from dynid.structure.response import Channel, Load, frequency_response, time_res
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid.identification.estimate import Rebuild
     from dynid.identification.estimators.estimation import Estimator
     from dynid.identification.measurement import Experiment
     from dynid.lti.generator import Record
+    from dynid.scene.batch import Outcome
     from dynid.scene.kinds.reductions import LocatedReductor
     from dynid.scene.schema.common import TimeGrid
     from dynid.structure.reduction.selection import Interest
@@ -46,7 +50,11 @@ def run(scene: Scene) -> Result:
     result = Result("identification", scene.title)
     values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
     if model.measurement is not None:
-        result.merge(_identified(scene, model, structure, method))
+        result.merge(identified(scene, structure, setting(scene, structure)))
+        if model.identifiability:
+            from dynid.identification.identifiability import identifiability
+
+            result.merge(identifiability(*setting(scene, structure, expected_values(structure))))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
     if model.analysis is not None:
@@ -108,20 +116,46 @@ def expected_values(structure: StructuralModel) -> dict[str, float]:
     return {unknown.name: unknown.start for unknown in unknowns}
 
 
-def _identified(
-    scene: Scene, model: IdentificationScene, structure: StructuralModel, method: LocatedReductor | None
+def identified(
+    scene: Scene,
+    structure: StructuralModel,
+    made: Setting,
+    *,
+    clean: Sequence[NDArray[np.float64] | None] | None = None,
+    into: Result | None = None,
 ) -> Result:
-    """Identify with the reduced model where there is one; its basis may follow the joints."""
+    """Identify with the reduced model where there is one; its basis may follow the joints.
+
+    Parameters
+    ----------
+    scene, structure, made
+        The scene, its structure, and what its identification works with.
+    clean
+        Of each record the values without noise, where somebody has simulated them already.
+    into
+        What the result is added to; absent: a new one.
+    """
     from dynid.identification.estimate import identify_all
 
-    reduced, records, truth = setting(scene, structure)
-    rebuild = _rebuilder(structure, method) if method is not None and method.follows_joints else None
-    result = identify_all(reduced, records, _estimator(model.estimator), truth=truth, rebuild=rebuild)
-    if model.identifiability:
-        from dynid.identification.identifiability import identifiability
+    model, method = cast("IdentificationScene", scene.model), reductor_of(scene)
+    return identify_all(
+        made.model,
+        made.experiments,
+        _estimator(model.estimator),
+        truth=made.truth,
+        rebuild=_rebuilder(structure, method) if method is not None and method.follows_joints else None,
+        clean=clean,
+        into=into,
+    )
 
-        result.merge(identifiability(*setting(scene, structure, expected_values(structure))))
-    return result
+
+def batched(
+    template: Scene, overrides: Sequence[Mapping[str, Any]], collect: tuple[str, ...]
+) -> list[Outcome] | None:
+    """Run samples of a scene together; see `dynid.scene.kinds.identification_samples`."""
+    from dynid.scene.kinds.identification_samples import batched as run_together
+
+    return run_together(template, overrides, collect)
 
 
 def _estimator(given: EstimatorModel) -> Estimator:

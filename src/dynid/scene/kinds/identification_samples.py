@@ -1,0 +1,187 @@
+"""Samples of an identification that differ in noise, starts or true values, run together.
+
+What they share is made once: the scene is read and checked, the structure assembled and reduced, the clean
+record simulated. Of each sample only what is collected is computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+from dynid.errors import DynidError
+from dynid.identification.measurement import Simulation, simulated
+from dynid.result import Variable
+from dynid.scene.arithmetic.numbers import OutOfRangeError, to_fraction
+from dynid.scene.batch import Outcome, gather, run_alone
+from dynid.scene.collected import Collected
+from dynid.scene.kinds.identification import Setting, identified, setting
+from dynid.scene.kinds.records import experiments
+from dynid.scene.kinds.structures import build_structure
+from dynid.scene.load import Scene
+from dynid.scene.schema.quantities import Quantity
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.identification.measurement import Experiment
+    from dynid.scene.schema.identification import IdentificationScene
+    from dynid.structure.model import StructuralModel
+
+Overrides = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class _Family:
+    """What decides how samples are run; the scene itself is the same where its text is."""
+
+    text: str
+    file: str
+    paths: tuple[str, ...]
+    scene: Scene = field(compare=False)
+
+
+def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> list[Outcome] | None:
+    """Run samples together where they differ in seeds, noise, starts and true values alone.
+
+    Returns
+    -------
+    list of Outcome, or None
+        One a sample; None where something else varies, or more is asked for than an identification.
+    """
+    paths = tuple(overrides[0]) if overrides else ()
+    if not paths or any(tuple(one) != paths for one in overrides):
+        return None
+    family = _Family(template.source.resolved_text(), template.source.file, paths, template)
+    plan = _planned(family)
+    if plan is None:
+        return None
+    found = (plan.run(one, collect) for one in overrides)
+    return [
+        Outcome(values) if values is not None else run_alone(template, one, collect)
+        for one, values in zip(overrides, found, strict=True)
+    ]
+
+
+@lru_cache(maxsize=4)
+def _planned(family: _Family) -> _Plan | None:
+    """Plan a family of samples, once a process; None where it cannot be run together."""
+    model = cast("IdentificationScene", family.scene.model)
+    places = [_place(model, path) for path in family.paths]
+    if model.measurement is None or model.analysis is not None or model.identifiability or None in places:
+        return None
+    try:
+        return _Plan(family.scene, dict(zip(family.paths, cast("list[_Place]", places), strict=True)))
+    except DynidError:
+        return None
+
+
+class _Place(NamedTuple):
+    """What a path names: a part of the noise (no joint), or the start or true value of a parameter."""
+
+    joint: str
+    letter: str
+    name: str
+
+
+def _place(model: IdentificationScene, path: str) -> _Place | None:
+    """Return what a path names."""
+    measurement = model.measurement
+    match path.split("."):
+        case ["measurement", "simulate", ("seed" | "noise_ratio" | "noise") as name]:
+            simulate = None if measurement is None or measurement.records else measurement.simulate
+            given = getattr(simulate, name, None)
+            return _Place("", "", name) if isinstance(given, int | Quantity) else None
+        case ["joints", joint, ("k" | "c") as letter, ("start" | "true") as name] if joint in model.joints:
+            parameter = getattr(model.joints[joint], letter)
+            return _Place(joint, letter, name) if getattr(parameter, name, None) is not None else None
+    return None
+
+
+class _Plan:
+    """How the samples of one scene are run.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    places
+        What each path that varies names.
+    """
+
+    def __init__(self, scene: Scene, places: dict[str, _Place]) -> None:
+        self._scene, self._places = scene, places
+        model = cast("IdentificationScene", scene.model)
+        self._structure = build_structure(scene, model.structure, model.joints)
+        self._setting = setting(scene, self._structure)
+        self._same = not any(place.joint for place in places.values())
+        changed = {place.name for place in places.values()}
+        self._clean: list[NDArray[np.float64] | None] | None = None
+        if self._setting.truth.basis is None and "true" not in changed:
+            self._clean = [_clean(self._setting.truth, one) for one in self._setting.experiments]
+
+    def run(self, override: Mapping[str, Any], collect: tuple[str, ...]) -> Mapping[str, Variable] | None:
+        """Return what is collected of a sample; None for one that is to be run alone."""
+        model = cast("IdentificationScene", self._scene.model)
+        for path, place in self._places.items():
+            changed = _changed(model, place, override[path])
+            if changed is None:
+                return None
+            model = changed
+        scene, result = Scene(self._scene.source, model), Collected("identification", collect)
+        try:
+            structure = (
+                self._structure if self._same else build_structure(scene, model.structure, model.joints)
+            )
+            made = self._with_noise(scene) if self._same else setting(scene, structure)
+            identified(scene, structure, made, clean=self._clean, into=result)
+            return gather(result, collect)
+        except DynidError:
+            return None
+
+    def _with_noise(self, scene: Scene) -> Setting:
+        """Return the setting with the noise of a sample."""
+        model = cast("IdentificationScene", scene.model)
+        assert model.measurement is not None
+        return self._setting._replace(experiments=experiments(scene, model.excitation, model.measurement))
+
+
+def _clean(truth: StructuralModel, experiment: Experiment) -> NDArray[np.float64] | None:
+    """Return a simulated record without its noise."""
+    is_simulated = isinstance(experiment.measurement.source, Simulation)
+    return simulated(truth, *experiment).outputs if is_simulated else None
+
+
+def _changed(model: IdentificationScene, place: _Place, raw: Any) -> IdentificationScene | None:
+    """Return the scene with another value at a place; None where that is not a plain, sound one."""
+    value = raw if place.name == "seed" else _quantity(raw)
+    if place.joint:
+        joint = model.joints[place.joint]
+        parameter = getattr(joint, place.letter)
+        low, high = (None if bound is None else float(bound) for bound in (parameter.min, parameter.max))
+        if value is None or not (low or 0.0) < float(value) <= (high or math.inf):
+            return None
+        other = joint.model_copy(update={place.letter: parameter.model_copy(update={place.name: value})})
+        return model.model_copy(update={"joints": {**model.joints, place.joint: other}})
+    if type(value) is not (int if place.name == "seed" else Quantity) or float(value) < 0:
+        return None
+    measurement = model.measurement
+    assert measurement is not None
+    assert measurement.simulate is not None
+    simulate = measurement.simulate.model_copy(update={place.name: value})
+    return model.model_copy(update={"measurement": measurement.model_copy(update={"simulate": simulate})})
+
+
+def _quantity(raw: Any) -> Quantity | None:
+    """Return a number as a quantity, as far as double precision holds it."""
+    if isinstance(raw, bool | str):
+        return None
+    try:
+        value = to_fraction(raw)
+        return Quantity(value) if value == 0 or float(value) != 0 else None
+    except (OutOfRangeError, OverflowError):
+        return None
