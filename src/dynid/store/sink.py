@@ -64,6 +64,11 @@ class Sink:
         self._place += count
         return count
 
+    def read(self, size: int) -> bytes:
+        """Read from the current place."""
+        content = bytearray(size)
+        return bytes(content[: self.readinto(content)])
+
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """Move the current place."""
         base = {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._end}[whence]

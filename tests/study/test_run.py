@@ -1,0 +1,370 @@
+"""A study from its scene to its file, and on again after whatever came between."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import dynid
+from dynid.errors import FileError, UsageError
+from dynid.scene.load import load_scene
+from dynid.store import read_result
+from dynid.study import execute, journal
+from dynid.study.execute import TooManyFailures, run_study, valid_samples
+from dynid.study.executors import hire
+from dynid.study.executors.serial import SerialCrew
+from dynid.study.merge import merge_studies
+from dynid.study.plan import make_plan
+from tests.study.small import SCENE, STUDY, assert_same, planned, written
+
+
+class Counting(SerialCrew):
+    """The serial crew, with a list of the samples that it ran."""
+
+    def __init__(self):
+        super().__init__()
+        self.ran = []
+
+    def submit(self, call, job, overrides):
+        self.ran += [tuple(one.values()) for one in overrides]
+        return super().submit(call, job, overrides)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The file of the small study, run in one go."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    run_study(planned(folder), folder / "s.h5", SerialCrew())
+    return folder / "s.h5"
+
+
+def test_a_study_holds_what_single_runs_of_its_samples_give(undisturbed, tmp_path):
+    written(tmp_path)
+    study = read_result(undisturbed)
+    for row in np.flatnonzero(study["study/status"].data == "done"):
+        m, b = (study[f"study/samples/parameters.{name}"].data[row] for name in "mb")
+        alone = dynid.run(load_scene(tmp_path / "mass.yaml", [f"parameters.m={m}", f"parameters.b={b}"]))
+        for path in ("properties/m.f/F/dc_gain", "properties/m.f/F/stable", "transfer_function/m.f/F/poles"):
+            found = study[f"study/results/bond_graph/{path}"].data[row]
+            assert np.array_equal(found, alone[f"bond_graph/{path}"].data)
+        assert study["study/expect/0"].data[row] == (1 / b <= 1)
+
+
+def test_the_order_of_a_grid_is_that_of_nested_loops(undisturbed):
+    study = read_result(undisturbed)
+    pairs = [(m, b) for m in (1, 2, 3, 4) for b in (0.5, 1, -2)]
+    found = [study[f"study/samples/parameters.{name}"].data.tolist() for name in "mb"]
+    assert list(zip(*found, strict=True)) == pairs
+
+
+def test_a_failed_sample_is_a_row_with_its_error(tmp_path):
+    plan = planned(tmp_path, STUDY.replace("-2]", "nothing]"))
+    progress = run_study(plan, tmp_path / "s.h5", SerialCrew())
+    assert (progress.total, progress.finished, progress.failed) == (12, 12, 4)
+    study = read_result(tmp_path / "s.h5")
+    failed = study["study/status"].data == "failed"
+    assert failed.tolist() == [False, False, True] * 4
+    assert set(study["study/error"].data[failed]) == {"parameters.b: no parameter 'nothing'"}
+    assert study["study/exit_code"].data[failed].tolist() == [2] * 4
+    assert np.isnan(study["study/results/bond_graph/properties/m.f/F/dc_gain"].data[failed]).all()
+    assert not np.isnan(study["study/results/bond_graph/properties/m.f/F/dc_gain"].data[~failed]).any()
+    assert study["study/samples/parameters.b"].data.tolist() == ["0.5", "1", "nothing"] * 4
+
+
+def test_xarray_opens_a_study_with_its_samples_as_coordinates(undisturbed):
+    with xarray.open_datatree(undisturbed, engine="h5netcdf") as tree:
+        gain = tree["study/results/bond_graph/properties/m.f/F"].to_dataset()["dc_gain"].load()
+        assert gain.dims == ("sample",)
+        assert gain["sample"].to_numpy().tolist() == list(range(12))
+        assert tree["study/samples"].to_dataset()["parameters.m"].dims == ("sample",)
+
+
+def test_running_a_finished_study_again_does_nothing(undisturbed, tmp_path):
+    plan = planned(tmp_path)
+    run_study(plan, tmp_path / "s.h5", SerialCrew())
+    before = (tmp_path / "s.h5").read_bytes()
+    crew = Counting()
+    assert run_study(plan, tmp_path / "s.h5", crew).kept == 12
+    assert crew.ran == []
+    assert (tmp_path / "s.h5").read_bytes() == before
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["mass.yaml", "masses.yaml", "s.h5"]
+    assert_same(tmp_path / "s.h5", undisturbed)
+
+
+def test_a_changed_study_keeps_what_is_still_valid(undisturbed, tmp_path):
+    run_study(planned(tmp_path, STUDY.replace("points: 4", "points: 1").replace("stop: 4", "stop: 1")),
+              tmp_path / "s.h5", SerialCrew())  # fmt: skip
+    crew = Counting()
+    plan = planned(tmp_path)
+    assert valid_samples(plan, tmp_path / "s.h5") == 3
+    assert run_study(plan, tmp_path / "s.h5", crew).kept == 3
+    assert [m for m, _ in crew.ran] == [2, 2, 2, 3, 3, 3, 4, 4, 4]
+    assert_same(tmp_path / "s.h5", undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("value: 1", "value: 2"), ("m.f]", "m.p]"), ("max: 1}", "max: 2}")],
+    ids=["a parameter", "an output", "an expectation"],
+)
+def test_another_scene_is_another_sample(tmp_path, old, new):
+    scene = SCENE.replace("value: b", "value: 1")
+    study = STUDY.replace("  parameters.b: {values: [0.5, 1, -2]}\n", "").replace("/m.f/F/poles", "/*/poles")
+    run_study(planned(tmp_path, study, scene), tmp_path / "s.h5", SerialCrew())
+    assert (
+        valid_samples(planned(tmp_path, study, scene.replace("mass on", "weight on")), tmp_path / "s.h5") == 4
+    )
+    assert valid_samples(planned(tmp_path, study, scene.replace(old, new)), tmp_path / "s.h5") == 0
+
+
+def test_a_changed_record_is_another_sample(tmp_path):
+    scene = SCENE + "  time: {stop: 1, step: 0.5, input: {kind: file, path: force.csv}}\n"
+    scene = scene.replace("expect:\n", "").replace(
+        "  - {path: bond_graph/properties/m.f/F/dc_gain, max: 1}\n", ""
+    )
+    (tmp_path / "force.csv").write_text("1\n2\n3\n")
+    plan = planned(tmp_path, scene=scene)
+    run_study(plan, tmp_path / "s.h5", SerialCrew())
+    assert valid_samples(plan, tmp_path / "s.h5") == 12
+    (tmp_path / "force.csv").write_text("1\n2\n4\n")
+    assert valid_samples(plan, tmp_path / "s.h5") == 0
+
+
+def test_equal_samples_are_run_once(tmp_path):
+    crew = Counting()
+    plan = planned(tmp_path, STUDY.replace("[0.5, 1, -2]", "[1, 0.5, 1]"))
+    assert run_study(plan, tmp_path / "s.h5", crew).total == 12
+    assert len(crew.ran) == len(set(crew.ran)) == 8
+    gain = read_result(tmp_path / "s.h5")["study/results/bond_graph/properties/m.f/F/dc_gain"].data
+    assert np.array_equal(gain, [1, 2, 1] * 4)
+
+
+def test_a_study_goes_on_from_a_journal_torn_at_any_byte(undisturbed, tmp_path, monkeypatch):
+    plan = planned(tmp_path)
+    target = tmp_path / "s.h5"
+    whole = _journal_of(plan, target)
+    monkeypatch.setattr(journal.os, "fsync", lambda _: None)  # no power is cut here
+    before = -1
+    for end in range(len(whole) + 1):
+        Path(f"{target}.journal").write_bytes(whole[:end])
+        opened = journal.Journal(f"{target}.journal")
+        known = dict(opened.places)
+        assert len(known) >= before  # a longer journal knows no less
+        before = len(known)
+        opened.append((b"another sample, ", opened.outcome(key)) for key in list(known)[-1:])
+        opened.close()
+        again = journal.Journal(f"{target}.journal")
+        assert {key: place for key, place in again.places.items() if key in known} == known
+        assert len(again.places) == len(known) + bool(known)
+        again.close()
+    assert before == 12
+    for end in range(0, len(whole), len(whole) // 5):
+        Path(f"{target}.journal").write_bytes(whole[:end])
+        crew = Counting()
+        kept = run_study(plan, target, crew).kept
+        assert len(crew.ran) == 12 - kept
+        assert_same(target, undisturbed)
+        target.unlink()
+
+
+def _journal_of(plan, target):
+    """Return the journal of a study that was about to write its file."""
+    content = {}
+
+    def stop(*_, **__):
+        content["journal"] = Path(f"{target}.journal").read_bytes()
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(execute, "write_study", stop)
+        with pytest.raises(KeyboardInterrupt):
+            run_study(plan, target, SerialCrew())
+    return content["journal"]
+
+
+def test_a_damaged_record_costs_what_follows_and_nothing_else(undisturbed, tmp_path):
+    plan = planned(tmp_path)
+    target = tmp_path / "s.h5"
+    whole = bytearray(_journal_of(plan, target))
+    whole[len(whole) // 2] ^= 0x10
+    Path(f"{target}.journal").write_bytes(whole)
+    kept = run_study(plan, target, SerialCrew()).kept
+    assert 0 < kept < 12
+    assert_same(target, undisturbed)
+
+
+def test_what_is_no_journal_is_left_alone(tmp_path):
+    (tmp_path / "s.h5.journal").write_text("my diary")
+    with pytest.raises(FileError, match=r"s\.h5\.journal is no journal of a study"):
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    assert (tmp_path / "s.h5.journal").read_text() == "my diary"
+
+
+def test_what_is_no_study_is_not_overwritten(tmp_path):
+    plan = planned(tmp_path)
+    dynid_result = dynid.run(tmp_path / "mass.yaml")
+    from dynid.store import write_result
+
+    write_result(dynid_result, tmp_path / "s.h5")
+    with pytest.raises(FileError, match="not of a study"):
+        run_study(plan, tmp_path / "s.h5", SerialCrew())
+    assert read_result(tmp_path / "s.h5").equals(dynid_result)
+
+
+def test_an_interrupted_study_has_pending_rows_and_goes_on(undisturbed, tmp_path):
+    plan = planned(tmp_path)
+
+    def interrupt(progress):
+        if progress.finished >= 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(plan, tmp_path / "s.h5", SerialCrew(), report=interrupt)
+    with pytest.raises(FileError, match="not complete"):
+        read_result(tmp_path / "s.h5")
+    study = read_result(tmp_path / "s.h5", partial=True)
+    pending = study["study/status"].data == "pending"
+    assert 0 < pending.sum() <= 7
+    assert np.isnan(study["study/results/bond_graph/properties/m.f/F/dc_gain"].data[pending]).all()
+    (tmp_path / "s.h5.journal").unlink()  # the file alone is enough to go on from
+    crew = Counting()
+    run_study(plan, tmp_path / "s.h5", crew)
+    assert len(crew.ran) == pending.sum()
+    assert_same(tmp_path / "s.h5", undisturbed)
+
+
+def test_too_many_failures_stop_a_study(tmp_path):
+    plan = planned(tmp_path, STUDY.replace("[0.5, 1, -2]", "[1, nothing]"))
+    with pytest.raises(TooManyFailures, match="2 samples failed, more than the 1 of --max-failures"):
+        run_study(plan, tmp_path / "s.h5", SerialCrew(), max_failures=1)
+    study = read_result(tmp_path / "s.h5", partial=True)
+    assert (study["study/status"].data == "failed").sum() == 2
+    run_study(plan, tmp_path / "s.h5", SerialCrew(), max_failures=4)
+    with pytest.raises(TooManyFailures):
+        run_study(plan, tmp_path / "s.h5", SerialCrew(), max_failures=3)
+
+
+def test_failed_samples_are_run_again_when_asked_to(tmp_path):
+    plan = planned(tmp_path, STUDY.replace("[0.5, 1, -2]", "[1, nothing]"))
+    run_study(plan, tmp_path / "s.h5", SerialCrew())
+    crew = Counting()
+    run_study(plan, tmp_path / "s.h5", crew, retry_failed=True)
+    assert [b for _, b in crew.ran] == ["nothing"] * 4
+
+
+def test_shards_merge_to_the_file_of_one_run(undisturbed, tmp_path):
+    plan = planned(tmp_path)
+    parts = [tmp_path / f"{index}.h5" for index in (1, 2, 3)]
+    for index, part in enumerate(parts, 1):
+        assert run_study(plan, part, SerialCrew(), shard=(index, 3)).total == 4
+    with pytest.raises(UsageError, match="4 of 12 samples are finished in none of the files: 1, 4"):
+        merge_studies([parts[2], parts[0]], tmp_path / "all.h5")
+    merge_studies([parts[2], parts[0], parts[1]], tmp_path / "all.h5")
+    assert_same(tmp_path / "all.h5", undisturbed)
+    merge_studies([parts[2], parts[0]], tmp_path / "some.h5", partial=True)
+    assert read_result(tmp_path / "some.h5", partial=True)["study/sample"].data.tolist() == [
+        0,
+        2,
+        3,
+        5,
+        6,
+        8,
+        9,
+        11,
+    ]
+
+
+def test_shards_of_different_studies_do_not_merge(tmp_path):
+    run_study(planned(tmp_path), tmp_path / "1.h5", SerialCrew(), shard=(1, 2))
+    run_study(planned(tmp_path, STUDY.replace("4, points: 4", "8, points: 8")), tmp_path / "2.h5",
+              SerialCrew(), shard=(2, 2))  # fmt: skip
+    with pytest.raises(UsageError, match="is of another study"):
+        merge_studies([tmp_path / "1.h5", tmp_path / "2.h5"], tmp_path / "all.h5")
+
+
+@pytest.mark.parametrize("step", ["pwrite", "fsync"])
+def test_a_full_disk_loses_nothing(undisturbed, tmp_path, monkeypatch, step):
+    plan = planned(tmp_path)
+    original = getattr(os, step)
+    calls = []
+
+    def full(*arguments):
+        calls.append(arguments)
+        if len(calls) > 4:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return original(*arguments)
+
+    monkeypatch.setattr(journal.os, step, full)
+    with pytest.raises(FileError, match=r"No space left.*run the study again: it goes on"):
+        run_study(plan, tmp_path / "s.h5", SerialCrew())
+    monkeypatch.undo()
+    assert not (tmp_path / "s.h5").exists()
+    crew = Counting()
+    kept = run_study(plan, tmp_path / "s.h5", crew).kept
+    assert kept > 0
+    assert len(crew.ran) == 12 - kept
+    assert_same(tmp_path / "s.h5", undisturbed)
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
+import signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+from dynid.cli import main
+main(["study", "masses.yaml", "--executor", "serial", "-q"])
+"""
+
+
+@pytest.mark.parametrize("size", [5_000, 15_000])
+def test_a_file_that_may_not_grow_ends_in_a_message_and_no_crash(undisturbed, tmp_path, size):
+    written(tmp_path)
+    done = subprocess.run([sys.executable, "-c", LIMITED, str(size)], cwd=tmp_path, capture_output=True,
+                          text=True, timeout=60, check=False)  # fmt: skip
+    assert done.returncode == 4, done.stderr
+    assert "cannot be written: File too large" in done.stderr
+    assert not (tmp_path / "masses.h5").exists()
+    assert [item.name for item in tmp_path.glob(".dynid*")] == []
+    run_study(make_plan(load_scene(tmp_path / "masses.yaml")), tmp_path / "masses.h5", SerialCrew())
+    assert_same(tmp_path / "masses.h5", undisturbed)
+
+
+def test_the_second_study_on_one_file_refuses_and_says_who_has_it(tmp_path):
+    plan = planned(tmp_path)
+    seen = []
+
+    def again(_):
+        if not seen:
+            seen.append(1)
+            with pytest.raises(
+                FileError, match=rf"another study is writing .*s\.h5: process {os.getpid()} on"
+            ):
+                run_study(plan, tmp_path / "s.h5", SerialCrew())
+
+    run_study(plan, tmp_path / "s.h5", SerialCrew(), report=again)
+    assert seen
+    assert not (tmp_path / "s.h5.lock").exists()
+
+
+def test_a_lock_left_behind_by_the_dead_holds_nobody_up(undisturbed, tmp_path):
+    (tmp_path / "s.h5.lock").write_text("process 1 on elsewhere")
+    run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    assert_same(tmp_path / "s.h5", undisturbed)
+
+
+def test_who_names_a_scheduler_means_dask(monkeypatch):
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "tcp://127.0.0.1:1")
+    assert type(hire()).__name__ == "DaskCrew"
+    monkeypatch.delenv("DASK_SCHEDULER_ADDRESS")
+    assert type(hire()).__name__ == "ProcessCrew"
+    assert type(hire(scheduler="tcp://127.0.0.1:1")).__name__ == "DaskCrew"
+    with pytest.raises(UsageError, match="no scheduler to ask"):
+        hire("dask")
+    with pytest.raises(UsageError, match="of no use"):
+        hire("serial", scheduler="tcp://127.0.0.1:1")
