@@ -14,6 +14,7 @@ _ADVANCES = (
     "50 61 63 55 63 62 35 63 63 28 28 58 28 97 63 61 63 63 41 52 39 63 59 82 59 59 52 64 34 64 84"
 )
 _WIDTHS = {chr(32 + place): int(width) for place, width in enumerate(_ADVANCES.split())}
+_WIDTHS |= {"\u2003": 100, "\u2004": 33, "\u2005": 25, "\u2009": 20, "\u202f": 20, "·": 32}
 _BOLD = 1.12
 
 

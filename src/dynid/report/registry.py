@@ -48,6 +48,7 @@ class Family:
 FAMILIES: tuple[Family, ...] = (
     Family("dynid.report.drawing.graph", kind("bond-graph")),
     Family("dynid.report.drawing.strip", holds("bond_graph/reduction/steps")),
+    Family("dynid.report.drawing.prototype", holds("bond_graph/reduction/prototype", "bond_graph/port/")),
 )
 
 

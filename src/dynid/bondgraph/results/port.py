@@ -14,7 +14,7 @@ from dynid.bondgraph.decomposition.performance import static_characteristics
 from dynid.bondgraph.formula import readable_registers
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
-from dynid.bondgraph.reduction.writing import TEXT
+from dynid.bondgraph.reduction.writing import LATEX, TEXT
 from dynid.bondgraph.results.dynamics import add_dynamics, add_ratio
 from dynid.bondgraph.results.roots import add_roots, roots_of
 from dynid.bondgraph.results.trace import add_traces, system_text
@@ -41,14 +41,16 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
     result.annotate(_GROUP, bond=str(parts.port), junction=parts.meeting)
     _add_sides(result, parts, initial)
     result.add(f"{_GROUP}/prototype", prototype.letter)
-    result.add(f"{_GROUP}/prototype_equation", prototype.equation(TEXT))
+    for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
+        result.add(f"{_GROUP}/prototype_equation{suffix}", prototype.equation(hand))
     result.add(f"{_GROUP}/type", prototype.type)
     result.add(f"{_GROUP}/meaning", prototype.describe(parts.meeting))
     sides = {side.name: side.reduction for side in (parts.source, parts.load) if side.reduction is not None}
     reductions = [*sides.values(), *([parts.driven] if parts.driven is not None else [])]
     labels = {r: label for reduction in reductions for r, label in reduction.labels.items()}
     for index, part in enumerate(("system_a", "system_b")):
-        result.add(f"{_GROUP}/{part}", system_text(parts, prototype, index, labels, TEXT))
+        for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
+            result.add(f"{_GROUP}/{part}{suffix}", system_text(parts, prototype, index, labels, hand))
     add_traces(result, _GROUP, parts, sides, "side")
     dynamics = dynamics_of(parts, prototype)
     add_dynamics(result, _GROUP, dynamics)

@@ -14,7 +14,7 @@ from dynid.report.svg import Svg
 #: Draws something with its upper left corner at a place.
 Draw = Callable[[Svg, float, float], None]
 
-_WIDTH, _PAD, _LEADING, _READABLE = 1040.0, 14.0, 1.4, 300.0
+_WIDTH, _PAD, _LEADING, _READABLE = 1400.0, 14.0, 1.4, 300.0
 
 
 @dataclass(frozen=True)

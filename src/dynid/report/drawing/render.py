@@ -11,7 +11,7 @@ from dynid.report.drawing.marks import barb_of, line_of, stroke_of
 from dynid.report.drawing.sketch import PAD_Y, Link, Sketch, Vertex
 from dynid.report.metrics import text_width
 from dynid.report.style import SMALL
-from dynid.report.svg import Point, Svg
+from dynid.report.svg import Point, Svg, number
 
 _MARGIN = 12.0
 _CUT_REACH = 10.0
@@ -39,11 +39,13 @@ def domains_of(sketch: Sketch) -> list[str]:
     return [domain for domain in COLOUR if domain in found]
 
 
-def draw_sketch(svg: Svg, sketch: Sketch, layout: Layout, x: float = 0, y: float = 0) -> None:
-    """Draw a laid out sketch, its upper left corner at a place."""
-    moved = x or y
+def draw_sketch(
+    svg: Svg, sketch: Sketch, layout: Layout, x: float = 0, y: float = 0, scale: float = 1
+) -> None:
+    """Draw a laid out sketch, its origin at a place."""
+    moved = (x, y, scale) != (0, 0, 1)
     if moved:
-        svg.open(transform=f"translate({x:g} {y:g})")
+        svg.open(transform=f"translate({number(x)} {number(y)}) scale({number(scale)})")
     for link, route in zip(sketch.links, layout.routes, strict=True):
         _draw_link(svg, link, route)
     for vertex in sketch.vertices:

@@ -11,6 +11,7 @@ from dynid.bondgraph.causality.scap import run_scap
 from dynid.bondgraph.causality.strokes import Strokes
 from dynid.bondgraph.graph import ONE_PORTS, SOURCES, Port
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.reduction.program import Op
 from dynid.bondgraph.reduction.snapshots import Snapshot, snapshots
 from dynid.report.drawing.graph import Question, question_of, sketch_of, vertex_of
 from dynid.report.drawing.layout import lay_out
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Steps of the longest reduction that is drawn.
 LONGEST = 60
+#: The widest drawing within a strip, px.
+WIDEST = 1340.0
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -43,10 +46,10 @@ def _picture(question: Question, port: Port, rows: list[dict[str, str]]) -> Pict
     title = f"Reduction to {port} in {len(rows)} steps"
     name = f"reduction-{port}"
     svg = Svg(name, title, "; ".join(f"{row['rule']}: {row['equation']}" for row in rows))
-    shown = [Panel("The graph as drawn", "", "", *_drawing(sketches[0]))]
+    shown = [Panel("The graph as drawn", "", "", *drawing(sketches[0]))]
     for number, (row, sketch) in enumerate(zip(rows, sketches[1:], strict=True), 1):
         heading = f"{number}. {row['rule']}: {row['nodes']}"
-        shown.append(Panel(heading, row["latex"], row["meaning"], *_drawing(sketch)))
+        shown.append(Panel(heading, row["latex"], row["meaning"], *drawing(sketch)))
     width, height = panels(svg, shown)
     table = Table(
         ("step", "rule", "nodes", "equation", "meaning"),
@@ -59,14 +62,16 @@ def _picture(question: Question, port: Port, rows: list[dict[str, str]]) -> Pict
     return Picture(svg.render(width, height), caption, table)
 
 
-def _drawing(sketch: Sketch) -> tuple[float, float, Draw]:
+def drawing(sketch: Sketch) -> tuple[float, float, Draw]:
+    """Return a sketch as a panel has it: width, height, and what draws it; a wide one is made smaller."""
     layout = lay_out(sketch)
     frame = layout.frame
+    scale = round(min(1.0, WIDEST / (frame.right - frame.left)), 2)
 
     def draw(svg: Svg, x: float, y: float) -> None:
-        draw_sketch(svg, sketch, layout, x - frame.left, y - frame.top)
+        draw_sketch(svg, sketch, layout, x - scale * frame.left, y - scale * frame.top, scale)
 
-    return frame.right - frame.left, frame.bottom - frame.top, draw
+    return scale * (frame.right - frame.left), scale * (frame.bottom - frame.top), draw
 
 
 def strip_of(question: Question, port: Port) -> list[Sketch]:
@@ -74,11 +79,10 @@ def strip_of(question: Question, port: Port) -> list[Sketch]:
     reduced = ReducedGraph(question.graph, question.inputs, (port,))
     shots = snapshots(reduced.structure, reduced.program, port, reduced.inputs)
     first = replace(sketch_of(question), cut=None)
-    fixing = {name: junction.fixing for name, junction in reduced.structure.junctions.items()}
-    seen: set[str] = {vertex.key for vertex in _Left(question, shots[0], fixing, set()).sketch().vertices}
+    seen = {vertex.key for vertex in _Left(question, reduced, port, shots[0], set()).sketch().vertices}
     strip = [first]
     for shot in shots[1:]:
-        left = _Left(question, shot, fixing, seen).sketch()
+        left = _Left(question, reduced, port, shot, seen).sketch()
         seen = {vertex.key for vertex in left.vertices}
         strip.append(left)
     return strip
@@ -88,9 +92,11 @@ class _Left:
     """What is left of a graph after a step, as a sketch."""
 
     def __init__(
-        self, question: Question, shot: Snapshot, fixing: dict[str, str | None], before: set[str]
+        self, question: Question, reduced: ReducedGraph, port: Port, shot: Snapshot, before: set[str]
     ) -> None:
-        self.question, self.shot, self.fixing, self.before = question, shot, fixing, before
+        self.question, self.shot, self.before = question, shot, before
+        self.junctions, self.program = reduced.structure.junctions, reduced.program
+        self.labels = reduced.reductions[port].labels
         self.vertices: dict[str, Vertex] = {}
         self.kinds: dict[str, str] = {}
         self.links: list[Link] = []
@@ -100,16 +106,23 @@ class _Left:
         for name in self.shot.junctions:
             self._junction(name)
         for tie in self.shot.links:
-            self._tie(tie.tail, tie.head, tie.two_port, tie.drawn)
+            ends = (tie.head, tie.tail) if self._is_negative(tie.forward) else (tie.tail, tie.head)
+            self._tie(*ends, tie.two_port, tie.drawn)
         for name in self.shot.junctions:
             self._sources(name)
             self._terms(name)
         fresh = {key for key in self.vertices if self.before and key not in self.before}
-        marked = fresh or (set(self.shot.changed) if self.before else set())
+        touched = set(self.shot.changed) or set(self.shot.step.nodes if self.shot.step else ())
+        marked = fresh or touched
         vertices = tuple(replace(v, changed=v.key in marked) for v in self.vertices.values())
         source = next((key for key, kind in self.kinds.items() if kind in SOURCES), None)
         target = next((v.key for v in vertices if v.role in ("output", "both")), None)
         return Sketch(vertices, tuple(self._with_strokes()), source, target)
+
+    def _is_negative(self, register: int) -> bool:
+        """Tell whether a coefficient has a sign: then power is counted the other way."""
+        op, value, _ = self.program.ops[register]
+        return op is Op.NEG or (op is Op.CONSTANT and value < 0)
 
     def _domain(self, nodes: Iterable[str]) -> str:
         found = {self.question.domains.get(node, "") for node in nodes}
@@ -140,7 +153,7 @@ class _Left:
         state = self.shot.junctions[name]
         feeding = "Sf" if state.kind == "0" else "Se"
         given = [(source, feeding) for source in state.drives]
-        fixed = self.fixing.get(name)
+        fixed = self.junctions[name].fixing
         if fixed is not None and self.shot.known is not None and name == self.shot.root:
             given.append((fixed, "Se" if state.kind == "0" else "Sf"))
         for source, kind in given:
@@ -150,7 +163,8 @@ class _Left:
             domain = self.vertices[name].domain
             lines = (Line(f"{kind} : {source}"), *notes)
             self._add(Vertex(key, lines, domain, "input" if is_input else ""), kind)
-            self.links.append(Link(key, name, domain=domain))
+            ends = (name, key) if self._is_negative(state.drives.get(source, 0)) else (key, name)
+            self.links.append(Link(*ends, domain=domain))
 
     def _terms(self, name: str) -> None:
         domain, kind = self.vertices[name].domain, self.shot.junctions[name].kind
@@ -163,8 +177,9 @@ class _Left:
                     node.type,
                 )
             else:
-                what = "impedance" if kind == "1" else "admittance"
-                vertex = Vertex(f"{name}/{term.name}", (Line(term.name), Line(what, "note")), domain)
+                letter, what = ("Z", "impedance") if kind == "1" else ("Y", "admittance")
+                label = self.labels.get(term.register, f"{letter}_{term.name}")
+                vertex = Vertex(f"{name}/{label}", (Line(label), Line(what, "note")), domain)
                 own = "R"
             self._add(vertex, own)
             self.links.append(Link(name, vertex.key, domain=domain))
