@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.errors import Singular, UsageError
+from dynid.errors import UsageError
 from dynid.lti.frequency import frequency_response, second_order_response
 from dynid.lti.model import StateSpace
 
@@ -42,25 +42,44 @@ def test_receptance_mobility_and_accelerance_of_random_structures(seed):
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-8, 1e8])
-def test_an_undamped_resonance_is_refused_in_any_unit(unit):
+def test_an_undamped_resonance_is_infinite_in_any_unit(unit):
     M, C, K = np.array([[4.0]]), np.zeros((1, 1)), np.array([[100.0]]) * unit
     omega = 5 * np.sqrt(unit)
     ok = second_order_response(M, C, K, np.eye(1), np.eye(1), [0], [omega * (1 + 1e-6)])
     assert ok[0, 0, 0] == pytest.approx(1 / (-100 * unit * (2e-6 + 1e-12)), rel=1e-8)
-    with pytest.raises(Singular, match="undamped pole"):
-        second_order_response(M, C, K, np.eye(1), np.eye(1), [0], [0.0, omega])
-    with pytest.raises(Singular):
-        frequency_response(StateSpace([[0, 1], [-25 * unit, 0]], [[0], [1]], [[1, 0]], [[0]]), [omega])
+    found = second_order_response(M, C, K, np.eye(1), np.eye(1), [0], [0.0, omega])
+    np.testing.assert_allclose(found.ravel(), [1 / K[0, 0], np.inf], rtol=1e-15)
+    system = StateSpace([[0, 1], [-25 * unit, 0]], [[0], [1]], [[1, 0]], [[0]])
+    assert np.isinf(frequency_response(system, [omega])).all()
 
 
-def test_a_rigid_body_at_rest_is_singular_and_otherwise_fine():
+def test_a_rigid_body_drifts_away_at_rest_unless_its_forces_balance():
     M, C, K = np.eye(2), np.zeros((2, 2)), np.array([[1.0, -1], [-1, 1]])
-    with pytest.raises(Singular, match="at 0 rad/s"):
-        second_order_response(M, C, K, np.eye(2), np.eye(2), [0, 0], [0.0])
+    forces = np.array([[1.0, 1], [0, -1]])
+    found = second_order_response(M, C, K, forces, np.ones((3, 1)) @ [[1.0, 0]], [0, 1, 2], [0.0])[0]
+    # The first accelerates both masses, 1/2 each; the second stretches the spring to either side.
+    np.testing.assert_allclose(found, [[np.inf, 0.5], [np.inf, 0], [0.5, 0]], atol=1e-15)
     H = second_order_response(M, C, K, np.eye(2), np.eye(2), [0, 0], [1e-3])
     assert H[0].sum() == pytest.approx(-2 / 1e-6, rel=1e-9)
-    with pytest.raises(Singular):
-        frequency_response(StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]]), [0.0])
+    assert np.isinf(frequency_response(StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]]), [0.0])).all()
+
+
+def test_at_a_pole_only_what_its_mode_is_in_is_infinite():
+    """Three masses in a row, held at both ends: the middle one is a node of the second mode."""
+    K = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 2]])
+    M, C, omega = np.eye(3), np.zeros((3, 3)), np.sqrt(2.0)
+    found = second_order_response(M, C, K, np.eye(3), np.eye(3), [0, 0, 0], [1.0, omega])[1]
+    assert np.isinf(found[[0, 0, 2, 2], [0, 2, 0, 2]]).all()
+    # By hand: a force at the middle holds it still, and each end takes half of it, as the ends balance it.
+    np.testing.assert_allclose(found[1], [-0.5, 0, -0.5], atol=1e-12)
+    np.testing.assert_allclose(found[:, 1], [-0.5, 0, -0.5], atol=1e-12)
+
+
+def test_a_damped_rigid_body_at_rest():
+    """A free mass on a damper: x = F / (i w c - w^2 m); its velocity at rest is 1 / c."""
+    one = np.eye(1)
+    found = second_order_response(2 * one, 5 * one, 0 * one, one, np.ones((3, 1)), [0, 1, 2], [0.0])
+    assert found.ravel().tolist() == [np.inf, 0.2, 0.0]
 
 
 def test_mixed_units_do_not_look_singular():

@@ -3,8 +3,9 @@
 The reduction runs on complex arrays that carry their error bounds: in double precision where the graph is
 small, in doubled precision, compiled, where it is large and roundings could add up. Where a pivot (nearly)
 vanishes at a frequency the bound says so, and that point is run again in ball arithmetic with as many bits
-as it takes. A point exactly on a pole of some intermediate result is taken from the exact transfer function;
-a large graph is planned again for that frequency, with pivots that do not vanish there.
+as it takes. A large graph is planned again for that frequency, with pivots that do not vanish there. At a
+point exactly on a natural mode of the graph, or of a part of it, the order of the response there is counted
+exactly: it is infinite, zero, or finite, and then taken from beside it. At rest it is an exact limit.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.algebra.bounded import Bounded
 from dynid.bondgraph.reduced import Planned, ReducedGraph
-from dynid.bondgraph.transfer import TransferFunction
 from dynid.errors import NumericalError, Singular
 
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
@@ -27,11 +27,11 @@ _TOLERANCE = 1e-12
 #: Programs longer than this run in doubled precision, with bounds below 1e-12 whatever their length. Shorter
 #: ones do not pay for loading the compiler.
 _LONG = 2000
-#: Programs longer than this are not run on exact rational functions for the sake of one frequency.
-_EXACT = 3000
 #: Responses smaller than this are near the end of the range of doubles: 1e-12 of this is their error bound.
 _SMALLEST = 1e-290
 _PRECISIONS = (128, 256, 512)
+#: How many bits beside a natural mode what is finite there is taken.
+_BESIDE = 150
 
 #: Plans registers anew for one frequency.
 Again = Callable[[float], tuple[Planned, list[int]]]
@@ -50,7 +50,7 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
     Raises
     ------
     NumericalError
-        Where a large graph has a natural mode exactly at one of the frequencies.
+        Where a natural mode is so near to a frequency that no precision is enough.
     """
 
     def channels(planned: ReducedGraph) -> list[int]:
@@ -106,18 +106,18 @@ def _double(
 
 
 def _certified(planned: Planned, registers: list[int], omega: float, again: Again | None) -> list[complex]:
-    """Return the channels at one frequency to full double precision."""
-    if len(planned.program.ops) <= _EXACT:
-        found = _in_balls(planned, registers, omega)
-        if found is not None:
-            return found
-        ratios = planned.rational(registers)
-        return [_at(TransferFunction.of(ratios[register]), omega) for register in registers]
-    found = _planned_again(again, omega) or _in_balls(planned, registers, omega)
+    """Return the channels at one frequency to full double precision; inf at a pole."""
+    if omega == 0.0:  # where storages block, hardly a program can be run
+        from dynid.bondgraph.floating.series import limits_at_rest
+
+        limits = limits_at_rest(planned, registers)
+        return [complex(limits[register]) for register in registers]
+    found = _planned_again(again, omega) if len(planned.program.ops) > _LONG else None
+    found = found or _in_balls(planned, registers, omega) or _on_a_mode(planned, registers, omega)
     if found is None:
         raise NumericalError(
-            f"the frequency response at {omega!r} rad/s: this large graph, or a part of it, has a natural "
-            f"mode exactly there, or so near that {_PRECISIONS[-1]} bits do not tell it from one",
+            f"the frequency response at {omega!r} rad/s: this graph, or a part of it, has a natural mode so "
+            f"near that {_PRECISIONS[-1]} bits do not tell it from one",
             remedy="Leave this frequency out, or move it by a little.",
         )
     return found
@@ -135,30 +135,41 @@ def _planned_again(again: Again | None, omega: float) -> list[complex] | None:
     return response[0].tolist() if trusted.all() else _in_balls(planned, registers, omega)
 
 
-def _in_balls(planned: Planned, registers: list[int], omega: float) -> list[complex] | None:
-    """Return registers at one frequency from ball arithmetic, or none where no precision is enough."""
+def _in_balls(
+    planned: Planned, registers: list[int], omega: float, aside: int | None = None
+) -> list[complex] | None:
+    """Return registers at one frequency from ball arithmetic, or none where no precision is enough.
+
+    `aside` is how many bits smaller than the frequency a real part to add to s is.
+    """
     from flint import acb, arb, ctx, fmpq
 
     for precision in _PRECISIONS:
         with ctx.workprec(precision):
             exact = {name: planned.graph.value(name) for name in planned.valued}
             values = {name: acb(arb(fmpq(v.numerator, v.denominator))) for name, v in exact.items()}
-            balls = planned.run(registers, values, acb(0, omega), acb(1))
+            s = acb(arb(omega) / arb(2) ** aside if aside else 0, omega)
+            balls = planned.run(registers, values, s, acb(1))
             if all(ball.is_zero() or ball.rel_accuracy_bits() > 60 for ball in balls.values()):
                 return [_to_complex(balls[register]) for register in registers]
     return None
 
 
-def _at(transfer: TransferFunction, omega: float) -> complex:
-    """Evaluate an exact transfer function at j omega; numerator and denominator do not both vanish."""
-    from flint import acb, ctx
+def _on_a_mode(planned: Planned, registers: list[int], omega: float) -> list[complex] | None:
+    """Return registers where a part of the graph has a natural mode exactly: infinite, zero, or finite.
 
-    with ctx.workprec(256 + 64 * transfer.order):
-        s = acb(0, omega)
-        numerator, denominator = transfer.numerator(s), transfer.denominator(s)
-        if denominator.contains(0):
-            return complex(np.inf, 0.0)
-        return _to_complex(numerator / denominator)
+    What is finite is taken at two distances beside that mode: it must be the same.
+    """
+    from dynid.bondgraph.floating.series import orders_on_axis
+
+    orders = orders_on_axis(planned, registers, Fraction(omega))
+    found = {register: complex(np.inf if order < 0 else 0.0) for register, order in orders.items() if order}
+    finite = [register for register in registers if register not in found]
+    one, other = (_in_balls(planned, finite, omega, aside) for aside in (_BESIDE, _BESIDE + 8))
+    if one is None or other is None or not np.allclose(one, other, rtol=1e-15, atol=0.0):
+        return None
+    found |= dict(zip(finite, one, strict=True))
+    return [found[register] for register in registers]
 
 
 def _to_complex(ball: Any) -> complex:

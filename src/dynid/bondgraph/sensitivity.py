@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from dynid.lti.certified import Root
 
 #: Points on a circle, and its radius over the distance to the next singularity: the trapezoidal rule is off
-#: by about their power, 1e-19.
-_POINTS, _PART = 40, 1 / 3
+#: by about their power, 3e-31, and less than by rounding where singularities are multiple.
+_POINTS, _PART = 64, 1 / 3
 #: Largest rounding error of a moment, over the largest value on the circle, in doubles and in balls.
 _SETTLED = 1e-10
 #: What is less than this part of a root's distance to the next one, or of a gain, counts as little.

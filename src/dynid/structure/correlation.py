@@ -48,13 +48,16 @@ def mac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
 def frac(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
     """Return the frequency response assurance criterion of each response (… of omega x …).
 
-    ``|sum a conj(b)|^2 / (sum |a|^2 sum |b|^2)`` over the frequencies; two responses of zero agree.
+    ``|sum a conj(b)|^2 / (sum |a|^2 sum |b|^2)`` over the frequencies; two responses of zero agree. Where
+    either is infinite, at an undamped pole, it is left out.
 
     Parameters
     ----------
     a, b
         Responses (omega x …), of one shape.
     """
+    finite = np.isfinite(a) & np.isfinite(b)
+    a, b = (np.where(finite, part, 0.0) for part in (a, b))
     a, b = (part / np.where((size := np.abs(part).max(axis=0)) > 0, size, 1.0) for part in (a, b))
     cross = np.abs((a * b.conj()).sum(axis=0)) ** 2
     size = (np.abs(a) ** 2).sum(axis=0) * (np.abs(b) ** 2).sum(axis=0)

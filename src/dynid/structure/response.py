@@ -67,7 +67,7 @@ def frequency_response(
     Raises
     ------
     Singular
-        If a frequency lies on an undamped natural frequency.
+        If it cannot be told which responses are infinite at an undamped natural frequency.
     NumericalError
         If modes do not reach the accuracy.
     UsageError

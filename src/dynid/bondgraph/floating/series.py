@@ -1,11 +1,15 @@
-"""Laurent series with a few exact leading terms: how a transfer function begins at 0 and at infinity."""
+"""Laurent series with a few exact leading terms: how a transfer function begins at 0, infinity, j omega."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+import math
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from typing import Any, NamedTuple
 
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.algebra.modular import axis_point
+from dynid.bondgraph.reduced import Planned, ReducedGraph
+from dynid.errors import NumericalError
 
 #: First and last number of terms that are carried before giving up.
 _FIRST, _LAST = 4, 256
@@ -24,7 +28,7 @@ class Series:
     start
         The lowest power; without coefficients all that is known is that no power below occurs.
     coefficients
-        Exact numbers (flint `fmpq`).
+        Exact numbers (flint `fmpq`, or `nmod`).
     terms
         Most coefficients that are kept.
     """
@@ -79,6 +83,23 @@ class Series:
         return self.coefficients[place] if 0 <= place < len(self.coefficients) else 0
 
 
+class _Point(NamedTuple):
+    """Where to expand: a field, the values of the nodes in it, and how s begins: power and coefficients."""
+
+    field: Callable[[int], Any]
+    values: Mapping[str, Any]
+    laplace: tuple[int, list[Any]]
+
+
+def _rational(planned: Planned, power: int) -> _Point:
+    """Return the expansion over the rationals in t, s = t^power."""
+    from flint import fmpq
+
+    exact = {name: planned.graph.value(name) for name in planned.valued}
+    values = {name: fmpq(value.numerator, value.denominator) for name, value in exact.items()}
+    return _Point(fmpq, values, (power, [fmpq(1)]))
+
+
 def leading_terms(
     reduced: ReducedGraph, registers: Iterable[int], *, at_infinity: bool
 ) -> dict[int, tuple[int, Any]]:
@@ -93,29 +114,85 @@ def leading_terms(
     at_infinity
         Whether as s grows, or falls to 0.
     """
-    from flint import fmpq
+    sign = -1 if at_infinity else 1
+    point = _rational(reduced, sign)
+    run = _expanded(reduced, registers, point, lambda series: bool(series.coefficients))
+    return {register: (sign * series.start, series.coefficients[0]) for register, series in run.items()}
 
-    registers, terms = list(registers), _FIRST
-    exact = {name: reduced.graph.value(name) for name in reduced.valued}
-    numbers = {name: fmpq(value.numerator, value.denominator) for name, value in exact.items()}
+
+def limits_at_rest(planned: Planned, registers: Iterable[int]) -> dict[int, float]:
+    """Return the limits of registers as s goes to 0, correctly rounded; infinite at a pole.
+
+    Parameters
+    ----------
+    planned
+        What the program was written for.
+    registers
+        What to evaluate; they may vanish.
+    """
+    run = _expanded(planned, registers, _rational(planned, 1), _knows_its_limit)
+    return {register: _limit(series) for register, series in run.items()}
+
+
+def orders_on_axis(planned: Planned, registers: Iterable[int], omega: Fraction) -> dict[int, int]:
+    """Return how registers begin at s = j omega: -k at a pole, k at a zero of that order, 0 elsewhere.
+
+    They are expanded modulo a large prime, in which orders are the same but for accidents.
+
+    Parameters
+    ----------
+    planned
+        What the program was written for.
+    registers
+        What to expand; of those that vanish any positive order is returned.
+    omega
+        The frequency, rad/s.
+    """
+    at = axis_point({name: planned.graph.value(name) for name in planned.valued}, omega)
+    point = _Point(at.residue, at.values, (0, [at.laplace, at.residue(1)]))
+    run = _expanded(planned, registers, point, _knows_its_limit)
+    return {register: series.start for register, series in run.items()}
+
+
+def _knows_its_limit(series: Series) -> bool:
+    return bool(series.coefficients) or series.start > 0
+
+
+def _limit(series: Series) -> float:
+    if series.start < 0:
+        return math.inf
+    return as_float(series.coefficients[0]) if series.start == 0 else 0.0
+
+
+def _expanded(
+    planned: Planned, registers: Iterable[int], point: _Point, known: Callable[[Series], bool]
+) -> dict[int, Series]:
+    """Return the series of registers, with as many terms as it takes to know them."""
+    wanted, terms = list(registers), _FIRST
+
+    def series(start: int, *coefficients: Any) -> Series:
+        return Series(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
+
     while True:
-        pad = [fmpq(0)] * (terms - 1)
-        values = {
-            name: Series(0, [number, *pad], terms) if number != 0 else Series(_NEVER, [], terms)
-            for name, number in numbers.items()
-        }
-        one = Series(0, [fmpq(1), *pad], terms)
-        s = Series(-1 if at_infinity else 1, [fmpq(1), *pad], terms)
+        values = {n: series(0, v) if v != 0 else Series(_NEVER, [], terms) for n, v in point.values.items()}
+        start, coefficients = point.laplace
         try:
-            run = reduced.run(registers, values, s, one)
-            if not all(run[register].coefficients for register in registers):
-                raise _TooFew
+            run = planned.run(wanted, values, series(start, *coefficients), series(0, point.field(1)))
+            if all(map(known, run.values())):
+                return run
         except _TooFew:
-            if terms >= _LAST:
-                raise
-            terms *= 4
-            continue
-        sign = -1 if at_infinity else 1
-        return {
-            register: (sign * run[register].start, run[register].coefficients[0]) for register in registers
-        }
+            pass
+        if terms >= _LAST:
+            raise NumericalError(
+                f"a response of this graph hangs on more than the first {_LAST} terms of its expansion",
+                remedy="Ask for fewer stages, or for its zeros and poles instead.",
+            )
+        terms *= 4
+
+
+def as_float(value: Any) -> float:
+    """Return an exact number rounded, infinite where doubles end."""
+    try:
+        return int(value.p) / int(value.q)
+    except OverflowError:
+        return math.copysign(math.inf, 1 if value > 0 else -1)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.floating.counts import Counts, modular_ratios
 from dynid.bondgraph.floating.discs import Discs
-from dynid.bondgraph.floating.series import leading_terms
+from dynid.bondgraph.floating.series import as_float, leading_terms
 from dynid.bondgraph.floating.spectrum import spectrum
 from dynid.bondgraph.floating.systems import natural_equations, zero_equations
 from dynid.bondgraph.natural import determinant
@@ -140,7 +140,7 @@ class FloatTransferFunction(Verdicts):
     @property
     def gain(self) -> float:
         """The factor k of T(s) = k prod(s - zeros) / prod(s - poles)."""
-        return 0.0 if self.vanishes else _float(self.engine.at_infinity[self._register][1])
+        return 0.0 if self.vanishes else as_float(self.engine.at_infinity[self._register][1])
 
     @property
     def dc_gain(self) -> float:
@@ -321,12 +321,5 @@ def _undecided(what: str) -> Undecided:
 def _limit(power: int, coefficient: Any) -> float:
     """Return the limit of c x^k as x falls to 0."""
     if power == 0:
-        return _float(coefficient)
+        return as_float(coefficient)
     return 0.0 if power > 0 else math.copysign(math.inf, 1 if coefficient > 0 else -1)
-
-
-def _float(value: Any) -> float:
-    try:
-        return int(value.p) / int(value.q)
-    except OverflowError:
-        return math.copysign(math.inf, 1 if value > 0 else -1)
