@@ -158,7 +158,8 @@ def modal_analysis(
     Returns
     -------
     Result
-        ``structure/modes/{mode, omega, damping, name, dof, shape, rigid, massless}``: `name` is empty for
+        ``structure/modes/{mode, omega, uncertainty, damping, name, dof, shape, rigid, massless}``:
+        `uncertainty` is how far rounding of the matrices leaves a frequency open, `name` is empty for
         elastic modes, `shape` (dof x mode) has unit modal mass, `rigid` counts, `massless` lists the DOFs
         without mass; `counted` is the frequency up to which no mode is missing, proved by signs of pivots.
     """
@@ -168,6 +169,7 @@ def modal_analysis(
     result, group = Result("structure"), "structure/modes"
     result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
     result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")
+    result.add(f"{group}/uncertainty", found.uncertainty, ("mode",), "rad/s")
     result.add(f"{group}/damping", found.damping, ("mode",))
     names = [*about.rigid, *[""] * (len(found.omega) - len(about.rigid))]
     result.add(f"{group}/name", names, ("mode",))

@@ -11,6 +11,7 @@ import numpy as np
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.joints import Joint
+from dynid.structure.lost import check_springs
 from dynid.structure.model import StructuralModel
 
 
@@ -48,16 +49,20 @@ def lumped(masses: Sequence[float], links: Iterable[Link], joints: Iterable[Join
     ------
     UsageError
         If a mass is not positive, or a link names a DOF that does not exist or has negative values.
+    NumericalError
+        If a spring is so soft beside others that no matrix of doubles holds both.
     """
     if not masses or not all(math.isfinite(mass) and mass > 0 for mass in masses):
         raise UsageError("the masses of a lumped structure must be positive numbers")
     n = len(masses)
     C, K = np.zeros((n, n)), np.zeros((n, n))
+    links = list(links)
     for link in links:
         direction = _direction(link, n)
         pattern = np.outer(direction, direction)
         C += link.c * pattern
         K += link.k * pattern
+    check_springs(masses, [(link.dofs, link.k) for link in links])
     return StructuralModel(np.diag(np.asarray(masses, dtype=float)), C, K, tuple(joints))
 
 

@@ -135,6 +135,7 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
         at = int(np.argmin(diagonal))
         raise UsageError(
             f"{what} is negative: entry ({at + 1}, {at + 1}) is {diagonal[at]:.6g}",
+            remedy=f"Check signs and units of the {what} there.",
             names=(
                 what,
                 str(labels[at]),
@@ -151,6 +152,7 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
         raise UsageError(
             f"{what} is indefinite: entry {_entry(rows, columns, at)} is {entries[at]:.6g} between diagonal "
             f"entries {diagonal[i]:.6g} and {diagonal[j]:.6g}",
+            remedy=f"Check signs and units of the {what} there.",
             names=(
                 what,
                 str(labels[i]),

@@ -121,9 +121,9 @@ def _both_ends(K: Array, M: Array) -> tuple[Array, Array]:
         inverse, inverted = eigh(M, K + elastic * M)
     except np.linalg.LinAlgError:  # K is indefinite: said by who checks the eigenvalues
         return square, shapes
-    low = 1 / inverse[::-1] - elastic
     split = int(np.count_nonzero(square < np.sqrt(elastic * top)))
-    square[:split] = low[:split]
+    low = inverse[::-1][:split]
+    square[:split] = 1 / low - elastic
     # Unit modal mass: the eigenvectors have unit phi^T (K + a M) phi.
-    shapes[:, :split] = inverted[:, ::-1][:, :split] / np.sqrt(inverse[::-1][:split])
+    shapes[:, :split] = inverted[:, ::-1][:, :split] / np.sqrt(low)
     return square, shapes

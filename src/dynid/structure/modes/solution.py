@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NumericalError, Singular, UsageError
-from dynid.structure.matrices import Array, Matrix
+from dynid.structure.matrices import Array, Matrix, is_sparse
 from dynid.structure.modes.pencil import Pencil, absolute, times
+from dynid.structure.modes.strain import strain_energy
 
 # Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
 _ROUNDING = 16 * float(np.finfo(float).eps)
+_UNIT = float(np.finfo(float).eps) / 2
+# Below this part of its terms the energy of a motion is summed without rounding, up to this many DOFs.
+_SOFT, _MOST_REFINED = 1e-6, 400
 # A stiffness rounded to single precision or to six printed digits has energies as negative as this.
 _INDEFINITE = 1e-5
 _RESIDUAL = 1e-9
@@ -27,7 +31,8 @@ class Modes(NamedTuple):
     `rigid`: number of rigid-body modes among them; `massless`: dimension of the massless directions, whose
     frequencies are infinite (by sparse methods: number of massless DOFs); `counted`: rad/s up to which pivots
     have proved that no mode is missing (infinite where all modes were computed, 0 where no proof was asked
-    for); `method`: how they were found.
+    for); `method`: how they were found; `uncertainty` (modes): how far the rounding of the matrices' entries
+    leaves each frequency open, rad/s.
     """
 
     omega: Array
@@ -38,6 +43,7 @@ class Modes(NamedTuple):
     massless: int
     counted: float
     method: str
+    uncertainty: Array
 
     def first(self, count: int) -> Modes:
         """Return the lowest modes only."""
@@ -46,6 +52,7 @@ class Modes(NamedTuple):
             damping=self.damping[:count],
             shapes=self.shapes[:, :count],
             residuals=self.residuals[:count],
+            uncertainty=self.uncertainty[:count],
             rigid=min(self.rigid, count),
         )
 
@@ -82,8 +89,9 @@ def finished(
     residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.where(sizes > 0, sizes, 1.0)
     # The strain energy of the shape itself: its rounding is that of its parts, not of the highest mode.
     strain = np.einsum("im,im->m", shapes, Kx)
-    rigid = _rigid(strain, np.einsum("im,im->m", np.abs(shapes), parts))
-    square = np.where(rigid, 0.0, square)
+    whole = np.einsum("im,im->m", np.abs(shapes), parts)
+    rigid = _rigid(strain, whole)
+    square = _refined(pencil, np.where(rigid, 0.0, square), shapes, whole)
     if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:
         raise NumericalError(
             f"the modes have residuals of {worst:.1g} (found by {method})",
@@ -94,9 +102,26 @@ def finished(
     omega = np.sqrt(square)
     dissipation = np.einsum("im,im->m", shapes, times(C, shapes))
     damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
+    # Entries rounded by half a unit in the last place move omega^2 by that part of `whole`.
+    moved = _UNIT * whole
+    uncertainty = np.where(rigid, np.sqrt(moved), moved / np.where(rigid, 1.0, omega) + _UNIT * omega)
     return Modes(
-        omega, damping, shapes, residuals, int(rigid.sum()), massless, float(np.sqrt(counted)), method
-    )
+        omega, damping, shapes, residuals, int(rigid.sum()), massless, float(np.sqrt(counted)), method,
+        uncertainty,
+    )  # fmt: skip
+
+
+def _refined(pencil: Pencil, square: Array, shapes: Array, whole: Array) -> Array:
+    """Return the eigenvalues, those of soft motions by their strain energies without cancellation."""
+    if is_sparse(pencil.K) or pencil.size > _MOST_REFINED:
+        return square
+    K, M = np.asarray(pencil.K), np.asarray(pencil.M)
+    soft = np.flatnonzero((square > 0) & (square < _SOFT * whole))
+    better = square.copy()
+    for mode in soft:
+        shape = shapes[:, mode]
+        better[mode] = strain_energy(K, shape) / float(shape @ M @ shape)
+    return np.where(better > 0, better, square)
 
 
 def _signs(shapes: Array) -> Array:

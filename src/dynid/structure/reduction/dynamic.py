@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Label
@@ -57,6 +59,7 @@ class Dynamic:
             cut.inner(Z),
             f"the slaves resonate at {omega:g} rad/s while the masters are held: they do not follow",
             "Condense at another frequency, or take more masters.",
+            (np.abs(K.diagonal()) + omega**2 * np.abs(M.diagonal()))[cut.slaves],
         )
         return Reduction(projected(model, cut.basis(-solve(cut.coupling(Z))), cut.labels), cut.labels)
 

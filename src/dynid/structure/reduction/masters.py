@@ -182,13 +182,15 @@ def indices_of(model: StructuralModel, dofs: Sequence[Label], key: str = "master
     return np.array(given, dtype=np.int64)
 
 
-def checked_condition(seen: Array, numbers: Sequence[int], masters: Sequence[Label]) -> float:
+def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters: Sequence[Label]) -> float:
     """Return the condition of the modes at the masters.
 
     Parameters
     ----------
     seen
         The modes at the masters, U_m (m x r), normed to unit modal mass.
+    share
+        The same, in units in which all DOFs compare, as parts of whole modes of length 1.
     numbers
         The modes' numbers (r).
     masters
@@ -199,7 +201,8 @@ def checked_condition(seen: Array, numbers: Sequence[int], masters: Sequence[Lab
     UsageError
         If there are more modes than masters.
     Singular
-        If a mode is invisible at the masters: the condition is beyond 1/sqrt(eps).
+        If a mode is invisible at the masters: the condition, or the length of what is seen of the mode
+        below that of the whole, is beyond 1/sqrt(eps).
     """
     if len(numbers) > len(masters):
         raise UsageError(
@@ -207,8 +210,9 @@ def checked_condition(seen: Array, numbers: Sequence[int], masters: Sequence[Lab
             remedy="Take fewer modes or more masters; `masters: {count: N}` chooses them.",
             names=("modes",),
         )
-    _, s, Vt = np.linalg.svd(seen)
-    if s[-1] * HOPELESS > s[0]:
+    s = np.linalg.svd(seen, compute_uv=False)
+    _, parts, Vt = np.linalg.svd(share)
+    if s[-1] * HOPELESS > s[0] and parts[-1] * HOPELESS > 1:
         return float(s[0] / s[-1])
     least = np.abs(Vt[-1])
     hidden = [number for number, part in zip(numbers, least, strict=True) if part > 0.1 * least.max()]
@@ -216,8 +220,7 @@ def checked_condition(seen: Array, numbers: Sequence[int], masters: Sequence[Lab
         f"mode {hidden[0]} is" if len(hidden) == 1 else f"a combination of the modes {listed(hidden)} is"
     )
     raise Singular(
-        f"{subject} invisible at the {_counted(masters)} {listed(masters)} "
-        f"(condition {s[0] / s[-1] if s[-1] else np.inf:.2g})",
+        f"{subject} invisible at the {_counted(masters)} {listed(masters)} (they see {parts[-1]:.2g} of it)",
         remedy="Add a master where it moves, leave it out, or let `masters: {choose: qr}` choose.",
         names=("masters",),
     )

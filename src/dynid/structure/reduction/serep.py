@@ -13,6 +13,7 @@ import numpy as np
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
+from dynid.structure.modes.pencil import scaled
 from dynid.structure.reduction.masters import Masters, checked_condition, indices_of
 from dynid.structure.reduction.reduction import Reduction, interesting, masters_for_modes, without_rounding
 from dynid.structure.reduction.selection import (
@@ -82,7 +83,9 @@ def on_modes(
     kept = masters_for_modes(model, masters, interest, basis.shapes)
     labels = tuple(model.dofs[k] for k in kept)
     seen = basis.shapes[kept]
-    condition = checked_condition(seen, basis.numbers, labels)
+    whole = basis.shapes / scaled(matrices[2], matrices[0]).scale[:, None]
+    share = whole[kept] / np.linalg.norm(whole, axis=0)
+    condition = checked_condition(seen, share, basis.numbers, labels)
     if len(kept) == len(basis.numbers):
         inverse = np.asarray(np.linalg.inv(seen), dtype=np.float64)
         T = basis.shapes @ inverse

@@ -54,17 +54,19 @@ def partition(model: StructuralModel, masters: Indices) -> Partition:
     return Partition(model, masters, np.setdiff1d(np.arange(model.size), masters))
 
 
-def solver(matrix: Matrix, what: str, remedy: str) -> Callable[[Array], Array]:
+def solver(matrix: Matrix, what: str, remedy: str, size: Array | None = None) -> Callable[[Array], Array]:
     """Factorise a symmetric matrix; return what solves with it, every solution checked.
 
     Parameters
     ----------
     matrix
-        The matrix (s x s), dense or sparse; it is scaled to a unit diagonal.
+        The matrix (s x s), dense or sparse; it is scaled to a unit diagonal, or by `size`.
     what
         What is so if it is singular, as a clause.
     remedy
         What to do then.
+    size
+        The sizes of its diagonal entries (s), where these are differences.
 
     Raises
     ------
@@ -73,7 +75,7 @@ def solver(matrix: Matrix, what: str, remedy: str) -> Callable[[Array], Array]:
     """
     if not matrix.shape[0]:
         return lambda right: right
-    size = np.abs(np.asarray(matrix.diagonal()))
+    size = np.abs(np.asarray(matrix.diagonal())) if size is None else size
     scale = 1 / np.sqrt(np.where(size > 0, size, 1.0))
     factorised = _sparse if is_sparse(matrix) else _dense_factors
     try:
@@ -86,12 +88,16 @@ def solver(matrix: Matrix, what: str, remedy: str) -> Callable[[Array], Array]:
 
 
 def _dense_factors(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]:
-    """Return what solves with the scaled matrix, and its condition (1-norm, estimated)."""
+    """Return what solves with the scaled matrix, and its condition (1-norm, estimated).
+
+    A norm below 1 is what differences have left of entries of size 1: it counts as 1.
+    """
     from scipy.linalg import lapack, lu_solve
 
     scaled = matrix * scale * scale[:, None]
     factor, pivots, info = lapack.dgetrf(scaled)
-    reciprocal = lapack.dgecon(factor, np.abs(scaled).sum(axis=0).max())[0] if info == 0 else 0.0
+    size = np.abs(scaled).sum(axis=0).max()
+    reciprocal = lapack.dgecon(factor, size)[0] * min(size, 1.0) if info == 0 else 0.0
 
     def solve(b: Array) -> Array:
         x = lu_solve((factor, pivots), b)
@@ -109,7 +115,7 @@ def _sparse(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]
     D = diags_array(scale)
     factor = factorise(csc_array(D @ matrix @ D))
     inverse = LinearOperator(matrix.shape, matvec=factor.solve, rmatvec=factor.solve, dtype=np.float64)
-    return factor.solve, float(onenormest(inverse)) * factor.size
+    return factor.solve, float(onenormest(inverse)) * max(factor.size, 1.0)
 
 
 def _dense(matrix: Matrix) -> Array:

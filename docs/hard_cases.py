@@ -1,0 +1,67 @@
+"""Write docs/hard_cases.md: every hard case run now, with its error or refusal. `python docs/hard_cases.py`."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from tests.hard.case import Case  # noqa: E402
+from tests.hard.catalogue import HALVES, cases  # noqa: E402
+
+HEADS = ("case", "known from", "bound", "error, or refusal")
+HEADER = """\
+# Hard cases
+
+Made by `python docs/hard_cases.py`, which runs the {count} cases of `tests/hard`; the tests run them too. Each
+has an answer known from elsewhere, and a bound on the relative error (of an array: of its worst number; 0:
+exact). Where no answer can be right the case must be refused, in words that name a remedy.
+"""
+
+
+def rows(half: str, listed: Sequence[Case] | None = None) -> list[tuple[str, str, str, str]]:
+    """Run the cases of a half and return their rows: name, source, bound, measured error or refusal.
+
+    Parameters
+    ----------
+    half
+        One of `HALVES`.
+    listed
+        The cases; absent: all.
+    """
+    chosen = [case for case in (cases() if listed is None else listed) if case.half == half]
+    return [_row(case) for case in chosen]
+
+
+def table(found: Sequence[Sequence[str]]) -> str:
+    """Return rows as a table in Markdown."""
+    lines = [HEADS, ["---"] * len(HEADS), *found]
+    return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in lines)
+
+
+def _row(case: Case) -> tuple[str, str, str, str]:
+    if case.needs is not None and not case.needs.exists():
+        return case.name, case.source, _short(case.bound), "not run: its data are missing"
+    if case.refused:
+        return case.name, case.source, "refused", str(case.refusal())
+    return case.name, case.source, _short(case.bound), _short(case.error())
+
+
+def _short(value: float) -> str:
+    return "0" if value == 0 else f"{value:.1g}"
+
+
+def main() -> None:
+    """Run all cases, and write the page."""
+    warnings.simplefilter("error")
+    parts = [f"## {half.capitalize()}\n\n{table(rows(half))}\n" for half in HALVES]
+    page = "\n".join([HEADER.format(count=len(cases())), *parts])
+    (HERE / "hard_cases.md").write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
