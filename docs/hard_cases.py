@@ -1,4 +1,4 @@
-"""Write docs/hard_cases.md: every hard case run now, with its error or refusal. `python docs/hard_cases.py`."""
+"""Write docs/hard_cases.md, every hard case with its error or refusal now: `python docs/hard_cases.py`."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ HEADS = ("case", "known from", "bound", "error, or refusal")
 HEADER = """\
 # Hard cases
 
-Made by `python docs/hard_cases.py`, which runs the {count} cases of `tests/hard`; the tests run them too. Each
-has an answer known from elsewhere, and a bound on the relative error (of an array: of its worst number; 0:
-exact). Where no answer can be right the case must be refused, in words that name a remedy.
+Made by `python docs/hard_cases.py`, which runs the {count} cases of `tests/hard`; the tests run them too.
+Each has an answer known from elsewhere, and a bound on the relative error (of an array: of its worst number;
+0: exact). Where no answer can be right the case must be refused, in words that name a remedy.
 """
 
 

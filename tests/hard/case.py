@@ -40,7 +40,8 @@ class Case:
     ask
         Puts the question to dynid's public interface.
     answer
-        The known answer, or what gives it: numbers, texts, or a mapping of them; or a `Refusal`.
+        The known answer, or what gives it: numbers, texts, or a mapping of them; or a `Refusal`. None where
+        `ask` compares with it already, and returns how far it is off, in units of what it may be off.
     bound
         Largest relative error; 0 where the answer is exact.
     slow
@@ -65,6 +66,8 @@ class Case:
 
     def error(self) -> float:
         """Return how far dynid's answer is from the known one, relatively."""
+        if self.answer is None:
+            return float(self.ask())
         known = self.answer() if callable(self.answer) else self.answer
         return distance(self.ask(), known)
 

@@ -61,6 +61,20 @@ def exponential(A: Array, h: float) -> Array:
     return exponential_with_derivatives(A, np.empty((0, *A.shape)), h)[0]
 
 
+def accurate_exponential(A: Array, h: float) -> Array:
+    """Return exp(A h) with all digits right, however large A h is; in ball arithmetic.
+
+    `exponential` loses digits as norm(A h) grows, of the amplitude of a lasting oscillation too.
+    """
+    from flint import arb, arb_mat, ctx
+
+    n = len(A)
+    norm = float(np.abs(A).sum(axis=1).max(initial=0.0)) * abs(h)
+    with ctx.workprec(128 + 2 * math.ceil(math.log2(1.0 + norm))):
+        E = (arb_mat(A.tolist()) * arb(h)).exp()
+        return np.array([[float(E[i, j].mid()) for j in range(n)] for i in range(n)]).reshape(n, n)
+
+
 def _exponential(S: Array) -> Array:
     """Return the exponential of S[0], and its derivatives in the directions S[1:]."""
     norm = float(np.abs(S[0]).sum(axis=0).max(initial=0.0))

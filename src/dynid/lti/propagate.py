@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NumericalError, UsageError
-from dynid.lti.exponential import balance, exponential, rescaled
+from dynid.lti.exponential import accurate_exponential, balance, exponential, rescaled
 from dynid.lti.floating import guarded
 from dynid.lti.generator import Signal
 from dynid.lti.lines import sum_lines
 from dynid.lti.model import StateSpace
+from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Impulse, Multisine, Random
 from dynid.lti.timeline import Timeline, timeline
 
@@ -26,6 +29,8 @@ ComplexArray = NDArray[np.complex128]
 _NEAR_POLE = 1e-4
 
 
+# From this many steps in one on, the exponential over them is worth its digits, up to this many states.
+_MANY, _SMALL = 100, 60
 # Phase, rad, beyond which double precision keeps less than three digits of a motion.
 _FARTHEST_PHASE = 1e-3 / float(np.finfo(float).eps)
 # A motion that has decayed by this exponent has no phase that matters.
@@ -197,13 +202,28 @@ def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
         forcing[here] = line.W[:-1][here] @ Gamma.T
     states = np.empty((len(line.nodes), n))
     with np.errstate(over="ignore", invalid="ignore"):
-        for node in range(len(line.nodes)):
-            if node:
-                x = steps[line.which[node - 1]][0] @ x + forcing[node - 1]
-            if node == line.jump_node:
-                x = x + jump
-            states[node] = x
+        states[0] = x + jump if line.jump_node == 0 else x
+        for first, last in _runs(line):
+            k = line.which[first]
+            power = partial(_power, A, line.lengths[k])
+            inside = recurrence(steps[k][0], forcing[first:last, None], states[first, None], power)
+            states[first + 1 : last + 1] = inside[:, 0]
+            if last == line.jump_node:
+                states[last] += jump
     return np.asarray(states[line.wanted] * d)
+
+
+def _runs(line: Timeline) -> list[tuple[int, int]]:
+    """Return the first and last nodes of stretches of equal steps without a jump on the way."""
+    changes = np.flatnonzero(np.diff(line.which)) + 1
+    jump = [line.jump_node] if 0 < line.jump_node < len(line.which) else []
+    ends = np.unique([0, *changes.tolist(), *jump, len(line.which)])
+    return list(pairwise(ends.tolist()))
+
+
+def _power(A: Array, h: float, count: int) -> Array | None:
+    """Return exp(A h)^count to all digits where that many steps would lose some; else none."""
+    return accurate_exponential(A, count * h) if count >= _MANY and len(A) <= _SMALL else None
 
 
 def joint_step(A: Array, drive: Array, G: Array, h: float) -> tuple[Array, Array]:

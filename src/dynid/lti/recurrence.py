@@ -8,6 +8,7 @@ the number of steps; the errors are those of taking one step after the other.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,9 @@ Array = NDArray[np.float64]
 _SHORT = 8
 
 
-def recurrence(Phi: Array, forcing: Array, start: Array) -> Array:
+def recurrence(
+    Phi: Array, forcing: Array, start: Array, power: Callable[[int], Array | None] | None = None
+) -> Array:
     """Return the states of ``x(k+1) = Phi x(k) + f(k)``.
 
     Parameters
@@ -29,6 +32,9 @@ def recurrence(Phi: Array, forcing: Array, start: Array) -> Array:
         f (steps x columns x n).
     start
         The first states (columns x n).
+    power
+        Gives Phi^k more accurately than k products of the rounded Phi, or nothing. Over many steps the
+        rounding of Phi adds up; with it only that inside a block does.
 
     Returns
     -------
@@ -37,15 +43,17 @@ def recurrence(Phi: Array, forcing: Array, start: Array) -> Array:
     """
     steps, columns, n = forcing.shape
     out = np.empty(forcing.shape)
-    if steps < _SHORT:
+    length = math.isqrt(steps)
+    powers = powers_of(Phi, length) if steps >= _SHORT and n else Phi[None]
+    if steps < _SHORT or not (n and np.isfinite(powers[-1]).all()):  # growing, but maybe at rest
         state = start
         for k in range(steps):
             state = out[k] = state @ Phi.T + forcing[k]
         return out
-    length = math.isqrt(steps)
     blocks = steps // length
     whole = blocks * length
-    powers = powers_of(Phi, length)
+    over = power(length) if power else None
+    over = powers[-1] if over is None else over
     # Step by step inside all blocks: (steps, blocks, columns, n), each step in one piece.
     inside = np.empty((length, blocks, columns, n))
     inside[:] = forcing[:whole].reshape(blocks, length, columns, n).swapaxes(0, 1)
@@ -55,10 +63,10 @@ def recurrence(Phi: Array, forcing: Array, start: Array) -> Array:
     starts = np.empty((blocks, columns, n))
     for block, at_rest in enumerate(inside[-1]):
         starts[block] = start
-        start = at_rest + start @ powers[-1].T
+        start = at_rest + start @ over.T
     rows += starts.reshape(-1, n) @ powers.swapaxes(1, 2)
     out[:whole].reshape(blocks, length, columns, n)[:] = inside.swapaxes(0, 1)
-    out[whole:] = recurrence(Phi, forcing[whole:], start)
+    out[whole:] = recurrence(Phi, forcing[whole:], start, power)
     return out
 
 

@@ -1,0 +1,111 @@
+"""Long runs: energy that must stay, and covariances that must stay positive."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tests.hard.case import Case
+from tests.hard.records import one_mass, run
+from tests.hard.scenes import graph
+
+RING = ("Se u, 1 j, I m 3, C c 1/7", "u -> j -> m, j -> c")
+COUPLED = (
+    "Se u, 1 a, I m 3, C c 1/7, 0 x, C k 1/50, 1 b, I n 1/100",
+    "u -> a -> m, a -> c, a -> x -> k, x -> b -> n",
+)
+
+
+def drift(nodes: str, bonds: str, outputs: list[str], weights: list[float], step: float, steps: int) -> float:
+    """Return the largest part of its energy that a free, undamped graph gains or loses."""
+    time = {"stop": step * steps, "step": step}
+    scene = graph(
+        nodes, bonds, outputs, results=["time_response"], time=time, initial={"m": {"f": 1}, "c": {"e": 2}}
+    )
+    response = run(scene).value("bond_graph/time_response/response")
+    energy = response**2 @ np.array(weights) / 2
+    assert len(energy) >= steps
+    return float(np.abs(energy / energy[0] - 1).max())
+
+
+def _energy(steps: int, *, slow: bool) -> list[Case]:
+    ring = partial(drift, *RING, ["m.f", "c.e"], [3, 1 / 7])
+    coupled = partial(drift, *COUPLED, ["m.f", "c.e", "k.e", "n.f"], [3, 1 / 7, 1 / 50, 1 / 100])
+    return [
+        Case(f"drift of energy over {steps:,} steps of {what}", "long run", "conservation of energy",
+             partial(ask, step, steps), None, 1e-9, slow=slow)
+        for what, ask, step in (
+            ("0.02 rad of a ring", ring, 0.01),
+            ("0.6 rad of a ring", ring, 0.37),
+            ("0.03 and 0.7 rad of two coupled masses", coupled, 0.01),
+        )
+    ]  # fmt: skip
+
+
+def _sure(samples: int) -> dict[str, Any]:
+    """Tell whether the deviations of a filter stay finite, positive, and do not grow."""
+    scene = one_mass(1.0, 1e4, 20.0, 0.01, samples)
+    scene["estimator"] = {"method": "filter", "passes": 1}
+    deviation = run(scene).value("identification/history/standard_deviation")
+    return {
+        "finite": bool(np.isfinite(deviation).all()),
+        "positive": bool((deviation > 0).all()),
+        "shrinking": bool((deviation[-1] < deviation[0]).all()),
+    }
+
+
+# --- a filter in single precision beside double ---------------------------------------------------
+
+
+def riccati(steps: int, kind: type, *, joseph: bool) -> np.ndarray:
+    """Return the covariance of a filter on a lasting oscillation after many steps, in one precision.
+
+    A motion of 0.3 rad a step is read with an unknown constant added; nothing disturbs it, so that the
+    covariance shrinks as 1 / steps: the hard case for its sign.
+    """
+    turn = np.array([[np.cos(0.3), np.sin(0.3), 0], [-np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]]).astype(kind)
+    H, R = np.array([[1, 0, 1]], dtype=kind), kind(1e-6)
+    P = np.diag([1e2, 1e2, 1e2]).astype(kind)
+    one = np.eye(3, dtype=kind)
+    for _ in range(steps):
+        P = turn @ P @ turn.T
+        S = H @ P @ H.T + R
+        gain = P @ H.T / S
+        keep = one - gain @ H
+        P = keep @ P @ keep.T + gain * R @ gain.T if joseph else keep @ P
+    return P
+
+
+def _margin(kind: type) -> float:
+    """Return how far the covariance in a precision is from the exact one, ``(sum of h h^T / R)^-1``."""
+    steps = 2000
+    P = riccati(steps, kind, joseph=True).astype(float)
+    turn = 0.3 * np.arange(1 - steps, 1)
+    h = np.stack([np.cos(turn), np.sin(turn), np.ones(steps)])
+    exact = np.linalg.inv(h @ h.T / 1e-6 + np.eye(3) / 1e2)
+    size = np.sqrt(np.diag(exact))
+    return float(np.abs((P - exact) / np.outer(size, size)).max())
+
+
+def _sure_case(samples: int) -> Case:
+    known = {"finite": True, "positive": True, "shrinking": True}
+    name = f"a filter over {samples:,} samples stays positive and sure"
+    ask = partial(_sure, samples)
+    return Case(name, "long run", "information adds up", ask, known, slow=samples > 10_000)
+
+
+def _margin_case(kind: type, bound: float) -> Case:
+    name = f"for comparison, a textbook filter (Joseph's form) in {kind.__name__}"
+    return Case(name, "long run", "sum of information", partial(_margin, kind), None, bound)
+
+
+CASES = [
+    *_energy(100_000, slow=False),
+    *_energy(10_000_000, slow=True),
+    _sure_case(4_000),
+    _sure_case(1_000_000),
+    _margin_case(np.float64, 1e-8),
+    _margin_case(np.float32, 0.1),
+]
