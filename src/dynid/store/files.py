@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
@@ -17,6 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 from dynid._version import __version__
 from dynid.atomic import replace_file, replacing
 from dynid.errors import FileError
+from dynid.hdf5 import open_hdf5
 from dynid.result import Result, Scalar, Variable
 from dynid.store.formats import CURRENT
 from dynid.store.interrupts import deferred_interrupts
@@ -138,7 +138,7 @@ def read_result(path: str | os.PathLike[str], partial: bool = False) -> Result:
         When there is no such file, or it is not a complete result of a known format.
     """
     name = os.fspath(path)
-    with reading(name), _opened(name) as file:
+    with reading(name), open_hdf5(name) as file:
         return read_root(file, name, partial=partial)
 
 
@@ -161,17 +161,8 @@ def open_stored(path: str | os.PathLike[str], partial: bool = False) -> Iterator
     name = os.fspath(path)
     with ExitStack() as stack:
         with reading(name):
-            result = read_root(stack.enter_context(_opened(name)), name, stored=True, partial=partial)
+            result = read_root(stack.enter_context(open_hdf5(name)), name, stored=True, partial=partial)
         yield result
-
-
-def _opened(name: str) -> Any:
-    import h5py
-
-    if not stat.S_ISREG(os.stat(name).st_mode):  # noqa: PTH116
-        raise FileError(f"{name} is not a regular file", names=[name])
-    # Files are replaced and never changed in place, so that nothing needs a lock.
-    return h5py.File(name, "r", locking=False)
 
 
 def _image(result: Result, scene_text: str) -> bytes:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynid.hdf5 import open_hdf5
 from dynid.scene.kinds.table import TIME, DataFile, Table, are_numbers
 from dynid.words import did_you_mean
 
@@ -24,10 +25,8 @@ def read_datasets(
 
     `time` is the dataset of the times; absent: `time` or `t` beside the first one.
     """
-    import h5py
-
     try:
-        with h5py.File(file.path, "r") as store:
+        with open_hdf5(file.path) as store:
             named = columns is not None and not are_numbers(columns)
             if columns is not None and named:
                 names = [str(name) for name in columns]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynid.errors import FileError
+from dynid.hdf5 import open_hdf5
 from dynid.structure.matrices import Matrix
 from dynid.structure.readers.imported import as_numbers, check_claim, compressed, read_errors
 
@@ -29,7 +30,7 @@ def shapes(path: Path) -> dict[str, tuple[int, ...]]:
                 found[name] = _sparse_shape(item)
         return True if len(found) > _MOST_NAMES else None
 
-    with read_errors(path, _WHAT), h5py.File(path, "r") as store:
+    with read_errors(path, _WHAT), open_hdf5(path) as store:
         store.visititems(visit)
     return found
 
@@ -38,7 +39,7 @@ def load(path: Path, name: str) -> Matrix:
     """Return one matrix of a file. MATLAB's matrices are stored transposed."""
     import h5py
 
-    with read_errors(path, _WHAT), h5py.File(path, "r") as store:
+    with read_errors(path, _WHAT), open_hdf5(path) as store:
         item = store.get(name)
         if isinstance(item, h5py.Group) and _is_sparse(item):
             return _sparse(path, item)

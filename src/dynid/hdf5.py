@@ -1,0 +1,117 @@
+"""HDF5 files that somebody else may have damaged.
+
+The HDF5 library trusts what it reads: a changed byte can make it crash or run for ever, and the process with
+it. So a file is first read by a copy of the process, which may die; only what that survived is opened here.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+import stat
+import threading
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import FileError
+
+if TYPE_CHECKING:
+    import h5py
+
+_SECONDS = 30.0
+_MOST_BYTES = 64 * 2**20  # of values read on trial; what is larger is tried by its headers and its beginning
+_survived: set[tuple[str, int, int]] = set()
+
+
+def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
+    """Open an HDF5 file for reading, after a trial.
+
+    Raises
+    ------
+    FileError
+        Where it is no regular file.
+    OSError
+        As `h5py.File` does, and where the HDF5 library does not survive reading it.
+    """
+    import h5py
+
+    name = os.fspath(path)
+    facts = os.stat(name)  # noqa: PTH116
+    if not stat.S_ISREG(facts.st_mode):
+        raise FileError(f"{name} is not a regular file", names=[name])
+    key = (os.path.realpath(name), facts.st_mtime_ns, facts.st_size)
+    if key not in _survived:
+        if not survives(lambda: _read(name)):
+            raise OSError("it is damaged, so that the HDF5 library does not survive reading it")
+        _survived.add(key)
+    # Files are replaced and never changed in place, so that nothing needs a lock.
+    return h5py.File(name, "r", locking=False)
+
+
+def survives(work: Callable[[], object], seconds: float = _SECONDS) -> bool:
+    """Tell whether a copy of this process survives some work, whatever exceptions that raises.
+
+    Where no safe copy can be made (no `fork`, or several threads) there is no trial.
+    """
+    if not hasattr(os, "fork") or threading.active_count() > 1:
+        return True
+    with warnings.catch_warnings():
+        # Threads of the linear algebra are not copied, and not needed.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if child == 0:
+        _try(work, seconds)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def _try(work: Callable[[], object], seconds: float) -> None:
+    """Do the work in the copy and leave it: silent, bounded in time, with no clean-up of the original's."""
+    with suppress(BaseException):  # what raises does not crash; the original will see it again
+        faulthandler.disable()
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+        silent = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(silent, 1)
+        os.dup2(silent, 2)
+        work()
+    os._exit(0)
+
+
+def _read(name: str) -> None:
+    """Read names, attributes and values, as far as the budget goes."""
+    import h5py
+
+    budget = _MOST_BYTES
+    with h5py.File(name, "r", locking=False) as file:
+        seen, groups = {hash(file.id)}, [file]
+        while groups:
+            group = groups.pop()
+            for key in _names(group):
+                with suppress(Exception):
+                    item = group[key]
+                    dict(item.attrs)
+                    if isinstance(item, h5py.Group) and hash(item.id) not in seen:
+                        seen.add(hash(item.id))
+                        groups.append(item)
+                    elif isinstance(item, h5py.Dataset):
+                        budget -= _value(item, budget)
+
+
+def _names(group: Any) -> list[str]:
+    with suppress(Exception):
+        dict(group.attrs)
+        return list(group)
+    return []
+
+
+def _value(dataset: Any, budget: int) -> int:
+    """Read the values of a dataset within a budget, and return their size."""
+    size = dataset.dtype.itemsize * int(dataset.size or 0)
+    if not 0 <= size <= budget:
+        return 0
+    with suppress(Exception):
+        dataset[()]
+    return size
