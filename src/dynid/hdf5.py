@@ -109,7 +109,7 @@ def _names(group: Any) -> list[str]:
 
 def _value(dataset: Any, budget: int) -> int:
     """Read the values of a dataset within a budget, and return their size."""
-    size = dataset.dtype.itemsize * int(dataset.size or 0)
+    size = int(dataset.dtype.itemsize) * int(dataset.size or 0)
     if not 0 <= size <= budget:
         return 0
     with suppress(Exception):

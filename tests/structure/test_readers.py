@@ -239,6 +239,13 @@ def test_which_matrix_of_several(tmp_path):
         read_matrix(MatrixFile(tmp_path / "text.mat"), "stiffness")
 
 
+def test_pointers_that_run_backwards_are_refused(tmp_path):
+    path, name = write_sparse_h5(tmp_path)
+    with h5py.File(path, "a") as file:
+        file[name]["indptr"][-1] = 0
+    assert "do not increase" in refusal(MatrixFile(path, name))
+
+
 def test_a_sparse_layout_that_is_not_read_is_named(tmp_path):
     for layout in ("dia", "bsr"):
         save_npz(tmp_path / "k.npz", csr_array(K).asformat(layout))

@@ -138,6 +138,10 @@ def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str)
         if layout == "coo":
             result: Matrix = coo_array((numbers[0], tuple(places)), shape=(rows, columns)).tocsc()
             return result
+        if (
+            np.diff(places[1]) < 0
+        ).any():  # SciPy looks only where the last pointer says that there is anything
+            raise ValueError("the row or column pointers do not increase")
         matrix = {"csc": csc_array, "csr": csr_array}[layout]((numbers[0], *places), shape=(rows, columns))
         matrix.check_format(full_check=True)
         result = matrix.tocsc()
