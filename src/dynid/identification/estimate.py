@@ -18,6 +18,7 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.estimation import Estimation, Estimator, Sweep
 from dynid.identification.filtering.filter import ASTRAY, Pass
 from dynid.identification.fit import fitter
+from dynid.identification.information import Information
 from dynid.identification.measurement import Data, Experiment, Measurement, as_estimated, data
 from dynid.identification.model_error import ModelError, model_error
 from dynid.identification.outcome import Outcome
@@ -35,7 +36,7 @@ Rebuild = Callable[[Mapping[str, float]], StructuralModel]
 # A basis that follows the joints is made anew until the estimates move by less than this many standard
 # errors, or this part of themselves; and so often at the most.
 _STAYS, _LEAST = 0.01, 1e-6
-_MOST_ROUNDS = 10
+MOST_ROUNDS = 10
 
 
 def identify(
@@ -140,7 +141,7 @@ def _identified(
     names = [unknown.name for unknown in model.unknowns]
     logs, here = np.log([unknown.start for unknown in model.unknowns]), estimator
     outcome: Outcome | None = None
-    for _ in range(1 if rebuild is None else _MOST_ROUNDS):
+    for _ in range(1 if rebuild is None else MOST_ROUNDS):
         ensemble = _ensemble(model, experiments, values)
         if outcome is None:
             _check_visible(ensemble, logs)
@@ -152,7 +153,7 @@ def _identified(
             found = _joined(outcome, ensemble, model, found)
         outcome = Outcome(ensemble, estimator.name, found, experiments, model.dofs)
         change, logs = np.abs(found.fit.logs - logs), found.fit.logs
-        if rebuild is None or np.all(change <= np.maximum(_STAYS * outcome.information.deviations(), _LEAST)):
+        if rebuild is None or stays(change, outcome.information):
             break
         model = rebuild(dict(zip(names, np.exp(logs).tolist(), strict=True)))
     assert outcome is not None
@@ -160,6 +161,11 @@ def _identified(
     if model.basis is not None and truth.basis is None:
         outcome = replace(outcome, model_error=_model_error(model, outcome, values))
     return outcome, model
+
+
+def stays(change: Array, information: Information) -> bool:
+    """Tell whether logarithms that changed by so much (p) stay where they are, for all that is known."""
+    return bool(np.all(change <= np.maximum(_STAYS * information.deviations(), _LEAST)))
 
 
 def _model_error(model: StructuralModel, outcome: Outcome, values: Sequence[Data]) -> ModelError:

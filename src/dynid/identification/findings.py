@@ -108,6 +108,11 @@ class Findings(ABC):
         return ()
 
     @property
+    def _residual_rms(self) -> Array:
+        """RMS of the residuals (channels of all records), in the channels' units."""
+        return np.concatenate([root_mean_square(residual) for residual in self._final.residuals])
+
+    @property
     def _final(self) -> JointFit:
         return self.estimation.fit
 
@@ -131,6 +136,11 @@ class Findings(ABC):
     def residual_ratio(self) -> Array:
         """RMS of the residuals over that of the measured values (channels of all records)."""
         return self.ensemble.residual_ratio(self._final)
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residuals are small, or noise."""
+        return is_explained(self.residual_ratio, self.whiteness_p)
 
     @cached_property
     def step(self) -> Array:
@@ -264,7 +274,7 @@ class Findings(ABC):
         group = "identification/diagnostics"
         deviations = self.information.deviations()
         settled = is_settled(self.step, deviations)
-        explained = is_explained(self.residual_ratio, self.whiteness_p)
+        explained = self.explained
         result.add(f"{group}/converged", settled and explained)
         result.add(f"{group}/settled", settled)
         result.add(f"{group}/explained", explained)
@@ -272,14 +282,14 @@ class Findings(ABC):
         result.add(f"{group}/distance_to_optimum", np.abs(self.step) / deviations, ("parameter",))
         result.add_axis(f"{group}/channel", [place.name for place in self._channels])
         unit = common_unit(place.unit for place in self._channels)
-        rms = np.concatenate([root_mean_square(residual) for residual in self._final.residuals])
-        result.add(f"{group}/residual_rms", rms, ("channel",), unit)
+        result.add(f"{group}/residual_rms", self._residual_rms, ("channel",), unit)
         result.add(f"{group}/residual_ratio", self.residual_ratio, ("channel",))
         result.add(f"{group}/whiteness_p", self.whiteness_p)
         result.add(f"{group}/white", not is_coloured(self.whiteness_p))
         result.add(f"{group}/condition", self.information.condition())
         for name, fact in self.estimation.facts.items():
             result.add(f"{group}/{name}", fact)
+        result.add(f"{group}/passes", len(self.estimation.histories))
         if any(result.wants(f"{group}/{name}") for name in _AUTOCORRELATION):
             self._add_autocorrelation(result)
         if any(result.wants(f"{group}/{name}") for name in ("verdict", "warnings")):

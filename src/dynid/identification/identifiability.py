@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.augmented import augmented
-from dynid.identification.ensemble import Ensemble, JointFit
+from dynid.identification.ensemble import Ensemble, JointFit, Likelihood
 from dynid.identification.fit import fitter
 from dynid.identification.information import Information, thin_svd
 from dynid.identification.measurement import Experiment, as_estimated, data
@@ -31,13 +31,13 @@ _SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Prospect:
-    """Records as they are expected, at expected values of the parameters.
+class Expected:
+    """What is observed as it is expected to be, at expected values of the parameters.
 
     Attributes
     ----------
     ensemble
-        Model and records.
+        Its likelihood.
     fit
         The prediction.
     noise
@@ -48,7 +48,7 @@ class Prospect:
         Whether the noise is nominal, since nothing is known of it.
     """
 
-    ensemble: Ensemble
+    ensemble: Likelihood
     fit: JointFit
     noise: list[Array]
     place: str
@@ -62,6 +62,19 @@ class Prospect:
     def information(self) -> Information:
         """Return what the records tell of the parameters, initial states unknown."""
         return self.ensemble.information(self.fit, self.noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect(Expected):
+    """Records of time as they are expected.
+
+    Attributes
+    ----------
+    ensemble
+        Model and records.
+    """
+
+    ensemble: Ensemble
 
 
 def prospect(
@@ -90,17 +103,27 @@ def prospect(
         joint = augmented(model, known, measurement.channels, measurement.record.times)
         records.append(fitter(joint, model, measurement.channels, measured, len(experiments)))
     ensemble = Ensemble(tuple(records))
-    unknowns = ensemble.unknowns
+    return Prospect(ensemble, *_expectation(ensemble))
+
+
+def expected(likelihood: Likelihood) -> Expected:
+    """Return what is expected at the true values where all are known, else at the starts."""
+    return Expected(likelihood, *_expectation(likelihood))
+
+
+def _expectation(likelihood: Likelihood) -> tuple[JointFit, list[Array], str, bool]:
+    """Return prediction, noise, what it is taken at, and whether the noise is assumed."""
+    unknowns = likelihood.unknowns
     true = [unknown.true for unknown in unknowns if unknown.true is not None]
     at_truth = len(true) == len(unknowns)
     values = true if at_truth else [unknown.start for unknown in unknowns]
-    fit = ensemble.fit(np.log(values), clean=True)
+    fit = likelihood.fit(np.log(values), clean=True)
     noise, assumed = [], False
-    for record in records:
+    for record in likelihood.records:
         level = record.data.noise if record.data.noise is not None else record.known_or(np.zeros(1))
         assumed = assumed or not level.all()
         noise.append(np.where(level > 0, level, NOMINAL_NOISE * record.data.rms))
-    return Prospect(ensemble, fit, noise, "true" if at_truth else "start", assumed)
+    return fit, noise, "true" if at_truth else "start", assumed
 
 
 def relative_bounds(information: Information) -> Array:
@@ -151,16 +174,36 @@ def identifiability(
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identifiability of {', '.join(names)}", names=names):
-        expected = prospect(model, experiments, truth)
-        result = Result("identification")
-        _add_bounds(result, expected)
-        _add_groups(result, expected.information())
-        _add_noise(result, expected, experiments)
-        add_modal_sensitivity(result, model, expected.values)
+        several = len(experiments) > 1
+        channels = [
+            (f"record_{k}.{channel.name}" if several else channel.name, channel.unit)
+            for k, experiment in enumerate(experiments, 1)
+            for channel in experiment.measurement.channels
+        ]
+        return told(model, prospect(model, experiments, truth), channels)
+
+
+def told(model: StructuralModel, expected: Expected, channels: Sequence[tuple[str, str]]) -> Result:
+    """Return what is told of the parameters, as `identifiability` does.
+
+    Parameters
+    ----------
+    model
+        The structure.
+    expected
+        What is expected to be measured.
+    channels
+        Names and units of all channels.
+    """
+    result = Result("identification")
+    _add_bounds(result, expected)
+    _add_groups(result, expected.information())
+    _add_noise(result, expected, channels)
+    add_modal_sensitivity(result, model, expected.values)
     return result
 
 
-def _add_bounds(result: Result, expected: Prospect) -> None:
+def _add_bounds(result: Result, expected: Expected) -> None:
     group, dims = "identification/identifiability", ("parameter",)
     unknowns = expected.ensemble.unknowns
     information = expected.information()
@@ -182,7 +225,7 @@ def _add_bounds(result: Result, expected: Prospect) -> None:
     result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT * s[0] else np.inf)
 
 
-def _known_state(expected: Prospect) -> Array:
+def _known_state(expected: Expected) -> Array:
     """Return the relative bounds were the initial states known."""
     rows = [
         (part.predicted.by_parameter * np.where(np.isnan(part.residual), 0.0, 1 / level)[..., None])
@@ -213,17 +256,11 @@ def _add_groups(result: Result, information: Information) -> None:
     result.add(f"{group}/of_group", np.array([n for n, _, _ in changes], dtype=int), ("blind_direction",))
 
 
-def _add_noise(result: Result, expected: Prospect, experiments: Sequence[Experiment]) -> None:
+def _add_noise(result: Result, expected: Expected, channels: Sequence[tuple[str, str]]) -> None:
     """Add the noise and the bound on its deviation, sigma over the root of twice the number of values."""
     group = "identification/identifiability/noise"
-    several = len(experiments) > 1
-    channels = [channel for experiment in experiments for channel in experiment.measurement.channels]
-    names = [
-        f"record_{k}.{channel.name}" if several else channel.name
-        for k, experiment in enumerate(experiments, 1)
-        for channel in experiment.measurement.channels
-    ]
-    unit = common_unit(channel.unit for channel in channels)
+    names, units = zip(*channels, strict=True)
+    unit = common_unit(units)
     counts = [np.count_nonzero(~np.isnan(part.residual), axis=0) for part in expected.fit.parts]
     deviation = np.concatenate(expected.noise)
     result.add_axis(f"{group}/channel", names)

@@ -193,6 +193,8 @@ def joined(parts: Sequence[Information]) -> Information:
 def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
     """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns."""
     finite("the sensitivity of the record", matrix)
+    if not matrix.shape[1]:
+        return np.zeros((len(matrix), 0)), np.zeros(0), np.zeros((0, 0))
     if len(matrix) > _BLOCK * matrix.shape[1]:
         Q, R = _tall_qr(matrix)
         U, s, Vt = np.linalg.svd(R)

@@ -61,8 +61,8 @@ class Simulation:
     def deviation(self, clean: Array) -> Array:
         """Return the standard deviation of the noise of each channel (channels) of a clean record."""
         if self.noise is not None:
-            return _per_channel("noise", self.noise, clean.shape[1])
-        return _per_channel("noise_ratio", self.noise_ratio, clean.shape[1]) * root_mean_square(clean)
+            return per_channel("noise", self.noise, clean.shape[1])
+        return per_channel("noise_ratio", self.noise_ratio, clean.shape[1]) * root_mean_square(clean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ class Measurement:
         """The noise's deviations that the estimator is told (channels)."""
         if self.noise is None:
             return None
-        return _per_channel("measurement.noise", self.noise, len(self.channels))
+        return per_channel("measurement.noise", self.noise, len(self.channels))
 
     @property
     def record(self) -> Record:
@@ -224,7 +224,7 @@ def as_estimated(loads: Sequence[Load], record: Record) -> list[Load]:
     ]
 
 
-def _per_channel(name: str, level: float | Sequence[float], channels: int) -> Array:
+def per_channel(name: str, level: float | Sequence[float], channels: int) -> Array:
     """Return one number a channel (channels).
 
     Raises

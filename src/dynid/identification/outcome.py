@@ -114,7 +114,6 @@ class Outcome(Findings):
             self._add_histories(result, true_states())
         self._add_stages(result)
         self._add_diagnostics(result)
-        result.add("identification/diagnostics/passes", len(self.estimation.histories))
         if self.model_error is not None:
             self.model_error.add_to(result, [place.name for place in self._channels])
         return result

@@ -22,7 +22,8 @@ RUNNERS = {
 
 def _seeds(data: dict[str, Any]) -> Iterator[int]:
     """Yield the seeds of a scene: of its measurement's noise first, then of its random signals."""
-    simulate = (data.get("measurement") or {}).get("simulate")
+    measurement = data.get("measurement") or {}
+    simulate = measurement.get("simulate") or (measurement.get("frf") or {}).get("simulate")
     if simulate is not None:
         yield simulate.get("seed", 0)
     time = (data.get("analysis") or {}).get("time") or {}

@@ -93,7 +93,7 @@ def basis(scene: Scene) -> Aspect:
         tried = sizes_around(size, n)
         points.append((Alternative(own["method"], _identified(scene, {"reduction": own})), size))
     ends = len(
-        dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(model).dofs])
+        dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(scene).dofs])
     )
 
     def reduced(name: str) -> Callable[[int], Callable[[], Found]]:

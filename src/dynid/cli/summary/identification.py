@@ -28,11 +28,13 @@ def method(result: Result) -> str:
         return "structure"
     passes = result.value("identification/diagnostics/passes")
     stages = result["identification/stages/stage"].data
+    way = "from" if f"{_MEASURED}/omega" in result else "after"
+    chosen = result.value("identification/stages/chosen")
     how = {
         "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
         "output-error": "maximum likelihood",
         "invariant-imbedding": "invariant imbedding",
-        "auto": f"maximum likelihood after {stages[result.value('identification/stages/chosen') - 1]}",
+        "auto": f"maximum likelihood {way} {stages[chosen - 1]}",
     }
     return f"identification · {how[str(result.group_attrs['identification']['estimator'])]}"
 
@@ -80,6 +82,8 @@ def _record(result: Result) -> str:
     lists = dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every)
     missing = sum(int(np.isnan(values).sum()) for values in measured)
     gaps = f", {missing} missing" if missing else ""
+    if f"{group}/omega" in result:
+        return _responses(result, next(iter(lists)) + gaps)
     states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
     unknowns = len(result["identification/parameters/name"].data)
     records = f"{len(every)} records, " if several else ""
@@ -87,6 +91,14 @@ def _record(result: Result) -> str:
         f"  {states} physical states, {unknowns} unknown parameters; "
         f"{records}{sum(map(len, measured))} samples of {'; '.join(lists)}{gaps}"
     )
+
+
+def _responses(result: Result, said: str) -> str:
+    """Say what frequency responses were measured, and where."""
+    omega = result[f"{_MEASURED}/omega"].data
+    unknowns = len(result["identification/parameters/name"].data)
+    lines = f"{len(omega)} lines, {omega[0]:.5g} … {omega[-1]:.5g} rad/s"
+    return f"  {unknowns} unknown parameters; {lines}, of the frequency responses {said}"
 
 
 def _prepared(result: Result) -> Iterable[str]:

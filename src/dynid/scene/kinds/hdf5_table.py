@@ -60,13 +60,13 @@ def _only_dataset(file: DataFile, store: Any) -> str:
     return known[0]
 
 
-def _numeric(group: Any) -> list[str]:
+def _numeric(group: Any, kinds: str = "iuf") -> list[str]:
     import h5py
 
     return [
         name
         for name, value in group.items()
-        if isinstance(value, h5py.Dataset) and value.dtype.kind in "iuf" and value.ndim in (1, 2)
+        if isinstance(value, h5py.Dataset) and value.dtype.kind in kinds and value.ndim in (1, 2)
     ]
 
 
@@ -89,11 +89,16 @@ def _times(
 
 
 def _dataset(file: DataFile, store: Any, name: str, key: str) -> NDArray[np.float64]:
+    return np.asarray(numeric_dataset(file, store, name, key), dtype=float)
+
+
+def numeric_dataset(file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf") -> NDArray[Any]:
+    """Return a dataset of one or two axes, of numbers of these NumPy kinds."""
     import h5py
 
     found = store.get(name)
-    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf" or found.ndim not in (1, 2):
-        known = _numeric(store)
+    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in kinds or found.ndim not in (1, 2):
+        known = _numeric(store, kinds)
         hint = did_you_mean(name, known) or (f"; it has {', '.join(known)}" if known else "")
         file.refuse(f"has no dataset of numbers '{name}'{hint}", key=key)
-    return np.asarray(found[()], dtype=float)
+    return np.asarray(found[()])

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dynid.lti.generator import Record
     from dynid.scene.batch import Outcome
     from dynid.scene.kinds.reductions import LocatedReductor
-    from dynid.scene.schema.common import TimeGrid
+    from dynid.scene.schema.common import Dof, TimeGrid
     from dynid.structure.reduction.selection import Interest
 
 
@@ -50,11 +50,10 @@ def run(scene: Scene) -> Result:
     result = Result("identification", scene.title)
     values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
     if model.measurement is not None:
-        result.merge(identified(scene, structure, setting(scene, structure)))
-        if model.identifiability:
-            from dynid.identification.identifiability import identifiability
-
-            result.merge(identifiability(*setting(scene, structure, expected_values(structure))))
+        if model.measurement.frf is not None:
+            result.merge(_identified_by_response(scene, structure))
+        else:
+            result.merge(_identified_by_records(scene, structure))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
     if model.analysis is not None:
@@ -96,16 +95,26 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     """
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
-    method = reductor_of(scene)
     records = experiments(scene, model.excitation, model.measurement)
+    reduced, truth = _models(scene, structure, values)
+    return Setting(reduced, records, truth)
+
+
+def _models(
+    scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None
+) -> tuple[StructuralModel, StructuralModel]:
+    """Return what an estimator works with, and what is simulated; `values` as of `setting`."""
+    model = cast("IdentificationScene", scene.model)
+    method = reductor_of(scene)
     if method is None:
-        return Setting(structure, records, structure)
-    simulate = model.measurement.each[0].simulate
-    truth = structure
+        return structure, structure
+    assert model.measurement is not None
+    first, truth = model.measurement.each[0], structure
+    simulate = first.frf.simulate if first.frf else first.simulate
     if simulate is not None and simulate.model == "reduced":
         truth = method.at(structure.true_values()).reduce(structure).model
     made = method if values is None else method.at(values)
-    return Setting(made.reduce(structure).model, records, truth)
+    return made.reduce(structure).model, truth
 
 
 def expected_values(structure: StructuralModel) -> dict[str, float]:
@@ -137,13 +146,13 @@ def identified(
     """
     from dynid.identification.estimate import identify_all
 
-    model, method = cast("IdentificationScene", scene.model), reductor_of(scene)
+    model = cast("IdentificationScene", scene.model)
     return identify_all(
         made.model,
         made.experiments,
         _estimator(model.estimator),
         truth=made.truth,
-        rebuild=_rebuilder(structure, method) if method is not None and method.follows_joints else None,
+        rebuild=_rebuilder(scene, structure),
         clean=clean,
         into=into,
     )
@@ -156,6 +165,39 @@ def batched(
     from dynid.scene.kinds.identification_samples import batched as run_together
 
     return run_together(template, overrides, collect)
+
+
+def _identified_by_records(scene: Scene, structure: StructuralModel) -> Result:
+    """Identify from records of time, and say before what they can tell."""
+    result = identified(scene, structure, setting(scene, structure))
+    if cast("IdentificationScene", scene.model).identifiability:
+        from dynid.identification.identifiability import identifiability
+
+        result.merge(identifiability(*setting(scene, structure, expected_values(structure))))
+    return result
+
+
+def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
+    """Identify from frequency response functions, and say before what they can tell."""
+    from dynid.identification.estimators.output_error import OutputError
+    from dynid.identification.frf.estimator import FrfAuto
+    from dynid.identification.frf.identifiability import frf_identifiability
+    from dynid.identification.frf.identify import identify_frf
+    from dynid.scene.kinds.frf import frf_measurement
+
+    model = cast("IdentificationScene", scene.model)
+    assert model.measurement is not None
+    measurement = frf_measurement(scene, model.measurement)
+    reduced, truth = _models(scene, structure)
+    rebuild = _rebuilder(scene, structure)
+    chosen = model.estimator
+    options: dict[str, Any] = chosen.options()
+    estimator = OutputError(**options) if chosen.method == "output-error" else FrfAuto()
+    result = identify_frf(reduced, measurement, estimator, truth=truth, rebuild=rebuild)
+    if model.identifiability:
+        reduced, truth = _models(scene, structure, expected_values(structure))
+        result.merge(frf_identifiability(reduced, measurement, truth))
+    return result
 
 
 def _estimator(given: EstimatorModel) -> Estimator:
@@ -178,17 +220,23 @@ def reductor_of(scene: Scene) -> LocatedReductor | None:
         return None
     from dynid.scene.kinds.reductions import build_reductor
 
-    return build_reductor(model.reduction, interest_of(model), "reduction")
+    return build_reductor(model.reduction, interest_of(scene), "reduction")
 
 
-def interest_of(model: IdentificationScene) -> Interest:
-    """Return what a reduced model is for: sensors, loads, and the band of the excitation."""
+def interest_of(scene: Scene) -> Interest:
+    """Return what a reduced model is for: sensors, loads, and the band of the excitation or the lines."""
+    model = cast("IdentificationScene", scene.model)
     from dynid.scene.kinds.reductions import band_of
     from dynid.structure.reduction.selection import Interest
 
     dofs = [part.dof for part in model.excitation]
     band = None
-    if model.measurement is not None:
+    if model.measurement is not None and model.measurement.frf is not None:
+        dofs += [dof for channel in model.measurement.sensors for dof in channel.all_dofs]
+        from dynid.scene.kinds.frf import frf_measurement
+
+        band = float(frf_measurement(scene, model.measurement).omega[-1])
+    elif model.measurement is not None:
         records = model.measurement.each
         signals = [*model.excitation, *(part for record in records for part in record.excitation or ())]
         dofs += [part.dof for part in signals]
@@ -204,7 +252,11 @@ def interest_of(model: IdentificationScene) -> Interest:
     return Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
 
 
-def _rebuilder(full: StructuralModel, method: LocatedReductor) -> Rebuild:
+def _rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
+    """Return what makes a basis anew that follows the joints, where there is one."""
+    method = reductor_of(scene)
+    if method is None or not method.follows_joints:
+        return None
     return lambda values: method.at(values).reduce(full).model
 
 
@@ -231,6 +283,7 @@ def _responses(
         result.merge(modal_analysis(structure, *which_modes(wanted.modes), values))
     if wanted.frequency is not None:
         driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
+        driven += _forced(model)
         inputs = list(dict.fromkeys(wanted.inputs or driven))
         omega = angular_frequencies(wanted.frequency)
         result.merge(frequency_response(structure, inputs, _outputs(model), omega, values))
@@ -264,4 +317,11 @@ def which_modes(asked: ModesModel) -> tuple[int | None, float | None]:
 def _outputs(model: IdentificationScene) -> list[Channel]:
     """Return what responses show: what is named, else what the sensors measure."""
     sensors = model.measurement.sensors if model.measurement else []
-    return [channel_of(item) for item in (model.analysis and model.analysis.outputs) or sensors]
+    shown = [channel_of(item) for item in (model.analysis and model.analysis.outputs) or sensors]
+    return list(dict.fromkeys(shown))
+
+
+def _forced(model: IdentificationScene) -> list[Dof]:
+    """Return the DOFs at which frequency response functions were measured with a force."""
+    sensors = model.measurement.sensors if model.measurement else []
+    return [channel.reference.dof for channel in sensors if channel.reference]

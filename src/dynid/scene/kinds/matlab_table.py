@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.scene.kinds.table import DataFile, Layout, Table, are_numbers
 from dynid.structure.matrices import Array
-from dynid.structure.readers.matlab import arrays, names
+from dynid.structure.readers.matlab import arrays, complex_matrix, names
 from dynid.words import did_you_mean
 
 
@@ -38,6 +40,17 @@ def read_matlab(file: DataFile, columns: Sequence[str | int] | None, layout: Lay
         file.refuse(f"has columns of different lengths: {lengths}", key="columns" if named else "variable")
     table = Table(file, wanted, np.column_stack(parts))
     return table if layout.time is None else table.timed_by(layout.time)
+
+
+def complex_columns(file: DataFile, wanted: Sequence[str], key: str) -> NDArray[Any]:
+    """Return the first variable of these names as columns of real or complex numbers."""
+    known = names(file.path)
+    name = next((name for name in wanted if name in known), wanted[0])
+    if name not in known:
+        hint = did_you_mean(name, known) or (f"; it has {', '.join(known[:20])}" if known else "")
+        file.refuse(f"has no variable '{name}'{hint}", key=key)
+    values = complex_matrix(file.path, name)
+    return values.reshape(-1, 1) if min(values.shape) == 1 else values
 
 
 def _only(file: DataFile) -> str:

@@ -46,6 +46,12 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             remedy="Add the block 'measurement' with step, samples and channels.",
             names=("kind",),
         )
+    if model.measurement.frf is not None:
+        raise UsageError(
+            "a plan is for a record of time; this measurement is of frequency responses",
+            remedy="Give step, samples and channels of a record that could be taken instead of 'frf'.",
+            names=("measurement.frf",),
+        )
     structure = build_structure(scene, model.structure, model.joints)
     reduced, records, truth = setting(scene, structure, expected_values(structure))
     result = plan(reduced, records, _wanted(model.plan, sensors, lines), truth)

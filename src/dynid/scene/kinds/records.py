@@ -81,15 +81,15 @@ def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
     if given.simulate is not None:
         simulate = given.simulate
         source = Simulation(
-            _levels(simulate.noise_ratio) or 0.0,
+            levels(simulate.noise_ratio) or 0.0,
             simulate.seed,
             number(simulate.settle),
-            _levels(simulate.noise),
+            levels(simulate.noise),
         )
     else:
         assert given.file is not None
         source = _measured(scene, given.file, (samples, len(channels)), step, place)
-    return Measurement(step, samples, channels, source, _levels(given.noise))
+    return Measurement(step, samples, channels, source, levels(given.noise))
 
 
 def channel_of(given: ChannelModel) -> Channel:
@@ -99,7 +99,8 @@ def channel_of(given: ChannelModel) -> Channel:
     )
 
 
-def _levels(given: Quantity | list[Quantity] | None) -> float | list[float] | None:
+def levels(given: Quantity | list[Quantity] | None) -> float | list[float] | None:
+    """Return one number, or one a channel."""
     if given is None:
         return None
     return [float(level) for level in given] if isinstance(given, list) else float(given)

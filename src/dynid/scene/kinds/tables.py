@@ -56,9 +56,9 @@ def read_columns(
         Where the file cannot be read, a column is missing, a value is infinite, or the times are not those
         of the step.
     """
-    file = _existing(path, place)
+    file = existing(path, place)
     table = _table(file, columns, layout)
-    if columns is None or (_format(path) in ("hdf5", "matlab") and not are_numbers(columns)):
+    if columns is None or (file_format(path) in ("hdf5", "matlab") and not are_numbers(columns)):
         return table.checked(table.data, step)
     return table.checked([table.find(name, "columns") for name in columns], step)
 
@@ -86,9 +86,9 @@ def read_signal(
     FileError
         As `read_columns`; also where a sample is missing, or several columns could be meant.
     """
-    file = _existing(path, place)
+    file = existing(path, place)
     table = _table(file, None if column is None else [column], layout, single=True)
-    if isinstance(column, str) and _format(path) in ("hdf5", "matlab"):
+    if isinstance(column, str) and file_format(path) in ("hdf5", "matlab"):
         found = table.data[0]
     else:
         found = _only(table) if column is None else table.find(column, "column")
@@ -103,7 +103,7 @@ def _table(
     file: DataFile, columns: Sequence[str | int] | None, layout: Layout, *, single: bool = False
 ) -> Table:
     """Read the table of a file, by its format."""
-    match _format(file.path):
+    match file_format(file.path):
         case "hdf5":
             layout.only(file, "time")
             if isinstance(layout.time, int):
@@ -131,14 +131,15 @@ def _only(table: Table) -> int:
     return table.data[0]
 
 
-def _existing(path: Path, place: str) -> DataFile:
+def existing(path: Path, place: str) -> DataFile:
+    """Return a file that is there."""
     file = DataFile(path, place)
     if not path.is_file():
         file.refuse("is no file", "Paths in a scene are relative to the scene's folder.")
     return file
 
 
-def _format(path: Path) -> str:
+def file_format(path: Path) -> str:
     """Return the format of a file, by its ending."""
     formats = {".h5": "hdf5", ".hdf5": "hdf5", ".mat": "matlab", ".uff": "uff", ".unv": "uff"}
     return formats.get(path.suffix.lower(), "text")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Callable
 
 import numpy as np
 
@@ -15,8 +16,13 @@ _DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
 ACCEPTED = "A missing sample is an empty field, nan, NA or n/a; decimals take a point."
 
 
-def read_text(file: DataFile, time: str | int | None = None) -> Table:
-    """Read all columns of a text file; `time` is the column of the times where its name does not tell."""
+def read_text(
+    file: DataFile, time: str | int | None = None, number: Callable[[str], float | complex] | None = None
+) -> Table:
+    """Read all columns of a text file; `time` is the column of the times where its name does not tell.
+
+    `number` reads what a field says; absent: a real number.
+    """
     rows = _lines(file)
     separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
     first = [field.strip() for field in _split(rows[0][1], separator)]
@@ -37,11 +43,12 @@ def read_text(file: DataFile, time: str | int | None = None) -> Table:
         first, fields = first[:-1], [row[:-1] for row in fields]  # every line ends with the separator
     lines = [number for number, _ in body]
     values = np.array(
-        [_numbers(file, number, row) for number, row in zip(lines, fields, strict=True)], dtype=float
+        [_numbers(file, at, row, number or _number) for at, row in zip(lines, fields, strict=True)],
+        dtype=float if number is None else complex,
     ).reshape(len(fields), len(first))
     names = first if has_header else []
     timed = time_column(names) if time is None else Table(file, names, values).find(time, "time")
-    if timed is None:
+    if timed is None or number is not None:
         return Table(file, names, values, lines)
     times = values[:, timed]
     written = [row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
@@ -104,20 +111,42 @@ def _row(file: DataFile, number: int, line: str, separator: str | None, count: i
     return fields
 
 
-def _numbers(file: DataFile, number: int, fields: list[str]) -> list[float]:
+def _numbers(
+    file: DataFile, at: int, fields: list[str], number: Callable[[str], float | complex]
+) -> list[float | complex]:
     try:
-        return [_number(field) for field in fields]
+        return [number(field) for field in fields]
     except ValueError:
-        wrong = next(field.strip() for field in fields if not _is_number(field))
-        file.refuse(f"'{wrong[:40]}' is not a number", ACCEPTED, line=number)
+        wrong = next(field.strip() for field in fields if not _reads(number, field))
+        file.refuse(f"'{wrong[:40]}' is not a number", ACCEPTED, line=at)
 
 
-def _is_number(field: str) -> bool:
+def _reads(number: Callable[[str], float | complex], field: str) -> bool:
     try:
-        _number(field)
+        number(field)
     except ValueError:
         return False
     return True
+
+
+def complex_number(field: str) -> complex:
+    """Read a real number, or a complex one as ``1.5-2e-3j`` or ``(1.5-2e-3i)``.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    bare = field.strip().strip("()")
+    if bare[-1:] not in ("i", "j"):
+        return complex(_number(field))
+    if "_" in bare:
+        raise ValueError(field)
+    return complex(bare.replace(" ", "")[:-1] + "j")
+
+
+def _is_number(field: str) -> bool:
+    return _reads(_number, field)
 
 
 def _number(field: str) -> float:

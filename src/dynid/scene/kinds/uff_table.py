@@ -12,20 +12,21 @@ from dynid.errors import FileError
 from dynid.scene.kinds.table import DataFile, Table
 from dynid.structure.readers.imported import MOST_NUMBERS, read_errors
 
-#: Types of functions: of time (general or not), and frequency response functions.
-_TIME, _FRF = (0, 1), 4
+#: Types of functions of time, general or not.
+_TIME = (0, 1)
 #: Digits of an increment as the format prints it.
 _DIGITS = 1e-5
 
 
 class Function(NamedTuple):
-    """A data set 58: its name, type, abscissa and values."""
+    """A data set 58: its name, type, abscissa and values; evenly spaced or not, type of the ordinate."""
 
     name: str
     kind: int
     x: NDArray[np.float64]
     values: NDArray[Any]
     even: bool
+    ordinate: int
 
 
 def read_uff(file: DataFile) -> Table:
@@ -83,4 +84,6 @@ def _function(file: DataFile, number: int, data_set: Any) -> Function:
             f"function {number} claims {claimed} points, but {values.size} can be read", "It is damaged."
         )
     name = str(data_set.get("id1", "")).strip() or f"function {number}"
-    return Function(name, int(data_set["func_type"]), x, values, int(data_set["abscissa_spacing"]) == 1)
+    even = int(data_set["abscissa_spacing"]) == 1
+    ordinate = int(data_set.get("ordinate_spec_data_type", 0))
+    return Function(name, int(data_set["func_type"]), x, values, even, ordinate)

@@ -140,14 +140,26 @@ class IdentificationScene(SceneModel):
         if self.identifiability and self.measurement is None:
             raise fault("'identifiability' is that of a record; there is no 'measurement'")
         records = self.measurement.each if self.measurement else []
-        models = {record.simulate.model for record in records if record.simulate}
+        simulated = [record.frf.simulate if record.frf else record.simulate for record in records]
+        models = {simulate.model for simulate in simulated if simulate}
         if "reduced" in models and self.reduction is None:
             raise fault("the record is to be simulated with the reduced model, but there is no 'reduction'")
         if len(models) > 1:
             raise fault("all records are simulated with one 'model': full or reduced")
+        self._check_frf()
+        frf = self.measurement and self.measurement.frf
         responds = self.analysis and (self.analysis.frequency or self.analysis.time)
         if self.analysis and responds and not self.analysis.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
-        if self.analysis and self.analysis.frequency and not (self.analysis.inputs or self.excitation):
+        if self.analysis and self.analysis.frequency and not (self.analysis.inputs or self.excitation or frf):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
         return self
+
+    def _check_frf(self) -> None:
+        """Refuse what has no meaning where frequency responses are measured."""
+        if self.measurement is None or self.measurement.frf is None:
+            return
+        if self.excitation:
+            raise fault("frequency responses are of unit forces; an 'excitation' says nothing beside 'frf'")
+        if self.estimator.method not in ("auto", "output-error"):
+            raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'frf'")

@@ -7,7 +7,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from dynid.scene.schema.beams import PerElement, PerElementOrZero
-from dynid.scene.schema.common import Dof, MotionQuantity, Part, Signals, TablePlace
+from dynid.scene.schema.common import (
+    Dof,
+    FrequencyGrid,
+    MotionQuantity,
+    Part,
+    Signals,
+    TablePlace,
+)
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, fault
 
 Column = str | Annotated[int, Field(ge=1, strict=True)]
@@ -37,13 +44,29 @@ class ChannelModel(Part):
         return self.dofs or ([] if self.dof is None else [self.dof])
 
 
-class SimulateModel(Part):
-    """A measurement simulated with the joints' true values."""
+class ReferenceModel(Part):
+    """What a frequency response is divided by: the force at a DOF."""
+
+    dof: Dof
+
+
+class MeasuredChannelModel(ChannelModel):
+    """One sensor of a record, or of a frequency response with its `reference`."""
+
+    reference: ReferenceModel | None = None
+
+    @property
+    def all_dofs(self) -> list[Dof]:
+        """The DOFs that it is at, and that of the force."""
+        return [*self.ends, *([self.reference.dof] if self.reference else [])]
+
+
+class NoisyModel(Part):
+    """Noise that is added to what is simulated, and the model that is simulated."""
 
     noise_ratio: PerElementOrZero | None = None
     noise: PerElementOrZero | None = None
     seed: int = Field(default=0, ge=0, strict=True)
-    settle: NotNegative | None = None
     model: Literal["full", "reduced"] = "full"
 
     @model_validator(mode="after")
@@ -53,11 +76,76 @@ class SimulateModel(Part):
         return self
 
 
+class SimulateModel(NoisyModel):
+    """A record simulated with the joints' true values."""
+
+    settle: NotNegative | None = None
+
+
+class SimulateFrfModel(NoisyModel):
+    """Frequency responses simulated with the joints' true values, at these lines."""
+
+    lines: FrequencyGrid
+
+    @model_validator(mode="after")
+    def _lines_differ(self) -> Self:
+        if self.lines.points > 1 and float(self.lines.start) == float(self.lines.stop):
+            raise fault("the lines are all one frequency; 'stop' is not above 'start'")
+        return self
+
+
 class MeasuredFileModel(TablePlace):
     """Measured data: one column for each channel."""
 
     path: str | None = None
     columns: list[Column] | None = None
+
+
+class FrfFileModel(Part):
+    """Measured frequency responses: columns of complex numbers, or pairs [real, imaginary] of columns.
+
+    `frequency`: the column of the lines. `deviation`: of the complex noise, line by line, a column for each
+    channel; or `coherence`, with which it follows from the `averages` that were taken.
+    """
+
+    path: str
+    columns: list[Column | Annotated[list[Column], Field(min_length=2, max_length=2)]] | None = Field(
+        default=None, min_length=1
+    )
+    frequency: Column | None = None
+    deviation: list[Column] | None = Field(default=None, min_length=1)
+    coherence: list[Column] | None = Field(default=None, min_length=1)
+    averages: int | None = Field(default=None, ge=1, le=1_000_000_000, strict=True)
+
+    @model_validator(mode="after")
+    def _one_deviation(self) -> Self:
+        if self.deviation and self.coherence:
+            raise fault("the noise by line has either its 'deviation', or a 'coherence' that it follows from")
+        if self.averages is not None and not self.coherence:
+            raise fault("'averages' are those of a 'coherence'")
+        return self
+
+
+class FrfModel(Part):
+    """Frequency responses, simulated or out of a file; of these the lines in a band.
+
+    `unit` is that of the band, and of the frequencies in the file; those of a Universal File are in Hz.
+    """
+
+    simulate: SimulateFrfModel | None = None
+    file: FrfFileModel | None = None
+    band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+    unit: Literal["rad/s", "Hz"] | None = None
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        if (self.simulate is None) == (self.file is None):
+            raise fault("frequency responses are either 'simulate'd or read from a 'file'")
+        if self.band and float(self.band[0]) >= float(self.band[1]):
+            raise fault("a band is [low, high], and low is not below high")
+        if self.simulate is not None and (self.band or self.unit):
+            raise fault("'band' and 'unit' are those of a 'file'; simulated lines have their own")
+        return self
 
 
 class PrepareModel(Part):
@@ -91,12 +179,13 @@ class RecordModel(Part):
 
     step: Positive | None = None
     samples: int | None = Field(default=None, ge=1, le=100_000_000, strict=True)
-    channels: list[ChannelModel] | None = Field(default=None, min_length=1)
+    channels: list[MeasuredChannelModel] | None = Field(default=None, min_length=1)
     noise: PerElement | None = None
     simulate: SimulateModel | None = None
     file: MeasuredFileModel | None = None
     prepare: list[PrepareModel] | None = Field(default=None, max_length=20)
     excitation: Signals | None = None
+    frf: FrfModel | None = None
 
     def completed(self, shared: RecordModel, number: int) -> RecordModel:
         """Return this record with what it shares; a shared seed counts up from record to record."""
@@ -117,6 +206,11 @@ class RecordModel(Part):
 
     def check(self, of: str) -> None:
         """Refuse a record that is not whole."""
+        if self.frf is not None:
+            self._check_frf()
+            return
+        if any(channel.reference for channel in self.channels or ()):
+            raise fault("a 'reference' is that of a frequency response; there is no 'frf'")
         for key in ("step", "samples", "channels"):
             if getattr(self, key) is None:
                 raise fault(f"{of} needs the key '{key}'")
@@ -130,13 +224,40 @@ class RecordModel(Part):
                 raise fault(f"the file of {of} needs the key 'path'")
             if self.file.columns and len(self.file.columns) != channels:
                 raise fault(f"'columns' names {len(self.file.columns)}, but 'channels' has {channels}")
+        self._check_levels(self.simulate)
+
+    def _check_levels(self, simulate: NoisyModel | None) -> None:
+        """Refuse noise of more or fewer channels than there are."""
+        channels = len(self.channels or ())
         levels = {"noise": self.noise}
-        if self.simulate is not None:
-            levels |= {"simulate.noise": self.simulate.noise}
-            levels |= {"simulate.noise_ratio": self.simulate.noise_ratio}
+        if simulate is not None:
+            levels |= {"simulate.noise": simulate.noise, "simulate.noise_ratio": simulate.noise_ratio}
         for name, level in levels.items():
             if isinstance(level, list) and len(level) != channels:
                 raise fault(f"'{name}' has {len(level)} entries, but 'channels' has {channels}")
+
+    def _check_frf(self) -> None:
+        """Refuse frequency responses that are not whole, and what belongs to records of time."""
+        assert self.frf is not None
+        for key in ("step", "samples", "simulate", "file", "prepare", "excitation"):
+            if getattr(self, key) is not None:
+                raise fault(f"'{key}' is that of a record of time; with 'frf' it says nothing")
+        if not self.channels:
+            raise fault("a measurement needs the key 'channels'")
+        if not all(channel.reference for channel in self.channels):
+            raise fault("a channel of a frequency response needs its reference: {dof: …}, where the force is")
+        if any(channel.frame == "absolute" for channel in self.channels):
+            raise fault("with a force as its reference a frequency response has no 'frame'")
+        file = self.frf.file
+        if file is not None:
+            by_line = {"columns": file.columns, "deviation": file.deviation, "coherence": file.coherence}
+            for name, columns in by_line.items():
+                if columns and len(columns) > len(self.channels):
+                    count = len(self.channels)
+                    raise fault(f"'{name}' names {len(columns)}, but 'channels' has {count}")
+            if self.noise is not None and (file.deviation or file.averages):
+                raise fault("the noise is given by line already; leave 'noise' out")
+        self._check_levels(self.frf.simulate)
 
 
 class MeasurementModel(RecordModel):
@@ -146,6 +267,8 @@ class MeasurementModel(RecordModel):
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
+        if self.records and (self.frf or any(record.frf for record in self.records)):
+            raise fault("frequency responses stand alone: 'frf' goes with no 'records'")
         if not self.records:
             self.check("a measurement")
             if self.excitation is not None:
@@ -161,7 +284,7 @@ class MeasurementModel(RecordModel):
         return [record.completed(self, k) for k, record in enumerate(self.records)] or [self]
 
     @property
-    def sensors(self) -> list[ChannelModel]:
+    def sensors(self) -> list[MeasuredChannelModel]:
         """All different channels of the records."""
         every = [channel for record in self.each for channel in record.channels or ()]
         return [channel for k, channel in enumerate(every) if channel not in every[:k]]

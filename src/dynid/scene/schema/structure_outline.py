@@ -162,6 +162,7 @@ def _excitations(data: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
 def _sensor_dofs(path: tuple[Any, ...], sensors: Sequence[Any]) -> Iterable[tuple[tuple[Any, ...], Any]]:
     for place, sensor in enumerate(sensors):
         yield (*path, place, "dof"), mapping_of(sensor).get("dof")
+        yield (*path, place, "reference", "dof"), mapping(sensor, "reference").get("dof")
         for end, dof in enumerate(listing(sensor, "dofs")):
             yield (*path, place, "dofs", end), dof
 
@@ -182,7 +183,8 @@ def _unknown_faults(source: Source) -> list[Fault]:
     if not unknowns and known and is_mapping_of_mappings(source.data.get("joints", {})):
         message = "there is nothing to identify: no joint parameter has a 'start'"
         return [source.fault(("measurement",), message, key=True)]
-    if not any("simulate" in record for _, record in _records(source.data)):
+    records = [record for _, record in _records(source.data)]
+    if not any("simulate" in part for record in records for part in (record, mapping(record, "frf"))):
         return []
     message = "a simulated measurement needs the 'true' value of this parameter"
     lacking = [

@@ -92,6 +92,19 @@ def _full(path: Path, variable: _Variable, order: str) -> Array:
     return np.asarray(as_numbers(path, variable.name, values.reshape(variable.shape, order="F")))
 
 
+def complex_matrix(path: Path, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+    """Return a full matrix of real or complex numbers."""
+    with read_errors(path, _WHAT):
+        order, variables = _variables(path)
+        variable = next(item for item in variables if item.name == name)
+        if variable.kind not in _FULL:
+            raise FileError(f"{path}: '{name}' is no full matrix of numbers")
+        check_claim(path, variable.shape)
+        parts = [_array(*part, order).astype(float) for part in _parts(variable, order)]
+        values = parts[0] + 1j * parts[1] if variable.is_complex else parts[0]
+        return values.reshape(variable.shape, order="F")
+
+
 def load(path: Path, name: str) -> Matrix:
     """Return one variable of a file; no objects, functions or structures are read."""
     with read_errors(path, _WHAT):
@@ -145,7 +158,8 @@ def _parts(variable: _Variable, order: str) -> list[tuple[int, memoryview]]:
     content = variable.payload
     if variable.packed:
         sparse = variable.kind == _SPARSE
-        numbers = 2 * variable.most + variable.shape[-1] if sparse else int(np.prod(variable.shape))
+        full = int(np.prod(variable.shape)) * (1 + variable.is_complex)
+        numbers = 2 * variable.most + variable.shape[-1] if sparse else full
         content = _unpacked(content, 8 * numbers + _HEAD)[8:]
     return list(_elements(content, order))[3:]
 

@@ -1,0 +1,94 @@
+"""The likelihood of frequency response functions with circular complex Gaussian noise, line by line.
+
+Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. 2012, ch. 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.frf.measurement import FrfMeasurement, responses, stacked, unstacked
+from dynid.identification.information import Information, information
+from dynid.identification.measurement import Data
+from dynid.identification.observed import Fit, Observed, weights
+from dynid.identification.prediction import Prediction
+from dynid.structure.joints import Unknown
+from dynid.structure.model import StructuralModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrfFitter(Observed):
+    """Compares measured frequency response functions with those of a structure.
+
+    Attributes
+    ----------
+    model
+        The structure.
+    measurement
+        Lines and channels.
+    data
+        The measured values over the noise's profile, real parts above imaginary ones (2 L x channels).
+    magnitudes
+        Whether only the logarithms of the magnitudes are compared (L x channels): less precise, but with far
+        fewer local minima.
+    """
+
+    model: StructuralModel
+    measurement: FrfMeasurement
+    data: Data
+    magnitudes: bool = False
+    sharing: int = 1
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknown parameters (p)."""
+        return self.model.unknowns
+
+    @property
+    def nuisances(self) -> int:
+        """None: a frequency response does not depend on how it began."""
+        return 0
+
+    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> Fit:  # noqa: ARG002
+        """Predict the responses at the parameters exp(logs) and compare them with `values`."""
+        found = responses(self.model, self.measurement.channels, self.measurement.omega, logs)
+        if self.magnitudes:
+            outputs = _logarithms(np.abs(found.values))
+            there = np.where(found.values == 0, 1.0, found.values)
+            by_parameter = (found.slopes / there[..., None]).real
+        else:
+            profile = self.measurement.profile
+            outputs = stacked(found.values / profile)
+            by_parameter = stacked(found.slopes / profile[..., None])
+        none = np.zeros((len(outputs), 0))
+        predicted = Prediction(outputs, none, by_parameter, np.zeros((*outputs.shape, 0)))
+        residual = values - outputs
+        return Fit(logs, predicted, residual, self.known_or(self.scatter(residual)))
+
+    def information(self, fit: Fit, noise: Array) -> Information:
+        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
+        p = fit.predicted
+        names = tuple(unknown.name for unknown in self.unknowns)
+        weight = weights(noise, fit.residual)
+        slopes, outputs = np.nan_to_num(p.by_parameter), np.nan_to_num(p.outputs)
+        found = information(names, slopes, p.by_state, outputs, weight)
+        return replace(found, values=np.exp(fit.logs))
+
+    def series(self, residual: Array) -> Array:
+        """Return the residuals line after line, real and imaginary parts side by side."""
+        return residual if self.magnitudes else np.concatenate(np.split(residual, 2), axis=1)
+
+    def by_magnitude(self) -> FrfFitter:
+        """Return the same responses compared by the logarithms of their magnitudes."""
+        sizes = np.abs(unstacked(self.data.values)) * self.measurement.profile
+        return replace(self, data=Data(_logarithms(sizes)), magnitudes=True)
+
+
+def _logarithms(sizes: Array) -> Array:
+    """Return the logarithms of sizes, NaN of zeros."""
+    return np.log(np.where(sizes > 0, sizes, np.nan))

@@ -1,0 +1,279 @@
+"""Frequency response functions as scenes give them: simulated, or out of files of every format."""
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from dynid.cli.summary.identification import lines
+from dynid.errors import DynidError, UsageError
+from dynid.scene.dispatch import run_scene
+from dynid.scene.kinds.planning import run_plan
+from dynid.scene.load import load_scene
+from tests.scene.written import faults_of
+
+HEAD = """\
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [1, 2], links: [{dofs: [1], k: 300, c: 2}]}
+joints:
+  link: {dofs: [1, 2], k: {start: 100, true: 200}, c: {start: 2, true: 1}}
+"""
+MEASUREMENT = """\
+measurement:
+  channels:
+    - {dof: 1, quantity: acceleration, reference: {dof: 2}}
+    - {dof: 2, quantity: acceleration, reference: {dof: 2}}
+"""
+SIMULATED = (
+    HEAD
+    + MEASUREMENT
+    + """\
+  frf: {simulate: {lines: {start: 0.5, stop: 5, points: 91, scale: linear, unit: Hz},
+                   noise_ratio: 0.02, seed: 3}}
+"""
+)
+HERTZ = np.linspace(0.5, 5, 91)
+
+
+def accelerances():
+    """Return the exact responses of the scene (L x 2), by the formulas of two masses."""
+    w = 2 * np.pi * HERTZ
+    k, c = 200 + 1j * w, 300 + 2j * w
+    z11, z22 = c + k - w**2, k - 2 * w**2
+    det = z11 * z22 - k**2
+    return -(w**2)[:, None] * np.column_stack([k, z11]) / det[:, None]
+
+
+def run(tmp_path, text):
+    (tmp_path / "x.yaml").write_text(text)
+    return run_scene(load_scene(tmp_path / "x.yaml"))
+
+
+def estimated(tmp_path, frf):
+    """Run with responses out of a file; return the estimates."""
+    result = run(
+        tmp_path, f"{HEAD.replace(', true: 200', '').replace(', true: 1', '')}{MEASUREMENT}  frf: {frf}\n"
+    )
+    return result["identification/parameters/estimate"].data
+
+
+def refusal(tmp_path, frf):
+    with pytest.raises(DynidError) as error:
+        estimated(tmp_path, frf)
+    fault = load_scene(tmp_path / "x.yaml").locate(error.value)
+    return f"{fault.line}:{fault.column}: {fault.message}"
+
+
+def test_simulated_responses_need_no_file(tmp_path):
+    result = run(tmp_path, SIMULATED)
+    error = result["identification/parameters/error_percent"].data
+    assert error.max() < 3
+    measured = result["identification/measurement/measured"]
+    assert measured.dims == ("omega", "channel")
+    assert measured.units == "m/s2/N"
+    noise = measured.data - accelerances()
+    size = np.sqrt(np.mean(np.abs(noise) ** 2, axis=0))
+    ratio = size / np.sqrt(np.mean(np.abs(accelerances()) ** 2, axis=0))
+    assert ratio == pytest.approx([0.02, 0.02], rel=0.25)  # 182 draws
+    assert result["identification/measurement/omega"].data == pytest.approx(2 * np.pi * HERTZ)
+    assert result.attrs["seed"] == 3
+
+
+def test_the_screen_says_lines_and_responses(tmp_path):
+    said = "\n".join(lines(run(tmp_path, SIMULATED)))
+    assert (
+        "91 lines, 3.1416 … 31.416 rad/s, of the frequency responses 1.acceleration/2, 2.acceleration/2"
+        in said
+    )
+
+
+def test_text_of_pairs(tmp_path):
+    H = accelerances()
+    table = np.column_stack([HERTZ, H[:, 0].real, H[:, 0].imag, H[:, 1].real, H[:, 1].imag])
+    header = "frequency [Hz],H1 re,H1 im,H2 re,H2 im"
+    np.savetxt(tmp_path / "h.csv", table, delimiter=",", header=header, comments="")
+    for columns in ("", ", columns: [[H1 re, H1 im], [H2 re, H2 im]]", ", columns: [[2, 3], [4, 5]]"):
+        found = estimated(tmp_path, f"{{file: {{path: h.csv{columns}}}, unit: Hz}}")
+        assert found == pytest.approx([200, 1], rel=1e-10)
+
+
+def test_text_of_complex_numbers(tmp_path):
+    rows = [
+        f"{f!r};({one});{two}".replace("j", "i")
+        for f, (one, two) in zip(HERTZ.tolist(), accelerances(), strict=True)
+    ]
+    (tmp_path / "h.txt").write_text("\n".join(rows))
+    assert estimated(tmp_path, "{file: {path: h.txt}, unit: Hz}") == pytest.approx([200, 1], rel=1e-10)
+
+
+def test_hdf5(tmp_path):
+    with h5py.File(tmp_path / "h.h5", "w") as store:
+        store["omega"] = 2 * np.pi * HERTZ
+        store["measured"] = accelerances()
+        store["other/H1"], store["other/H2"] = accelerances().T
+        store["other/f"] = HERTZ
+    assert estimated(tmp_path, "{file: {path: h.h5}}") == pytest.approx([200, 1], rel=1e-10)
+    named = "{file: {path: h.h5, columns: [other/H1, other/H2], frequency: other/f}, unit: Hz}"
+    assert estimated(tmp_path, named) == pytest.approx([200, 1], rel=1e-10)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_matlab(tmp_path, packed):
+    variables = {
+        "H": accelerances(),
+        "f": HERTZ,
+        "re": accelerances().real[:, [0]],
+        "im": accelerances().imag[:, 0],
+    }
+    savemat(tmp_path / "h.mat", variables, do_compression=packed)
+    assert estimated(tmp_path, "{file: {path: h.mat, columns: [H]}, unit: Hz}") == pytest.approx(
+        [200, 1], rel=1e-10
+    )
+    assert "has 1 frequency responses" in refusal(
+        tmp_path, "{file: {path: h.mat, columns: [[re, im]]}, unit: Hz}"
+    )
+
+
+# pyuff leaves the files open that it writes in binary form.
+leaks = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
+
+@leaks
+@pytest.mark.parametrize("binary", [0, 1])
+def test_a_universal_file(tmp_path, binary):
+    written(tmp_path / "h.uff", binary)
+    assert estimated(tmp_path, "{file: {path: h.uff}}") == pytest.approx([200, 1], rel=1e-9)
+    # Numbers count the frequency responses, coherences their own.
+    told = estimated(tmp_path, "{file: {path: h.uff, columns: [1, 2], coherence: [1, 2], averages: 10}}")
+    assert told == pytest.approx([200, 1], rel=1e-9)
+
+
+@leaks
+def test_a_universal_file_says_what_its_functions_are(tmp_path):
+    written(tmp_path / "h.uff", 0, ordinate=8)
+    said = refusal(tmp_path, "{file: {path: h.uff}}")
+    assert "function 1 is displacement over force" in said
+    assert "Write quantity: displacement" in said
+
+
+def written(path, binary, ordinate=12):
+    """Write both responses and their coherences as a Universal File, between data of other types."""
+    pyuff = pytest.importorskip("pyuff", reason="pyuff is an extra")
+    for kind, values in ((1, HERTZ), *((4, H) for H in accelerances().T), *((6, np.full(91, 0.99)),) * 2):
+        data_set = pyuff.prepare_58(
+            binary=binary,
+            func_type=kind,
+            rsp_node=1,
+            rsp_dir=3,
+            ref_node=2,
+            ref_dir=3,
+            data=values,
+            x=HERTZ,
+            id1="a function",
+            rsp_ent_name="NONE",
+            ref_ent_name="NONE",
+            abscissa_spacing=1,
+            abscissa_spec_data_type=18,
+            ordinate_spec_data_type=ordinate,
+            orddenom_spec_data_type=13,
+            abscissa_inc=HERTZ[1] - HERTZ[0],
+            abscissa_min=HERTZ[0],
+        )
+        pyuff.UFF(str(path)).write_sets(data_set, "add")
+
+
+def hdf5(tmp_path, **datasets):
+    """Write the responses with further datasets."""
+    with h5py.File(tmp_path / "h.h5", "w") as store:
+        for name, values in {"omega": 2 * np.pi * HERTZ, "measured": accelerances(), **datasets}.items():
+            store[name] = values
+
+
+def test_only_the_lines_of_a_band_count(tmp_path):
+    spoilt = accelerances()
+    spoilt[HERTZ < 1] = 99
+    hdf5(tmp_path, measured=spoilt)
+    assert estimated(tmp_path, "{file: {path: h.h5}, band: [6.29, 40]}") == pytest.approx([200, 1], rel=1e-10)
+    assert "no line lies in the band" in refusal(tmp_path, "{file: {path: h.h5}, band: [50, 60]}")
+
+
+def test_deviations_and_coherence_by_line(tmp_path):
+    hdf5(tmp_path, sigma=np.full((91, 2), 0.01), gamma=np.full((91, 2), 0.9))
+    for noise in ("deviation: [sigma]", "coherence: [gamma], averages: 20", "coherence: [gamma]"):
+        found = estimated(
+            tmp_path, f"{{file: {{path: h.h5, columns: [measured], frequency: omega, {noise}}}}}"
+        )
+        assert found == pytest.approx([200, 1], rel=1e-9)
+
+
+def test_the_deviation_of_a_coherence_is_that_of_the_estimate(tmp_path):
+    hdf5(tmp_path, gamma=np.full((91, 2), 0.9))
+    text = HEAD + MEASUREMENT + "  frf: {file: {path: h.h5, coherence: [gamma], averages: 20}}\n"
+    deviation = run(tmp_path, text)["identification/measurement/deviation"].data
+    assert deviation == pytest.approx(np.abs(accelerances()) * np.sqrt(0.1 / 0.9 / 20))
+
+
+@pytest.mark.parametrize(
+    ("frf", "said"),
+    [
+        ("{file: {path: none.h5}}", "is no file"),
+        ("{file: {path: h.h5, columns: [measurd]}}", "did you mean 'measured'"),
+        ("{file: {path: h.h5, columns: [first]}}", "has 1 frequency responses, 'channels' has 2"),
+        ("{file: {path: h.h5, frequency: falling}}", "do not increase"),
+        ("{file: {path: h.h5, coherence: [falling, falling]}}", "not above 0 and at most 1"),
+        ("{file: {path: h.h5, deviation: [first, first]}}", "deviation must be real"),
+        ("{file: {path: h.csv}, unit: Hz}", "Real and imaginary parts stand by turns"),
+        ("{file: {path: named.csv}, unit: Hz}", "no column of frequencies; it has a, b, c"),
+        ("{file: {path: bad.csv}, unit: Hz}", "bad.csv:2: '1+' is not a number"),
+    ],
+)
+def test_faults_of_files(tmp_path, frf, said):
+    hdf5(tmp_path, first=accelerances()[:, 0], falling=1.0 + HERTZ[::-1])
+    (tmp_path / "h.csv").write_text("f,a,b,c\n1,1,1,1\n2,2,2,2\n")
+    (tmp_path / "named.csv").write_text("a,b,c\n1,1,1\n2,2,2\n")
+    (tmp_path / "bad.csv").write_text("f,a,b\n1,1+,1\n")
+    assert said in refusal(tmp_path, frf)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (", reference: {dof: 2}", "", "needs its reference: {dof: …}"),
+        ("reference: {dof: 2}", "reference: {dof: 3}", "there is no DOF 3"),
+        ("measurement:\n", "measurement:\n  step: 0.1\n", "'step' is that of a record of time"),
+        (
+            "measurement:\n",
+            "estimator: {method: filter}\nmeasurement:\n",
+            "is for records of time, not for 'frf'",
+        ),
+        ("measurement:\n", "excitation: {dof: 1, kind: step}\nmeasurement:\n", "says nothing beside 'frf'"),
+        ("noise_ratio: 0.02", "noise_ratio: [1, 1, 1]", "'simulate.noise_ratio' has 3 entries"),
+        (", true: 1}", "}", "needs the 'true' value"),
+        ("  frf: {", "  frf: {band: [1, 2], ", "'band' and 'unit' are those of a 'file'"),
+        ("  frf: {", "  records: [{samples: 4}]\n  frf: {", "stand alone"),
+        ("scale: linear", "scale: wide", "scale"),
+    ],
+)
+def test_faults_of_scenes(old, new, said):
+    assert old in SIMULATED
+    assert said in " ".join(faults_of(SIMULATED.replace(old, new)))
+
+
+def test_a_reference_belongs_to_a_frequency_response():
+    record = "  step: 0.1\n  samples: 50\n  simulate: {seed: 1}\n"
+    assert "there is no 'frf'" in " ".join(faults_of(HEAD + MEASUREMENT + record))
+
+
+def test_a_plan_refuses_frequency_responses(tmp_path):
+    (tmp_path / "x.yaml").write_text(SIMULATED)
+    with pytest.raises(UsageError, match="a plan is for a record of time"):
+        run_plan(load_scene(tmp_path / "x.yaml"))
+
+
+def test_responses_and_what_can_be_told_beside_them(tmp_path):
+    further = "identifiability: true\nanalysis: {frequency: {start: 1, stop: 20}}\n"
+    result = run(tmp_path, SIMULATED + further)
+    assert result["structure/frequency_response/input"].data.tolist() == ["2"]
+    assert result["identification/identifiability/identifiable"].data.all()
