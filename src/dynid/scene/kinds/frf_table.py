@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.scene.kinds.hdf5_table import numeric_dataset
+from dynid.scene.kinds.hdf5_table import complex_datasets, present
 from dynid.scene.kinds.matlab_table import complex_columns
 from dynid.scene.kinds.table import DataFile
 from dynid.scene.kinds.tables import existing, file_format
@@ -202,7 +202,7 @@ class _Hdf5(_Columns):
         """Return the lines: the dataset that is named, else one of the known names beside the responses."""
         if name is not None:
             return self._read([str(name)], "frequency")
-        at = self._found(_MEASURED) or ""
+        at = next(iter(present(self.file, _MEASURED)), "")
         folder = at.rpartition("/")[0]
         beside = [f"{folder}/{known}".lstrip("/") for known in _FREQUENCY]
         return self._read([*beside, *_FREQUENCY], "frequency")
@@ -215,25 +215,10 @@ class _Hdf5(_Columns):
         """Return the dataset of the measured responses."""
         return self._read(_MEASURED, "columns")
 
-    def _found(self, names: Sequence[str]) -> str | None:
-        import h5py
-
-        try:
-            with h5py.File(self.file.path, "r") as store:
-                return next((name for name in names if name in store), None)
-        except (OSError, RuntimeError, ValueError) as error:
-            self.file.refuse(f"cannot be read as HDF5: {error}")
-
     def _read(self, names: Sequence[str], key: str) -> NDArray[Any]:
-        import h5py
-
-        name = self._found(names) or names[0]
-        try:
-            with h5py.File(self.file.path, "r") as store:
-                found = numeric_dataset(self.file, store, name, key, kinds="iufc")
-        except (OSError, RuntimeError, ValueError) as error:
-            self.file.refuse(f"cannot be read as HDF5: {error}")
-        return found.reshape(len(found), -1)
+        """Return the first of these datasets that is there, as columns."""
+        name = next(iter(present(self.file, names)), names[0])
+        return complex_datasets(self.file, name, key)
 
 
 class _Matlab(_Columns):

@@ -89,10 +89,33 @@ def _times(
 
 
 def _dataset(file: DataFile, store: Any, name: str, key: str) -> NDArray[np.float64]:
-    return np.asarray(numeric_dataset(file, store, name, key), dtype=float)
+    return np.asarray(_numbers(file, store, name, key), dtype=float)
 
 
-def numeric_dataset(file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf") -> NDArray[Any]:
+def present(file: DataFile, names: Sequence[str]) -> list[str]:
+    """Return which of these names a file has."""
+    import h5py
+
+    try:
+        with h5py.File(file.path, "r") as store:
+            return [name for name in names if name in store]
+    except (OSError, RuntimeError, ValueError) as error:
+        file.refuse(f"cannot be read as HDF5: {error}")
+
+
+def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
+    """Return a dataset of real or complex numbers as columns."""
+    import h5py
+
+    try:
+        with h5py.File(file.path, "r") as store:
+            found = _numbers(file, store, name, key, "iufc")
+    except (OSError, RuntimeError, ValueError) as error:
+        file.refuse(f"cannot be read as HDF5: {error}")
+    return found.reshape(len(found), -1)
+
+
+def _numbers(file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf") -> NDArray[Any]:
     """Return a dataset of one or two axes, of numbers of these NumPy kinds."""
     import h5py
 
