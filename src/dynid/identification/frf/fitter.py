@@ -75,8 +75,9 @@ class FrfFitter(Observed):
         p = fit.predicted
         names = tuple(unknown.name for unknown in self.unknowns)
         weight = weights(noise, fit.residual)
-        slopes, outputs = np.nan_to_num(p.by_parameter), np.nan_to_num(p.outputs)
-        found = information(names, slopes, p.by_state, outputs, weight)
+        slopes = (np.nan_to_num(p.by_parameter) * weight[..., None]).reshape(-1, len(names))
+        signal = float(np.linalg.norm(np.nan_to_num(p.outputs) * weight))
+        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, np.count_nonzero(weight))
         return replace(found, values=np.exp(fit.logs))
 
     def series(self, residual: Array) -> Array:
