@@ -100,9 +100,9 @@ def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iteration
         held = ensemble.knowledge.blocked(fit.logs, information.projected.T @ residual)
         better = None
         while better is None and damping <= _MOST:
-            step = _step(information.without(held), residual, damping)
-            step = ensemble.knowledge.clipped(fit.logs + step) - fit.logs
-            better = _improved(ensemble, fit.logs + step, noise, misfit)
+            step = np.where(held, 0.0, _step(information.without(held), residual, damping))
+            target = ensemble.knowledge.clipped(fit.logs + step)
+            better, step = _improved(ensemble, target, noise, misfit), target - fit.logs
             damping *= 1.0 if better else 10.0
         if better is None:  # no step improves: rounding is all that is left
             return way._replace(finished=True)

@@ -77,7 +77,7 @@ class FrfFitter(Observed):
         weight = weights(noise, fit.residual)
         slopes = (np.nan_to_num(p.by_parameter) * weight[..., None]).reshape(-1, len(names))
         signal = float(np.linalg.norm(np.nan_to_num(p.outputs) * weight))
-        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, np.count_nonzero(weight))
+        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, int(np.count_nonzero(weight)))
         return replace(found, values=np.exp(fit.logs))
 
     def series(self, residual: Array) -> Array:

@@ -72,7 +72,8 @@ def _planned(family: _Family) -> _Plan | None:
     """Plan a family of samples, once a process; None where it cannot be run together."""
     model = cast("IdentificationScene", family.scene.model)
     places = [_place(model, path) for path in family.paths]
-    if model.measurement is None or model.analysis is not None or model.identifiability or None in places:
+    measurement = model.measurement
+    if measurement is None or measurement.frf or model.analysis or model.identifiability or None in places:
         return None
     try:
         return _Plan(family.scene, dict(zip(family.paths, cast("list[_Place]", places), strict=True)))
