@@ -169,7 +169,7 @@ def test_what_a_run_writes_can_be_exported(dynid, folder):
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        ([], 2, "Pass --csv or --parquet"),
+        ([], 2, "Pass --csv, --parquet"),
         (["--csv", "-o", "r.h5", "--table", "m"], 2, "would overwrite the result"),
         (["--csv", "--table", "n"], 2, "no table 'n'"),
         (["--csv", "--table", "f"], 0, ""),

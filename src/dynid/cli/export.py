@@ -15,12 +15,19 @@ if TYPE_CHECKING:
     from dynid.store.tables import Table
 
 
+#: Forms of systems, which are no tables.
+_SYSTEMS = ("json", "mat", "mtx")
+
+
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option(
     "--csv", "form", flag_value="csv", help="Write CSV: units in the header, what is missing empty."
 )
 @click.option("--parquet", "form", flag_value="parquet", help="Write Parquet, with units in the metadata.")
+@click.option("--json", "form", flag_value="json", help="Write the transfer functions as JSON.")
+@click.option("--mat", "form", flag_value="mat", help="Write state equations and reduced models for MATLAB.")
+@click.option("--mtx", "form", flag_value="mtx", help="Write the matrices of reduced models, one file each.")
 @click.option(
     "-o",
     "--output",
@@ -30,13 +37,18 @@ if TYPE_CHECKING:
 @click.option("--long", "long", is_flag=True, help="Of a study, too: a table a group, a row an entry.")
 @click.option("--table", "name", metavar="GROUP", help="Write the table of one group only, to one file.")
 def export(file: str, form: str | None, output: str | None, long: bool, name: str | None) -> int:
-    """Write a result as tables for other tools.
+    """Write a result for other tools: as tables, or its systems.
 
     A study is one table with a row for each sample. Any other result is a table for each group, with a row
     for each entry of its arrays; complex numbers are two columns, .re and .im.
     """
     if form is None:
-        raise UsageError("say in which form to export", remedy="Pass --csv or --parquet.")
+        raise UsageError(
+            "say in which form to export", remedy="Pass --csv, --parquet, --json, --mat or --mtx."
+        )
+    if form in _SYSTEMS:
+        _write_systems(file, form, output)
+        return 0
     from dynid.store import open_stored
     from dynid.store.tables import tables_of, write_csv, write_parquet
 
@@ -74,25 +86,56 @@ def _chosen(tables: list[Table], name: str) -> Table:
 
 
 def _write_one(table: Table, output: str, file: str, write: Callable[[Table, str], None]) -> None:
+    _refuse_overwriting(output, file)
+    write(table, output)
+    click.echo(f"wrote {output}")
+
+
+def _refuse_overwriting(output: str, file: str) -> None:
     from dynid.cli.run import is_same, refuse_missing_folders
 
     if is_same(output, file):
-        raise UsageError(f"the table would overwrite the result {file}", remedy="Name another file with -o.")
+        raise UsageError(f"the export would overwrite the result {file}", remedy="Name another file with -o.")
     refuse_missing_folders(output)
-    write(table, output)
-    click.echo(f"wrote {output}")
+
+
+def _write_systems(file: str, form: str, output: str | None) -> None:
+    from dynid.store import handover, read_result
+
+    result, stem = read_result(file), Path(file).stem
+    if form == "mtx":
+        folder = _made(Path(output or stem))
+        for name, content in handover.matrix_market_files(result).items():
+            _replace(folder / name, content)
+    else:
+        write = {"json": handover.transfer_functions_json, "mat": handover.matlab_file}[form]
+        target = output or f"{stem}.{form}"
+        _refuse_overwriting(target, file)
+        _replace(Path(target), write(result))
+
+
+def _replace(target: Path, content: bytes) -> None:
+    from dynid.atomic import replace_file
+
+    replace_file(target, content)
+    click.echo(f"wrote {target}")
 
 
 def _write_all(result: Result, folder: Path, form: str, write: Callable[[Table, str], None]) -> None:
     from dynid.store.tables import tables_of
 
+    _made(folder)
+    tables = tables_of(result)
+    for table in tables:
+        write(table, str(folder / f"{table.name}.{form}"))
+        click.echo(f"wrote {folder / f'{table.name}.{form}'}")
+
+
+def _made(folder: Path) -> Path:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise FileError(
             f"{folder} cannot be made a folder: {error.strerror or error}", names=[str(folder)]
         ) from None
-    tables = tables_of(result)
-    for table in tables:
-        write(table, str(folder / f"{table.name}.{form}"))
-        click.echo(f"wrote {folder / f'{table.name}.{form}'}")
+    return folder

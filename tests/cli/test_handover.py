@@ -1,0 +1,97 @@
+"""`dynid export` of systems: other programs read what the result holds."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, mmread
+
+import dynid as package
+from dynid.store import write_result
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture
+def motor(folder):
+    scene = package.load_scene(
+        CONFIGS / "dc_motor.yaml", ["analysis.results=[transfer_function,zeros,poles,state_space]"]
+    )
+    result = package.run(scene)
+    write_result(result, folder / "motor.h5")
+    return result
+
+
+@pytest.fixture
+def beam(folder):
+    result = package.run(CONFIGS / "beam_reduction.yaml")
+    write_result(result, folder / "beam.h5")
+    return result
+
+
+def test_transfer_functions_as_json(dynid, folder, motor):
+    assert dynid("export", "motor.h5", "--json")[0] == 0
+    document = json.loads((folder / "motor.json").read_text())
+    group = "bond_graph/transfer_function"
+    channels = {
+        path.rpartition("/")[0] for path in motor if path.startswith(group) and path.endswith("numerator")
+    }
+    assert len(channels) == sum(len(inputs) for inputs in document["transfer_functions"].values())
+    for channel in channels:
+        output, source = channel.removeprefix(f"{group}/").split("/")
+        found = document["transfer_functions"][output][source]
+        assert found["denominator"] == list(motor[f"{channel}/denominator"].data)
+        assert [complex(*pole) for pole in found["poles"]] == list(motor[f"{channel}/poles"].data)
+
+
+def test_state_equations_for_matlab(dynid, folder, motor):
+    assert dynid("export", "motor.h5", "--mat", "-o", "system.mat")[0] == 0
+    found = loadmat(folder / "system.mat")
+    for name in "ABCD":
+        assert np.array_equal(found[name], motor[f"bond_graph/state_space/{name}"].data)
+    names = [str(cell[0]) for cell in found["states"].ravel()]
+    assert names == list(motor["bond_graph/state_space/state"].data)
+
+
+def test_the_same_result_gives_the_same_bytes(dynid, folder, motor):  # noqa: ARG001
+    for form in ("--json", "--mat"):
+        written = []
+        for name in ("a", "b"):
+            assert dynid("export", "motor.h5", form, "-o", name)[0] == 0
+            written.append((folder / name).read_bytes())
+        assert written[0] == written[1]
+
+
+def test_reduced_models_as_matrices(dynid, folder, beam):
+    assert dynid("export", "beam.h5", "--mtx", "-o", "models")[0] == 0
+    methods = {path.split("/")[1] for path in beam if path.endswith("/mass")}
+    assert {path.name for path in (folder / "models").iterdir()} == {
+        f"{method}.{part}.mtx"
+        for method in methods
+        for part in ("mass", "stiffness", "damping", "T")
+        if f"reduction/{method}/{part}" in beam
+    }
+    for method in methods:
+        for part in ("mass", "stiffness", "T"):
+            found = mmread(folder / "models" / f"{method}.{part}.mtx")
+            assert np.array_equal(found, beam[f"reduction/{method}/{part}"].data)
+    assert dynid("export", "beam.h5", "--mat")[0] == 0
+    assert np.array_equal(
+        loadmat(folder / "beam.mat")["serep"]["mass"][0, 0], beam["reduction/serep/mass"].data
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--mtx"], "holds no reduced model"),
+        (["--json", "-o", "motor.h5"], "would overwrite the result"),
+        (["--json", "-o", "nowhere/x.json"], "there is no folder"),
+    ],
+)
+def test_what_cannot_be_handed_over_is_said(dynid, folder, motor, options, said):  # noqa: ARG001
+    before = (folder / "motor.h5").read_bytes()
+    code, _, err = dynid("export", "motor.h5", *options)
+    assert (code in (2, 4), said in err) == (True, True)
+    assert (folder / "motor.h5").read_bytes() == before
