@@ -49,6 +49,7 @@ FAMILIES: tuple[Family, ...] = (
     Family("dynid.report.drawing.graph", kind("bond-graph")),
     Family("dynid.report.drawing.strip", holds("bond_graph/reduction/steps")),
     Family("dynid.report.drawing.prototype", holds("bond_graph/reduction/prototype", "bond_graph/port/")),
+    Family("dynid.report.drawing.structure", kind("identification", "reduction")),
 )
 
 

@@ -1,0 +1,116 @@
+"""Schematics of structures: what the scene says is there, and no text lies on another one."""
+
+import xml.etree.ElementTree as ET
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from dynid.report.drawing.structure import figures
+from dynid.report.metrics import text_width
+from dynid.report.style import SIZE, SMALL
+from dynid.result import Result
+
+CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
+SHAPES = ("\n  lumped:", "\n  beam:", "\n  frame:")
+STRUCTURES = [file for file in CONFIGS if any(shape in file.read_text(encoding="utf-8") for shape in SHAPES)]
+
+CHAIN = """
+dynid: 1
+kind: identification
+structure:
+  lumped:
+    masses: [2, 3, 4]
+    links:
+      - {dofs: [1], k: 5}
+      - {dofs: [1, 2], k: 6, c: 7}
+      - {dofs: [2, 3], c: 8}
+      - {dofs: [1, 3], k: 9}
+      - {dofs: [2], k: 1}
+joints: {hold: {dofs: [3], k: {start: 10, true: 12}}}
+excitation: [{dof: 2, kind: step}]
+measurement:
+  {step: 0.1, samples: 10, channels: [{dof: 3, quantity: acceleration}], simulate: {noise_ratio: 0}}
+"""
+FRAME = """
+dynid: 1
+kind: reduction
+structure:
+  frame:
+    nodes: [[0, 0], [0, 3], [4, 3], [4, 0]]
+    members:
+      - {nodes: [1, 2], EA: 1.0e6, EI: 1.0e4, rhoA: 1, elements: 3}
+      - {nodes: [2, 3], EA: 1.0e6, EI: 1.0e4, rhoA: 1, elements: 4}
+      - {nodes: [3, 4], EA: 1.0e6, EI: 1.0e4, rhoA: 1, elements: 3}
+    supports: [{node: 1, fix: [u, w, theta]}, {node: 4, fix: [u, w]}]
+    masses: [{node: 3, m: 2}]
+joints: {foot: {dofs: [theta_4], k: 100}, stay: {dofs: [u_2], k: 5}}
+reduction: [{method: guyan, masters: [u_2, u_3, theta_4]}]
+frequency: {start: 1, stop: 10}
+inputs: [u_2]
+outputs: [{dof: u_3}]
+"""
+
+
+def drawn(text):
+    (figure,) = figures(Result(kind="", title="t", attrs={"scene": text}))
+    return figure
+
+
+def text_boxes(svg):
+    boxes = []
+    for element in ET.fromstring(svg).findall(".//{*}text"):
+        classes = element.get("class", "").split()
+        size = SMALL if "small" in classes else SIZE
+        width = text_width(element.text, size, bold="strong" in classes)
+        x, y = float(element.get("x")), float(element.get("y"))
+        left = x - {"middle": 0.5, "end": 1.0}.get(element.get("text-anchor"), 0.0) * width
+        boxes.append((element.text, left, y - 0.75 * size, left + width, y + 0.2 * size))
+    return boxes
+
+
+def assert_texts_apart(svg):
+    for (a, *one), (b, *other) in combinations(text_boxes(svg), 2):
+        apart = one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
+        assert apart, (a, b)
+    left, top, width, height = map(float, ET.fromstring(svg).get("viewBox").split())
+    for text, x1, y1, x2, y2 in text_boxes(svg):
+        assert left <= x1 and x2 <= left + width, text  # noqa: PT018
+        assert top <= y1 and y2 <= top + height, text  # noqa: PT018
+
+
+@pytest.mark.parametrize("file", STRUCTURES, ids=lambda file: file.stem)
+def test_the_structures_of_the_scenes_are_drawn_with_every_text_apart(file):
+    assert_texts_apart(drawn(file.read_text(encoding="utf-8")).svg)
+
+
+def test_a_chain_shows_what_ties_its_masses():
+    figure = drawn(CHAIN)
+    assert_texts_apart(figure.svg)
+    texts = {text for text, *_ in text_boxes(figure.svg)}
+    assert {"2 kg", "3 kg", "4 kg", "k = 6", "c = 7", "k = 9", "k = 1", "hold", "k = ?", "F", "a"} <= texts
+    rows = figure.table.rows
+    assert ("1, 3", "link", "k = 9") in rows
+    assert ("3", "joint", "hold, k = ?") in rows
+    assert ("2", "force", "") in rows
+    assert ("3", "sensor", "acceleration") in rows
+
+
+def test_a_frame_shows_its_members_supports_and_masters():
+    figure = drawn(FRAME)
+    texts = {text for text, *_ in text_boxes(figure.svg)}
+    assert {"1", "4", "foot", "stay", "k = 100", "F at u_2", "displacement u_3"} <= texts
+    assert ("theta_4", "master", "") in figure.table.rows
+    assert_texts_apart(figure.svg)
+
+
+def test_numbers_of_dofs_are_their_labels_of_a_beam():
+    file = next(file for file in STRUCTURES if file.stem == "beam_reduction")
+    rows = drawn(file.read_text(encoding="utf-8")).table.rows
+    assert ("w_4", "force", "") in rows
+    assert ("theta_1", "master", "") in rows
+
+
+def test_matrices_have_no_shape_to_draw():
+    file = next(file for file in CONFIGS if file.stem == "table3")
+    assert list(figures(Result(kind="", attrs={"scene": file.read_text(encoding="utf-8")}))) == []
