@@ -8,7 +8,7 @@ from dynid.study.analysis.correlation import correlations, scatter
 from dynid.study.analysis.design import one_at_a_time, saltelli_design
 from dynid.study.analysis.influence import classes, from_design, from_samples
 from dynid.study.analysis.tornado import tornado
-from dynid.study.analysis.worst import worst
+from dynid.study.analysis.worst import worst, worst_entries
 
 A, B = 7.0, 0.1
 
@@ -211,6 +211,13 @@ def test_a_scatter_is_thinned_in_order():
 @pytest.mark.parametrize(("direction", "place"), [("max", 3), ("min", 2), ("abs", 2)])
 def test_the_worst_sample(direction, place):
     assert worst(np.array([np.nan, 1.0, -9.0, 5.0, 5.0]), direction) == place
+
+
+def test_what_is_missing_is_never_the_worst():
+    assert worst(np.array([np.nan, -np.inf])) == 1
+    rows = np.array([[np.nan, -np.inf], [np.nan, np.nan], [3.0, -4.0]])
+    np.testing.assert_array_equal(worst_entries(rows), [-np.inf, np.nan, 3])
+    np.testing.assert_array_equal(worst_entries(rows, "abs"), [-np.inf, np.nan, -4])
 
 
 def test_no_sample_is_worst_where_all_failed():

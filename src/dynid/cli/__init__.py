@@ -18,6 +18,7 @@ COMMANDS = {
     "check": ("dynid.cli.check:check", "Read and check scenes without running them."),
     "study": ("dynid.cli.study:study", "Run a parameter study, or go on with one."),
     "study-merge": ("dynid.cli.study_merge:study_merge", "Put the shards of a study into one file."),
+    "study-worst": ("dynid.cli.study_worst:study_worst", "Write the scene of a study's worst sample."),
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
     "show": ("dynid.cli.show:show", "Print a summary of a result."),
     "export": ("dynid.cli.export:export", "Write a result as CSV or Parquet tables."),

@@ -158,6 +158,7 @@ def heading_of(plan: Plan, numbers: Sequence[int], keys: NDArray[np.uint8]) -> H
         columns={path: values[rows] for path, values in plan.arrays.items()},
         keys=keys,
         attrs={**plan.attrs, "plan": _digest(plan)},
+        folder=str(plan.base.folder.resolve()),
     )
 
 

@@ -53,6 +53,8 @@ class Heading:
         The key of each row's sample (rows x bytes).
     attrs
         Further attributes of the group `study`.
+    folder
+        Where the files are that the scene names by relative paths.
     """
 
     title: str
@@ -63,6 +65,7 @@ class Heading:
     columns: Mapping[str, NDArray[Any]]
     keys: NDArray[np.uint8]
     attrs: Mapping[str, Scalar] = field(default_factory=dict)
+    folder: str = "."
 
 
 def write_study(
@@ -90,7 +93,8 @@ def write_study(
     for outcome in rows:
         layout.see(outcome)
     count = len(heading.numbers)
-    result = Result("study", heading.title, {"scene": heading.text, "seed": heading.seed})
+    root: dict[str, Scalar] = {"scene": heading.text, "seed": heading.seed, "folder": heading.folder}
+    result = Result("study", heading.title, root)
     result.add_axis("study/sample", heading.numbers)
     result.add("study/scene", np.array(heading.base, dtype=object))
     result.annotate("study", **heading.attrs)

@@ -113,4 +113,5 @@ class _Rows:
             },
             keys=keys.reshape(-1, SIZE)[self._chosen],
             attrs=first.group_attrs["study"],
+            folder=str(first.attrs.get("folder", ".")),
         )

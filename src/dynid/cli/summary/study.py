@@ -23,6 +23,7 @@ _ROWS = 40  # numbers in the table
 _RANKED = 12  # numbers whose inputs are ranked
 _FACTORS = 4  # inputs shown of each
 _REASONS = 5
+_LEVELS = 20  # different texts of which the most frequent are shown
 _COLUMNS = ("mean", "std", "p05", "median", "p95", "max")
 _LEAST = 0.01  # part of a variance that is still said
 _UNSAID = 0.0005  # error of such a part that is not
@@ -155,6 +156,9 @@ def _texts(table: StudyTable) -> Iterator[str]:
         words, counts = np.unique(table.variable(path).data[table.done].astype(str), return_counts=True)
         order = np.argsort(-counts, kind="stable")[:4]
         total = max(1, int(counts.sum()))
+        if len(words) > _LEVELS:
+            yield f"  {path}: {len(words):,} different texts"
+            continue
         shares = ", ".join(f"{_short(words[k])} {100 * counts[k] / total:.4g} %" for k in order)
         yield f"  {path}: {shares}{', …' if len(words) > 4 else ''}"
 

@@ -47,3 +47,11 @@ def dump(data: Any) -> str:
     """Write plain data as YAML that our own rules read back as the same data."""
     text: str = yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=2**31)
     return text
+
+
+def flow(data: Any) -> str:
+    """Write plain data on one line, as a part of a text that may stand anywhere."""
+    listed: str = yaml.dump(
+        [data], Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=2**31, default_flow_style=True
+    )
+    return listed.strip()[1:-1]

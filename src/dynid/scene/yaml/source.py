@@ -21,6 +21,7 @@ __all__ = [
     "Source",
     "apply_overrides",
     "parse_source",
+    "path_of",
     "read_source",
     "set_values",
 ]
@@ -153,6 +154,23 @@ def set_values(source: Source, values: Mapping[str, Any]) -> Source:
     for path, value in values.items():
         source = _set(source, path, value, {(): Marks(_START, _START, path)}, path)
     return source
+
+
+def path_of(source: Source, dotted: str) -> Path:
+    """Return the path that a dotted one means: keys may hold dots themselves, and indices are numbers.
+
+    Raises
+    ------
+    SceneError
+        When a list has no such entry.
+    """
+    parts, holder = dotted.split("."), source.data
+    path: Path = ()
+    while parts:
+        key, parts = _next_key(holder if isinstance(holder, dict | list) else {}, parts, path, dotted)
+        path = (*path, key)
+        holder = holder.get(key) if isinstance(holder, dict) else holder[key] if holder else None
+    return path
 
 
 def _read_regular_file(name: str) -> bytes:
