@@ -12,7 +12,6 @@ import click
 from dynid.errors import DynidError, FileError, NumericalError, UsageError
 
 if TYPE_CHECKING:
-    from dynid.checks import CheckOutcome
     from dynid.result import Result
     from dynid.scene.load import Scene
 
@@ -46,6 +45,7 @@ def run(
     The file is written whole or not at all. Exit code 1 says that an expectation of the scene failed; the
     file is there then, for a look.
     """
+    from dynid.cli.expectations import check, tell
     from dynid.scene.load import load_scene
 
     started = time.perf_counter()
@@ -58,23 +58,14 @@ def run(
     from dynid.store import write_result
 
     write_result(result, target)
-    outcomes = _check(loaded, result)
-    if junit:
-        _write_junit(junit, outcomes, Path(scene).stem)
+    outcomes = check(loaded, result, junit)
     if not quiet:
         from dynid.cli.summary import summary
 
         click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
         click.echo(f"\n  wrote {target}")
     _warn(result, scene)
-    met = sum(outcome.passed for outcome in outcomes)
-    if outcomes and not quiet:
-        click.echo(f"  {met} of {len(outcomes)} expectations met")
-    for index, outcome in enumerate(outcomes):
-        if not outcome.passed:
-            message = f"expectation failed: {outcome.path}: {outcome.message}"
-            click.echo(str(loaded.source.fault(("expect", index), message)), err=True)
-    return 1 if met < len(outcomes) else 0
+    return tell(loaded, outcomes, quiet)
 
 
 def _compute(scene: Scene, *, accuracy: bool) -> Result:
@@ -90,21 +81,6 @@ def _compute(scene: Scene, *, accuracy: bool) -> Result:
         return result
     except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(scene, error) from error
-
-
-def _check(scene: Scene, result: Result) -> list[CheckOutcome]:
-    if not scene.model.expect:
-        return []
-    from dynid.checks import check_expectations
-
-    return check_expectations(result, [item.model_dump(exclude_none=True) for item in scene.model.expect])
-
-
-def _write_junit(path: str, outcomes: list[CheckOutcome], name: str) -> None:
-    from dynid.atomic import replace_file
-    from dynid.checks import junit_xml
-
-    replace_file(path, junit_xml(outcomes, name).encode())
 
 
 def _warn(result: Result, scene: str) -> None:

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.errors import UsageError
+
 if TYPE_CHECKING:
+    from dynid.scene.load import Scene
     from dynid.study.plan import Plan
 
 
@@ -46,6 +49,7 @@ class Shard(click.ParamType[tuple[int, int]]):
 @click.option("--shard", type=Shard(), help="Run the Ith of N parts only, for job arrays.")
 @click.option("--max-failures", type=click.IntRange(0), help="Stop when more samples fail (exit code 3).")
 @click.option("--retry-failed", is_flag=True, help="Run samples again that failed before.")
+@click.option("--junit", type=click.Path(), help="Write the study's expectations' outcome as JUnit XML.")
 @click.option("--dry-run", is_flag=True, help="Show the plan and its size, and run nothing.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def study(
@@ -59,24 +63,31 @@ def study(
     shard: tuple[int, int] | None,
     max_failures: int | None,
     retry_failed: bool,
+    junit: str | None,
     dry_run: bool,
     quiet: bool,
 ) -> int:
     """Run a parameter study and write one HDF5 file; where it was interrupted, go on.
 
     Every finished sample is safe at once, in FILE.h5.journal, whatever happens next. A sample that fails is
-    a row of the file with its error.
+    a row of the file with its error. Exit code 1 says that an expectation of the study's statistics failed;
+    those of the scene are counted for each sample.
     """
     from dynid.cli.run import refuse_missing_folders, refuse_overwriting
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan
 
+    if junit and shard is not None and shard[1] > 1:
+        raise UsageError(
+            "the expectations of a study are of all its samples, not of a shard",
+            remedy="Merge the shards, and run the study again on that file: nothing is computed then.",
+        )
     loaded = load_scene(study, overrides)
     plan = make_plan(loaded)
     target = output or default_target(study, shard)
-    refuse_overwriting(study, target, None)
-    refuse_overwriting(plan.base.source.file, target, None)
-    refuse_missing_folders(target)
+    refuse_overwriting(study, target, junit)
+    refuse_overwriting(plan.base.source.file, target, junit)
+    refuse_missing_folders(target, junit)
     if dry_run:
         _show_plan(plan, target, shard)
         return 0
@@ -104,7 +115,17 @@ def study(
         return 130
     if not quiet:
         _show_end(target, started)
-    return 0
+    if shard is not None and shard[1] > 1:
+        return 0  # the expectations are of all samples
+    return _check(loaded, target, junit, quiet)
+
+
+def _check(study: Scene, target: str, junit: str | None, quiet: bool) -> int:
+    from dynid.cli.expectations import check, tell
+    from dynid.store import open_stored
+
+    with open_stored(target) as result:
+        return tell(study, check(study, result, junit), quiet)
 
 
 def default_target(study: str, shard: tuple[int, int] | None) -> str:
