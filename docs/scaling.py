@@ -1,0 +1,475 @@
+"""Where the time of large studies goes: `python docs/scaling.py` measures and writes docs/scaling.md.
+
+Every number in the page is measured here, or follows from what is measured here by the formulas in it.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, wait
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # a process a core: threads would only wait for each other
+
+import numpy as np
+from distributed import Client, LocalCluster
+
+from dynid.scene.batch import Outcome, run_batch
+from dynid.scene.load import load_scene
+from dynid.study.chunks import Chunks
+from dynid.study.drive import drive
+from dynid.study.execute import heading_of
+from dynid.study.executors.crew import Crew
+from dynid.study.file import write_study
+from dynid.study.journal import Journal
+from dynid.study.keys import sample_keys
+from dynid.study.plan import make_plan
+from dynid.study.work import Done, Job, judge
+
+HERE = Path(__file__).parent
+STUDY = """\
+dynid: 1
+kind: study
+scene: {scene}
+vary:
+  parameters.m_s: {{distribution: uniform, low: 8, high: 12}}
+  parameters.b: {{distribution: uniform, low: 20, high: 80}}
+  parameters.I_f: {{distribution: uniform, low: 1.5e4, high: 2.5e4}}
+  parameters.C_a: {{distribution: uniform, low: 0.8e-8, high: 1.2e-8}}
+sampling: {{method: random, samples: {samples}, seed: 1}}
+collect: [bond_graph/properties, bond_graph/transfer_function/m_s.f/v_in/zeros,
+          bond_graph/transfer_function/m_s.f/v_in/poles]
+"""
+SIZES = (1_000_000, 100_000_000)
+WORKERS = (10, 1000)
+HEADINGS = (
+    "a sample takes", "samples", "workers", "computing", "chunk", "scheduler", "client", "keys", "file",
+    "in one piece", "first to saturate", "shards", "with shards",
+)  # fmt: skip
+MOST = 10_000_000  # samples of one study
+QUICK = "--quick" in sys.argv  # less of everything, for the test that this script runs
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What was measured, in seconds and bytes."""
+
+    sample: float  # compute, of one sample among many
+    prepare: float  # plan and key of one sample, before the start
+    message: float  # what one task costs the scheduler and the client's loop
+    code: float  # pickling and unpickling one outcome
+    byte: float  # moving one byte from worker to client
+    journal: float  # one sample into the journal
+    sync: float  # one append to the journal, whatever is in it
+    file: float  # one sample into the file
+    size: float  # bytes of one outcome between processes
+    stored: float  # bytes of one sample in the file
+
+    @property
+    def client(self) -> float:
+        """What one sample costs the process that collects them."""
+        return self.code + self.size * self.byte + self.journal
+
+
+def timed(call: Callable[[], Any], repeat: int = 3, clock: Callable[[], float] = time.process_time) -> float:
+    """Return the shortest time of several calls; by default only what processors did in this process."""
+    times = []
+    for _ in range(repeat):
+        started = clock()
+        call()
+        times.append(clock() - started)
+    return min(times)
+
+
+class Repeated:
+    """The same outcomes again and again, as many as a file has rows."""
+
+    def __init__(self, outcomes: list[Outcome], count: int) -> None:
+        self.outcomes, self.count = outcomes, count
+
+    def __iter__(self) -> Iterator[Outcome]:
+        for row in range(self.count):
+            yield self.outcomes[row % len(self.outcomes)]
+
+
+def measure(folder: Path, client: Client) -> tuple[Costs, list[Outcome]]:
+    """Measure all costs with a study of the isolator, one after the other."""
+    count = 300 if QUICK else 20_000
+    study = folder / "study.yaml"
+    study.write_text(STUDY.format(scene=HERE.parent / "configs/isolator.yaml", samples=count))
+    scene = load_scene(study)
+    prepare = timed(lambda: sample_keys(make_plan(scene), range(count)), 2) / count
+    plan = make_plan(scene)
+    keys = sample_keys(plan, range(count))
+    batch = plan.overrides(range(200 if QUICK else 1000))
+    run_batch(plan.base, batch[:10], plan.collect, judge)  # what is loaded once
+    outcomes: list[Outcome] = []
+    sample = timed(lambda: outcomes.extend(run_batch(plan.base, batch, plan.collect, judge))) / len(batch)
+    outcomes = outcomes[: len(batch)]
+    content = pickle.dumps(Done(outcomes, 0.0))
+    code = timed(lambda: pickle.loads(pickle.dumps(Done(outcomes, 0.0)))) / len(outcomes)
+    pairs = [(keys[row % count].tobytes(), outcome) for row, outcome in enumerate(outcomes)]
+    journal = Journal(str(folder / "j.journal"))
+    sync = timed(lambda: journal.append(pairs[:1]), 20, time.perf_counter)
+    per_sample = timed(lambda: journal.append(pairs)) / len(pairs)
+    journal.close()
+    target = folder / "f.h5"
+    heading, rows = heading_of(plan, range(count), keys), Repeated(outcomes, count)
+    write = timed(lambda: write_study(target, heading, rows), 2)
+    message, byte = messages(client)
+    costs = Costs(
+        sample, prepare, message, code, byte, per_sample, sync, write / count,
+        len(content) / len(outcomes), target.stat().st_size / count,
+    )  # fmt: skip
+    return costs, outcomes
+
+
+def cluster_of(threads: int) -> LocalCluster:
+    """Return a scheduler in this process, and a worker of so many threads in another."""
+    return LocalCluster(1, threads_per_worker=threads, processes=True, dashboard_address=None)
+
+
+def nothing(size: int) -> bytes:
+    """Return so many bytes, at once."""
+    return bytes(size)
+
+
+def messages(client: Client, clock: Callable[[], float] = time.process_time) -> tuple[float, float]:
+    """Return what a task costs, and what a byte of its result costs on the way."""
+    executor = client.get_executor(pure=False)
+    count, large = (50, 2**20) if QUICK else (300, 2**23)
+
+    def some(number: int, size: int) -> None:
+        wait([executor.submit(nothing, size) for _ in range(number)])
+
+    some(20, 1)
+    message = timed(lambda: some(count, 1), 2, clock) / count
+
+    def fetched() -> None:
+        executor.submit(nothing, large).result()
+
+    fetched()
+    return message, timed(fetched, 5, clock) / large
+
+
+# --- the model ------------------------------------------------------------------------------------
+
+
+def chunk_size(seconds: float, samples: int, workers: int) -> int:
+    """Return the chunk that the study settles on for samples of this cost."""
+    chunks = Chunks()
+    while True:
+        before = chunks.size(samples, workers)
+        chunks.learn(before, before * seconds)
+        if chunks.size(samples, workers) == before:
+            return before
+
+
+def throughput(demands: list[float], service: float, workers: int, chunks: int) -> float:
+    """Return the chunks per second of a closed network: workers, and stations that serve one at a time.
+
+    Mean value analysis (Reiser & Lavenberg 1980), the workers as one station of many servers by Seidmann's
+    approximation: a queue of service / workers, and a delay of the rest.
+    """
+    queues = [*demands, service / workers]
+    delay = service * (workers - 1) / workers
+    waiting = np.zeros(len(queues))
+    rate = 0.0
+    for inside in range(1, chunks + 1):
+        residence = np.array(queues) * (1 + waiting)
+        rate = inside / (delay + residence.sum())
+        waiting = rate * residence
+    return rate
+
+
+def rate_of(costs: Costs, seconds: float, samples: int, workers: int) -> tuple[float, int]:
+    """Return samples per second of a study, and its chunk."""
+    chunk = chunk_size(seconds, samples, workers)
+    client = costs.sync + chunk * costs.client
+    return chunk * throughput([costs.message, client], chunk * seconds, workers, 2 * workers), chunk
+
+
+# --- the check ------------------------------------------------------------------------------------
+
+
+def pretend(outcomes: list[Outcome], count: int, seconds: float) -> Done:
+    """Take as long as so many samples would, without work, and return outcomes."""
+    time.sleep(count * seconds)
+    return Done([outcomes[row % len(outcomes)] for row in range(count)], count * seconds)
+
+
+class Pretenders(Crew):
+    """Threads of Dask workers that sleep instead of computing."""
+
+    def __init__(self, client: Client, workers: int, outcomes: list[Outcome], seconds: float) -> None:
+        super().__init__()
+        self.width, self.client, self.seconds = workers, client, seconds
+        self.outcomes = outcomes[:8]
+
+    def _start(self) -> Executor:
+        executor: Executor = self.client.get_executor(pure=False)
+        return executor
+
+    def submit(self, call: Callable[..., Any], *args: Any) -> Any:  # noqa: ARG002
+        """Have a chunk's time pass on a worker."""
+        return super().submit(pretend, self.outcomes, len(args[1]), self.seconds)
+
+
+def simulated(
+    folder: Path, client: Client, workers: int, seconds: float, samples: int, outcomes: list[Outcome]
+) -> float:
+    """Return the samples per second that the study's own driver and journal reach with sleeping workers."""
+    study = folder / "pretend.yaml"
+    study.write_text(STUDY.format(scene=HERE.parent / "configs/isolator.yaml", samples=samples))
+    plan = make_plan(load_scene(study))
+    keys = [key.tobytes() for key in sample_keys(plan, range(samples))]
+    path = folder / f"p{workers}-{seconds}.journal"
+    journal = Journal(str(path))
+    marks: list[tuple[float, int]] = []
+
+    def arrived(found: list[tuple[int, Outcome]]) -> None:
+        journal.append([(keys[number], outcome) for number, outcome in found])
+        marks.append((time.perf_counter(), len(found)))
+
+    crew = Pretenders(client, workers, outcomes, seconds)
+    drive(crew, Job.of(plan.base, ()), plan, range(samples), arrived)
+    journal.close()
+    path.unlink()
+    # Chunks grow at the start and shrink at the end: what lies between is the steady state.
+    done = np.cumsum([count for _, count in marks])
+    first, last = (int(np.searchsorted(done, share * samples)) for share in (0.2, 0.8))
+    return float(done[last] - done[first]) / (marks[last][0] - marks[first][0])
+
+
+def as_loaded(costs: Costs, folder: Path, client: Client, outcomes: list[Outcome]) -> Costs:
+    """Return the costs by the clock, with whatever else this machine does at the moment."""
+    message, byte = messages(client, time.perf_counter)
+    dumped = pickle.dumps(Done(outcomes, 0.0))
+    code = timed(lambda: pickle.loads(dumped), 3, time.perf_counter) / len(outcomes)
+    journal = Journal(str(folder / "loaded.journal"))
+    pairs = [(row.to_bytes(16, "little"), outcome) for row, outcome in enumerate(outcomes)]
+    sync = timed(lambda: journal.append(pairs[:1]), 5, time.perf_counter)
+    appended = timed(lambda: journal.append(pairs), 2, time.perf_counter) / len(pairs)
+    journal.close()
+    Path(journal.path).unlink()
+    return replace(costs, message=message, byte=byte, code=code, sync=sync, journal=appended)
+
+
+def check(folder: Path, costs: Costs, outcomes: list[Outcome]) -> list[tuple[int, float, float, float]]:
+    """Return workers, seconds a sample, and the measured and the modelled samples per second."""
+    rows = []
+    cases = [(w, s) for s in (0.5, 1e-2, 1e-3) for w in (1, 8, 64)][:-1]
+    cases = [(2, 1e-2), (8, 1e-2)] if QUICK else cases
+    for workers, seconds in cases:
+        with cluster_of(workers) as cluster, Client(cluster) as client:
+            samples = int(np.clip((4 if QUICK else 8) * workers / seconds, 12 * workers, 20_000))
+            loaded = as_loaded(costs, folder, client, outcomes)
+            found = simulated(folder, client, workers, seconds, samples, outcomes)
+        rows.append((workers, seconds, found, rate_of(loaded, seconds, samples, workers)[0]))
+        print(*rows[-1], flush=True)
+    return rows
+
+
+# --- the page -------------------------------------------------------------------------------------
+
+
+def span(seconds: float) -> str:
+    """Write a time as a reader wants it."""
+    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-9:.3g} ns"
+
+
+def amount(size: float) -> str:
+    """Write a number of bytes."""
+    for unit, one in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= one:
+            return f"{size / one:.3g} {unit}"
+    return f"{size:.3g} B"
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Write a table of Markdown."""
+    return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
+
+
+def saturated(costs: Costs, seconds: float, workers: int, chunk: int) -> str:
+    """Name what limits the rate: what takes longest for a sample when all is shared out."""
+    parts = {
+        "workers": seconds / workers,
+        "scheduler": costs.message / chunk,
+        "client": costs.client + costs.sync / chunk,
+    }
+    return max(parts, key=lambda name: parts[name])
+
+
+def prediction(costs: Costs, kinds: dict[str, float]) -> list[list[str]]:
+    """Return the rows of the table of predictions."""
+    rows = []
+    for kind, seconds in kinds.items():
+        for size in SIZES:
+            for workers in WORKERS:
+                rate, chunk = rate_of(costs, seconds, min(size, MOST), workers)
+                file = size * costs.file
+                total = size * costs.prepare + size / rate + file
+                shards = sharded(costs, seconds, workers)
+                apart = size / shards * (costs.prepare + costs.client + costs.file)
+                compute = size * seconds / workers
+                lifted = compute + apart
+                row = [
+                    kind, f"{size:.0e}".replace("+0", ""), f"{workers:,}", span(compute), f"{chunk:,}",
+                    span(size / chunk * costs.message), span(size * costs.client),
+                    span(size * costs.prepare), span(file), span(total),
+                    saturated(costs, seconds, workers, chunk), str(shards), span(lifted),
+                ]  # fmt: skip
+                rows.append(row)
+    return rows
+
+
+def sharded(costs: Costs, seconds: float, workers: int) -> int:
+    """Return how many shards keep every client below a tenth of what its workers take."""
+    serial = costs.prepare + costs.client + costs.file
+    return int(np.clip(np.ceil(10 * serial * workers / seconds), 1, workers))
+
+
+def page(costs: Costs, rows: list[tuple[int, float, float, float]]) -> str:
+    """Return the page."""
+    kinds = {
+        f"isolator, batched ({span(costs.sample)})": costs.sample,
+        "10 ms": 1e-2,
+        "1 s": 1.0,
+    }
+    ratios = np.array([found / model for _, _, found, model in rows])
+    knees = [
+        f"{max(1, seconds / costs.client):,.0f} workers where one takes {span(seconds)}"
+        for seconds in kinds.values()
+    ]
+    one = table(
+        ["what", "cost"],
+        [
+            ["one sample of the isolator (zeros, poles, properties), among many", span(costs.sample)],
+            ["plan and key of a sample, before the start", span(costs.prepare)],
+            ["a task: scheduler and the client's loop, there and back", span(costs.message)],
+            ["a sample's outcome, pickled and unpickled", span(costs.code)],
+            ["its size on the way", amount(costs.size)],
+            ["a byte from a worker to the client", span(costs.byte)],
+            ["a sample into the journal", span(costs.journal)],
+            ["an append to the journal, made durable, whatever is in it", span(costs.sync)],
+            ["a sample from the journal's outcome into the file, statistics included", span(costs.file)],
+            ["its size in the file", amount(costs.stored)],
+        ],
+    )
+    compared = table(
+        ["workers", "a sample takes", "samples/s measured", "samples/s by the model", "ratio"],
+        [[str(w), span(s), f"{f:,.0f}", f"{m:,.0f}", f"{f / m:.2f}"] for w, s, f, m in rows],
+    )
+    predicted = table(
+        [*HEADINGS],
+        prediction(costs, kinds),
+    )
+    return PAGE.format(
+        one=one,
+        compared=compared,
+        predicted=predicted,
+        median=f"{np.median(ratios):.2f}",
+        within=int(((ratios > 0.5) & (ratios < 2)).sum()),
+        cases=len(ratios),
+        limit=f"{1 / costs.client:,.0f}",
+        client_knees=", ".join(knees),
+        scheduler_knee=f"{0.5 / costs.message:,.0f}",
+        tasks=f"{1 / costs.message:,.0f}",
+        file=span(costs.file + costs.prepare),
+        biggest=amount(SIZES[-1] * costs.stored),
+        merge=span(MOST * costs.file),
+        most=f"{MOST:.0e}".replace("+0", ""),
+        studies=SIZES[-1] // MOST,
+        cores=os.cpu_count(),
+        load=f"{os.getloadavg()[2]:.0f}",
+    )
+
+
+PAGE = """\
+# How far studies scale
+
+Made by `python docs/scaling.py` on {cores} cores: every number is measured by it, or follows from what it
+measured by the model below.
+
+## What things cost
+
+{one}
+
+Times are of processors (scheduler and client share a process here, so that a task's cost is that of both);
+only the append is of the clock, since it waits for the disk.
+
+Samples travel in chunks: as many as take half a second, at most 4096, so that scheduler and disk see chunks
+and not samples.
+
+## The model, and how it was checked
+
+A study is a closed network of queues. Twice as many chunks as workers are under way; each is worked on by a
+worker, passes the scheduler (one at a time), and then the client, which unpickles it, appends it to the
+journal and makes it durable (one at a time). Mean value analysis gives the rate.
+
+It was checked with workers that sleep for as long as samples would take and return real outcomes, through
+the study's own driver, its journal and a real Dask scheduler, as far as this machine drives them. For the
+check the costs are taken by the clock, in the same cluster right before each run, with whatever else the
+machine did at that moment (load {load} on {cores} cores); the start and the end of a run, where chunks grow
+and shrink, do not count:
+
+{compared}
+
+The median of the ratios is {median}, and {within} of {cases} are within a factor of two.
+
+## Where 1e6 and 1e8 samples spend their time
+
+Times are for the whole study. Computing is shared by the workers, and runs beside scheduler and client; keys
+come before, the file after. *In one piece* is what the user waits for.
+
+{predicted}
+
+- The **scheduler** serves {tasks} tasks a second. Chunks of half a second keep it busy all the time from
+  {scheduler_knee} workers on, whatever a sample takes.
+- The **client** takes {limit} samples a second, however many workers there are: it is busy all the time from
+  {client_knees}.
+- The **file** is last: keys and file are the client's too, {file} a sample, and nothing runs beside them.
+- 1e8 samples are {biggest}, and more than one study may have ({most}); {studies} studies with seeds of their
+  own are as good as one.
+
+## The layout that lifts it
+
+`--shard I/N` gives every part a client, a journal and a file of its own, so that all of them scale with N; no
+scheduler is needed, for each shard runs on the cores of its node. The column *shards* has as many as keep
+the client below a tenth of its workers' time, and the last column is what one waits for then.
+`dynid study-merge` is one process again, {merge} for {most} samples; files that stay apart can be read side
+by side, as they have the same arrays.
+
+```sh
+# a job array of 100 jobs (Slurm); a job that was killed goes on when it is started again
+dynid study study.yaml --shard $SLURM_ARRAY_TASK_ID/100 --executor processes
+dynid study-merge study-*-of-100.h5 -o study.h5
+```
+"""
+
+
+def main() -> None:
+    """Measure, check, write; the page goes to the file named last, if any."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with cluster_of(1) as cluster, Client(cluster) as client:
+            costs, outcomes = measure(folder, client)
+        print(costs, flush=True)
+        text = page(costs, check(folder, costs, outcomes))
+    target = Path(sys.argv[-1]) if sys.argv[-1].endswith(".md") else HERE / "scaling.md"
+    target.write_text(text)
+
+
+if __name__ == "__main__":
+    main()
