@@ -212,8 +212,10 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
         )
     s = np.linalg.svd(seen, compute_uv=False)
     _, parts, Vt = np.linalg.svd(share)
-    if s[-1] * HOPELESS > s[0] and parts[-1] * HOPELESS > 1:
-        return float(s[0] / s[-1])
+    condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
+    worst = max(condition, 1 / parts[-1]) if parts[-1] > 0 else np.inf
+    if worst < HOPELESS:
+        return condition
     least = np.abs(Vt[-1])
     hidden = [number for number, part in zip(numbers, least, strict=True) if part > 0.1 * least.max()]
     subject = (
