@@ -222,7 +222,7 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
         f"mode {hidden[0]} is" if len(hidden) == 1 else f"a combination of the modes {listed(hidden)} is"
     )
     raise Singular(
-        f"{subject} invisible at the {_counted(masters)} {listed(masters)} (they see {parts[-1]:.2g} of it)",
+        f"{subject} invisible at the {_counted(masters)} {listed(masters)} (condition {worst:.2g})",
         remedy="Add a master where it moves, leave it out, or let `masters: {choose: qr}` choose.",
         names=("masters",),
     )
