@@ -1,4 +1,7 @@
-"""Write docs/hard_cases.md, every hard case with its error or refusal now: `python docs/hard_cases.py`."""
+"""Write docs/hard_cases.md, every hard case with its error or refusal: `python docs/hard_cases.py --slow`.
+
+Without `--slow` the cases that take minutes are named and not run.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,15 @@ HEADS = ("case", "known from", "bound", "error, or refusal")
 HEADER = """\
 # Hard cases
 
-Made by `python docs/hard_cases.py`, which runs the {count} cases of `tests/hard`; the tests run them too.
+Made by `python docs/hard_cases.py{option}` from the {count} cases of `tests/hard`; the tests run them too.
 Each has an answer known from elsewhere, and a bound on the relative error (of an array: of its worst number;
 0: exact). Where no answer can be right the case must be refused, in words that name a remedy.
 """
 
 
-def rows(half: str, listed: Sequence[Case] | None = None) -> list[tuple[str, str, str, str]]:
+def rows(
+    half: str, listed: Sequence[Case] | None = None, *, slow: bool = False
+) -> list[tuple[str, str, str, str]]:
     """Run the cases of a half and return their rows: name, source, bound, measured error or refusal.
 
     Parameters
@@ -32,9 +37,11 @@ def rows(half: str, listed: Sequence[Case] | None = None) -> list[tuple[str, str
         One of `HALVES`.
     listed
         The cases; absent: all.
+    slow
+        Whether to run those that take minutes, too.
     """
     chosen = [case for case in (cases() if listed is None else listed) if case.half == half]
-    return [_row(case) for case in chosen]
+    return [_row(case, slow) for case in chosen]
 
 
 def table(found: Sequence[Sequence[str]]) -> str:
@@ -43,7 +50,10 @@ def table(found: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in lines)
 
 
-def _row(case: Case) -> tuple[str, str, str, str]:
+def _row(case: Case, slow: bool) -> tuple[str, str, str, str]:
+    if case.slow and not slow:
+        bound = "refused" if case.refused else _short(case.bound)
+        return case.name, case.source, bound, "not run: slow (`--slow`, `pytest -m slow`)"
     if case.needs is not None and not case.needs.exists():
         return case.name, case.source, _short(case.bound), "not run: its data are missing"
     if case.refused:
@@ -58,8 +68,9 @@ def _short(value: float) -> str:
 def main() -> None:
     """Run all cases, and write the page."""
     warnings.simplefilter("error")
-    parts = [f"## {half.capitalize()}\n\n{table(rows(half))}\n" for half in HALVES]
-    page = "\n".join([HEADER.format(count=len(cases())), *parts])
+    slow = "--slow" in sys.argv[1:]
+    parts = [f"## {half.capitalize()}\n\n{table(rows(half, slow=slow))}\n" for half in HALVES]
+    page = "\n".join([HEADER.format(count=len(cases()), option=" --slow" * slow), *parts])
     (HERE / "hard_cases.md").write_text(page, encoding="utf-8")
 
 
