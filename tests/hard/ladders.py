@@ -87,9 +87,9 @@ def _cases() -> list[Case]:
     cases = []
     for stages in (50, 100, 200, 500):
         slow = stages > 50
-        for damping, words in ((B, "damped"), (0, "undamped")):
+        for damping, words in ((B, "a damped"), (0, "an undamped")):
             ask, known = partial(_roots, stages, damping), partial(_known_roots, stages, damping)
-            name = f"zeros and poles of a {words} ladder of {stages} stages"
+            name = f"zeros and poles of {words} ladder of {stages} stages"
             cases.append(Case(name, "frequency", SOURCE, ask, known, 1e-10, slow=slow))
         name = f"zero of multiplicity {stages - 1} of a ladder of {stages} stages"
         ask = partial(_far_zeros, stages)
