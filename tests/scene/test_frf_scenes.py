@@ -147,7 +147,7 @@ def test_a_universal_file(tmp_path, binary):
     assert estimated(tmp_path, "{file: {path: h.uff}}") == pytest.approx([200, 1], rel=1e-9)
     # Numbers count the frequency responses, coherences their own.
     told = estimated(tmp_path, "{file: {path: h.uff, columns: [1, 2], coherence: [1, 2], averages: 10}}")
-    assert told == pytest.approx([200, 1], rel=1e-9)
+    assert told == pytest.approx([200, 1], rel=1e-4)  # steps below a thousandth of a standard error are left
 
 
 @leaks
@@ -205,7 +205,8 @@ def test_deviations_and_coherence_by_line(tmp_path):
         found = estimated(
             tmp_path, f"{{file: {{path: h.h5, columns: [measured], frequency: omega, {noise}}}}}"
         )
-        assert found == pytest.approx([200, 1], rel=1e-9)
+        # Steps below a thousandth of a standard error are left.
+        assert found == pytest.approx([200, 1], rel=1e-4)
 
 
 def test_the_deviation_of_a_coherence_is_that_of_the_estimate(tmp_path):
