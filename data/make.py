@@ -2,6 +2,8 @@
 
 - suspension_noisy.h5: the record of configs/suspension_noisy.yaml (time, two velocities, the force), as a
   measurement would deliver it.
+- suspension_raw.h5: a longer record at four times the rate, on zeros that drift, for
+  configs/suspension_prepared.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
   misprinted (2,3) entry of the stiffness (-11.0029, which makes it indefinite) as -1.0029.
 """
@@ -32,6 +34,23 @@ def record() -> None:
     write_result(result, HERE / "suspension_noisy.h5")
 
 
+def raw() -> None:
+    """Write a record as a sensor gives it: sampled too fast, on a drifting zero, with noise (seed 7)."""
+    scene = dynid.load_scene(
+        HERE.parent / "configs" / "suspension_noisy.yaml",
+        ["measurement.step=0.0005", "measurement.samples=6400", "measurement.simulate.seed=7"],
+    )
+    run = dynid.run(scene)
+    measurement = "identification/measurement"
+    time = run[f"{measurement}/time"].data
+    drift = np.column_stack([0.4 + 0.1 * time, -0.2 + 0.3 * time])
+    result = Result("record", "Suspension, velocities of DOFs 2 and 3 as sensors give them")
+    result.add_axis("time", time, "s")
+    result.add_axis("channel", run[f"{measurement}/channel"].data)
+    result.add("measured", (run[f"{measurement}/measured"].data + drift).round(6), ("time", "channel"), "m/s")
+    write_result(result, HERE / "suspension_raw.h5")
+
+
 def matrices() -> None:
     """Write eq 25."""
     mass, stiffness = np.array(MASS), 1e4 * np.array(STIFFNESS)
@@ -48,4 +67,5 @@ def matrices() -> None:
 
 if __name__ == "__main__":
     record()
+    raw()
     matrices()
