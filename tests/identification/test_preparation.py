@@ -181,13 +181,14 @@ def test_gaps_are_not_filtered_nor_simulations_prepared():
 
 
 @pytest.mark.parametrize("steps", [[BandPass(3.0, 50.0)], [Decimate(3)]], ids=lambda steps: steps[0].said)
-def test_error_bars_of_a_given_noise_are_those_of_the_band_that_is_left(shaken, steps):
+@pytest.mark.parametrize("known", [True, False])
+def test_error_bars_are_those_of_the_band_that_is_left(shaken, steps, known):
     noise = np.array([0.01, 1.0])
     generator = np.random.default_rng(8)
     scores = []
     for _ in range(20):
         noisy = shaken + noise * generator.standard_normal(shaken.shape)
-        experiment = prepare(recorded(FORCE, noisy, noise=list(noise)), steps)
+        experiment = prepare(recorded(FORCE, noisy, noise=list(noise) if known else None), steps)
         result = identify(structure(), *experiment, estimator=OutputError())
         get = {
             name: result[f"identification/parameters/{name}"].data for name in ("estimate", "standard_error")

@@ -82,7 +82,7 @@ class Fitter(Observed):
         predicted = prediction(self.model, logs, x0, free, steps)
         residual = values - predicted.outputs
         found = self._triangles(residual, predicted.by_state, predicted.by_parameter)
-        return Fit(logs, predicted, residual, self.known_or(self.scatter(residual)), found)
+        return Fit(logs, predicted, residual, self.noise_in(residual), found)
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""

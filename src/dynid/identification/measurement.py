@@ -87,6 +87,8 @@ class Measurement:
         Time of the first measured sample on the clock of the loads, s.
     prepared
         What was done to the samples before, step by step; see `preparation.prepare`.
+    passed
+        Part of the power of white noise that this has left.
     """
 
     step: float
@@ -96,6 +98,7 @@ class Measurement:
     noise: float | Sequence[float] | None = None
     start: float = 0.0
     prepared: tuple[str, ...] = ()
+    passed: float = 1.0
 
     def __post_init__(self) -> None:
         channels = tuple(Channel(*channel) for channel in self.channels)
@@ -158,12 +161,16 @@ class Data:
         The values without noise (times x channels), if known.
     given
         Standard deviation of the noise that the estimator is told (channels), NaN where it is not told.
+    passed
+        Part of the power of white noise that a preparation has left. Error bars need its density in the band
+        that is left: what is seen in the residuals over the root of this part.
     """
 
     values: Array
     noise: Array | None = None
     clean: Array | None = None
     given: Array | None = None
+    passed: float = 1.0
 
     @cached_property
     def rms(self) -> Array:
@@ -195,7 +202,7 @@ def data(
         generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
         record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
     else:
-        record = Data(np.asarray(measurement.source), given=given)
+        record = Data(np.asarray(measurement.source), given=given, passed=measurement.passed)
     for column, channel in enumerate(measurement.channels):
         if not np.any(np.nan_to_num(record.values[:, column])):
             raise NotIdentifiable(

@@ -100,6 +100,10 @@ class Observed(ABC):
         count = np.count_nonzero(~np.isnan(residual), axis=0)
         return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
 
+    def noise_in(self, residual: Array) -> Array:
+        """Return the noise given, else the density that residuals show in their band (channels)."""
+        return self.known_or(self.scatter(residual) / np.sqrt(self.data.passed))
+
     def weighted(self, fit: Fit, noise: Array) -> Array:
         """Return the residuals over noise, row by row as the information has them, 0 where missing."""
         return (np.nan_to_num(fit.residual) * weights(noise, fit.residual)).ravel()

@@ -31,6 +31,8 @@ _TAIL = 1e-5
 # Cut-off of the anti-alias filter as a part of the new Nyquist frequency, its ripple in dB and its order
 # (as scipy.signal.decimate has them; it passes twice).
 _CUTOFF, _RIPPLE, _ALIAS_ORDER = 0.8, 0.05, 8
+# Frequencies up to Nyquist's at which the gain of the filters is averaged.
+_BINS = 20_001
 # A detrended channel below this part of what it was is rounding.
 _ROUNDING = 1e-13
 
@@ -217,8 +219,8 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
     Notes
     -----
     White noise comes out of a filter coloured. A noise that is given is passed on as its density in the band
-    that is left, so that error bars are right there; one that is estimated from the residuals is an average
-    over the whole band, and the verdict calls the error bars nominal.
+    that is left, so that error bars are right there; one that is estimated from the residuals is taken for
+    white noise of which the filters have left the part `Measurement.passed`.
     """
     given = experiment.measurement
     if not steps:
@@ -233,10 +235,13 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
     inputs = [load.signal for load in loads if isinstance(load.signal, Sampled)]
     values = np.column_stack([np.asarray(given.source), *(signal.values for signal in inputs)])
     samples = Samples(values, given.step, given.record.start)
+    omega = np.linspace(0, math.pi / given.step, _BINS)
+    power = np.ones(len(omega))
     for place, step in enumerate(steps):
         try:
             loads = [_scaled(load, step, samples) for load in loads]
             _check_whole(experiment, step, samples.values)
+            power *= step.gain(omega, samples) ** 2
             samples = step.apply(samples)
         except UsageError as error:
             name = f"prepare.{place}.{step.name}"
@@ -250,6 +255,7 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
         # Of white noise this much is left in the band that is kept, per sample.
         noise=None if given.given_noise is None else list(given.given_noise / math.sqrt(samples.stride)),
         start=samples.start,
+        passed=samples.stride * float(np.mean(power)),
         prepared=tuple(step.said for step in steps),
     )
     return Experiment([_sampled(load, columns, samples) for load in loads], measurement)

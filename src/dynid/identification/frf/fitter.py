@@ -68,7 +68,7 @@ class FrfFitter(Observed):
         none = np.zeros((len(outputs), 0))
         predicted = Prediction(outputs, none, by_parameter, np.zeros((*outputs.shape, 0)))
         residual = values - outputs
-        return Fit(logs, predicted, residual, self.known_or(self.scatter(residual)))
+        return Fit(logs, predicted, residual, self.noise_in(residual))
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
