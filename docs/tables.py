@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 
 import dynid
 from dynid.errors import NumericalError
+from dynid.scene.kinds.structures import build_structure
+from dynid.structure.response import Channel, frequency_response
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
@@ -39,7 +41,8 @@ FIGURES = """\
 
 The curves of the paper's figures: parameters over the filter's first pass (Figs 5, 8, 10; in the files
 `identification/history`, or `first_pass` where there are several), the rotation at the pin, which no sensor
-measures (Fig. 9), and the mobility of the beam with joints, full and reduced (Fig. 7).
+measures (Fig. 9), the mobility of the beam with joints, full and reduced (Fig. 7), and the mobilities of the
+suspension between force and sensors, with the joints at their true values and at the starts (Fig. 4).
 """
 
 
@@ -129,6 +132,26 @@ def hidden_state(axes, result) -> None:
     axes.set_title("Fig. 9: a state that is not measured", fontsize=10)
 
 
+def suspension_responses(axes) -> None:
+    """Show the mobilities between force and sensors, with the joints as they are and as they start."""
+    scene = dynid.load_scene(CONFIGS / "table1.yaml")
+    structure = build_structure(scene, scene.model.structure, scene.model.joints)
+    omega = np.linspace(10, 300, 600)
+    sensors = [Channel(2, "velocity"), Channel(3, "velocity")]
+    starts = {unknown.name: unknown.start for unknown in structure.unknowns}
+    for values, style, words in ((structure.true_values(), "-", "true"), (starts, ":", "start")):
+        found = frequency_response(structure, [5], sensors, omega, values)
+        response = np.abs(found["structure/frequency_response/response"].data[:, :, 0])
+        for k, sensor in enumerate(sensors):
+            label = f"DOF {sensor.dof}, joints at their {words} values"
+            axes.semilogy(omega, response[:, k], style, color=COLOURS[k], linewidth=1.2, label=label)
+    for line in (70, 110, 250):
+        axes.axvline(line, color="gray", linewidth=0.8, linestyle=":")
+    axes.set(xlabel="frequency (rad/s)", ylabel="mobility from DOF 5 (m/s/N)", xlim=(10, 300))
+    axes.legend(frameon=False, fontsize=7)
+    axes.set_title("Fig. 4: suspension, responses at the sensors; lines of the force", fontsize=10)
+
+
 def responses(axes) -> None:
     """Show the mobility at the force of the full beam with joints and of two reduced ones."""
     result = dynid.run(CONFIGS / "beam_reduction.yaml")
@@ -164,9 +187,11 @@ def main() -> None:
         FIGURES,
     ]
     (HERE / "tables.md").write_text("\n".join(parts), encoding="utf-8")
-    figure = Figure(figsize=(11, 9.5), dpi=120, layout="constrained")
+    figure = Figure(figsize=(11, 12.5), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(3, 2).ravel()
+    axes = figure.subplots(4, 2).ravel()
+    axes[-1].set_axis_off()
+    suspension_responses(axes[6])
     history(axes[0], results[1], "Fig. 5: suspension, clean")
     history(axes[1], results[2], "Suspension, 5 % noise (Table 2)")
     history(axes[2], results[3], "Fig. 8: beam, clean")
