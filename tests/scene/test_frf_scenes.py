@@ -278,3 +278,6 @@ def test_responses_and_what_can_be_told_beside_them(tmp_path):
     result = run(tmp_path, SIMULATED + further)
     assert result["structure/frequency_response/input"].data.tolist() == ["2"]
     assert result["identification/identifiability/identifiable"].data.all()
+    said = "\n".join(lines(result))
+    assert "what the frequency responses can tell (Cramér–Rao bound at the true values)" in said
+    assert "state known" not in said

@@ -44,12 +44,20 @@ def _bounds(result: Result) -> Iterable[str]:
     attrs = result.group_attrs[GROUP]
     place = "true values" if attrs["at"] == "true" else "start values"
     noise = "" if attrs["noise"] == "known" else "; noise assumed, 1 % of each channel"
-    yield f"  what the record can tell (Cramér–Rao bound at the {place}, initial state unknown{noise})"
+    of_time = "identification/measurement/omega" not in result  # a frequency response has no initial state
+    what = "record" if of_time else "frequency responses"
+    state = ", initial state unknown" if of_time else ""
+    yield f"  what the {what} can tell (Cramér–Rao bound at the {place}{state}{noise})"
     rows = [
-        (f"{name} [{unit}]".removesuffix(" []"), quantity(value), percent(bound), percent(least))
+        (
+            f"{name} [{unit}]".removesuffix(" []"),
+            quantity(value),
+            percent(bound),
+            *([percent(least)] if of_time else []),
+        )
         for name, unit, value, bound, least in zip(*get.values(), known, strict=True)
     ]
-    yield from table(("", "value", "bound", "state known"), rows)
+    yield from table(("", "value", "bound", *(["state known"] if of_time else [])), rows)
 
 
 def _groups(result: Result) -> Iterable[str]:
