@@ -4,6 +4,7 @@ import math
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -32,7 +33,7 @@ def scene(text):
 def assert_same(template, overrides, collect=(), *, together=True):
     """Check samples against each alone, and that the batched route takes them or not."""
     route = import_module(RUNNERS[template.kind]).batched
-    assert (route(template, overrides, collect or ("",)) is not None) == together
+    assert (route(template, overrides, collect or ("",), 1) is not None) == together
     outcomes = run_batch(template, overrides, collect)
     assert len(outcomes) == len(overrides)
     for override, outcome in zip(overrides, outcomes, strict=True):
@@ -198,6 +199,18 @@ def suspension():
 def test_identifications_are_those_of_each_sample(suspension, overrides):
     outcomes = assert_same(suspension, overrides)
     assert not outcomes[0].error
+
+
+def test_many_identifications_are_compiled_and_agree_with_each_alone(suspension):
+    pytest.importorskip("numba")
+    override = {"measurement.simulate.seed": 6}
+    (one,) = run_batch(suspension, [override], (), of=100_000)
+    (again,) = run_batch(suspension, [{"measurement.simulate.seed": 6}], (), of=100_000)
+    alone = run_alone(suspension, override, ())
+    for path, variable in alone.values.items():
+        assert again.values[path].equals(one.values[path])
+        if variable.data.dtype.kind == "f":  # rounding, as far as Gauss–Newton leaves it
+            np.testing.assert_allclose(one.values[path].data, variable.data, rtol=1e-6, atol=1e-9)
 
 
 def test_of_an_identification_any_part_can_be_collected(suspension):

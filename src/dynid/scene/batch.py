@@ -26,7 +26,7 @@ GATHERED_ANYWAY = frozenset({"properties", "parameters"})
 Judge = Callable[[Result, Sequence[Mapping[str, Any]]], tuple[bool, ...]]
 #: What runs samples of a kind together, or says with None that it cannot run these.
 Batched = Callable[
-    ["Scene", Sequence[Mapping[str, Any]], tuple[str, ...]],
+    ["Scene", Sequence[Mapping[str, Any]], tuple[str, ...], int],
     "list[Outcome] | None",
 ]
 
@@ -59,6 +59,7 @@ def run_batch(
     overrides: Sequence[Mapping[str, Any]],
     collect: tuple[str, ...],
     judge: Judge | None = None,
+    of: int = 1,
 ) -> list[Outcome]:
     """Run samples of a scene that differ in values, together where the kind of scene can.
 
@@ -73,6 +74,9 @@ def run_batch(
         `properties` and `parameters`.
     judge
         Says which expectations of the scene a result meets; absent: nobody asks.
+    of
+        How many samples there are in all, of which these are some: what is worth its preparation depends on
+        that, and not on what happens to be run together.
 
     Returns
     -------
@@ -80,14 +84,18 @@ def run_batch(
         One for each sample, in order. A sample that fails is an outcome with its error. No outcome
         depends on what else is run with it.
     """
-    outcomes = _batched(template, overrides, collect, judge)
+    outcomes = _batched(template, overrides, collect, judge, of)
     return (
         outcomes if outcomes is not None else [run_alone(template, one, collect, judge) for one in overrides]
     )
 
 
 def _batched(
-    template: Scene, overrides: Sequence[Mapping[str, Any]], collect: tuple[str, ...], judge: Judge | None
+    template: Scene,
+    overrides: Sequence[Mapping[str, Any]],
+    collect: tuple[str, ...],
+    judge: Judge | None,
+    of: int,
 ) -> list[Outcome] | None:
     """Run samples by the batched route of their kind; None where there is none for them."""
     route = cast("Batched | None", getattr(import_module(RUNNERS[template.kind]), "batched", None))
@@ -96,7 +104,7 @@ def _batched(
     if route is None or "expect" in varied:
         return None
     collect = collect or (NUMBERS,)
-    outcomes = route(template, overrides, (*collect, *(str(one["path"]) for one in expected)))
+    outcomes = route(template, overrides, (*collect, *(str(one["path"]) for one in expected)), of)
     if outcomes is None or judge is None or not expected:
         return outcomes
     return [_judged(template, outcome, collect, judge, expected) for outcome in outcomes]

@@ -269,7 +269,7 @@ class _Run:
         self._tell()
         todo = self._todo()
         if todo:
-            job = Job.of(self.plan.base, self.plan.collect)
+            job = Job.of(self.plan.base, self.plan.collect, self.plan.size)
             self.by_number = dict(zip(self.numbers, self.keys, strict=True))
             drive(crew, job, self.plan, todo, self._arrived)
 

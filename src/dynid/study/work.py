@@ -21,16 +21,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """What all samples of a study share: their scene as text, the name of its file, and what is gathered."""
+    """What all samples of a study share.
+
+    Parameters
+    ----------
+    text, file
+        Their scene, and the name of its file.
+    collect
+        What is gathered.
+    size
+        How many they are.
+    """
 
     text: str
     file: str
     collect: tuple[str, ...]
+    size: int
 
     @classmethod
-    def of(cls, base: Scene, collect: tuple[str, ...]) -> Job:
+    def of(cls, base: Scene, collect: tuple[str, ...], size: int) -> Job:
         """Return the job of a scene; workers may stand in other folders."""
-        return cls(base.source.resolved_text(), str(Path(base.source.file).absolute()), collect)
+        return cls(base.source.resolved_text(), str(Path(base.source.file).absolute()), collect, size)
 
 
 @dataclass(frozen=True)
@@ -45,7 +56,7 @@ def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
     """Run samples; whatever happens to one of them is its outcome."""
     template = _template(job.text, job.file)
     started = time.perf_counter()
-    outcomes = run_batch(template, overrides, job.collect, judge)
+    outcomes = run_batch(template, overrides, job.collect, judge, job.size)
     return Done(outcomes, time.perf_counter() - started)
 
 

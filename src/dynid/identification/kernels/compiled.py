@@ -3,12 +3,16 @@
 Compiling takes seconds, loading what was compiled before a third of one; a pass over a thousand samples takes
 a tenth. So the kernels are for long records, and for those who ask for them: the environment variable
 DYNID_COMPILED is 1 (always), 0 (never) or auto (default). The choice depends on the sizes of the question
-alone, never on what ran before it: the same question gives the same bytes.
+alone, never on what ran before it: the same question gives the same bytes. Of a study, the question is the
+whole of it.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 from dynid.choices import COMPILED
 from dynid.errors import UsageError
@@ -18,6 +22,18 @@ VARIABLE = "DYNID_COMPILED"
 _REPAYS = COMPILED.value
 # Seconds a node without kernels: calls, and multiplications of the exponential with its derivatives.
 _CALLS, _FLOP = 1.2e-4, 2e-9
+
+_REPEATS: ContextVar[int] = ContextVar("repeats", default=1)
+
+
+@contextmanager
+def repeated(times: int) -> Iterator[None]:
+    """Within, count every pass so many times: so many identifications are alike."""
+    token = _REPEATS.set(times)
+    try:
+        yield
+    finally:
+        _REPEATS.reset(token)
 
 
 def compiled(nodes: int, size: int, parameters: int) -> bool:
@@ -43,4 +59,4 @@ def compiled(nodes: int, size: int, parameters: int) -> bool:
     if wish != "auto":
         return wish == "1"
     products = 6 * (1 + 2 * parameters) * size**3
-    return nodes * (_CALLS + _FLOP * products) > _REPAYS
+    return _REPEATS.get() * nodes * (_CALLS + _FLOP * products) > _REPAYS

@@ -34,7 +34,10 @@ def run(scene: Scene) -> Result:
 
 
 def batched(
-    template: Scene, overrides: Sequence[Mapping[str, Any]], collect: tuple[str, ...]
+    template: Scene,
+    overrides: Sequence[Mapping[str, Any]],
+    collect: tuple[str, ...],
+    of: int,  # noqa: ARG001
 ) -> list[Outcome] | None:
     """Run samples of a scene together; see `dynid.scene.kinds.graph_samples`."""
     from dynid.scene.kinds.graph_samples import batched as run_together

@@ -159,12 +159,12 @@ def identified(
 
 
 def batched(
-    template: Scene, overrides: Sequence[Mapping[str, Any]], collect: tuple[str, ...]
+    template: Scene, overrides: Sequence[Mapping[str, Any]], collect: tuple[str, ...], of: int
 ) -> list[Outcome] | None:
     """Run samples of a scene together; see `dynid.scene.kinds.identification_samples`."""
     from dynid.scene.kinds.identification_samples import batched as run_together
 
-    return run_together(template, overrides, collect)
+    return run_together(template, overrides, collect, of)
 
 
 def _identified_by_records(scene: Scene, structure: StructuralModel) -> Result:

@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.errors import DynidError
+from dynid.identification.kernels.compiled import repeated
 from dynid.identification.measurement import Simulation, simulated
 from dynid.result import Variable
 from dynid.scene.arithmetic.numbers import OutOfRangeError, to_fraction
@@ -45,8 +46,15 @@ class _Family:
     scene: Scene = field(compare=False)
 
 
-def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> list[Outcome] | None:
+def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...], of: int) -> list[Outcome] | None:
     """Run samples together where they differ in seeds, noise, starts and true values alone.
+
+    Parameters
+    ----------
+    template, overrides, collect
+        As for `dynid.scene.batch.run_batch`.
+    of
+        How many samples there are in all: with many of them, the passes are compiled.
 
     Returns
     -------
@@ -60,11 +68,12 @@ def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> 
     plan = _planned(family)
     if plan is None:
         return None
-    found = (plan.run(one, collect) for one in overrides)
-    return [
-        Outcome(values) if values is not None else run_alone(template, one, collect)
-        for one, values in zip(overrides, found, strict=True)
-    ]
+    with repeated(of):
+        found = [plan.run(one, collect) for one in overrides]
+        return [
+            Outcome(values) if values is not None else run_alone(template, one, collect)
+            for one, values in zip(overrides, found, strict=True)
+        ]
 
 
 @lru_cache(maxsize=4)
