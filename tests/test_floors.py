@@ -16,8 +16,9 @@ FLOORS = [
     {"bondgraph", "structure"},
     {"identification"},
     {"scene"},
-    {"report", "store", "checks", "templates", "topics", "bench"},
+    {"report", "store", "checks", "templates", "topics"},
     {"study"},
+    {"bench"},
     {"building", "cli", "__init__"},
     {"__main__"},
 ]

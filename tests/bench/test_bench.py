@@ -23,6 +23,7 @@ SMALL = {
     "reduction": (300, 1e-10),
     "modes": (300, 1e-10),
     "startup": (1, 0),
+    "study": (2, 1e-15),
 }
 QUICK = [
     (name, each.name)

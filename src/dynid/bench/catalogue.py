@@ -17,6 +17,7 @@ BENCHMARKS = {
     "reduction": "reduction",
     "modes": "modes",
     "startup": "startup",
+    "study": "study",
 }
 
 
