@@ -120,3 +120,11 @@ def test_a_wrong_call_is_refused(arguments, said):
 def test_the_list_names_all():
     listed = CliRunner().invoke(cli, ["bench", "--list"]).output
     assert all(name in listed for name in BENCHMARKS)
+
+
+def test_the_screen_says_how_time_grows(result):
+    from dynid.cli.summary.bench import lines
+
+    (said,) = (line for line in lines(result) if "to the power of" in line)
+    times = result["bench/propagation/exponential-spline/time"].data
+    assert f"exponential-spline {np.log2(times[1] / times[0]):.2f}" in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from itertools import groupby
 
@@ -35,6 +36,9 @@ def _table(result: Result, group: str) -> Iterable[str]:
             figures = f"{time_text(time):>10}  {memory_text(memory):>9}  {error:>8.1e}"
             yield f"    {shown:>9}  {name:{width}}  {figures}{mark}"
     yield f"    error: {about['measure']}"
+    powers = [f"{name} {power:.2f}" for name in names if (power := _growth(result, group, name)) is not None]
+    if powers:
+        yield f"    time grows with {about['size']} to the power of: {', '.join(powers)}"
     for word, said in (("failed", "failed"), ("missing", "missing"), ("chosen", "chosen by default")):
         if about.get(word):
             yield f"    {said}: {about[word]}"
@@ -44,6 +48,14 @@ def _rows(result: Result, group: str, name: str) -> Iterable[tuple[int, str, flo
     columns = [result[f"{group}/{name}/{c}"].data for c in ("size", "time", "memory", "error", "pareto")]
     for size, time, memory, error, best in zip(*columns, strict=True):
         yield int(size), name, float(time), float(memory), float(error), bool(best)
+
+
+def _growth(result: Result, group: str, name: str) -> float | None:
+    """Return the exponent by which time grows between the two largest sizes; None where there is one only."""
+    sizes, times = (result[f"{group}/{name}/{column}"].data for column in ("size", "time"))
+    if len(sizes) < 2 or sizes[-1] <= sizes[-2]:
+        return None
+    return math.log(times[-1] / times[-2]) / math.log(sizes[-1] / sizes[-2])
 
 
 def time_text(seconds: float) -> str:
