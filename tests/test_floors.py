@@ -11,7 +11,7 @@ ROOT = Path(dynid.__file__).parent
 
 # From the ground up; a package may import every floor below its own, and none beside it.
 FLOORS = [
-    {"_version", "errors", "words", "atomic", "hdf5", "result", "choices"},
+    {"_version", "errors", "words", "atomic", "hdf5", "result", "need", "choices"},
     {"lti"},
     {"bondgraph", "structure"},
     {"identification"},
@@ -24,6 +24,7 @@ FLOORS = [
 ]
 # What is allowed besides, or forbidden although it stands below.
 BESIDES = {
+    ("need", "result"),
     ("result", "errors"),
     ("result", "words"),
     ("atomic", "errors"),

@@ -50,7 +50,7 @@ def test_each_output_names_what_it_leaves_out():
     assert dropped(graph, port("c.e")) == ("w", "a", "r", "m", "g", "z", "x")
     asked = Analysis(graph.inputs, graph.outputs, frozenset({"prototype"}))
     result = analyse(graph.graph, asked)
-    assert result.group_attrs["bond_graph"]["dropped"] == "w, g, z, x"
+    assert result["bond_graph/need/left_out_names"].data[0] == "w, g, z, x"
     assert result["bond_graph/reduction/dropped"].data.tolist() == [
         "w, b, q, c, g, z, x",
         "w, a, r, m, g, z, x",

@@ -5,10 +5,8 @@ Only what is asked for is computed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from dynid.bondgraph.graph import Bond, BondGraph
-from dynid.bondgraph.need import dropped
+from dynid.bondgraph.need import tell_need
 from dynid.bondgraph.question import Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.results.channels import add_channels
@@ -17,10 +15,8 @@ from dynid.bondgraph.results.responses import add_frequency_response, add_state_
 from dynid.bondgraph.results.trace import add_prototypes, add_steps
 from dynid.bondgraph.results.zero_input import add_zero_input
 from dynid.errors import Singular
+from dynid.need import listed_names
 from dynid.result import Result
-
-#: Most inputs, outputs, or nodes left out that are named.
-_SHOWN = 500
 
 
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
@@ -54,9 +50,8 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         "bond_graph",
         nodes=len(graph.nodes),
         bonds=len(graph.bonds),
-        inputs=_named(analysis.inputs),
-        outputs=_named([str(port) for port in analysis.outputs]),
-        dropped="",
+        inputs=listed_names(analysis.inputs),
+        outputs=listed_names([str(port) for port in analysis.outputs]),
     )
     causality = None
     if "causality" in asked:
@@ -68,9 +63,9 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=told)
     except Singular:
         if asked == {"causality"}:
+            tell_need(result, None, analysis)
             return result
         raise
-    result.annotate("bond_graph", dropped=_dropped(reduced))
     if causality is not None:
         from dynid.bondgraph.results.zero_dynamics import add_zero_dynamics
 
@@ -97,6 +92,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         add_frequency_response(result, reduced, analysis.omega)
     if "time_response" in asked and analysis.times is not None:
         add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)
+    tell_need(result, reduced, analysis)
     return result
 
 
@@ -109,15 +105,3 @@ def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: B
     add_requested(result, reduced)
     if "frequency_response" in analysis.results and analysis.omega is not None:
         add_port_response(result, parts, analysis.omega)
-
-
-def _dropped(reduced: ReducedGraph) -> str:
-    """Say what was left out, because no output depends on it."""
-    left_out = [set(dropped(reduced, port)) for port in reduced.outputs]
-    names = [name for name in reduced.graph.nodes if all(name in one for one in left_out)]
-    return _named(names)
-
-
-def _named(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more

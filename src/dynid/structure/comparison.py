@@ -81,7 +81,7 @@ def compare(
     most = max(max(made.numbers, default=0) for made in candidates.values())
     with measured() as cost:
         full = modes(*model.with_joints(), count=most)
-    result.annotate("reduction", **cost.attributes())
+    result.annotate("reduction", solver=full.method, **cost.attributes())
     for name, made in candidates.items():
         _add(result, f"reduction/{name}", model, made, full, parts)
     if responses is not None:
@@ -110,7 +110,7 @@ def _add(
 ) -> None:
     reduced, numbers = made.reduction.model, made.numbers
     coordinates = [str(label) for label in reduced.dofs]
-    result.annotate(group, **made.cost.attributes())
+    result.annotate(group, rule=made.reduction.rule, **made.cost.attributes())
     result.add_axis(f"{group}/coordinate", coordinates)
     result.add_axis(f"{group}/column", coordinates)
     result.add(f"{group}/T", made.reduction.T, ("dof", "coordinate"))

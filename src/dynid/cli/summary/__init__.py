@@ -5,6 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from dynid.cli.summary.need import need_lines
+
 if TYPE_CHECKING:
     from dynid.result import Result
 
@@ -32,6 +34,8 @@ def summary(result: Result, note: str) -> str:
         return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
     module = import_module(_KINDS[result.kind])
     lines = [_headline(result.title, module.method(result), note), "", *module.lines(result)]
+    if need := need_lines(result):
+        lines += ["", *need]
     if "accuracy" in result.group_attrs:
         from dynid.cli.summary.accuracy import accuracy_lines
 

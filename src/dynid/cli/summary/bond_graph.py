@@ -29,8 +29,6 @@ def lines(result: Result) -> list[str]:
     """Return the screen, line by line."""
     need = result.group_attrs.get("bond_graph", {})
     said = [f"  {counted(int(need['nodes']), 'node')}, {counted(int(need['bonds']), 'bond')}"]
-    if need.get("dropped"):
-        said.append(f"  not modelled, because no output depends on it: {need['dropped']}")
     said += _engine(need)
     said += causality_lines(result)
     said += [*_reduction(result), ""]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies, record_of
+from dynid.scene.kinds.needs import tell_identification
 from dynid.scene.kinds.records import channel_of, experiments, loads_of
 from dynid.scene.kinds.structures import build_structure, number
 from dynid.scene.load import Scene
@@ -56,9 +58,10 @@ def run(scene: Scene) -> Result:
             result.merge(_identified_by_records(scene, structure))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
+    made = None if method is None else method.at(values).reduce(structure)
     if model.analysis is not None:
-        responding = structure if method is None else method.at(values).reduce(structure).model
-        result.merge(_responses(scene, model, responding, values))
+        result.merge(_responses(scene, model, structure if made is None else made.model, values))
+    tell_identification(result, model, structure, made)
     return result
 
 
@@ -200,16 +203,20 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     return result
 
 
+#: Where the estimators are, so that only the one that is asked for is loaded.
+_ESTIMATORS = {
+    "auto": ("auto", "Auto"),
+    "filter": ("passes", "Filter"),
+    "output-error": ("output_error", "OutputError"),
+    "invariant-imbedding": ("imbedding", "InvariantImbedding"),
+}
+
+
 def _estimator(given: EstimatorModel) -> Estimator:
     """Return the estimator that a scene names."""
-    from dynid.identification.estimators.auto import Auto
-    from dynid.identification.estimators.imbedding import InvariantImbedding
-    from dynid.identification.estimators.output_error import OutputError
-    from dynid.identification.estimators.passes import Filter
-
-    kinds = (Auto, Filter, OutputError, InvariantImbedding)
-    options: dict[str, Any] = given.options()
-    estimator: Estimator = next(kind for kind in kinds if kind.name == given.method)(**options)
+    module, name = _ESTIMATORS[given.method]
+    kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
+    estimator: Estimator = kind(**given.options())
     return estimator
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies
+from dynid.scene.kinds.needs import tell_reduction
 from dynid.scene.kinds.records import channel_of
 from dynid.scene.kinds.reductions import LocatedReductor, build_reductor
 from dynid.scene.kinds.structures import build_structure
@@ -34,6 +35,10 @@ def run(scene: Scene) -> Result:
     result = Result("reduction", scene.title)
     made = compare(structure, methods_of(model), responses=_responses(model), parts=model.substructures)
     result.merge(made)
+    names = result_names([part.method for part in model.reduction])
+    tell_reduction(
+        result, model, {name: part.method for name, part in zip(names, model.reduction, strict=True)}
+    )
     return result
 
 

@@ -16,7 +16,7 @@ from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.guyan import constraint_modes
 from dynid.structure.reduction.masters import Masters
 from dynid.structure.reduction.reduction import Reduction, masters_alone, projected, with_known_joints
-from dynid.structure.reduction.selection import Interest, ModeRange, selected, wanted_modes
+from dynid.structure.reduction.selection import Interest, ModeRange, mode_rule, selected, wanted_modes
 from dynid.structure.reduction.static import partition
 
 
@@ -63,4 +63,6 @@ class CraigBampton:
         names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
         # Of unit size at their largest, like the boundary's coordinates.
         shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
-        return Reduction(projected(model, cut.basis(static, shapes), names), cut.labels, fixed.numbers)
+        rule = f"fixed-interface modes: {mode_rule(self.modes, self.interest, None)}"
+        small = projected(model, cut.basis(static, shapes), names)
+        return Reduction(small, cut.labels, fixed.numbers, rule=rule)

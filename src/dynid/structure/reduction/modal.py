@@ -16,7 +16,14 @@ from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.masters import Indices, indices_of
 from dynid.structure.reduction.reduction import Reduction, interesting, projected, with_known_joints
-from dynid.structure.reduction.selection import Interest, ModeRange, Selected, selected, wanted_modes
+from dynid.structure.reduction.selection import (
+    Interest,
+    ModeRange,
+    Selected,
+    mode_rule,
+    selected,
+    wanted_modes,
+)
 from dynid.structure.reduction.static import solver
 
 Residuals: TypeAlias = Sequence[Label] | Literal["auto"]
@@ -77,7 +84,8 @@ def on_modes_and_residuals(
     names = [f"mode_{number}" for number in basis.numbers]
     names += [f"residual_{k}" for k in range(1, extra.shape[1] + 1)]
     T = np.concatenate([basis.shapes, extra], axis=1)
-    return Reduction(projected(model, T, names), (), basis.numbers)
+    rule = mode_rule(modes, interest, None)
+    return Reduction(projected(model, T, names), (), basis.numbers, rule=rule)
 
 
 def _loads(model: StructuralModel, residuals: Residuals, interest: Interest) -> Indices:

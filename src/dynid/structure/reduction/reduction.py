@@ -31,6 +31,8 @@ class Reduction:
         Numbers of the modes that the basis is made of: of the structure that the method takes them from.
     condition
         Condition of the modes at the masters, where masters stand for modes.
+    rule
+        How they were chosen, in words; empty of a method without modes.
     retained
         Whether these modes are those of the structure with its joints, so that the reduced model has them.
     """
@@ -40,6 +42,7 @@ class Reduction:
     modes: tuple[int, ...] = ()
     condition: float | None = None
     retained: bool = False
+    rule: str = ""
 
     @property
     def T(self) -> Array:

@@ -126,6 +126,19 @@ def wanted_modes(
     )
 
 
+def mode_rule(given: Sequence[int] | ModeRange | None, interest: Interest, masters: int | None) -> str:
+    """Say by which rule `wanted_modes` chooses."""
+    wanted = wanted_modes(given, interest, masters)
+    if not isinstance(wanted, ModeRange):
+        return "those named are kept"
+    if given is None and masters is not None:
+        return "one a master is kept"
+    if given is None:
+        return f"{BASIS_BAND.sentence.format(value=BAND)}: below {wanted.below:.6g} rad/s"
+    below = f"below {wanted.below:.6g} rad/s" if wanted.below is not None else ""
+    return f"the lowest {below or wanted.count} are kept, as asked for"
+
+
 def fixed_count(masters: Sequence[Label] | Masters | None) -> int | None:
     """Return how many masters are asked for, where that is said."""
     if masters is None:

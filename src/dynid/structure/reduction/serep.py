@@ -21,6 +21,7 @@ from dynid.structure.reduction.selection import (
     ModeRange,
     Selected,
     fixed_count,
+    mode_rule,
     selected,
     wanted_modes,
 )
@@ -95,7 +96,8 @@ def on_modes(
         inverse, T = np.eye(len(basis.numbers)), basis.shapes
         names = tuple(f"mode_{number}" for number in basis.numbers)
     reduced = _projected(model, matrices, basis, T, inverse, names)
-    return Reduction(reduced, labels, basis.numbers, condition, retained=True)
+    rule = mode_rule(modes, interest, count)
+    return Reduction(reduced, labels, basis.numbers, condition, retained=True, rule=rule)
 
 
 def _projected(
