@@ -12,9 +12,13 @@ if TYPE_CHECKING:
 BENCHMARKS = {
     "frequency-response": "frequency_response",
     "zeros-poles": "zeros_poles",
+    "loops": "loops",
     "symbolic": "symbolic",
     "propagation": "propagation",
+    "filters": "filters",
+    "estimators": "estimators",
     "reduction": "reduction",
+    "basis": "basis",
     "modes": "modes",
     "startup": "startup",
     "study": "study",

@@ -37,7 +37,8 @@ def page(result: Result) -> str:
 def _section(result: Result, group: str) -> str:
     about = result.group_attrs[group]
     names = list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
-    notes = "".join(f"<p>{w}: {escape(str(about[w]))}</p>" for w in ("failed", "missing") if about.get(w))
+    said = {"failed": "failed", "missing": "missing", "chosen": "chosen by default"}
+    notes = "".join(f"<p>{text}: {escape(str(about[w]))}</p>" for w, text in said.items() if about.get(w))
     heading = f"<h2>{escape(group.partition('/')[2])}</h2><p>{escape(str(about['title']))}</p>"
     return f"<section>{heading}{_plot(result, group, names)}{_table(result, group, names)}{notes}</section>"
 

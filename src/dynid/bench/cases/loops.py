@@ -1,0 +1,79 @@
+"""Zeros and poles of a mesh: junction structures with many loops, on which polynomials grow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import lru_cache
+from itertools import count
+from typing import Any
+
+from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.roots import distance
+from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
+from dynid.bondgraph.reduced import ReducedGraph
+
+
+def _mesh(side: int) -> ReducedGraph:
+    """Return a square mesh of capacitors to ground, joined by coils with losses: (side - 1)^2 loops."""
+    nodes, bonds, number = [Node("u", "Sf")], [Bond("u", "p0_0")], count(1)
+    for row in range(side):
+        for column in range(side):
+            here = f"p{row}_{column}"
+            nodes += [Node(here, "0"), Node(f"c{here}", "C", Fraction(next(number), 97))]
+            bonds.append(Bond(here, f"c{here}"))
+            for there, inside in ((f"p{row + 1}_{column}", row), (f"p{row}_{column + 1}", column)):
+                if inside + 1 < side:
+                    link = f"{here}{there}"
+                    nodes += [Node(link, "1"), Node(f"i{link}", "I", Fraction(next(number), 89))]
+                    nodes.append(Node(f"r{link}", "R", Fraction(next(number), 83)))
+                    ends = (here, link, there)
+                    bonds += [
+                        Bond(*ends[:2]),
+                        Bond(*ends[1:]),
+                        Bond(link, f"i{link}"),
+                        Bond(link, f"r{link}"),
+                    ]
+    far = f"p{side - 1}_{side - 1}"
+    return ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port(far, "e")], traced=False)
+
+
+def _exact(side: int) -> Callable[[], Any]:
+    from dynid.bondgraph.exact import ExactEngine
+
+    return lambda: _roots(ExactEngine(graph := _mesh(side)), graph)
+
+
+def _float(side: int) -> Callable[[], Any]:
+    from dynid.bondgraph.floating.transfer import FloatEngine
+
+    return lambda: _roots(FloatEngine(graph := _mesh(side)), graph)
+
+
+def _roots(engine: Any, graph: ReducedGraph) -> tuple[Any, Any]:
+    from dynid.lti.certified import repeated
+
+    transfer = engine.channel(next(iter(graph.channels())))
+    return repeated(transfer.zeros), repeated(transfer.poles)
+
+
+@lru_cache(maxsize=2)
+def _reference(side: int) -> tuple[Any, Any]:
+    zeros, poles = _exact(side)()
+    return zeros, poles
+
+
+def _error(side: int, found: Any) -> float:
+    zeros, poles = _reference(side)
+    size = float(abs(poles).max())
+    return max(distance(got, true, size) for got, true in zip(found, (zeros, poles), strict=True))
+
+
+BENCHMARK = Benchmark(
+    title="Zeros and poles of a square mesh with (side - 1)^2 loops and 3 side^2 - 2 side storages",
+    size="side",
+    sizes=(3, 4),
+    alternatives=(Alternative("exact", _exact, most=7), Alternative("float", _float)),
+    error=_error,
+    measure="largest relative distance from the exact roots; inf: a wrong count",
+)
