@@ -13,7 +13,7 @@ from dynid.bench.cases.suspension import record
 def _pass(compiled: str) -> Callable[[int], Callable[[], Any]]:
     def prepare(samples: int) -> Callable[[], Any]:
         from dynid.identification.estimators.passes import last, run_passes
-        from dynid.identification.filtering.compiled import VARIABLE
+        from dynid.identification.kernels.compiled import VARIABLE
 
         given = record(samples)
 

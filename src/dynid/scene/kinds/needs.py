@@ -61,7 +61,7 @@ def tell_identification(
     terms = [term.name for joint in structure.joints for term in joint.terms]
     why = "known: fixed at their values"
     parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
-    used = _used(result) if measured else []
+    used = _used(result, model) if measured else []
     why = "the estimator does without" if used else "there is no record"
     every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
     parts.append(divided("engines", every, used, why))
@@ -75,10 +75,10 @@ def tell_identification(
 _FIXED = "nothing is identified: fixed at their values, true values or starts"
 
 
-def _used(result: Result) -> list[str]:
+def _used(result: Result, model: IdentificationScene) -> list[str]:
     """Return what the estimator worked by; responses are fitted by maximum likelihood."""
     estimator = str(result.group_attrs["identification"].get("estimator", "output-error"))
-    in_frequency = any(path.startswith("identification/frf") for path in result)
+    in_frequency = model.measurement is not None and model.measurement.frf is not None
     return _ENGINES["output-error" if in_frequency else estimator]
 
 
