@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import NotIdentifiable, UsageError
+from dynid.errors import NotIdentifiable, Singular, UsageError
 from dynid.identification.measurement import Data, Simulation, per_channel
 from dynid.lti.frequency import second_order_response
 from dynid.structure.matrices import Label, as_array
@@ -186,6 +186,14 @@ def responses(
     where = where.reshape(2, len(channels))
     n = len(M)
     solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
+    infinite = ~np.isfinite(solved).all(axis=(1, 2))
+    if infinite.any():
+        raise Singular(
+            f"at {float(omega[np.argmax(infinite)]):.6g} rad/s a frequency response is infinite: "
+            "that line lies on an undamped pole",
+            remedy="Leave that line out, or give the structure some damping.",
+            names=("measurement.frf", "measurement"),
+        )
     driven, read = solved[:, :, where[0]], solved[:, :, where[1]]
     factor = (1j * omega[:, None]) ** [channel.channel.order for channel in channels]
     H = factor * np.einsum("cn,lnc->lc", rows, driven)
