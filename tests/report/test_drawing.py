@@ -148,3 +148,10 @@ def test_a_domain_spreads_through_bonds_and_stops_at_a_transformer(isolator):
     both = spread(asked.graph, {"fluid": "hydraulic", "b": "hydraulic"})
     assert both["tuning"] == "hydraulic"
     assert spread(asked.graph, {"fluid": "hydraulic", "b": "mechanical"})["v_in"] == "mechanical"
+
+
+def test_a_result_without_its_scene_has_no_drawing_of_it():
+    from dynid.result import Result
+
+    assert figures(Result("bond-graph")) == []
+    assert figures(Result("identification")) == []

@@ -28,6 +28,11 @@ def holds(*beginnings: str) -> When:
     return lambda result: any(path.startswith(beginnings) for path in result)
 
 
+def with_scene(when: When) -> When:
+    """Tell that a family applies where another condition holds and the result bears its scene's text."""
+    return lambda result: bool(result.attrs.get("scene")) and when(result)
+
+
 @dataclass(frozen=True)
 class Family:
     """A kind of figure.
@@ -46,10 +51,10 @@ class Family:
 
 #: In the order in which a page shows them.
 FAMILIES: tuple[Family, ...] = (
-    Family("dynid.report.drawing.graph", kind("bond-graph")),
-    Family("dynid.report.drawing.strip", holds("bond_graph/reduction/steps")),
+    Family("dynid.report.drawing.graph", with_scene(kind("bond-graph"))),
+    Family("dynid.report.drawing.strip", with_scene(holds("bond_graph/reduction/steps"))),
     Family("dynid.report.drawing.prototype", holds("bond_graph/reduction/prototype", "bond_graph/port/")),
-    Family("dynid.report.drawing.structure", kind("identification", "reduction")),
+    Family("dynid.report.drawing.structure", with_scene(kind("identification", "reduction"))),
 )
 
 

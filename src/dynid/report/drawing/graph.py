@@ -52,6 +52,8 @@ def question_of(result: Result) -> Question:
 
     model = cast("BondGraphScene", scene_of(result).model)
     graph = build_graph(model)
+    if model.analysis.reading == "binary":
+        graph = graph.rounded()
     sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
     given = {name: node.domain for name, node in model.graph.nodes.items() if node.domain}
     return Question(

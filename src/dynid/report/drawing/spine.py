@@ -202,7 +202,7 @@ class _Builder:
             if name != start:
                 distance[name] = distance[before] + 1
         ends = {self.sketch.source, self.sketch.target}
-        end = max(distance, key=lambda name: distance[name] + 2 * (name in ends))
+        end = max(distance, key=lambda name: distance[name] + 1.5 * (name in ends))
         path = [end]
         while path[-1] != start:
             path.append(above[path[-1]])
