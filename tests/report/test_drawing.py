@@ -142,6 +142,15 @@ def test_a_result_is_drawn_from_its_own_scene(isolator, tmp_path):
     assert {"source", "load", "hydraulic"} <= set(texts)
 
 
+def test_the_cut_parts_the_spine_between_source_and_output(isolator):
+    sketch = sketch_of(question_of(isolator))
+    boxes = lay_out(sketch).boxes
+    assert sketch.cut == ("base", "body")
+    row = [boxes[name].centre for name in ("v_in", "base", "body", "m_s")]
+    assert [x for x, _ in row] == sorted(x for x, _ in row)
+    assert len({round(y, 6) for _, y in row}) == 1
+
+
 def test_a_domain_spreads_through_bonds_and_stops_at_a_transformer(isolator):
     asked = question_of(isolator)
     assert asked.domains == dict.fromkeys(("fluid", "I_f", "C_a"), "hydraulic")

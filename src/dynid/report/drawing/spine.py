@@ -201,8 +201,8 @@ class _Builder:
         for name, before in above.items():
             if name != start:
                 distance[name] = distance[before] + 1
-        ends = {self.sketch.source, self.sketch.target}
-        end = max(distance, key=lambda name: distance[name] + 1.5 * (name in ends))
+        farther = {self.sketch.target: 1.5, self.sketch.source: 2.5}
+        end = max(distance, key=lambda name: distance[name] + farther.get(name, 0.0))
         path = [end]
         while path[-1] != start:
             path.append(above[path[-1]])
