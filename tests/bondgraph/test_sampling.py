@@ -124,6 +124,17 @@ def test_a_chain_of_ten_stages_is_answered_together():
     assert compared(graph, analysis, samples) == 5
 
 
+def test_long_decimals_beside_what_varies():
+    graph, values = stages(7)
+    rng = random.Random(6)
+    graph = graph.with_values(
+        {name: value * Fraction(repr(rng.uniform(0.5, 2))) for name, value in values.items()}
+    )
+    samples = [{name: values[name] * k for name in ("m1", "k3", "b5", "k7")} for k in (1, 2)]
+    analysis = Analysis(("F",), (port_of("m7.f"),), frozenset({"zeros", "poles", "properties"}))
+    assert compared(graph, analysis, samples) == 2
+
+
 def test_with_every_value_varied_the_plan_alone_is_shared():
     graph, values = stages(6)
     rng = random.Random(5)
@@ -148,6 +159,15 @@ def test_responses_and_error_bounds_are_those_of_each_sample():
         initial={"m1": Fraction(1, 3)},
     )
     assert compared(graph, analysis, samples, skip=("nothing",)) == 3
+
+
+def test_equal_stages_have_repeated_and_paired_roots():
+    nodes = "Se F, 1 v, I m 2, C k 1, 0 z, 1 w, I n 2, C l 1, 1 x, I o 2, C p 1, R r 3"
+    bonds = "F -> v, v -> m, v -> k, v -> z, z -> w, w -> n, w -> l, z -> x, x -> o, x -> p, v -> r"
+    graph = build(*parse(nodes, bonds))
+    samples = [{"r": Fraction(k), "m": Fraction(k, 3)} for k in (1, 2, 5)]
+    for output in ("m.f", "o.f", "l.q"):
+        assert compared(graph, Analysis(("F",), (port_of(output),), ASKED - {"hidden_modes"}), samples) == 3
 
 
 @pytest.mark.parametrize(

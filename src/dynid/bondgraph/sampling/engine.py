@@ -142,6 +142,8 @@ class SampledEngine:
 
     def _solve(self, channel: Polynomials) -> SampledChannel:
         above, below = map(self._tables.coefficients, (channel.numerator, channel.denominator))
+        for columns in (above, below):
+            self.certain &= nonzero(columns[_lowest(columns) :])
         zeros, poles, hidden = (self._roots(part) for part in (channel.zeros, channel.poles, channel.hidden))
         self.certain &= _apart([*zeros, *poles], self.count) & _apart(hidden, self.count)
         return SampledChannel(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -137,15 +137,15 @@ class Family:
                 denominator,
                 factors(numerator),
                 factors(denominator),
-                tuple(f for f in factors(modes // _primitive(shown)) if f.degree),
+                factors(modes // _primitive(shown)),
             )
         return found
 
 
 def _primitive(polynomial: Any) -> Any:
-    """Return the part of a polynomial that s stands in."""
-    result = polynomial.context().constant(1)
-    for part, power in polynomial.factor_squarefree()[1]:
-        if part.degrees()[0]:
-            result *= part**power
-    return result
+    """Return a polynomial less what it is a multiple of without s."""
+    ring = polynomial.context()
+    parts: dict[int, dict[tuple[int, ...], Any]] = {}
+    for powers, coefficient in polynomial.to_dict().items():
+        parts.setdefault(powers[0], {})[(0, *powers[1:])] = coefficient
+    return polynomial // reduce(lambda a, b: a.gcd(b), map(ring.from_dict, parts.values()))

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-#: Polynomials of more terms than this are not factored, only made square-free: that could take long.
-_FACTORED = 2000
 
 Integers = NDArray[np.object_]
 
@@ -48,11 +45,45 @@ class Factor:
 
 
 def factors(polynomial: Any) -> tuple[Factor, ...]:
-    """Return the factors of a polynomial that s stands in, and those whose vanishing makes it vanish."""
-    if polynomial == 0:
-        return ()
-    split = polynomial.factor if len(polynomial) <= _FACTORED else polynomial.factor_squarefree
-    return tuple(Factor(part, int(power)) for part, power in split()[1])
+    """Return factors of a polynomial that for almost all values have simple roots, none in common.
+
+    Pairs of roots s and -s have a factor of their own, a polynomial in s^2. Factors without s are left out.
+    """
+    ring = polynomial.context()
+    s = ring.gen(0)
+    power = min((int(powers[0]) for powers in polynomial.monoms()), default=0)
+    found = [Factor(s, power)] if power else []
+    for part, multiplicity in _squarefree(polynomial // s**power):
+        even, rest = _paired(part)
+        found += [Factor(one, multiplicity) for one in (even, rest) if one.degrees()[0]]
+    return tuple(found)
+
+
+def _squarefree(polynomial: Any) -> Iterator[tuple[Any, int]]:
+    """Yield the square-free factors in s with their multiplicities (Yun's algorithm)."""
+    slope = polynomial.derivative(0)
+    if slope == 0:
+        return
+    common = polynomial.gcd(slope)
+    b, multiplicity = polynomial // common, 1
+    d = slope // common - b.derivative(0)
+    while b.degrees()[0]:
+        part = b.gcd(d)
+        if part.degrees()[0]:
+            yield part, multiplicity
+        b, multiplicity = b // part, multiplicity + 1
+        d = d // part - b.derivative(0)
+
+
+def _paired(polynomial: Any) -> tuple[Any, Any]:
+    """Split into a polynomial in s^2 and one that shares no root with its mirror image."""
+    ring, s = polynomial.context(), polynomial.context().gen(0)
+    terms = polynomial.to_dict()
+    even = ring.from_dict({powers: c for powers, c in terms.items() if powers[0] % 2 == 0})
+    odd = polynomial - even
+    # what the even and the odd part share; the odd part less its factor s is even as well
+    shared = even.gcd(odd // s) if odd != 0 else polynomial
+    return shared, polynomial // shared
 
 
 class Tables:

@@ -77,7 +77,7 @@ def _planned(family: _Family) -> _Plan | None:
         exemplar = run_scene(family.scene)
         wanted = tuple(gather(exemplar, family.collect))
         return _Plan(family.scene, dict(zip(family.paths, cast("list[Path]", places), strict=True)), wanted)
-    except (_NotShared, DynidError):
+    except (_NotShared, DynidError, ArithmeticError):
         return None
 
 
