@@ -66,6 +66,9 @@ ESTIMATOR: Default[Literal["auto"]] = Default(
     "auto", "estimators", "{value}: a filter pass, then maximum likelihood"
 )
 FILTER_PASSES = Default(2, "estimators", "{value} passes of the filter")
+LINEARISED = Default(
+    0.3, "filters", "steps are linearised anew where a logarithm has moved by {value:g} of its deviation"
+)
 COMPILED = Default(
     10.0, "filters", "compiled kernels where a pass without them would take more than {value:g} s"
 )

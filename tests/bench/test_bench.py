@@ -1,12 +1,15 @@
 """Benchmarks: every alternative does its work at a small size, and the figures are those of the work."""
 
 import re
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
+from dynid.bench.alternative import PEERS, Alternative
 from dynid.bench.page import page
 from dynid.bench.suite import Figure, pareto
 from dynid.bench.worker import measured
@@ -21,8 +24,8 @@ SMALL = {
     "symbolic": (3, 0),
     "loops": (2, 0),
     "propagation": (200, 1e-4),
-    "filters": (150, 10),
-    "estimators": (150, 3),
+    "filters": (100, 0.05),
+    "estimators": (200, 2.0),
     "basis": (7, 0.05),
     "reduction": (300, 1e-10),
     "modes": (300, 1e-10),
@@ -92,6 +95,19 @@ def test_the_page_holds_a_plot_and_every_figure_and_nothing_from_elsewhere(resul
     assert text.count("<svg") == 1
     assert text.count("<tr") == 1 + 2 * len(benchmark("propagation").alternatives)
     assert not re.search(r"<(script|link|img|iframe|a)\b|@import|url\((?!#)", text)
+
+
+def test_a_peer_may_live_in_another_interpreter(tmp_path, monkeypatch):
+    peer = Alternative("peer", lambda _: lambda: None, needs=("surely_not_installed",))
+    assert (peer.missing(), peer.interpreter) == ("surely_not_installed not installed", sys.executable)
+    other = tmp_path / "python"
+    other.write_text("#!/bin/sh\n")  # it prints no name: nothing is missing there
+    other.chmod(0o755)
+    monkeypatch.setenv(PEERS, str(other))
+    peer = replace(peer)
+    assert (peer.missing(), peer.interpreter) == ("", str(other))
+    monkeypatch.setenv(PEERS, str(tmp_path / "none"))
+    assert "surely_not_installed not installed" in replace(peer).missing()
 
 
 def test_the_command_measures_writes_and_shows(tmp_path):

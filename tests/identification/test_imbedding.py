@@ -5,7 +5,7 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.identification.augmented import augmented
-from dynid.identification.estimators.imbedding import InvariantImbedding, _Flow
+from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Measurement, data
 from tests.identification.cases import (
@@ -61,7 +61,7 @@ def test_the_jacobian_is_the_derivative_of_the_rate():
     record = data(model, LOADS, measurement)
     joint = augmented(model, LOADS, channels, measurement.record.times)
     fits = fitter(joint, model, channels, record)
-    flow = _Flow(fits, InvariantImbedding(input_deviation=3.0))
+    flow = Flow(fits, InvariantImbedding(input_deviation=3.0))
     rng = np.random.default_rng(1)
     prior = fits.wide_prior(np.log([u.start for u in joint.unknowns]))
     root = prior.root @ np.diag(rng.uniform(0.01, 0.02, len(prior.root)))

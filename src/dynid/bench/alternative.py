@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.util import find_spec
 from typing import Any
+
+#: Environment variable: a Python with peers that are not installed beside dynid, and with dynid itself.
+PEERS = "DYNID_PEERS"
 
 
 @dataclass(frozen=True)
@@ -31,8 +38,30 @@ class Alternative:
 
     def missing(self) -> str:
         """Say which packages are not installed; empty where it can run."""
-        absent = [package for package in self.needs if find_spec(package) is None]
+        absent = _absent(self.needs) if self.interpreter != sys.executable else self._absent
         return f"{', '.join(absent)} not installed" if absent else ""
+
+    @cached_property
+    def interpreter(self) -> str:
+        """The Python that runs it: the peers' one, if there is one, where packages are not installed here."""
+        return os.environ.get(PEERS, sys.executable) if self._absent else sys.executable
+
+    @property
+    def _absent(self) -> list[str]:
+        return [package for package in self.needs if find_spec(package) is None]
+
+
+def _absent(packages: Sequence[str]) -> list[str]:
+    """Return which packages the peers' interpreter does not have."""
+    script = (
+        "import sys; from importlib.util import find_spec as found; "
+        "print(*(name for name in sys.argv[1:] if not found(name)))"
+    )
+    asked = [os.environ[PEERS], "-c", script, "dynid", *packages]
+    try:
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+    except (OSError, subprocess.CalledProcessError):
+        return list(packages)
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,13 @@ class Process:
         The module.
     arguments
         What to call it with.
+    python
+        The interpreter that runs it.
     """
 
-    def __init__(self, module: str, *arguments: str) -> None:
+    def __init__(self, module: str, *arguments: str, python: str = sys.executable) -> None:
         # Imported rather than run: what is pickled must not belong to a module called __main__.
-        command = [sys.executable, "-c", f"from {module} import main; main(*{arguments!r})"]
+        command = [python, "-c", f"from {module} import main; main(*{arguments!r})"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )

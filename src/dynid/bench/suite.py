@@ -61,7 +61,9 @@ def _measured(
 ) -> dict[str, list[Figure]]:
     """Measure all alternatives, size by size in turns."""
     present = [each for each in case.alternatives if not each.missing()]
-    workers = {each.name: Process("dynid.bench.worker", name, each.name) for each in present}
+    workers = {
+        each.name: Process("dynid.bench.worker", name, each.name, python=each.interpreter) for each in present
+    }
     figures: dict[str, list[Figure]] = {each.name: [] for each in present}
     try:
         for size in sizes:

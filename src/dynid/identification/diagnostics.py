@@ -64,10 +64,15 @@ def _ljung_box(residual: Array) -> tuple[int, float]:
     channels = np.flatnonzero(power > 0)
     if not len(channels):
         return 0, 0.0
-    r = np.array([np.sum(centred[lag:] * centred[:-lag], axis=0)[channels] for lag in range(1, lags + 1)])
-    r = r / power[channels]
+    r = lagged(centred, lags)[:, channels] / power[channels]
     weights = n * (n + 2) / (n - np.arange(1, lags + 1))
     return lags * len(channels), float(np.sum(weights[:, None] * r**2))
+
+
+def lagged(values: Array, lags: int) -> Array:
+    """Return the products of values (times x channels) with those 1, 2, … before, summed (lags x …)."""
+    sums = [np.einsum("tc,tc->c", values[lag:], values[:-lag]) for lag in range(1, lags + 1)]
+    return np.reshape(sums, (lags, values.shape[1]))
 
 
 def chi_squared_tail(degrees: int, x: float) -> float:

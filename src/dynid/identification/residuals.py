@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import root_mean_square
+from dynid.identification.diagnostics import lagged, root_mean_square
 
 Array = NDArray[np.float64]
 
@@ -57,8 +57,7 @@ def autocorrelation(residual: Array) -> tuple[Array, Array]:
     scaled = residual / np.where(size > 0, size, 1.0)
     centred = np.nan_to_num(scaled - np.nanmean(scaled, axis=0))
     power = np.sum(centred**2, axis=0)
-    sums = [np.sum(centred[lag:] * centred[:-lag], axis=0) for lag in range(1, lags + 1)]
-    r = np.reshape(sums, (lags, residual.shape[1])) / np.where(power > 0, power, 1.0)
+    r = lagged(centred, lags) / np.where(power > 0, power, 1.0)
     return r, _WIDE / np.sqrt(np.count_nonzero(~np.isnan(residual), axis=0))
 
 

@@ -84,7 +84,7 @@ class InvariantImbedding:
         """Return the pass over one record, its number of equations, and that of their evaluations."""
         from scipy.integrate import solve_ivp  # heavy import, needed here only
 
-        flow = _Flow(record, self)
+        flow = Flow(record, self)
         start = flow.packed(np.concatenate([prior.state, prior.logs]), prior.root @ prior.root.T)
         times = record.model.line.nodes
         solved = solve_ivp(
@@ -105,7 +105,7 @@ class InvariantImbedding:
         return history, len(start), int(solved.nfev)
 
 
-class _Flow:
+class Flow:
     """Right-hand side of eqs 19 and 20, and its derivatives; the covariance as its upper triangle."""
 
     def __init__(self, fitter: Fitter, options: InvariantImbedding) -> None:

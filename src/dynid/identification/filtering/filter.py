@@ -65,7 +65,12 @@ class Pass(NamedTuple):
 
 
 def filter_pass(
-    model: AugmentedModel, measured: Array, prior: Prior, deviation: Array, origin: Array
+    model: AugmentedModel,
+    measured: Array,
+    prior: Prior,
+    deviation: Array,
+    origin: Array,
+    part: float = PART,
 ) -> Pass:
     """Run the filter once over the record.
 
@@ -81,6 +86,8 @@ def filter_pass(
         Assumed standard deviation of each channel's noise (channels) or of each sample (times x channels).
     origin
         Logarithms that a run-away is measured from (p).
+    part
+        How far a logarithm may move, in its deviations, before steps are linearised anew; 0: at every sample.
 
     Raises
     ------
@@ -94,7 +101,7 @@ def filter_pass(
     history = _History(logs, deviations, states, bands, np.full(measured.shape, np.nan))
     weight = np.broadcast_to(1 / deviation, measured.shape)
     run = _walk_compiled if compiled(len(model.line.nodes), n + len(model.line.G), p) else _walk
-    root = run(model, measured, weight, z, S, origin, history)
+    root = run(model, measured, weight, z, S, origin, history, part)
     return Pass(logs, deviations, states, bands, root[n:], history.innovations)
 
 
@@ -116,6 +123,7 @@ def _walk(
     S: Array,
     origin: Array,
     history: _History,
+    part: float,
 ) -> Array:
     """Filter the record, from state and root before the first sample; return the last root."""
     n = model.states
@@ -125,7 +133,7 @@ def _walk(
     outputs_vary = bool(model.C_slopes.any())
     H = np.zeros((measured.shape[1], len(z)))
     H[:, :n] = model.C
-    steps, spread = Linearised(model), _lengths(S)
+    steps, spread = Linearised(model, part), _lengths(S)
     for node, sample in enumerate(model.line.sample_of().tolist()):
         if node:
             steps.follow(z[n:], spread[n:])
@@ -153,6 +161,7 @@ def _walk_compiled(
     S: Array,
     origin: Array,
     history: _History,
+    part: float,
 ) -> Array:
     """Do the same by the kernel; steps that its series does not reach are made here."""
     from dynid.identification.kernels import steps, walk  # loads numba
@@ -160,7 +169,7 @@ def _walk_compiled(
     n, lengths, nodes = model.states, model.line.lengths, len(model.line.nodes)
     at, padded, spread = steps.linear(model), walk.padded(S), _lengths(S)[n:]
     record = steps.plain(measured), steps.plain(weight)
-    limits = PART, MOST, RUNAWAY
+    limits = part, MOST, RUNAWAY
     node = 0
     while node < nodes:
         node = walk.walk(model.tables, at, limits, node, *record, z, padded, spread, origin, tuple(history))

@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.choices import LINEARISED
 from dynid.identification.augmented import AugmentedModel
 
 Array = NDArray[np.float64]
 
 #: How far a logarithm may move before steps are linearised anew: in its standard deviations, and at the most.
-PART, MOST = 0.3, 0.05
+PART, MOST = LINEARISED.value, 0.05
 
 
 class Step(NamedTuple):
@@ -33,16 +34,24 @@ class Step(NamedTuple):
 
 
 class Linearised:
-    """The steps of a model about some logarithms, made when they are needed."""
+    """The steps of a model about some logarithms, made when they are needed.
 
-    def __init__(self, model: AugmentedModel) -> None:
-        self._model = model
+    Parameters
+    ----------
+    model
+        The model.
+    part
+        How far a logarithm may move, in its deviations.
+    """
+
+    def __init__(self, model: AugmentedModel, part: float) -> None:
+        self._model, self._part = model, part
         self._steps: dict[int, Step] = {}
         self.logs = np.full(model.parameters, np.nan)
 
     def follow(self, logs: Array, spread: Array) -> None:
         """Linearise anew if logarithms of these deviations (p) have left the present ones."""
-        if not np.all(np.abs(logs - self.logs) <= np.minimum(PART * spread, MOST)):
+        if not np.all(np.abs(logs - self.logs) <= np.minimum(self._part * spread, MOST)):
             self.logs = logs.copy()
             self._steps.clear()
 
