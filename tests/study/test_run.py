@@ -20,6 +20,7 @@ from dynid.study.executors import hire
 from dynid.study.executors.serial import SerialCrew
 from dynid.study.merge import merge_studies
 from dynid.study.plan import make_plan
+from tests.cli import conftest
 from tests.study.small import SCENE, STUDY, assert_same, planned, written
 
 
@@ -33,6 +34,9 @@ class Counting(SerialCrew):
     def submit(self, call, job, overrides):
         self.ran += [tuple(one.values()) for one in overrides]
         return super().submit(call, job, overrides)
+
+
+dynid_cli = conftest.dynid
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +154,8 @@ def test_a_study_goes_on_from_a_journal_torn_at_any_byte(undisturbed, tmp_path, 
     whole = _journal_of(plan, target)
     monkeypatch.setattr(journal.os, "fsync", lambda _: None)  # no power is cut here
     before = -1
-    for end in range(len(whole) + 1):
+    last = len(whole) - len(whole) // 6  # from there on every third byte, before it fewer
+    for end in [*range(0, last, 40), *range(last, len(whole) + 1, 3), len(whole)]:
         Path(f"{target}.journal").write_bytes(whole[:end])
         opened = journal.Journal(f"{target}.journal")
         known = dict(opened.places)
@@ -163,7 +168,7 @@ def test_a_study_goes_on_from_a_journal_torn_at_any_byte(undisturbed, tmp_path, 
         assert len(again.places) == len(known) + bool(known)
         again.close()
     assert before == 12
-    for end in range(0, len(whole), len(whole) // 5):
+    for end in range(0, len(whole), len(whole) // 3):
         Path(f"{target}.journal").write_bytes(whole[:end])
         crew = Counting()
         kept = run_study(plan, target, crew).kept
@@ -368,3 +373,51 @@ def test_who_names_a_scheduler_means_dask(monkeypatch):
         hire("dask")
     with pytest.raises(UsageError, match="of no use"):
         hire("serial", scheduler="tcp://127.0.0.1:1")
+
+
+def test_the_template_of_a_study_runs_on_that_of_a_bond_graph(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    for name in ("bond-graph", "study"):
+        assert dynid_cli("new", name)[0] == 0
+    assert "dynid study study.yaml" in dynid_cli("new", "study", "--force")[1]
+    code, out, _ = dynid_cli("study", "study.yaml", "--dry-run")
+    assert code == 0
+    assert "50 samples of bond-graph.yaml (bond-graph)" in out
+    assert "study.h5: 0 finished, 50 to run" in out
+    options = ("--set", "sampling.samples=3", "--executor", "serial")
+    code, out, said = dynid_cli("study", "study.yaml", *options)
+    assert (code, "wrote study.h5" in out, said.splitlines()[-1]) == (0, True, "3 of 3 samples")
+    assert read_result("study.h5")["study/status"].data.tolist() == ["done"] * 3
+    assert dynid_cli("study", "study.yaml", *options, "-q")[1:] == ("", "")
+
+
+def test_the_command_line_says_what_a_study_is_and_what_is_none(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path)
+    code, _, said = dynid_cli("run", "masses.yaml")
+    assert (code, said) == (
+        2, "masses.yaml:1:1: this is a study: many runs of a scene. Run it with: dynid study masses.yaml\n"
+    )  # fmt: skip
+    assert dynid_cli("check", "masses.yaml")[:2] == (0, "masses.yaml: valid (study: Masses on dampers)\n")
+    code, _, said = dynid_cli("study", "mass.yaml")
+    assert code == 2
+    assert "not a study. Run it with: dynid run mass.yaml" in said
+    assert dynid_cli("study", "masses.yaml", "--shard", "3/2")[0] == 2
+    assert dynid_cli("study", "masses.yaml", "-o", "mass.yaml")[0] == 2
+    (tmp_path / "mass.yaml").unlink()
+    code, _, said = dynid_cli("check", "masses.yaml")
+    assert code == 4
+    assert said.startswith("masses.yaml:4:8: mass.yaml: no such file; did you mean 'masses.yaml'?")
+
+
+def test_too_many_failures_are_an_exit_code(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, STUDY.replace("-2]", "nothing]"))
+    assert dynid_cli("study", "masses.yaml", "--executor", "serial", "--max-failures", "2")[0] == 3
+    assert dynid_cli("study", "masses.yaml", "--executor", "serial", "--max-failures", "4")[0] == 0
+    assert dynid_cli("study", "masses.yaml", "--executor", "serial")[0] == 0
+    for index in (1, 2):
+        assert dynid_cli("study", "masses.yaml", "--executor", "serial", "--shard", f"{index}/2")[0] == 0
+    code, out, _ = dynid_cli("study-merge", "masses-1-of-2.h5", "masses-2-of-2.h5", "-o", "both.h5")
+    assert (code, out) == (0, "wrote both.h5: 12 samples of 2 files\n")
+    assert_same("both.h5", "masses.h5")

@@ -40,6 +40,7 @@ def new(
     identification  joints of a chain of masses, from a record
     reduction       reductions of a beam, compared
     structure       frequency and time response of a chain of masses
+    study           many runs of the scene bond-graph, with other values
     chain           a bond graph of any length: --stages N masses, springs and dampers
     """  # noqa: D301 - click's mark against wrapping
     from importlib.resources import files
@@ -82,7 +83,7 @@ def new(
     else:
         replace_file(str(target), f"# yaml-language-server: $schema={_SCHEMA}\n".encode() + written)
         _write_schema(target.parent / _SCHEMA)
-    click.echo(f"wrote {target}; run it: dynid run {target}")
+    click.echo(f"wrote {target}; run it: dynid {'study' if name == 'study' else 'run'} {target}")
     return 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,7 +59,7 @@ class TooManyFailures(NumericalError):
     """More samples failed than were to be tolerated."""
 
 
-def shard_of(plan: Plan, shard: tuple[int, int] | None) -> Sequence[int]:
+def shard_of(plan: Plan, shard: tuple[int, int] | None) -> range:
     """Return the numbers of the samples of shard I of N (from 1), or of the whole plan."""
     if shard is None:
         return range(plan.size)
@@ -146,9 +146,9 @@ def journal_name(target: str) -> str:
     return f"{target}.journal"
 
 
-def heading_of(plan: Plan, numbers: Sequence[int], keys: NDArray[np.uint8]) -> Heading:
+def heading_of(plan: Plan, numbers: range, keys: NDArray[np.uint8]) -> Heading:
     """Return what the file of a plan, or of a shard of it, says beside the outcomes."""
-    rows = np.arange(plan.size)[numbers.start :: numbers.step] if isinstance(numbers, range) else numbers
+    rows = np.arange(plan.size)[numbers.start :: numbers.step]
     return Heading(
         title=plan.study.title,
         text=plan.study.source.resolved_text(),
@@ -230,7 +230,7 @@ class _Run:
     def __init__(
         self,
         plan: Plan,
-        numbers: Sequence[int],
+        numbers: range,
         heading: Heading,
         journal: Journal,
         max_failures: int | None,
@@ -247,10 +247,9 @@ class _Run:
         if retry_failed:
             journal.forget(self.failures)
             self.failures = set()
-        self.copies = _counted(self.keys)
-        finished = [key for key in self.copies if key in journal]
-        self.finished = self.kept = sum(self.copies[key] for key in finished)
-        self.failed = sum(self.copies.get(key, 0) for key in self.failures)
+        self.copies = _copies(self.keys)
+        self.finished = self.kept = sum(key in journal for key in self.keys)
+        self.failed = sum(key in self.failures for key in self.keys)
 
     def __iter__(self) -> Iterator[Outcome | None]:
         for key in self.keys:
@@ -270,7 +269,6 @@ class _Run:
         todo = self._todo()
         if todo:
             job = Job.of(self.plan.base, self.plan.collect, self.plan.size)
-            self.by_number = dict(zip(self.numbers, self.keys, strict=True))
             drive(crew, job, self.plan, todo, self._arrived)
 
     def _todo(self) -> list[int]:
@@ -284,10 +282,10 @@ class _Run:
         return todo
 
     def _arrived(self, outcomes: Arrived) -> None:
-        pairs = [(self.by_number[number], outcome) for number, outcome in outcomes]
+        pairs = [(self.keys[self.numbers.index(number)], outcome) for number, outcome in outcomes]
         self.journal.append(pairs)
-        self.finished += sum(self.copies[key] for key, _ in pairs)
-        self.failed += sum(self.copies[key] for key, outcome in pairs if outcome.error)
+        self.finished += sum(self.copies.get(key, 1) for key, _ in pairs)
+        self.failed += sum(self.copies.get(key, 1) for key, outcome in pairs if outcome.error)
         self._tell()
 
     def _tell(self) -> None:
@@ -296,11 +294,14 @@ class _Run:
         _judged(self.progress, self.max_failures)
 
 
-def _counted(keys: list[bytes]) -> dict[bytes, int]:
-    """Return how many samples each key stands for."""
+def _copies(keys: list[bytes]) -> dict[bytes, int]:
+    """Return how many samples a key stands for, of those that stand for several."""
+    once: set[bytes] = set()
     counts: dict[bytes, int] = {}
     for key in keys:
-        counts[key] = counts.get(key, 0) + 1
+        if key in once:
+            counts[key] = counts.get(key, 1) + 1
+        once.add(key)
     return counts
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import os
+import time
 from concurrent.futures import CancelledError, Executor
 from typing import Any
 
@@ -10,6 +13,7 @@ from dynid.errors import FileError, UsageError
 from dynid.study.executors.crew import Crew
 
 _PATIENCE = 10.0  # seconds to find the scheduler, or to find it again
+_ASK = 2.0  # seconds between two questions for the number of threads
 
 
 class DaskCrew(Crew):
@@ -36,13 +40,21 @@ class DaskCrew(Crew):
         self._options = {"address": address} if file is None else {"scheduler_file": file}
         self._workers = workers
         self._client: Any = None
+        self._threads = 1
+        self._asked = -math.inf
 
     @property
     def width(self) -> int:  # type: ignore[override]
-        """How many threads the cluster has now; workers may come and go."""
-        if self._workers is not None:
-            return self._workers
-        return max(1, sum(self._client.nthreads().values())) if self._client is not None else 1
+        """How many threads the cluster has; workers may come and go."""
+        if self._workers is not None or self._client is None:
+            return self._workers or 1
+        if time.monotonic() > self._asked + _ASK:
+            try:
+                self._threads = max(1, sum(self._client.nthreads().values()))
+            except OSError as error:
+                raise self._gone() from error
+            self._asked = time.monotonic()
+        return self._threads
 
     def _start(self) -> Executor:
         try:
@@ -52,6 +64,8 @@ class DaskCrew(Crew):
                 "the executor 'dask' needs the package distributed",
                 remedy="Install it with: pip install 'dynid[cluster]'",
             ) from None
+        # What goes wrong is said once, in our words.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             self._client = Client(  # type: ignore[no-untyped-call]
                 **self._options, timeout=_PATIENCE, set_as_default=False
@@ -64,7 +78,7 @@ class DaskCrew(Crew):
     def _stop(self, executor: Executor) -> None:
         client, self._client = self._client, None
         try:
-            executor.shutdown(wait=False, cancel_futures=True)
+            executor.shutdown(wait=False)
         finally:
             client.close(timeout=_PATIENCE)
 
