@@ -59,9 +59,27 @@ def test_a_worker_killed_in_the_middle_changes_nothing(serial, tmp_path):
     assert_same(tmp_path / "s.h5", serial)
 
 
-def test_a_sample_that_workers_die_of_fails_alone(tmp_path):
+class Dying(SerialCrew):
+    """A worker that dies of one sample each time, in this process: it only says so."""
+
+    def submit(self, call, job, overrides):
+        if any(one["parameters.m"] == 3 for one in overrides):
+            return super().submit(_die)
+        return super().submit(call, job, overrides)
+
+    def has_died(self, error):
+        return isinstance(error, MemoryError)
+
+
+def _die():
+    raise MemoryError
+
+
+@pytest.mark.parametrize("real", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_sample_that_workers_die_of_fails_alone(tmp_path, real):
     study = STUDY.replace("[0.5, 1, -2]", "[1]")
-    progress = run_study(planned(tmp_path, study), tmp_path / "s.h5", Deadly({3}, 99, tmp_path))
+    crew = Deadly({3}, 99, tmp_path) if real else Dying()
+    progress = run_study(planned(tmp_path, study), tmp_path / "s.h5", crew)
     assert (progress.finished, progress.failed) == (4, 1)
     result = read_result(tmp_path / "s.h5")
     assert result["study/status"].data.tolist() == ["done", "done", "failed", "done"]
@@ -73,10 +91,7 @@ class Broken(SerialCrew):
 
     def submit(self, *_):
         self.runs = getattr(self, "runs", 0) + 1
-        return super().submit(self._die)
-
-    def _die(self):
-        raise MemoryError
+        return super().submit(_die)
 
     def has_died(self, error):
         return isinstance(error, MemoryError)
@@ -155,6 +170,7 @@ def test_a_dask_cluster_gives_the_file_of_one_process_also_when_a_worker_is_kill
     assert_same(tmp_path / "killed.h5", serial)
 
 
+@pytest.mark.slow
 def test_a_study_whose_scheduler_is_gone_says_so_and_goes_on_elsewhere(serial, cluster, tmp_path):
     file, (scheduler, *_) = cluster
     plan = planned(tmp_path, MANY)
