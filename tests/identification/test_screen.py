@@ -5,8 +5,8 @@ import pytest
 
 from dynid.cli.run import _warn
 from dynid.cli.summary.identification import lines
-from dynid.cli.summary.numbers import quantity, with_error
 from dynid.identification.verdict import verdict
+from dynid.numerals import quantity, with_error
 from dynid.result import Result
 from tests.identification.cases import run, simulated
 

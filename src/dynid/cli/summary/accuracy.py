@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from textwrap import wrap
 
-from dynid.cli.summary.bench import memory_text, time_text
+from dynid.numerals import memory_text, time_text
 from dynid.result import Result
 
 _GROUP = "accuracy"

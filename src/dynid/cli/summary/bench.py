@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from itertools import groupby
 
+from dynid.numerals import memory_text, time_text
 from dynid.result import Result
 
 
@@ -56,16 +57,3 @@ def _growth(result: Result, group: str, name: str) -> float | None:
     if len(sizes) < 2 or sizes[-1] <= sizes[-2]:
         return None
     return math.log(times[-1] / times[-2]) / math.log(sizes[-1] / sizes[-2])
-
-
-def time_text(seconds: float) -> str:
-    """Write a time."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if seconds >= size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds / 1e-9:.3g} ns"
-
-
-def memory_text(size: float) -> str:
-    """Write a size of memory, bytes; what is below what the system tells apart is none."""
-    return f"{size / 1e6:.3g} MB" if size >= 1e5 else "-"

@@ -10,9 +10,9 @@ import numpy as np
 
 from dynid.cli.summary.causality import causality_lines, equation_lines
 from dynid.cli.summary.channels import channel_lines
-from dynid.cli.summary.numbers import MOST_ROOTS, counted
 from dynid.cli.summary.port import port_lines
 from dynid.cli.summary.responses import response_lines
+from dynid.numerals import MOST_ROOTS, counted
 from dynid.result import Result
 
 #: Most steps, and prototypes, that are listed.

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from dynid.cli.summary.numbers import MOST_ROOTS, counted, limit, root_text, roots_text
 from dynid.cli.summary.sensitivities import sensitivity_lines
+from dynid.numerals import MOST_ROOTS, counted, limit, root_text, roots_text
 from dynid.result import Result
 
 #: Most channels that are told in full, most rows of the table of the others, and longest formula shown.

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from dynid.cli.summary.numbers import quantity
+from dynid.numerals import quantity
 from dynid.result import Result
 
 GROUP = "identification/identifiability"

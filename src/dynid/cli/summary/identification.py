@@ -9,8 +9,8 @@ from io import StringIO
 import numpy as np
 
 from dynid.cli.summary.identifiability import identifiability_lines
-from dynid.cli.summary.numbers import quantity, with_error
 from dynid.cli.summary.responses import response_lines
+from dynid.numerals import percent, quantity, with_error
 from dynid.result import Result
 
 #: The most modes and massless DOFs on the screen.
@@ -131,8 +131,8 @@ def _table(result: Result) -> list[str]:
     for k, name in enumerate(get["name"]):
         estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
         factor = math.exp(_WIDE * error / estimate)
-        truth = (quantity(true), _percent(get["error_percent"][k])) if known else ()
-        bound = (_percent(100 * float(get["cramer_rao"][k]) / true),) if bounded else ()
+        truth = (quantity(true), percent(get["error_percent"][k])) if known else ()
+        bound = (percent(100 * float(get["cramer_rao"][k]) / true),) if bounded else ()
         row = (
             f"{name} [{get['unit'][k]}]".removesuffix(" []").replace("[", r"\["),
             quantity(get["start"][k]),
@@ -145,13 +145,6 @@ def _table(result: Result) -> list[str]:
     out = StringIO()
     Console(file=out, width=140, color_system=None).print(table)
     return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
-
-
-def _percent(value: float) -> str:
-    """Write a relative size with two significant digits, from a hundred on in whole per cents."""
-    if not math.isfinite(value):
-        return "-"
-    return f"{value:.0f} %" if 100 <= value < 1e6 else f"{value:.2g} %"
 
 
 def farthest(result: Result) -> tuple[str, float]:
@@ -180,7 +173,7 @@ def _verdict(result: Result) -> Iterable[str]:
     )
     names = result["identification/parameters/name"].data
     least = (
-        f"least certain: {names[int(np.argmax(relative))]} (standard error {_percent(100 * relative.max())})"
+        f"least certain: {names[int(np.argmax(relative))]} (standard error {percent(100 * relative.max())})"
     )
     told = f"parameters {'badly' if condition > _BADLY else 'well'} told apart (condition {condition:.2g})"
     yield f"  {told} · {least}" if len(names) > 1 else f"  {least}"

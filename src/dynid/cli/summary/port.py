@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from textwrap import wrap
 
-from dynid.cli.summary.numbers import roots_text
+from dynid.numerals import roots_text
 from dynid.result import Result
 
 _GROUP = "bond_graph/port"

@@ -7,7 +7,7 @@ from io import StringIO
 
 import numpy as np
 
-from dynid.cli.summary.numbers import quantity
+from dynid.numerals import quantity
 from dynid.result import Result
 
 #: Frequencies that a row still shows.

@@ -7,7 +7,7 @@ from textwrap import wrap
 
 import numpy as np
 
-from dynid.cli.summary.numbers import counted
+from dynid.numerals import counted
 from dynid.result import Result
 
 #: Most channels and outputs that are listed.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.cli.summary.numbers import root_text
+from dynid.numerals import root_text
 from dynid.result import Result
 
 #: Most parameters and roots that are listed.

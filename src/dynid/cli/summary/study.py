@@ -8,7 +8,7 @@ import numpy as np
 
 from dynid.checks.comparison import word
 from dynid.checks.expectations import expected_words
-from dynid.cli.summary.numbers import counted, quantity
+from dynid.numerals import counted, quantity
 from dynid.result import Result
 from dynid.study.analysis.failures import failures
 from dynid.study.analysis.influence import Indices

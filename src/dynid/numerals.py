@@ -86,6 +86,26 @@ def roots_text(roots: NDArray[np.complex128]) -> str:
     return ", ".join(shown[:MOST_ROOTS]) + more
 
 
+def percent(value: float) -> str:
+    """Write a relative size with two significant digits, from a hundred on in whole per cents."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f} %" if 100 <= value < 1e6 else f"{value:.2g} %"
+
+
+def time_text(seconds: float) -> str:
+    """Write a time."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-9:.3g} ns"
+
+
+def memory_text(size: float) -> str:
+    """Write a size of memory, bytes; what is below what the system tells apart is none."""
+    return f"{size / 1e6:.3g} MB" if size >= 1e5 else "-"
+
+
 def _exponent(value: float, digits: int) -> int:
     """Return the power of ten of a number as it is written with so many decimals."""
     return int(f"{value:.{digits}e}".partition("e")[2])
