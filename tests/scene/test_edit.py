@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dynid.scene.files import file_places, moved
@@ -90,6 +90,7 @@ PLAIN = st.recursive(
 )
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.sampled_from(["parameters.m_s", "graph.nodes.m.value", "list.1.1", "parameters.n", "empty.q"]), PLAIN
 )

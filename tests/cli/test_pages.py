@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -10,7 +11,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-DOCS = Path(__file__).parents[1] / "docs"
+from dynid.study.executors.serial import SerialCrew
+
+DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLES = DOCS / "examples"
 BLOCK = re.compile(r"(?:<!-- test: (?P<mark>\w+) -->\n)?```(?P<language>\w+)\n(?P<code>.*?)```", re.DOTALL)
 
@@ -28,7 +31,7 @@ def project(tmp_path):
     for command in commands.iterdir():
         command.chmod(0o755)
 
-    def shell(script, timeout=100):
+    def shell(script, timeout=300):
         environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "OMP_NUM_THREADS": "1"}
         return subprocess.run(
             ["bash", "-euo", "pipefail", "-c", script],
@@ -68,6 +71,47 @@ def test_both_examples_do_the_same():
     assert words(github()) == words(gitlab())
 
 
+@pytest.fixture
+def at_once(tmp_path, monkeypatch, dynid):
+    """The commands of a script in this process, one sample after the other; in a copy of the project."""
+    shutil.copytree(EXAMPLES / "project", tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("dynid.study.executors.hire", lambda *_: SerialCrew())
+
+    def run(script):
+        said = []
+        for line in script.replace("\\\n", " ").splitlines():
+            if line.startswith("mkdir"):
+                Path(line.split()[-1]).mkdir()
+            if not line.startswith("dynid"):
+                continue
+            args = [sorted(Path().glob(arg)) if "*" in arg else [arg] for arg in shlex.split(line)[1:]]
+            code, out, err = dynid(*(name for names in args for name in names))
+            assert code == 0, f"{line}: {err}"
+            said.append(out)
+        return "".join(said)
+
+    return run
+
+
+def test_the_commands_of_the_pipeline_pass(at_once):
+    Path("reference").mkdir()
+    at_once("dynid study studies/tolerances.yaml -q -o reference/tolerances.h5")
+    assert "no differences" in at_once(github())
+    names = {"isolator.h5", "isolator.xml", "tolerances.h5", "tolerances.xml", "tolerances.csv"}
+    assert names <= {path.name for path in Path("results").iterdir()}
+
+
+def test_the_commands_and_the_code_of_the_page_on_studies_run(at_once, capsys):
+    said = at_once("\n".join(blocks("studies.md", "sh")))
+    assert said.count("no differences") == 1
+    assert {"worst.h5", "table.csv", "table.parquet"} <= {path.name for path in Path.cwd().iterdir()}
+    for code in blocks("studies.md", "python"):
+        exec(compile(code, "studies.md", "exec"), {})
+    assert "a linear model explains" in capsys.readouterr().out
+
+
+@pytest.mark.slow
 def test_the_pipeline_runs_as_it_is_written_and_sees_a_difference(project):
     reference = "mkdir reference && dynid study studies/tolerances.yaml -q -o reference/tolerances.h5"
     assert project(reference).returncode == 0
@@ -87,7 +131,8 @@ def test_the_pipeline_runs_as_it_is_written_and_sees_a_difference(project):
     assert "study/samples/parameters.b" in left.stdout
 
 
-def test_the_commands_of_the_page_on_studies_run(project):
+@pytest.mark.slow
+def test_a_shell_runs_the_page_on_studies(project):
     left = project("\n".join(blocks("studies.md", "sh")))
     assert left.returncode == 0, left.stderr
     assert left.stdout.count("no differences") == 1
