@@ -11,7 +11,7 @@ ROOT = Path(dynid.__file__).parent
 
 # From the ground up; a package may import every floor below its own, and none beside it.
 FLOORS = [
-    {"_version", "errors", "words", "numerals", "atomic", "hdf5", "result", "need", "choices"},
+    {"_version", "errors", "words", "numerals", "atomic", "hdf5", "result", "need", "choices", "progress"},
     {"lti"},
     {"bondgraph", "structure"},
     {"identification"},

@@ -16,6 +16,7 @@ from dynid.bondgraph.results.trace import add_prototypes, add_steps
 from dynid.bondgraph.results.zero_input import add_zero_input
 from dynid.errors import Singular
 from dynid.need import listed_names
+from dynid.progress import tell
 from dynid.result import Result
 
 
@@ -59,6 +60,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
         causality = add_causality(result, graph)
     try:
+        tell("reducing the graph")
         told = bool(analysis.results & {"reduction", "prototype"})
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=told)
     except Singular:
@@ -73,6 +75,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
     if "sensitivities" in asked:
+        tell("sensitivities")
         from dynid.bondgraph.results.sensitivities import add_sensitivities
 
         add_sensitivities(result, reduced, analysis)
@@ -87,10 +90,13 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.port is not None:
         _add_port(result, reduced, analysis, analysis.port)
     if "state_space" in asked:
+        tell("state equations")
         add_state_space(result, reduced)
     if "frequency_response" in asked and analysis.omega is not None:
+        tell("frequency response")
         add_frequency_response(result, reduced, analysis.omega)
     if "time_response" in asked and analysis.times is not None:
+        tell("time response")
         add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)
     tell_need(result, reduced, analysis)
     return result

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from dynid.cli.progress import teller
+from dynid.cli.progress import showing
 from dynid.errors import UsageError
 
 
@@ -36,7 +36,8 @@ def bench(
             click.echo(f"  {name:{width}}  {benchmark(name).title}")
         return 0
     chosen = [_known(name, BENCHMARKS) for name in names] or list(BENCHMARKS)
-    result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), teller())
+    with showing() as tell:
+        result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), tell)
     click.echo(summary(result, ""))
     if output:
         from dynid.store import write_result

@@ -34,6 +34,7 @@ def plan(
     Says what the record of a scene can tell of each unknown parameter before it is taken, and which sensors
     and which sines would tell most in its place. Nothing is identified.
     """
+    from dynid.cli.progress import showing
     from dynid.cli.run import LocatedError, refuse_missing_folders, refuse_overwriting
     from dynid.scene.kinds.planning import run_plan
     from dynid.scene.load import load_scene
@@ -44,7 +45,8 @@ def plan(
         refuse_overwriting(scene, output, None)
         refuse_missing_folders(output)
     try:
-        result = run_plan(loaded, sensors, lines)
+        with showing(quiet):
+            result = run_plan(loaded, sensors, lines)
     except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(loaded, error) from error
     if output:

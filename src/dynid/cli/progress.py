@@ -1,15 +1,72 @@
-"""How far the work is, for who looks."""
+"""How far the work is, for who looks: one line on a terminal, once it has taken two seconds."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import click
 
+from dynid.progress import Listener, heard_by
 
-def teller() -> Callable[[str], None]:
-    """Return what tells the progress: a line that is overwritten, or nothing where nobody looks."""
-    if not sys.stderr.isatty():
-        return lambda _: None
-    return lambda line: click.echo(f"\r\033[K{line}", nl=False, err=True)
+# What takes less needs no line; from then on it is written anew so often, s.
+_PATIENCE, _PERIOD = 2.0, 0.5
+#: Longest text of the line: what is wider than the terminal could not be wiped.
+_WIDTH = 72
+
+
+@contextmanager
+def showing(quiet: bool = False) -> Iterator[Listener]:
+    """Show how far the work inside is; nothing where standard error is no terminal.
+
+    Parameters
+    ----------
+    quiet
+        Whether nobody wants to see it.
+
+    Yields
+    ------
+    Listener
+        For work that is handed a listener; all other work is heard anyway (`dynid.progress`).
+    """
+    if quiet or not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    line = _Line()
+    try:
+        with heard_by(line.hear):
+            yield line.hear
+    finally:
+        line.end()
+
+
+class _Line:
+    """A line that a thread of its own keeps up to date, since work need not report for long."""
+
+    def __init__(self) -> None:
+        self._said = ""
+        self._began = time.monotonic()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._write, daemon=True)
+        self._thread.start()
+
+    def hear(self, what: str) -> None:
+        self._said = what
+
+    def end(self) -> None:
+        """Wipe the line."""
+        self._over.set()
+        self._thread.join()
+
+    def _write(self) -> None:
+        if self._over.wait(_PATIENCE):
+            return
+        while not self._over.wait(_PERIOD):
+            seconds = f"{time.monotonic() - self._began:.0f} s"
+            click.echo(
+                f"\r\033[K{' · '.join(filter(None, (self._said[:_WIDTH], seconds)))}", nl=False, err=True
+            )
+        click.echo("\r\033[K", nl=False, err=True)

@@ -12,6 +12,7 @@ import click
 from dynid.errors import DynidError, FileError, NumericalError, UsageError
 
 if TYPE_CHECKING:
+    from dynid.progress import Listener
     from dynid.result import Result
     from dynid.scene.load import Scene
 
@@ -46,6 +47,7 @@ def run(
     file is there then, for a look.
     """
     from dynid.cli.expectations import check, tell
+    from dynid.cli.progress import showing
     from dynid.scene.load import load_scene
 
     started = time.perf_counter()
@@ -53,11 +55,12 @@ def run(
     target = Path(output) if output else Path(Path(scene).stem + ".h5")
     refuse_overwriting(scene, str(target), junit)
     refuse_missing_folders(str(target), junit)
-    result = _compute(loaded, accuracy=accuracy)
-
     from dynid.store import write_result
 
-    write_result(result, target)
+    with showing(quiet) as say:
+        result = _compute(loaded, say, accuracy=accuracy)
+        say(f"writing {target}")
+        write_result(result, target)
     outcomes = check(loaded, result, junit)
     if not quiet:
         from dynid.cli.summary import summary
@@ -68,16 +71,15 @@ def run(
     return tell(loaded, outcomes, quiet)
 
 
-def _compute(scene: Scene, *, accuracy: bool) -> Result:
+def _compute(scene: Scene, say: Listener, *, accuracy: bool) -> Result:
     from dynid.scene.dispatch import run_scene
 
     try:
         result = run_scene(scene)
         if accuracy or getattr(scene.model, "accuracy", None) is not None:
             from dynid.bench.scenes import add_accuracy
-            from dynid.cli.progress import teller
 
-            add_accuracy(result, scene, tell=teller())
+            add_accuracy(result, scene, tell=say)
         return result
     except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(scene, error) from error

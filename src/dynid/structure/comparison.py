@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.progress import tell
 from dynid.result import Result
 from dynid.structure import correlation
 from dynid.structure.matrices import Array, Label, as_array
@@ -74,17 +75,22 @@ def compare(
     """
     import scipy.linalg  # noqa: F401 - loaded beforehand, so that no method pays for it
 
-    candidates = {name: candidate(model, method) for name, method in methods.items()}
+    candidates = {}
+    for name, method in methods.items():
+        tell(f"reducing by {name}")
+        candidates[name] = candidate(model, method)
     result = Result("reduction")
     result.add_axis("reduction/method", list(methods))
     result.add_axis("reduction/dof", [str(dof) for dof in model.dofs])
     most = max(max(made.numbers, default=0) for made in candidates.values())
+    tell("modes of the full structure")
     with measured() as cost:
         full = modes(*model.with_joints(), count=most)
     result.annotate("reduction", solver=full.method, **cost.attributes())
     for name, made in candidates.items():
         _add(result, f"reduction/{name}", model, made, full, parts)
     if responses is not None:
+        tell("frequency responses")
         _add_responses(result, model, candidates, responses)
     return result
 

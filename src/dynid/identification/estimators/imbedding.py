@@ -25,6 +25,7 @@ from dynid.identification.estimators.estimation import Estimation, Stage
 from dynid.identification.estimators.passes import chained, last
 from dynid.identification.filtering.filter import ASTRAY, Pass, Prior, check_run_away
 from dynid.identification.fit import Fitter
+from dynid.progress import tell
 
 Array = NDArray[np.float64]
 
@@ -82,6 +83,7 @@ class InvariantImbedding:
 
     def _integrated(self, record: Fitter, prior: Prior, origin: Array) -> tuple[Pass, int, int]:
         """Return the pass over one record, its number of equations, and that of their evaluations."""
+        tell("integrating eqs 19 and 20")
         from scipy.integrate import solve_ivp  # heavy import, needed here only
 
         flow = Flow(record, self)

@@ -20,6 +20,7 @@ from dynid.identification.ensemble import JointFit, Likelihood
 from dynid.identification.estimators.estimation import Estimation, Stage
 from dynid.identification.filtering.filter import check_run_away
 from dynid.identification.information import Information, least_squares
+from dynid.progress import tell
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,8 @@ def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iteration
     misfit = ensemble.misfit(fit)
     way = Iterations([fit], [0.0], finished=False)
     damping, before = _DAMPING, 0.0
-    for _ in range(iterations):
+    for number in range(1, iterations + 1):
+        tell(f"maximum likelihood, step {number}")
         noise = ensemble.likeliest(fit)
         information = ensemble.information(fit, noise)
         residual = ensemble.weighted(fit, noise)

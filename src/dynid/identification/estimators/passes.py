@@ -20,6 +20,7 @@ from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimators.estimation import Estimation, Stage, Sweep
 from dynid.identification.filtering.filter import Pass, Prior, filter_pass
 from dynid.identification.fit import Fitter
+from dynid.progress import counted, tell
 
 Array = NDArray[np.float64]
 
@@ -93,8 +94,10 @@ def run_passes(ensemble: Ensemble, passes: int, origin: Array) -> list[Sweep]:
     """
     records = ensemble.records
     priors = [record.wide_prior(origin) for record in records]
+    tell(f"filter pass 1 of {passes}")
     sweeps = [_sweep(ensemble, priors, first_noise(ensemble), origin)]
     while len(sweeps) < passes:
+        tell(f"filter pass {len(sweeps) + 1} of {passes}")
         fit = ensemble.fit(last(ensemble, sweeps))
         fits = list(zip(records, fit.parts, strict=True))
         priors = [record.unit_prior(part) for record, part in fits]
@@ -122,7 +125,7 @@ def annealed_passes(ensemble: Ensemble, origin: Array) -> list[Sweep]:
     """
     sweeps: list[Sweep] = []
     logs = origin
-    for level, spread in _ANNEALED:
+    for level, spread in counted(_ANNEALED, "annealed pass"):
         priors = [record.wide_prior(logs, spread) for record in ensemble.records]
         sweeps.append(_sweep(ensemble, priors, [level * r.data.rms for r in ensemble.records], logs))
         logs = last(ensemble, sweeps)

@@ -6,6 +6,7 @@ import math
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from dynid.progress import tell
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies, record_of
 from dynid.scene.kinds.needs import tell_identification
@@ -287,14 +288,17 @@ def _responses(
     if wanted.modes is not None:
         from dynid.structure.description import modal_analysis
 
+        tell("modes")
         result.merge(modal_analysis(structure, *which_modes(wanted.modes), values))
     if wanted.frequency is not None:
         driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
         driven += _forced(model)
         inputs = list(dict.fromkeys(wanted.inputs or driven))
         omega = angular_frequencies(wanted.frequency)
+        tell("frequency response")
         result.merge(frequency_response(structure, inputs, _outputs(model), omega, values))
     if wanted.time is not None:
+        tell("time response")
         result.merge(time_response(structure, values=values, **time_question(scene)))
     return result
 
