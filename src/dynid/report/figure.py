@@ -19,10 +19,13 @@ class Table:
         Headings, with units where there are any: `omega, rad/s`.
     rows
         One entry a column.
+    note
+        What is to be said of it: which rows it leaves out.
     """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,27 @@
 
 from __future__ import annotations
 
+import re
+
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: A space that does not break, between thousands.
 _THIN = "\N{NARROW NO-BREAK SPACE}"
+
+
+def raised(power: int) -> str:
+    """Write a whole number as an exponent."""
+    return str(power).translate(_RAISED)
+
+
+def unit(text: str) -> str:
+    """Write units as people do: `N.s/m` is N·s/m, `m/s2` m/s²."""
+    text = text.replace(".", "·").replace("^0·5", "^½")
+    return re.sub(r"(?<=[A-Za-z])\d", lambda found: found[0].translate(_RAISED), text)
+
+
+def labelled(name: str, units: str = "") -> str:
+    """Return what an axis or a column is called: its name with its units."""
+    return f"{name} ({unit(units)})" if units else name
 
 
 def short(value: float, digits: int = 4) -> str:
@@ -18,7 +36,7 @@ def short(value: float, digits: int = 4) -> str:
     if value and not -3 <= int(power) < 6:
         mantissa = mantissa.rstrip("0").rstrip(".")
         times = {"1": "", "-1": "−"}.get(mantissa, f"{mantissa}·")
-        return f"{times}10{str(int(power)).translate(_RAISED)}".replace("-", "−")
+        return f"{times}10{raised(int(power))}".replace("-", "−")
     text = f"{float(f'{value:.{digits}g}'):.12g}"
     whole, dot, rest = text.partition(".")
     sign, figures = ("−", whole[1:]) if whole.startswith("-") else ("", whole)

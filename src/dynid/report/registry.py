@@ -49,12 +49,33 @@ class Family:
     when: When
 
 
+FREQUENCY_RESPONSES = (
+    "bond_graph/frequency_response/",
+    "structure/frequency_response/",
+    "bond_graph/port/frequency_response/",
+)
+
 #: In the order in which a page shows them.
 FAMILIES: tuple[Family, ...] = (
     Family("dynid.report.drawing.graph", with_scene(kind("bond-graph"))),
     Family("dynid.report.drawing.strip", with_scene(holds("bond_graph/reduction/steps"))),
     Family("dynid.report.drawing.prototype", holds("bond_graph/reduction/prototype", "bond_graph/port/")),
     Family("dynid.report.drawing.structure", with_scene(kind("identification", "reduction"))),
+    Family("dynid.report.diagrams.bode", holds(*FREQUENCY_RESPONSES)),
+    Family("dynid.report.diagrams.poles", holds("bond_graph/transfer_function/")),
+    Family("dynid.report.diagrams.responses", holds("bond_graph/time_response/", "structure/time_response/")),
+    Family("dynid.report.diagrams.estimates", holds("identification/parameters/")),
+    Family(
+        "dynid.report.diagrams.prediction",
+        holds("identification/measurement/", "identification/diagnostics/"),
+    ),
+    Family(
+        "dynid.report.diagrams.histories",
+        holds("identification/history/", "identification/first_pass/", "identification/states/"),
+    ),
+    Family("dynid.report.diagrams.reduction", holds("reduction/method")),
+    Family("dynid.report.diagrams.plan", holds("plan/")),
+    Family("dynid.report.diagrams.port", holds("bond_graph/port/performance/")),
 )
 
 

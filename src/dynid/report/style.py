@@ -71,6 +71,9 @@ def _rules() -> str:
         rules[f".{name}.dot"] = f"fill: {colour(name)}; stroke: none"
         rules[f".{name}.band"] = f"fill: {colour(name)}; fill-opacity: .18; stroke: none"
         rules[f"text.{name}"] = f"fill: {colour(name)}; stroke: none"
+    rules["path.fine"] = f"stroke-width: {LINE:g}"
+    rules[".hollow"] = f"fill: {colour('paper')}"
+    rules[".tick"] = f"fill: {muted}"
     return "".join(f".fig {selector} {{ {body} }}\n" for selector, body in rules.items())
 
 

@@ -1,0 +1,1 @@
+"""The plots of results, a family a module."""

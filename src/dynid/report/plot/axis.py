@@ -1,0 +1,250 @@
+"""Axes: which values they span, where their ticks are, and what those are called."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.report.metrics import text_width
+from dynid.report.numbers import raised, short
+from dynid.report.style import SMALL
+
+Floats = NDArray[np.float64]
+
+#: Room between two labels, px.
+_APART = 10.0
+_LINE = 16.0
+#: Magnitudes from which, and below which, ticks are written with a common power of ten.
+_LARGE, _LITTLE = 5, -2
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What an axis is to show.
+
+    Parameters
+    ----------
+    label
+        The quantity with its units: `time (s)`.
+    log
+        Whether equal distances are equal ratios.
+    low, high
+        Its ends; absent: round values around the data.
+    names
+        What stands at 0, 1, 2, … instead of numbers.
+    step
+        The smallest distance of ticks that makes sense: 45 for angles, 1 for counts.
+    """
+
+    label: str
+    log: bool = False
+    low: float | None = None
+    high: float | None = None
+    names: tuple[str, ...] = ()
+    step: float = 0.0
+
+    def scale(self, values: Iterable[ArrayLike]) -> Scale:
+        """Return the scale that holds all values; those that a logarithm does not take are left out."""
+        if self.names:
+            return Scale(-0.5, len(self.names) - 0.5)
+        low, high = _extent(values, self.log)
+        low, high = self.low if self.low is not None else low, self.high if self.high is not None else high
+        if not low < high:
+            low, high = (low / 2, low * 2) if self.log else (low - _beside(low), low + _beside(low))
+        elif self.log:
+            margin = (high / low) ** 0.03
+            low, high = (
+                low if self.low is not None else low / margin,
+                high if self.high is not None else high * margin,
+            )
+        else:
+            margin = 0.04 * (high - low)
+            low, high = (
+                low if self.low is not None else low - margin,
+                high if self.high is not None else high + margin,
+            )
+        return Scale(low, high, self.log)
+
+    def ticks(self, scale: Scale, length: float, *, upright: bool) -> Ticks:
+        """Return as many round ticks as have room on a length, px; labels of an upright axis are stacked."""
+        if self.names:
+            return _named(self.names, length, upright)
+        most = max(2, int(length / (24.0 if upright else 60.0)))
+        found = Ticks((), ())
+        for count in range(most, 0, -1):
+            found = _logarithmic(scale, count) if scale.log else _linear(scale, count, self.step)
+            if len(found.values) <= most and found.fit(scale, length, upright):
+                break
+        return found
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Where values are, as a share of an axis's length."""
+
+    low: float
+    high: float
+    log: bool = False
+
+    def share(self, values: ArrayLike) -> Floats:
+        """Return the place of values between the ends, 0 … 1; NaN where a logarithm does not take them."""
+        data = np.asarray(values, dtype=float)
+        if not self.log:
+            return (data - self.low) / (self.high - self.low)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = np.where(data > 0, np.log(np.where(data > 0, data, 1.0)), np.nan)
+        return (logs - math.log(self.low)) / (math.log(self.high) - math.log(self.low))
+
+    def __str__(self) -> str:
+        return f"{'log' if self.log else 'lin'} {self.low:.12g} {self.high:.12g}"
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """Ticks with their labels.
+
+    Parameters
+    ----------
+    values, labels
+        One label a value.
+    minor
+        Values with a grid line of their own, but no label.
+    power
+        What power of ten the labels are to be multiplied by.
+    """
+
+    values: tuple[float, ...]
+    labels: tuple[str, ...]
+    minor: tuple[float, ...] = ()
+    power: int = 0
+
+    def fit(self, scale: Scale, length: float, upright: bool) -> bool:
+        """Tell whether no two labels come too near to each other."""
+        places = scale.share(self.values) * length
+        if upright:
+            return bool(np.all(np.abs(np.diff(places)) >= _LINE))
+        halves = [text_width(label, SMALL) / 2 for label in self.labels]
+        return all(
+            b - a >= one + other + _APART
+            for a, b, one, other in zip(places, places[1:], halves, halves[1:], strict=False)
+        )
+
+    @property
+    def width(self) -> float:
+        """The width of the widest label, px."""
+        return max((text_width(label, SMALL) for label in self.labels), default=0.0)
+
+
+def _extent(values: Iterable[ArrayLike], log: bool) -> tuple[float, float]:
+    """Return the least and the largest finite value (above zero on a logarithmic axis)."""
+    low, high = math.inf, -math.inf
+    for some in values:
+        data = np.asarray(some, dtype=float)
+        data = data[np.isfinite(data) & ((data > 0) | (not log))]
+        if data.size:
+            low, high = min(low, float(data.min())), max(high, float(data.max()))
+    return (low, high) if low <= high else (1.0, 10.0) if log else (0.0, 1.0)
+
+
+def _beside(value: float) -> float:
+    return abs(value) * 0.1 or 1.0
+
+
+def _named(names: tuple[str, ...], length: float, upright: bool) -> Ticks:
+    """Return names at their places, every n-th where not all have room."""
+    scale = Scale(-0.5, len(names) - 0.5)
+    found = Ticks((), ())
+    for step in range(1, len(names) + 1):
+        places = range(0, len(names), step)
+        found = Ticks(tuple(map(float, places)), tuple(shortened(names[place]) for place in places))
+        if found.fit(scale, length, upright):
+            break
+    return found
+
+
+def shortened(name: str, most: int = 28) -> str:
+    """Return a name without its middle, where it is too long for a label."""
+    return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"
+
+
+def _linear(scale: Scale, count: int, least: float) -> Ticks:
+    span = scale.high - scale.low
+    raw = max(span / count, least or 0.0)
+    if least >= 15 and raw > least:  # angles
+        step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0) if s >= raw), 360.0 * math.ceil(raw / 360))
+    else:
+        unit = 10.0 ** math.floor(math.log10(raw))
+        step = next(unit * factor for factor in (1, 2, 2.5, 5, 10) if unit * factor >= raw * (1 - 1e-9))
+        if least:
+            step = max(round(step / least), 1) * least
+    first, last = math.ceil(scale.low / step - 1e-9), math.floor(scale.high / step + 1e-9)
+    values = tuple(k * step for k in range(first, min(last, first + 1000) + 1))
+    if not values:
+        return Ticks((), ())
+    return Ticks(values, *_written(values, step))
+
+
+def _written(values: tuple[float, ...], step: float) -> tuple[tuple[str, ...], tuple[()], int]:
+    """Return the labels of evenly spaced values, and their common power of ten."""
+    largest = max(map(abs, values)) or 1.0
+    magnitude = math.floor(math.log10(largest) + 1e-12)
+    power = 3 * (magnitude // 3) if magnitude >= _LARGE or magnitude < _LITTLE else 0
+    unit = 10.0**power
+    digits = max(0, -math.floor(math.log10(step / unit) + 1e-9))
+    digits += abs(round(step / unit, digits) - step / unit) > 1e-6 * step / unit  # 2.5
+    texts = [f"{value / unit:,.{min(digits, 12)}f}" for value in values]
+    apart = "\N{NARROW NO-BREAK SPACE}" if largest / unit >= 1e4 else ""
+    plain = [text.replace(",", apart) for text in texts]
+    return tuple(_signed(text) for text in plain), (), power
+
+
+def _signed(text: str) -> str:
+    return (
+        text.replace("-", "−") if float(text.replace("\N{NARROW NO-BREAK SPACE}", "")) else text.lstrip("-")
+    )
+
+
+def _logarithmic(scale: Scale, count: int) -> Ticks:
+    low, high = math.log10(scale.low), math.log10(scale.high)
+    first, last = math.ceil(low - 1e-9), math.floor(high + 1e-9)
+    decades = last - first + 1
+    if decades < 2 or high - low < 2.2:
+        return _within_decades(scale, count)
+    step = max(1, math.ceil(decades / count))
+    powers = range(first + (-first) % step, last + 1, step)
+    plain = first >= -3 and last <= 4
+    labels = tuple(_power(power, plain) for power in powers)
+    minor: list[float] = []
+    if step > 1:
+        minor = [10.0**power for power in range(first, last + 1) if power not in powers]
+    elif decades <= 5:
+        minor = [k * 10.0**p for p in range(first - 1, last + 1) for k in range(2, 10)]
+    inside = tuple(value for value in minor if scale.low <= value <= scale.high)
+    return Ticks(tuple(10.0**power for power in powers), labels, inside)
+
+
+def _within_decades(scale: Scale, count: int) -> Ticks:
+    """Return ticks at 1, 2, 5 of each decade, or as on a linear axis where it spans less than a factor 3."""
+    low, high = math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high))
+    for factors in ((1, 2, 3, 4, 5, 6, 8), (1, 2, 5), (1, 3), (1,)):
+        values = tuple(
+            k * 10.0**p
+            for p in range(low, high + 1)
+            for k in factors
+            if scale.low <= k * 10.0**p <= scale.high
+        )
+        if 2 <= len(values) <= count:
+            between = (k * 10.0**p for p in range(low, high + 1) for k in range(1, 10))
+            minor = tuple(value for value in between if scale.low <= value <= scale.high)
+            return Ticks(values, tuple(short(value, 2) for value in values), minor)
+    return _linear(replace(scale, log=False), count, 0.0)
+
+
+def _power(power: int, plain: bool) -> str:
+    if plain:
+        return f"{10.0**power:.{max(0, -power)}f}".replace("10000", "10\N{NARROW NO-BREAK SPACE}000")
+    return f"10{raised(power)}"
