@@ -67,7 +67,7 @@ ESTIMATOR: Default[Literal["auto"]] = Default(
 )
 FILTER_PASSES = Default(2, "estimators", "{value} passes of the filter")
 LINEARISED = Default(
-    0.3, "filters", "steps are linearised anew where a logarithm has moved by {value:g} of its deviation"
+    1.0, "filters", "steps are linearised anew where a logarithm has moved by {value:g} of its deviation"
 )
 COMPILED = Default(
     10.0, "filters", "compiled kernels where a pass without them would take more than {value:g} s"

@@ -184,11 +184,11 @@ def _walk_compiled(
 def _propagate(model: AugmentedModel, node: int, z: Array, S: Array, steps: Linearised) -> None:
     """Take state and root to a node from the one before it, in place: S turns into F S."""
     n = model.states
-    forward, total = steps.step(int(model.line.which[node - 1]))
-    moved = (forward @ np.concatenate([z[:n], model.W[node - 1]])).reshape(-1, n)
-    total[:, n:] = moved[1:].T
-    z[:n] = moved[0] + (z[n:] - steps.logs) @ moved[1:]
-    S[:n] = total @ S
+    step, growth = steps.step(int(model.line.which[node - 1])), steps.growth(z[n:])
+    moved = (step.forward @ np.concatenate([z[:n], model.W[node - 1]])).reshape(-1, n)
+    phi = step.phi + (growth @ step.phi_slopes).reshape(n, n)
+    z[:n] = moved[0] + growth @ moved[1:]
+    S[:n] = np.concatenate([phi, (moved[1:] * (1 + growth)[:, None]).T], axis=1) @ S
 
 
 def _lengths(S: Array) -> Array:

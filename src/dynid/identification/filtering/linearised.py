@@ -1,10 +1,11 @@
 """The steps of a pass, linearised about parameters that the estimate has hardly left.
 
 Between samples the physical part is propagated exactly at parameters near the estimate, and to first order in
-the difference. It is made anew where a logarithm has moved by a part of its own standard deviation. What the
-first order leaves out is then a few hundredths of what the filter leaves out anyway, which linearises about
-an estimate that is off by that deviation; so a pass asks for some hundred matrix exponentials, not for one a
-sample, and for hardly more over a longer record.
+the difference of their values: of these a short step is nearly linear, as of their logarithms it is not. It is
+made anew where a logarithm has moved by its own standard deviation. What the first order leaves out is then
+some thousandths of what the filter leaves out anyway, which linearises about an estimate that is off by that
+deviation; so a pass asks for some tens of matrix exponentials, not for one a sample, and for hardly more over
+a longer record.
 """
 
 from __future__ import annotations
@@ -20,17 +21,18 @@ from dynid.identification.augmented import AugmentedModel
 Array = NDArray[np.float64]
 
 #: How far a logarithm may move before steps are linearised anew: in its standard deviations, and at the most.
-PART, MOST = LINEARISED.value, 0.05
+PART, MOST = LINEARISED.value, 0.1
 
 
 class Step(NamedTuple):
     """``forward`` (n (1 + p) x n + q) takes [x, w] to the next state and its derivatives by the logarithms.
 
-    `total` (n x n + p) is Phi, with room for those derivatives beside it.
+    `phi` (n x n) is its part of x, `phi_slopes` (p x n n) the derivatives of that.
     """
 
     forward: Array
-    total: Array
+    phi: Array
+    phi_slopes: Array
 
 
 class Linearised:
@@ -55,12 +57,17 @@ class Linearised:
             self.logs = logs.copy()
             self._steps.clear()
 
+    def growth(self, logs: Array) -> Array:
+        """Return by what part the values of logarithms (p) exceed those of the steps, to second order."""
+        left = logs - self.logs
+        return np.asarray(left + left * left / 2)
+
     def step(self, length: int) -> Step:
         """Return the step of a length of the timeline."""
         if length not in self._steps:
             n = self._model.states
             step, slopes = self._model.transition(self.logs, float(self._model.line.lengths[length]))
             forward = np.concatenate([step[None], slopes]).reshape(-1, step.shape[1])
-            total = np.concatenate([step[:, :n], np.empty((n, len(self.logs)))], axis=1)
-            self._steps[length] = Step(forward, total)
+            phi_slopes = slopes[:, :, :n].reshape(len(slopes), n * n)
+            self._steps[length] = Step(forward, step[:, :n], phi_slopes)
         return self._steps[length]

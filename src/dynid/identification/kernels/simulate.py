@@ -36,7 +36,8 @@ def prepare(t: Tables, at: Linear) -> NDArray[np.bool_]:
 def free(t: Tables, at: Linear, C: Array, outputs: Array, by_state: Array) -> None:
     """Fill outputs from rest (times x channels), and their derivatives by the first state (… x n)."""
     n, fed, wide = t.lower.shape[1], at.forward.shape[1], at.forward.shape[2]
-    channels, beside, pitch = len(C), 1 + len(at.logs), at.total.shape[2]
+    channels, beside, tall = len(C), 1 + len(at.logs), at.phis.shape[2]
+    pitch = tall // n
     driven, moved = np.zeros((1, fed)), np.zeros((1, wide))
     width = -(-n // LANES) * LANES
     seen, next_seen = np.zeros((channels, width)), np.zeros((channels, width))
@@ -49,8 +50,8 @@ def free(t: Tables, at: Linear, C: Array, outputs: Array, by_state: Array) -> No
             row_product(1, fed, wide, driven, 0, fed, at.forward, length * fed * wide, wide, moved, 0, wide)
             for i in range(n):
                 driven[0, i] = moved[0, i * beside]
-            phi = length * n * pitch
-            product(channels, n, width, seen, 0, width, at.total, phi, pitch, next_seen, 0, width)
+            phi = length * beside * tall
+            product(channels, n, width, seen, 0, width, at.phis, phi, pitch, next_seen, 0, width)
             seen, next_seen = next_seen, seen
         sample = t.sample[node]
         if sample < 0:
@@ -76,7 +77,8 @@ def sensitive(
 ) -> None:
     """Fill outputs from a first state, states (times x n), and derivatives by the logarithms (… x p)."""
     n, fed, wide = t.lower.shape[1], at.forward.shape[1], at.forward.shape[2]
-    p, channels, pitch = len(at.logs), len(C), at.total.shape[2]
+    p, channels, tall = len(at.logs), len(C), at.phis.shape[2]
+    pitch = tall // n
     driven, moved, width = np.zeros((1, fed)), np.zeros((1, wide)), -(-(1 + p) // LANES) * LANES
     # Beside the sensitivities a column of zeros, which the state itself takes when it is read.
     slopes, ahead, seen = np.zeros((n, width)), np.zeros((n, width)), np.zeros((channels, width))
@@ -93,7 +95,8 @@ def sensitive(
                 slopes[i, 0] = 0.0
                 for j in range(1 + p):
                     ahead[i, j] = moved[0, i * (1 + p) + j]
-            accumulate(n, n, width, at.total, length * n * pitch, pitch, slopes, 0, width, ahead, 0, width)
+            phi = length * (1 + p) * tall
+            accumulate(n, n, width, at.phis, phi, pitch, slopes, 0, width, ahead, 0, width)
             slopes, ahead = ahead, slopes
         sample = t.sample[node]
         if sample < 0:

@@ -55,13 +55,14 @@ class Linear(NamedTuple):
     """The steps of all lengths at some logarithms (p), so far as they are `ready` (lengths).
 
     `forward` (lengths x n + q x n (1 + p), padded) takes [x, w] to the next state and its derivatives, the
-    latter beside each state; `total` (lengths x n x n + p, padded) is Phi with room for those derivatives.
+    latter beside each state; `phis` (lengths x 1 + p x n (n + p padded)) are Phi and its derivatives, row
+    after row, with room in each row for the sensitivities.
     """
 
     logs: Array
     ready: NDArray[np.bool_]
     forward: Array
-    total: Array
+    phis: Array
 
 
 class Work(NamedTuple):
@@ -138,7 +139,7 @@ def linear(model: AugmentedModel) -> Linear:
         np.full(p, np.nan),
         np.zeros(lengths, dtype=bool),
         np.zeros((lengths, n + len(model.line.G), lanes(n * (1 + p)))),
-        np.zeros((lengths, n, lanes(n + p))),
+        np.zeros((lengths, 1 + p, n * lanes(n + p))),
     )
 
 
@@ -148,7 +149,8 @@ def place(at: Linear, length: int, transition: Transition) -> None:
     n = len(step)
     both = np.concatenate([step[None], derivatives]).transpose(2, 1, 0).reshape(step.shape[1], -1)
     at.forward[length, :, : both.shape[1]] = both
-    at.total[length, :, :n] = step[:, :n]
+    phis = at.phis[length].reshape(1 + len(derivatives), n, -1)
+    phis[0, :, :n], phis[1:, :, :n] = step[:, :n], derivatives[:, :, :n]
     at.ready[length] = True
 
 
@@ -249,7 +251,9 @@ def linearise(t: Tables, length: int, at: Linear, room: Work) -> bool:
         for j in range(beside):
             for k in range(at.forward.shape[1]):
                 at.forward[length, k, i * beside + j] = summed[i, j * block + k]
-        for k in range(n):
-            at.total[length, i, k] = summed[i, k]
+        here = i * (at.phis.shape[2] // n)
+        for j in range(beside):
+            for k in range(n):
+                at.phis[length, j, here + k] = summed[i, j * block + k]
     at.ready[length] = True
     return True

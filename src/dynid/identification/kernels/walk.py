@@ -23,6 +23,8 @@ class Room(NamedTuple):
 
     driven: Array
     moved: Array
+    growth: Array
+    total: Array
     root: Array
     state: Array
     row: Array
@@ -43,6 +45,8 @@ def _room(t: Tables, at: Linear, size: int, width: int) -> Room:
     return Room(
         np.zeros((1, at.forward.shape[1])),
         np.zeros((1, at.forward.shape[2])),
+        np.ones((1, at.phis.shape[1])),
+        np.zeros((n, at.phis.shape[2] // n)),
         np.zeros((n, width)),
         np.zeros(n),
         np.zeros((1, size)),
@@ -65,11 +69,16 @@ def _stale(at: Linear, z: Array, spread: Array, part: float, most: float) -> boo
 
 @inlined
 def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room) -> None:
-    """Take state and root to a node from the one before it."""
+    """Take state and root to a node from the one before it; see `filtering.linearised`."""
     n, p = t.lower.shape[1], len(at.logs)
     length = t.which[node - 1]
-    wide, width, fed = at.forward.shape[2], S.shape[1], at.forward.shape[1]
-    driven, moved = room.driven, room.moved
+    wide, width, fed, tall = at.forward.shape[2], S.shape[1], at.forward.shape[1], at.phis.shape[2]
+    driven, moved, growth, total = room.driven, room.moved, room.growth, room.total
+    for j in range(p):
+        left = z[n + j] - at.logs[j]
+        growth[0, 1 + j] = left + left * left / 2
+    here = length * (1 + p) * tall
+    row_product(1, 1 + p, tall, growth, 0, 1 + p, at.phis, here, tall, total, 0, tall)
     for i in range(n):
         driven[0, i] = z[i]
     for i in range(t.W.shape[1]):
@@ -80,11 +89,10 @@ def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room)
         here = i * (1 + p)
         z[i] = moved[0, here]
         for j in range(p):
-            slope = moved[0, here + 1 + j]
-            at.total[length, i, n + j] = slope
-            z[i] += slope * (z[n + j] - at.logs[j])
-    size, pitch = n + p, at.total.shape[2]
-    product(n, size, width, at.total, length * n * pitch, pitch, S, 0, width, room.root, 0, width)
+            change = moved[0, here + 1 + j] * growth[0, 1 + j]
+            total[i, n + j] = moved[0, here + 1 + j] + change
+            z[i] += change
+    product(n, n + p, width, total, 0, tall // n, S, 0, width, room.root, 0, width)
     for i in range(n):
         for c in range(S.shape[1]):
             S[i, c] = room.root[i, c]
