@@ -133,7 +133,11 @@ def test_triangles_keep_lengths_and_angles(rows, columns, seed):
         np.random.default_rng(seed).standard_normal((rows, 2, columns)) * 10.0 ** np.arange(-2, 0)[:, None]
     )
     grams = np.einsum("tci,tcj->cij", values, values)
-    for found in (information.triangles(values), triangle.triangles(values)):
+    by_kernel, counts = triangle.triangles(
+        values[..., :-1].copy(), values[..., :0], values[..., -1].copy(), np.ones(2)
+    )
+    assert counts.tolist() == [rows, rows]
+    for found in (information.triangles(values), by_kernel):
         np.testing.assert_array_equal(found, np.triu(found))
         size = np.sqrt(np.einsum("cii->ci", grams))
         error = (np.einsum("cki,ckj->cij", found, found) - grams) / size[:, :, None] / size[:, None]

@@ -57,10 +57,8 @@ def _ljung_box(residual: Array) -> tuple[int, float]:
     lags = min(20, n // 4)
     if lags == 0:
         return 0, 0.0
-    size = root_mean_square(residual)
-    scaled = residual / np.where(size > 0, size, 1.0)
-    centred = np.nan_to_num(scaled - np.nanmean(scaled, axis=0))
-    power = np.sum(centred**2, axis=0)
+    centred = standardised(residual)
+    power = np.einsum("tc,tc->c", centred, centred)
     channels = np.flatnonzero(power > 0)
     if not len(channels):
         return 0, 0.0
@@ -69,9 +67,23 @@ def _ljung_box(residual: Array) -> tuple[int, float]:
     return lags * len(channels), float(np.sum(weights[:, None] * r**2))
 
 
+def standardised(residual: Array) -> Array:
+    """Return residuals (times x channels) over their largest, less their mean, 0 where missing."""
+    each = np.ascontiguousarray(residual.T)
+    missing = np.isnan(each)
+    filled = np.where(missing, 0.0, each)
+    size = np.abs(filled).max(axis=1)
+    filled /= np.where(size > 0, size, 1.0)[:, None]
+    count = each.shape[1] - np.count_nonzero(missing, axis=1)
+    filled -= (filled.sum(axis=1) / np.maximum(count, 1))[:, None]
+    filled[missing] = 0.0
+    return filled.T
+
+
 def lagged(values: Array, lags: int) -> Array:
     """Return the products of values (times x channels) with those 1, 2, … before, summed (lags x …)."""
-    sums = [np.einsum("tc,tc->c", values[lag:], values[:-lag]) for lag in range(1, lags + 1)]
+    each = np.ascontiguousarray(values.T)
+    sums = [np.einsum("ct,ct->c", each[:, lag:], each[:, :-lag]) for lag in range(1, lags + 1)]
     return np.reshape(sums, (lags, values.shape[1]))
 
 

@@ -121,10 +121,8 @@ class Likelihood:
         """
         total = float(np.sum(self.knowledge.residual(fit.logs) ** 2)) / 2
         for record, part, level in zip(self.records, fit.parts, self.likeliest(fit), strict=True):
-            counts = np.count_nonzero(~np.isnan(part.residual), axis=0)
-            given = ~np.isnan(record.given)
-            squares = (part.size / level) ** 2
-            total += float(counts @ np.log(level) + counts[given] @ squares[given] / 2)
+            squares = np.where(np.isnan(record.given), 0.0, part.size / level) ** 2
+            total += float(part.counts @ (np.log(level) + squares / 2))
         return total
 
     def likeliest(self, fit: JointFit) -> list[Array]:

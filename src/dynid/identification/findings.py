@@ -16,7 +16,6 @@ from dynid.identification.diagnostics import (
     is_coloured,
     is_explained,
     is_settled,
-    root_mean_square,
     whiteness,
 )
 from dynid.identification.ensemble import JointFit, Likelihood
@@ -110,7 +109,7 @@ class Findings(ABC):
     @property
     def _residual_rms(self) -> Array:
         """RMS of the residuals (channels of all records), in the channels' units."""
-        return np.concatenate([root_mean_square(residual) for residual in self._final.residuals])
+        return np.concatenate([part.size for part in self._final.parts])
 
     @property
     def _final(self) -> JointFit:
@@ -183,9 +182,9 @@ class Findings(ABC):
         NotIdentifiable
             Naming those of which the records tell nothing, not even the order of magnitude.
         """
-        each = zip(self.ensemble.records, self._final.residuals, strict=True)
+        each = zip(self.ensemble.records, self._final.parts, strict=True)
         # Corrected for what the fit takes up of any record.
-        left = np.concatenate([record.scatter(residual) / record.data.rms for record, residual in each])
+        left = np.concatenate([record.scatter(p.counts, p.size) / record.data.rms for record, p in each])
         if not np.mean(left**2) < _NOTHING**2:
             raise _void(
                 self.ensemble, f"the prediction explains nothing of the {self._word}{'s' * self._several}"

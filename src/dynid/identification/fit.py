@@ -75,14 +75,15 @@ class Fitter(Observed):
         free, steps = free_prediction(self.model, logs)
         forced = free.forced + free.by_state @ self.model.initial
         weight = 1.0 if noise is None else (self.data.rms / noise)[:, None, None]
-        rows = self._triangles(values - forced, free.by_state) * weight
+        rows = self._triangles(values - forced, free.by_state, free.by_state[..., :0])[0] * weight
         matrix = (rows[..., :-1] @ self.root).reshape(-1, len(self.root))
         # Rank-revealing: initial states that the record does not show stay at zero.
         x0 = self.model.initial + self.root @ least_squares(matrix, rows[..., -1].ravel(), STATE_RANK)
         predicted = prediction(self.model, logs, x0, free, steps)
         residual = values - predicted.outputs
-        found = self._triangles(residual, predicted.by_state, predicted.by_parameter)
-        return Fit(logs, predicted, residual, self.noise_in(residual), found)
+        found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
+        size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
+        return Fit(logs, predicted, residual, counts, size, self.noise_in(counts, size), found)
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
@@ -104,19 +105,21 @@ class Fitter(Observed):
         rows = fit.triangles * (self.data.rms / noise)[:, None, None]
         return rows.reshape(-1, rows.shape[-1])
 
-    def _triangles(self, residual: Array, *derivatives: Array) -> Array:
-        """Return the triangles (channels x w x w) of derivatives (times x channels x …) and residuals."""
-        rows = np.concatenate([*derivatives, residual[..., None]], axis=2)
+    def _triangles(
+        self, residual: Array, by_state: Array, by_parameter: Array
+    ) -> tuple[Array, NDArray[np.int_]]:
+        """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter."""
+        line = self.model.line
+        if compiled(len(line.nodes), self.model.states + len(line.G), self.model.parameters):
+            from dynid.identification.kernels import steps, triangle  # loads numba
+
+            every = (steps.plain(each) for each in (by_state, by_parameter, residual, self.data.rms))
+            return triangle.triangles(*every)
+        rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
         rows /= self.data.rms[:, None]
         missing = np.isnan(residual)
-        if missing.any():
-            rows[missing] = 0.0
-        line = self.model.line
-        if not compiled(len(line.nodes), self.model.states + len(line.G), self.model.parameters):
-            return triangles(rows)
-        from dynid.identification.kernels import triangle  # loads numba
-
-        return triangle.triangles(rows)
+        rows[missing] = 0.0
+        return triangles(rows), np.count_nonzero(~missing, axis=0)
 
     def floored(self, noise: Array) -> Array:
         """Return the noise to assume: never less than a small part of each channel's RMS."""

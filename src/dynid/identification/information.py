@@ -244,10 +244,12 @@ def _triangle(matrix: Array) -> Array:
 
 def least_squares(matrix: Array, right: Array, rank: float) -> Array:
     """Return the shortest least-squares solution, singular values below `rank` of the largest left out."""
-    U, s, Vt = thin_svd(matrix)
+    finite("the sensitivity of the record", matrix)
     finite("the record", right)
-    kept = s > rank * s.max(initial=0.0)
-    return np.asarray(Vt[: len(s)][kept].T @ ((U[:, : len(s)][:, kept].T @ right) / s[kept]))
+    if len(matrix) > _BLOCK * matrix.shape[1]:
+        both = _triangle(np.column_stack([matrix, right]))
+        matrix, right = both[:, :-1], both[:, -1]
+    return np.asarray(np.linalg.lstsq(matrix, right, rank)[0])
 
 
 def untold(names: list[str]) -> NotIdentifiable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import root_mean_square
 from dynid.identification.information import Information
 from dynid.identification.measurement import Data
 from dynid.identification.prediction import Prediction
@@ -30,6 +30,8 @@ class Fit:
         Noise-free prediction and sensitivities, the states in SI divided by the model's scale.
     residual
         Measured minus predicted (times x channels), NaN where missing.
+    counts, size
+        How many values each channel has, and RMS of its residuals (channels).
     noise
         Standard deviation of the noise (channels): as given, else estimated from the residuals.
     triangles
@@ -41,13 +43,10 @@ class Fit:
     logs: Array
     predicted: Prediction
     residual: Array
+    counts: NDArray[np.int_]
+    size: Array
     noise: Array
     triangles: Array | None = None
-
-    @cached_property
-    def size(self) -> Array:
-        """RMS of the residuals (channels)."""
-        return root_mean_square(self.residual)
 
 
 class Observed(ABC):
@@ -85,7 +84,7 @@ class Observed(ABC):
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
 
-    @property
+    @cached_property
     def given(self) -> Array:
         """The noise's deviations (channels) as far as they are given, else NaN."""
         return np.full(self.data.values.shape[1], np.nan) if self.data.given is None else self.data.given
@@ -94,15 +93,14 @@ class Observed(ABC):
         """Return the noise's deviations (channels): those given, else these."""
         return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
 
-    def scatter(self, residual: Array) -> Array:
-        """Return the RMS of residuals (channels), corrected for the number of fitted values."""
-        fitted = (self.nuisances + len(self.unknowns) / self.sharing) / residual.shape[1]
-        count = np.count_nonzero(~np.isnan(residual), axis=0)
-        return np.asarray(root_mean_square(residual) * np.sqrt(count / np.maximum(count - fitted, 1)))
+    def scatter(self, counts: NDArray[np.int_], size: Array) -> Array:
+        """Return the RMS of residuals of this size (channels), corrected for the number of fitted values."""
+        fitted = (self.nuisances + len(self.unknowns) / self.sharing) / len(size)
+        return np.asarray(size * np.sqrt(counts / np.maximum(counts - fitted, 1)))
 
-    def noise_in(self, residual: Array) -> Array:
+    def noise_in(self, counts: NDArray[np.int_], size: Array) -> Array:
         """Return the noise given, else the density that residuals show in their band (channels)."""
-        return self.known_or(self.scatter(residual) / np.sqrt(self.data.passed))
+        return self.known_or(self.scatter(counts, size) / math.sqrt(self.data.passed))
 
     def weighted(self, fit: Fit, noise: Array) -> Array:
         """Return the residuals over noise, row by row as the information has them, 0 where missing."""

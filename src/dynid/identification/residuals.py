@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import lagged, root_mean_square
+from dynid.identification.diagnostics import lagged, root_mean_square, standardised
 
 Array = NDArray[np.float64]
 
@@ -53,10 +53,8 @@ def autocorrelation(residual: Array) -> tuple[Array, Array]:
         of those of white noise lie in (channels).
     """
     lags = min(_LAGS, len(residual) // 4)
-    size = root_mean_square(residual)
-    scaled = residual / np.where(size > 0, size, 1.0)
-    centred = np.nan_to_num(scaled - np.nanmean(scaled, axis=0))
-    power = np.sum(centred**2, axis=0)
+    centred = standardised(residual)
+    power = np.einsum("tc,tc->c", centred, centred)
     r = lagged(centred, lags) / np.where(power > 0, power, 1.0)
     return r, _WIDE / np.sqrt(np.count_nonzero(~np.isnan(residual), axis=0))
 

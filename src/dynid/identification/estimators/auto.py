@@ -45,10 +45,9 @@ class Auto:
         """
         search = Search(ensemble)
         search.attempt("a filter pass", partial(_filtered, ensemble, origin))
-        if not self.escalates:
+        if not self.escalates or search.accepted:
             return search.best()
-        if not search.accepted:
-            search.attempt("annealed passes", partial(_annealed, ensemble, origin))
+        search.attempt("annealed passes", partial(_annealed, ensemble, origin))
         for count, reach, tried in NETS:
             if search.accepted or search.agreed:
                 break

@@ -1,7 +1,7 @@
 """The steps of a pass, linearised about parameters that the estimate has hardly left.
 
 Between samples the physical part is propagated exactly at parameters near the estimate, and to first order in
-the difference of their values: of these a short step is nearly linear, as of their logarithms it is not. It is
+the difference of their values: of these a short step is nearly linear, of their logarithms it is not. It is
 made anew where a logarithm has moved by its own standard deviation. What the first order leaves out is then
 some thousandths of what the filter leaves out anyway, which linearises about an estimate that is off by that
 deviation; so a pass asks for some tens of matrix exponentials, not for one a sample, and for hardly more over

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.identification.diagnostics import root_mean_square
 from dynid.identification.frf.measurement import FrfMeasurement, responses, stacked, unstacked
 from dynid.identification.information import Information, information
 from dynid.identification.measurement import Data
@@ -68,7 +69,8 @@ class FrfFitter(Observed):
         none = np.zeros((len(outputs), 0))
         predicted = Prediction(outputs, none, by_parameter, np.zeros((*outputs.shape, 0)))
         residual = values - outputs
-        return Fit(logs, predicted, residual, self.noise_in(residual))
+        counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
+        return Fit(logs, predicted, residual, counts, size, self.noise_in(counts, size))
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""

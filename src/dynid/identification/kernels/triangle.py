@@ -17,23 +17,47 @@ _ROWS = 64
 
 
 @kernel
-def triangles(rows: Array) -> Array:
-    """Return the triangular factor (channels x w x w) of the rows (times x channels x w) of each channel.
+def triangles(
+    by_state: Array, by_parameter: Array, residual: Array, rms: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return the triangular factors of derivatives and residuals side by side, over the channels' RMS.
 
     Blocks of rows are reflected into the triangle of those before them (Householder).
+
+    Parameters
+    ----------
+    by_state, by_parameter
+        Derivatives (times x channels x n, x p).
+    residual
+        Residuals (times x channels), NaN where missing.
+    rms
+        What each channel is divided by (channels).
+
+    Returns
+    -------
+    tuple
+        The factors (channels x n + p + 1 x n + p + 1), and how many residuals there are (channels).
     """
-    samples, channels, w = rows.shape
-    out = np.zeros((channels, w, w))
+    samples, channels, n = by_state.shape
+    p = by_parameter.shape[2]
+    w = n + p + 1
+    out, counts = np.zeros((channels, w, w)), np.zeros(channels, dtype=np.int64)
     block, product = np.zeros((w, _ROWS)), np.zeros((w, 1))
     for channel in range(channels):
-        R = out[channel]
+        R, unit = out[channel], 1.0 / rms[channel]
         for first in range(0, samples, _ROWS):
             count = min(_ROWS, samples - first)
-            for c in range(w):
-                for r in range(count):
-                    block[c, r] = rows[first + r, channel, c]
-                for r in range(count, _ROWS):
-                    block[c, r] = 0.0
+            block[:] = 0.0
+            for r in range(count):
+                left = residual[first + r, channel]
+                if math.isnan(left):
+                    continue
+                counts[channel] += 1
+                for c in range(n):
+                    block[c, r] = by_state[first + r, channel, c] * unit
+                for c in range(p):
+                    block[n + c, r] = by_parameter[first + r, channel, c] * unit
+                block[w - 1, r] = left * unit
             for j in range(w):
                 dots(w - j, _ROWS, block, j * _ROWS, _ROWS, block, j * _ROWS, 0, product, j, 1)
                 square = product[j, 0]
@@ -52,4 +76,4 @@ def triangles(rows: Array) -> Array:
                 accumulate(
                     w - j - 1, 1, _ROWS, product, j + 1, 1, block, j * _ROWS, _ROWS, block, here, _ROWS
                 )
-    return out
+    return out, counts
