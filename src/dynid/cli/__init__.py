@@ -21,6 +21,8 @@ COMMANDS = {
     "study-worst": ("dynid.cli.study_worst:study_worst", "Write the scene of a study's worst sample."),
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
     "show": ("dynid.cli.show:show", "Print a summary of a result."),
+    "report": ("dynid.cli.report:report", "Write one HTML page of a result."),
+    "watch": ("dynid.cli.watch:watch", "Run a scene whenever it changes, with a live page."),
     "export": ("dynid.cli.export:export", "Write a result as CSV or Parquet tables."),
     "compare": ("dynid.cli.compare:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),

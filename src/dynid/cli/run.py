@@ -32,6 +32,7 @@ class LocatedError(DynidError):
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
 @click.option("--junit", type=click.Path(), help="Write the expectations' outcome as JUnit XML.")
+@click.option("--report", type=click.Path(), help="Write the page of the result to this HTML file.")
 @click.option(
     "--accuracy",
     is_flag=True,
@@ -39,7 +40,13 @@ class LocatedError(DynidError):
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def run(
-    scene: str, output: str | None, overrides: tuple[str, ...], junit: str | None, accuracy: bool, quiet: bool
+    scene: str,
+    output: str | None,
+    overrides: tuple[str, ...],
+    junit: str | None,
+    report: str | None,
+    accuracy: bool,
+    quiet: bool,
 ) -> int:
     """Run one scene and write one HDF5 file.
 
@@ -53,25 +60,31 @@ def run(
     started = time.perf_counter()
     loaded = load_scene(scene, overrides)
     target = Path(output) if output else Path(Path(scene).stem + ".h5")
-    refuse_overwriting(scene, str(target), junit)
-    refuse_missing_folders(str(target), junit)
+    refuse_overwriting(scene, str(target), junit, report)
+    refuse_missing_folders(str(target), junit, report)
     from dynid.store import write_result
 
     with showing(quiet) as say:
-        result = _compute(loaded, say, accuracy=accuracy)
+        result = compute(loaded, say, accuracy=accuracy)
         say(f"writing {target}")
         write_result(result, target)
+        if report:
+            from dynid.cli.report import write_page
+            from dynid.store import read_result
+
+            write_page(read_result(target), report)
     outcomes = check(loaded, result, junit)
     if not quiet:
         from dynid.cli.summary import summary
 
         click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
-        click.echo(f"\n  wrote {target}")
+        click.echo(f"\n  wrote {target}{f', {report}' if report else ''}")
     _warn(result, scene)
     return tell(loaded, outcomes, quiet)
 
 
-def _compute(scene: Scene, say: Listener, *, accuracy: bool) -> Result:
+def compute(scene: Scene, say: Listener, *, accuracy: bool) -> Result:
+    """Run a scene, with the table of alternatives where it is wanted; errors are placed in the scene."""
     from dynid.scene.dispatch import run_scene
 
     try:
@@ -90,7 +103,7 @@ def _warn(result: Result, scene: str) -> None:
     group = "identification/diagnostics"
     if f"{group}/converged" not in result or result.value(f"{group}/converged"):
         return
-    from dynid.cli.summary.identification import farthest
+    from dynid.report.answers.identification import farthest
 
     warning = f"{scene}: warning: not converged:"
     if not result.value(f"{group}/settled"):
@@ -101,12 +114,15 @@ def _warn(result: Result, scene: str) -> None:
         click.echo(f"{warning} the residuals are not noise: check model, units and starts", err=True)
 
 
-def refuse_overwriting(scene: str, target: str, junit: str | None) -> None:
+def refuse_overwriting(scene: str, target: str, junit: str | None, report: str | None = None) -> None:
     """Refuse to write over the scene, or one output over another."""
     if is_same(target, scene):
         raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
-    if junit and (is_same(junit, scene) or is_same(junit, target)):
-        raise UsageError(f"the JUnit file would overwrite {junit}", remedy="Name another file with --junit.")
+    taken = [scene, target]
+    for file, what, option in ((junit, "JUnit file", "--junit"), (report, "page", "--report")):
+        if file and any(is_same(file, other) for other in taken):
+            raise UsageError(f"the {what} would overwrite {file}", remedy=f"Name another file with {option}.")
+        taken += [file] if file else []
 
 
 def refuse_missing_folders(*files: str | None) -> None:

@@ -50,6 +50,7 @@ class Shard(click.ParamType[tuple[int, int]]):
 @click.option("--max-failures", type=click.IntRange(0), help="Stop when more samples fail (exit code 3).")
 @click.option("--retry-failed", is_flag=True, help="Run samples again that failed before.")
 @click.option("--junit", type=click.Path(), help="Write the study's expectations' outcome as JUnit XML.")
+@click.option("--report", type=click.Path(), help="Write the page of the study to this HTML file.")
 @click.option("--dry-run", is_flag=True, help="Show the plan and its size, and run nothing.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def study(
@@ -64,6 +65,7 @@ def study(
     max_failures: int | None,
     retry_failed: bool,
     junit: str | None,
+    report: str | None,
     dry_run: bool,
     quiet: bool,
 ) -> int:
@@ -85,9 +87,9 @@ def study(
     loaded = load_scene(study, overrides)
     plan = make_plan(loaded)
     target = output or default_target(study, shard)
-    refuse_overwriting(study, target, junit)
-    refuse_overwriting(plan.base.source.file, target, junit)
-    refuse_missing_folders(target, junit)
+    refuse_overwriting(study, target, junit, report)
+    refuse_overwriting(plan.base.source.file, target, junit, report)
+    refuse_missing_folders(target, junit, report)
     if dry_run:
         _show_plan(plan, target, shard)
         return 0
@@ -98,7 +100,7 @@ def study(
     started = time.perf_counter()
     crew = hire(executor, workers, scheduler, scheduler_file)
     try:
-        with showing(quiet) as report:
+        with showing(quiet) as progress:
             run_study(
                 plan,
                 target,
@@ -106,13 +108,15 @@ def study(
                 shard=shard,
                 max_failures=max_failures,
                 retry_failed=retry_failed,
-                report=report,
+                report=progress,
             )
     except KeyboardInterrupt:
         again = f"dynid study {study}{f' -o {output}' if output else ''}"
         again += f" --shard {shard[0]}/{shard[1]}" if shard else ""
         click.echo(f"interrupted; what is finished is safe. Go on with: {again}", err=True)
         return 130
+    if report:
+        _write_page(target, report)
     if not quiet:
         _show_end(target, started)
     if shard is not None and shard[1] > 1:
@@ -126,6 +130,14 @@ def _check(study: Scene, target: str, junit: str | None, quiet: bool) -> int:
 
     with open_stored(target) as result:
         return tell(study, check(study, result, junit), quiet)
+
+
+def _write_page(target: str, report: str) -> None:
+    from dynid.cli.report import write_page
+    from dynid.store import open_stored
+
+    with open_stored(target) as result:
+        write_page(result, report)
 
 
 def default_target(study: str, shard: tuple[int, int] | None) -> str:

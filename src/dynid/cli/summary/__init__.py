@@ -50,11 +50,10 @@ def _headline(title: str, method: str, note: str) -> str:
 
 def contents(result: Result) -> str:
     """Return the arrays of a result with their axes, types and units, one a line."""
+    from dynid.report.answers.contents import array_rows
+
     width = max((len(path) for path in result), default=0)
-    rows = []
-    for path, variable in sorted(result.items()):
-        axes = " x ".join(f"{dim} {size}" for dim, size in zip(variable.dims, variable.shape, strict=True))
-        dtype = variable.dtype
-        kind = "table" if dtype.names else "text" if dtype.kind == "O" else dtype.name
-        rows.append(f"  {path:<{width}}  {kind}  {axes}  {variable.units}".rstrip())
-    return "\n".join(rows)
+    return "\n".join(
+        f"  {path:<{width}}  {kind}  {axes}  {units}".rstrip()
+        for path, kind, axes, units in array_rows(result)
+    )

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from itertools import groupby
 
 from dynid.numerals import memory_text, time_text
+from dynid.report.answers.bench import growth, rows_of
 from dynid.result import Result
-
-
-def method(result: Result) -> str:  # noqa: ARG001
-    """Name the kind of result."""
-    return "median times; ● nothing is both faster and more accurate"
 
 
 def lines(result: Result) -> list[str]:
@@ -27,7 +22,7 @@ def _table(result: Result, group: str) -> Iterable[str]:
     about = result.group_attrs[group]
     yield f"  {group.partition('/')[2]}: {about['title']}"
     names = list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
-    rows = [row for name in names for row in _rows(result, group, name)]
+    rows = [row for name in names for row in rows_of(result, group, name)]
     width = max(map(len, names))
     yield f"    {about['size']:>9}  {'':{width}}  {'time':>10}  {'memory':>9}  {'error':>8}"
     for size, some in groupby(sorted(rows, key=lambda row: row[0]), key=lambda row: row[0]):
@@ -37,23 +32,9 @@ def _table(result: Result, group: str) -> Iterable[str]:
             figures = f"{time_text(time):>10}  {memory_text(memory):>9}  {error:>8.1e}"
             yield f"    {shown:>9}  {name:{width}}  {figures}{mark}"
     yield f"    error: {about['measure']}"
-    powers = [f"{name} {power:.2f}" for name in names if (power := _growth(result, group, name)) is not None]
+    powers = [f"{name} {power:.2f}" for name in names if (power := growth(result, group, name)) is not None]
     if powers:
         yield f"    time grows with {about['size']} to the power of: {', '.join(powers)}"
     for word, said in (("failed", "failed"), ("missing", "missing"), ("chosen", "chosen by default")):
         if about.get(word):
             yield f"    {said}: {about[word]}"
-
-
-def _rows(result: Result, group: str, name: str) -> Iterable[tuple[int, str, float, float, float, bool]]:
-    columns = [result[f"{group}/{name}/{c}"].data for c in ("size", "time", "memory", "error", "pareto")]
-    for size, time, memory, error, best in zip(*columns, strict=True):
-        yield int(size), name, float(time), float(memory), float(error), bool(best)
-
-
-def _growth(result: Result, group: str, name: str) -> float | None:
-    """Return the exponent by which time grows between the two largest sizes; None where there is one only."""
-    sizes, times = (result[f"{group}/{name}/{column}"].data for column in ("size", "time"))
-    if len(sizes) < 2 or sizes[-1] <= sizes[-2]:
-        return None
-    return math.log(times[-1] / times[-2]) / math.log(sizes[-1] / sizes[-2])

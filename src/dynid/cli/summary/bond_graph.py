@@ -19,12 +19,6 @@ from dynid.result import Result
 _MOST, _MOST_OUTPUTS = MOST_ROOTS, 6
 
 
-def method(result: Result) -> str:
-    """Name the kind of analysis and its engine."""
-    engine = result.group_attrs.get("bond_graph", {}).get("engine")
-    return f"bond graph · {engine} engine" if engine else "bond graph"
-
-
 def lines(result: Result) -> list[str]:
     """Return the screen, line by line."""
     need = result.group_attrs.get("bond_graph", {})

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynid.cli.summary.sensitivities import sensitivity_lines
 from dynid.numerals import MOST_ROOTS, counted, limit, root_text, roots_text
+from dynid.report.answers.channels import Channel, channels, in_numbers, same_poles
 from dynid.result import Result
 
 #: Most channels that are told in full, most rows of the table of the others, and longest formula shown.
@@ -18,59 +19,31 @@ _FULL, _ROWS, _LONGEST = 6, 30, 160
 #: The properties that are numbers.
 _NUMBERS = ("order", "relative_degree", "dc_gain", "high_frequency_gain")
 
-Channel = tuple[str, str]
-
 
 def channel_lines(result: Result) -> Iterable[str]:
     """Yield every channel: the poles that all share first, then each, then a table of what are too many."""
-    channels = _channels(result)
-    common = len(channels) > 1 and _same_poles(result, channels)
+    every = channels(result)
+    common = len(every) > 1 and same_poles(result, every)
     if common:
         yield "  every channel"
-        yield from _poles(result, *channels[0])
+        yield from _poles(result, *every[0])
         yield ""
-    for channel in channels[:_FULL]:
-        yield from _channel(result, *channel, alone=len(channels) == 1, poles=not common)
+    for channel in every[:_FULL]:
+        yield from _channel(result, *channel, alone=len(every) == 1, poles=not common)
         yield ""
-    if len(channels) > _FULL:
-        yield from _table(result, channels[_FULL:])
+    if len(every) > _FULL:
+        yield from _table(result, every[_FULL:])
         yield ""
 
 
-def _channels(result: Result) -> list[Channel]:
-    """List (output, input) of every channel with results, in the scene's order."""
-    prefixes = ("bond_graph/transfer_function/", "bond_graph/properties/", "bond_graph/sensitivities/")
-    found = dict.fromkeys(tuple(path.split("/")[2:4]) for path in result if path.startswith(prefixes))
-    asked = result.group_attrs.get("bond_graph", {})
-    outputs, inputs = (str(asked.get(key, "")).split(", ") for key in ("outputs", "inputs"))
-    ordered = [(output, source) for output in outputs for source in inputs if (output, source) in found]
-    return list(dict.fromkeys([*ordered, *((output, source) for output, source in found)]))
-
-
-def _same_poles(result: Result, channels: list[Channel]) -> bool:
-    """Tell whether all channels have the same poles, and the same is said of them."""
-    first, *rest = (
-        (
-            result.get(f"bond_graph/transfer_function/{output}/{source}/poles"),
-            result.get(f"bond_graph/properties/{output}/{source}/stability"),
-        )
-        for output, source in channels
-    )
-    return first[0] is not None and all(
-        (a is b is None) or (a is not None and b is not None and np.array_equal(a.data, b.data))
-        for other in rest
-        for a, b in zip(first, other, strict=True)
-    )
-
-
-def _table(result: Result, channels: list[Channel]) -> Iterable[str]:
+def _table(result: Result, several: list[Channel]) -> Iterable[str]:
     """Set what can be said of many channels in a word each in columns."""
-    groups = [f"bond_graph/properties/{output}/{source}" for output, source in channels]
+    groups = [f"bond_graph/properties/{output}/{source}" for output, source in several]
     if not all(f"{group}/order" in result for group in groups):
-        yield f"  … {counted(len(channels), 'more channel')} in the file"
+        yield f"  … {counted(len(several), 'more channel')} in the file"
         return
     rows = [["", "order", "relative degree", "T(0)", "T(∞)", "zeros", "poles"]]
-    for (output, source), group in zip(channels[:_ROWS], groups, strict=False):
+    for (output, source), group in zip(several[:_ROWS], groups, strict=False):
         numbers = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
         words = (_word(result, f"{group}/{name}") for name in ("zero_stability", "stability"))
         rows.append([f"{output} / {source}", *numbers, *words])
@@ -81,8 +54,8 @@ def _table(result: Result, channels: list[Channel]) -> Iterable[str]:
             for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
         yield f"  {'  '.join(cells)}".rstrip()
-    if len(channels) > _ROWS:
-        yield f"  … {counted(len(channels) - _ROWS, 'more channel')} in the file"
+    if len(several) > _ROWS:
+        yield f"  … {counted(len(several) - _ROWS, 'more channel')} in the file"
 
 
 def _word(result: Result, path: str) -> str:
@@ -119,7 +92,7 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
 
 def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
     """Write a short transfer function in numbers, and in symbols where they were kept."""
-    written = [*_in_numbers(result, group)]
+    written = [*in_numbers(result, group)]
     formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
     if formula and written != ["0"] and (alone or len(formula) < _LONGEST):
         written.append(formula if len(formula) < _LONGEST else "(its formula is in the file)")
@@ -135,20 +108,6 @@ def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
         if f"{group}/symbolic_{part}" in result:
             terms = result[f"{group}/symbolic_{part}"].attrs["terms"]
             yield f"    expanded {part} of {counted(int(terms), 'term')} in the file"
-
-
-def _in_numbers(result: Result, group: str) -> Iterable[str]:
-    if f"{group}/gain" in result:
-        gain = result.value(f"{group}/gain")
-        yield f"{gain:.6g} ∏(s − zeros) / ∏(s − poles)" if gain else "0"
-    if f"{group}/numerator" not in result:
-        return
-    numerator, denominator = result[f"{group}/numerator"].data, result[f"{group}/denominator"].data
-    if not numerator.any():
-        yield "0"
-    elif len(numerator) + len(denominator) <= 12:
-        top, bottom = _polynomial(numerator), _polynomial(denominator)
-        yield top if bottom == "1" else f"{_bracketed(top)} / {_bracketed(bottom)}"
 
 
 def _numbers(result: Result, group: str) -> Iterable[str]:
@@ -185,21 +144,3 @@ def _modes(poles: np.ndarray[Any, Any]) -> Iterable[str]:
     if 0 < len(pairs) <= 4:
         shown = (f"ω_n = {abs(p):.4g} rad/s, ζ = {-p.real / abs(p) or 0.0:.4g}" for p in pairs)
         yield f"            {' · '.join(shown)}"
-
-
-def _bracketed(polynomial: str) -> str:
-    return f"({polynomial})" if " + " in polynomial or " - " in polynomial else polynomial
-
-
-def _polynomial(coefficients: np.ndarray[Any, Any]) -> str:
-    degree = len(coefficients) - 1
-    terms: list[str] = []
-    for place, value in enumerate(coefficients):
-        if value == 0 and degree > 0:
-            continue
-        power = degree - place
-        variable = {0: "", 1: "s"}.get(power, f"s^{power}")
-        number = "" if abs(value) == 1 and power else f"{abs(value):.4g}"
-        sign = (" - " if value < 0 else " + ") if terms else ("-" if value < 0 else "")
-        terms.append(f"{sign}{' '.join(part for part in (number, variable) if part)}")
-    return "".join(terms)

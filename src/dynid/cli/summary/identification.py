@@ -6,44 +6,28 @@ import math
 from collections.abc import Iterable
 from io import StringIO
 
-import numpy as np
-
 from dynid.cli.summary.identifiability import identifiability_lines
 from dynid.cli.summary.responses import response_lines
-from dynid.numerals import percent, quantity, with_error
+from dynid.report.answers.identification import parameters, prepared, record, verdict
 from dynid.result import Result
 
 #: The most modes and massless DOFs on the screen.
 _MOST_MODES, _SHOWN = 20, 8
-#: Half width of a 95 % interval in standard errors.
-_WIDE = 1.959963984540054
-#: Condition of the information above which parameters are told apart badly.
-_BADLY = 1e3
-_MEASURED = "identification/measurement"
-
-
-def method(result: Result) -> str:
-    """Name the kind of analysis, and how the estimate was come by."""
-    if "identification/diagnostics/passes" not in result:
-        return "structure"
-    passes = result.value("identification/diagnostics/passes")
-    stages = result["identification/stages/stage"].data
-    way = "from" if f"{_MEASURED}/omega" in result else "after"
-    chosen = result.value("identification/stages/chosen")
-    how = {
-        "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
-        "output-error": "maximum likelihood",
-        "invariant-imbedding": "invariant imbedding",
-        "auto": f"maximum likelihood {way} {stages[chosen - 1]}",
-    }
-    return f"identification · {how[str(result.group_attrs['identification']['estimator'])]}"
 
 
 def lines(result: Result) -> list[str]:
     """Return the screen, line by line."""
     said: list[str] = []
     if "identification/parameters/name" in result:
-        said += [_record(result), *_prepared(result), "", *_table(result), "", *_verdict(result), ""]
+        said += [
+            f"  {record(result)}",
+            *(f"  {line}" for line in prepared(result)),
+            "",
+            *_table(result),
+            "",
+            *(f"  {sentence}" for sentence in verdict(result)),
+            "",
+        ]
     said += identifiability_lines(result)
     if "structure/modes/omega" in result:
         said += [*_modes(result), ""]
@@ -74,108 +58,17 @@ def _modes(result: Result) -> Iterable[str]:
         yield f"    … up to {get['omega'][-1]:.5g} rad/s"
 
 
-def _record(result: Result) -> str:
-    group = _MEASURED
-    several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
-    every = [path.removesuffix("/measured") for path in several] or [group]
-    measured = [result[f"{path}/measured"].data for path in every]
-    lists = dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every)
-    missing = sum(int(np.isnan(values).sum()) for values in measured)
-    gaps = f", {missing} missing" if missing else ""
-    if f"{group}/omega" in result:
-        return _responses(result, next(iter(lists)) + gaps)
-    states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
-    unknowns = len(result["identification/parameters/name"].data)
-    records = f"{len(every)} records, " if several else ""
-    return (
-        f"  {states} physical states, {unknowns} unknown parameters; "
-        f"{records}{sum(map(len, measured))} samples of {'; '.join(lists)}{gaps}"
-    )
-
-
-def _responses(result: Result, said: str) -> str:
-    """Say what frequency responses were measured, and where."""
-    omega = result[f"{_MEASURED}/omega"].data
-    unknowns = len(result["identification/parameters/name"].data)
-    lines = f"{len(omega)} lines, {omega[0]:.5g} … {omega[-1]:.5g} rad/s"
-    return f"  {unknowns} unknown parameters; {lines}, of the frequency responses {said}"
-
-
-def _prepared(result: Result) -> Iterable[str]:
-    """Yield what was done to the records before, one line for all that were treated alike."""
-    attrs = (attrs for group, attrs in result.group_attrs.items() if _MEASURED in group)
-    yield from dict.fromkeys(f"  prepared: {found['prepared']}" for found in attrs if "prepared" in found)
-
-
 def _table(result: Result) -> list[str]:
-    """Return the parameters: start, estimate with its error, interval; truth, error and bound where known.
-
-    Logarithms are estimated, so the 95 % interval is the estimate times exp(±1.96 times the deviation of the
-    logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to the
-    truth. Where a true value is not known the bound is taken at the estimate and says what the standard
-    error does: it is left out.
-    """
+    """Return the parameters as aligned lines."""
     from rich.console import Console
     from rich.table import Table
 
-    get = {
-        name.rpartition("/")[2]: v.data
-        for name, v in result.items()
-        if name.startswith("identification/parameters/")
-    }
-    known, bounded = bool(np.isfinite(get["true"]).any()), bool(np.isfinite(get["true"]).all())
-    truths = (*(("true", "error") if known else ()), *(("bound",) if bounded else ()))
+    columns, rows = parameters(result)
     table = Table(box=None, padding=(0, 2), show_edge=False, header_style="")
-    for heading in ("", "start", "estimate", "95 % interval", *truths):
+    for heading in columns:
         table.add_column(heading, justify="right" if heading else "left")
-    for k, name in enumerate(get["name"]):
-        estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
-        factor = math.exp(_WIDE * error / estimate)
-        truth = (quantity(true), percent(get["error_percent"][k])) if known else ()
-        bound = (percent(100 * float(get["cramer_rao"][k]) / true),) if bounded else ()
-        row = (
-            f"{name} [{get['unit'][k]}]".removesuffix(" []").replace("[", r"\["),
-            quantity(get["start"][k]),
-            with_error(estimate, error),
-            f"{quantity(estimate / factor, error)} … {quantity(estimate * factor, error)}",
-            *truth,
-            *bound,
-        )
-        table.add_row(*row)
+    for name, *cells in rows:
+        table.add_row(name.replace("[", r"\["), *cells)
     out = StringIO()
     Console(file=out, width=140, color_system=None).print(table)
     return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
-
-
-def farthest(result: Result) -> tuple[str, float]:
-    """Return the parameter that is farthest from the optimum of the record, and its standard errors away."""
-    distance = result["identification/diagnostics/distance_to_optimum"].data
-    k = int(np.argmax(distance))
-    return str(result["identification/diagnostics/parameter"].data[k]), float(distance[k])
-
-
-def _verdict(result: Result) -> Iterable[str]:
-    group = "identification/diagnostics"
-    p = result.value(f"{group}/whiteness_p")
-    ratio = 100 * result[f"{group}/residual_ratio"].data
-    left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
-    yield f"  {result.value(f'{group}/verdict')} · {left} · white with p = {p:.2g}"
-    if result.value(f"{group}/converged") and not result.value(f"{group}/white"):
-        yield "  error bars are nominal: what is left is no noise"
-    bounds, known = "identification/parameters/at_bound", result["identification/parameters/name"].data
-    held = ", ".join(known[result[bounds].data]) if bounds in result else ""
-    if held:
-        yield f"  at a bound: {held}; without it the records would go on"
-    condition = result.value(f"{group}/condition")
-    relative = (
-        result["identification/parameters/standard_error"].data
-        / result["identification/parameters/estimate"].data
-    )
-    names = result["identification/parameters/name"].data
-    least = (
-        f"least certain: {names[int(np.argmax(relative))]} (standard error {percent(100 * relative.max())})"
-    )
-    told = f"parameters {'badly' if condition > _BADLY else 'well'} told apart (condition {condition:.2g})"
-    yield f"  {told} · {least}" if len(names) > 1 else f"  {least}"
-    for warning in result[f"{group}/warnings"].data:
-        yield f"  beware: {warning}"

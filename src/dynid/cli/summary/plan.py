@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
-from dynid.cli.summary.identifiability import identifiability_lines, percent, table
+from dynid.cli.summary.identifiability import identifiability_lines, table
+from dynid.report.answers.identifiability import bound_text
+from dynid.report.answers.plan import gain_text, reached
 from dynid.result import Result
 
 #: The most bands on the screen.
 _BANDS = 5
 
 
-def method(result: Result) -> str:  # noqa: ARG001 - every summary has one
-    """Name the kind of analysis."""
-    return "plan · D-optimal, greedy with exchange"
-
-
 def lines(result: Result) -> list[str]:
     """Return the screen, line by line."""
     said = [*identifiability_lines(result), *_sensors(result), "", *_excitation(result)]
     return said
-
-
-def _gain(value: float) -> str:
-    return f"× {value:.3g}" if math.isfinite(value) else ""
 
 
 def _sensors(result: Result) -> Iterable[str]:
@@ -34,23 +26,14 @@ def _sensors(result: Result) -> Iterable[str]:
     candidates = len(result[f"{group}/candidate"].data)
     yield f"  best {len(choice)} of {candidates} sensors, in the order in which they help"
     rows = [
-        (f"{'+ ' if k else ''}{name}", *map(percent, bounds), _gain(gain))
+        (f"{'+ ' if k else ''}{name}", *map(bound_text, bounds), gain_text(gain))
         for k, (name, bounds, gain) in enumerate(
             zip(choice, result[f"{group}/bound"].data, result[f"{group}/gain"].data, strict=True)
         )
     ]
-    now = ("now: " + ", ".join(present), *map(percent, result[f"{group}/present_bound"].data), "")
+    now = ("now: " + ", ".join(present), *map(bound_text, result[f"{group}/present_bound"].data), "")
     yield from table(("", *names, "gain"), [*rows, now])
-    yield f"    {_reached(result.value(f'{group}/efficiency'), 'the sensors')}"
-
-
-def _reached(efficiency: float, what: str) -> str:
-    if efficiency < 1e-3:
-        return f"{what} as they are tell next to nothing"
-    if efficiency > 0.995:
-        return f"{what} as they are: nothing better was found"
-    share = f"{100 * efficiency:.2g} %"
-    return f"{what} as they are reach {share} of that (best over present bounds, geometric mean)"
+    yield f"    {reached(result.value(f'{group}/efficiency'), 'the sensors')}"
 
 
 def _excitation(result: Result) -> Iterable[str]:
@@ -65,14 +48,14 @@ def _excitation(result: Result) -> Iterable[str]:
     yield f"  best {sines} (the present force's RMS), as bounds go with the present sensors"
     blank = [""] * len(names)
     last = len(choice) - 1
-    best = list(map(percent, result[f"{group}/best_bound"].data))
+    best = list(map(bound_text, result[f"{group}/best_bound"].data))
     rows = [
-        (f"{'+ ' if k else ''}{name}", *(best if k == last else blank), _gain(gain))
+        (f"{'+ ' if k else ''}{name}", *(best if k == last else blank), gain_text(gain))
         for k, (name, gain) in enumerate(zip(choice, result[f"{group}/gain"].data, strict=True))
     ]
-    now = ("now", *map(percent, result[f"{group}/present_bound"].data), "")
+    now = ("now", *map(bound_text, result[f"{group}/present_bound"].data), "")
     yield from table(("", *names, "gain"), [*rows, now])
-    yield f"    {_reached(result.value(f'{group}/efficiency'), 'the forces')}"
+    yield f"    {reached(result.value(f'{group}/efficiency'), 'the forces')}"
     if f"{group}/settling_time" in result:
         wait = result.value(f"{group}/settling_time")
         yield f"    of settled motion: the slowest mode takes {wait:.2g} s to decay to a hundredth"
@@ -87,7 +70,7 @@ def _bands(result: Result, names: list[str]) -> Iterable[str]:
     yield ""
     yield "  best bands, the same force spread evenly over one (steady state)"
     rows = [
-        (f"{dof}: {low:.4g} … {high:.4g} rad/s", *map(percent, bounds))
+        (f"{dof}: {low:.4g} … {high:.4g} rad/s", *map(bound_text, bounds))
         for dof, low, high, bounds in zip(*get.values(), strict=True)
     ]
     yield from table(("", *names), rows)

@@ -1,0 +1,5 @@
+"""A result as one HTML page: no other files, no network, nothing hidden without scripts."""
+
+from dynid.report.page.page import page
+
+__all__ = ["page"]
