@@ -9,7 +9,6 @@ from dynid.report.answers.blocks import Block, Facts, Grid, Note, Part, Steps
 from dynid.report.page.html import Markup, formula, join, tag
 from dynid.report.page.tables import grid, scrolling
 
-
 _NUMBER = re.compile(r"(?:[ζ×] )?[-+−±]?[\d∞–]|-$")
 
 

@@ -20,7 +20,6 @@ from dynid.result import Result
 _TOOLS = (("in", "+", "Zoom in"), ("out", "−", "Zoom out"), ("all", "Whole", "Show the whole figure"))
 
 
-
 def page(result: Result, *, live: int | None = None) -> str:
     """Return the page of a result.
 
