@@ -55,6 +55,7 @@ LIBRARIES = {
     "flint": {"lti", "bondgraph", "bench"},  # exact numbers
     "control": {"result", "bench"},  # state equations for users' hands; a peer
     "xarray": {"result"},
+    "typst": {"report.formats"},
     "matplotlib": {"bench.page"},
     "numba": {"lti", "identification", "bondgraph.algebra.doubled"},
 }

@@ -22,6 +22,7 @@ COMMANDS = {
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
     "show": ("dynid.cli.show:show", "Print a summary of a result."),
     "report": ("dynid.cli.report:report", "Write one HTML page of a result."),
+    "plot": ("dynid.cli.plot:plot", "Write the figures of a result as files."),
     "watch": ("dynid.cli.watch:watch", "Run a scene whenever it changes, with a live page."),
     "export": ("dynid.cli.export:export", "Write a result as CSV or Parquet tables."),
     "compare": ("dynid.cli.compare:compare", "List the differences between two results."),

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from dynid.cli.summary.need import need_lines
+from dynid.report.answers import method
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -33,7 +34,7 @@ def summary(result: Result, note: str) -> str:
     if result.kind not in _KINDS:
         return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
     module = import_module(_KINDS[result.kind])
-    lines = [_headline(result.title, module.method(result), note), "", *module.lines(result)]
+    lines = [_headline(result.title, method(result), note), "", *module.lines(result)]
     if need := need_lines(result):
         lines += ["", *need]
     if "accuracy" in result.group_attrs:

@@ -27,13 +27,19 @@ def answer(result: Result) -> Answer:
         Of any kind; of an unknown one nothing but its name is known.
     """
     if result.kind not in _KINDS:
-        return Answer(result.kind)
-    module = import_module(_KINDS[result.kind])
+        return Answer(method(result))
     parts: list[Part] = [
-        *module.parts(result),
+        *import_module(_KINDS[result.kind]).parts(result),
         *responses(result),
         *expectations(result),
         *need(result),
         *accuracy(result),
     ]
-    return Answer(module.method(result), tuple(parts))
+    return Answer(method(result), tuple(parts))
+
+
+def method(result: Result) -> str:
+    """Name the kind of analysis, and how it was done."""
+    if result.kind not in _KINDS:
+        return result.kind
+    return str(import_module(_KINDS[result.kind]).method(result))

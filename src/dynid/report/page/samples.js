@@ -57,8 +57,8 @@
     return button;
   };
   const last = () => Math.max(0, Math.ceil(rows.length / SIZE) - 1);
-  const buttons = [turn("First page", "⏮", () => 0), turn("Page before", "◀", () => page - 1),
-    turn("Next page", "▶", () => page + 1), turn("Last page", "⏭", last)];
+  const buttons = [turn("First page", "«", () => 0), turn("Page before", "‹", () => page - 1),
+    turn("Next page", "›", () => page + 1), turn("Last page", "»", last)];
   const where = make("output", {});
   pages.append(where);
 
