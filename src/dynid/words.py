@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
 
 
@@ -21,3 +21,20 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
         if matcher.real_quick_ratio() + bonus > best and matcher.ratio() + bonus > best:
             best, closest = matcher.ratio() + bonus, candidate
     return f"; did you mean '{closest}'?" if closest else ""
+
+
+#: Last parts of dotted paths that say nothing by themselves.
+_BARE = frozenset({"value", "start", "true", "min", "max"})
+
+
+def short_paths(paths: Sequence[str]) -> list[str]:
+    """Return the ends of dotted paths that still say what they are, where these tell them apart."""
+    ends = [path if "," in path else _end(path) for path in paths]
+    return ends if len(set(ends)) == len(ends) else list(paths)
+
+
+def _end(path: str) -> str:
+    """Return the last parts of a dotted path, from one that is neither a number nor a bare word."""
+    parts = path.split(".")
+    telling = [place for place, part in enumerate(parts) if not part.isdigit() and part not in _BARE]
+    return ".".join(parts[telling[-1] if telling else 0 :])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dynid.errors import FileError, SceneError
 from dynid.scene.yaml.dump import dump
 from dynid.scene.yaml.source import apply_overrides, parse_source, read_source
-from dynid.words import did_you_mean
+from dynid.words import did_you_mean, short_paths
 
 
 def faults_of(text):
@@ -276,3 +276,17 @@ def test_reading_scenes_imports_nothing_heavy():
     code = f"import sys, {modules}; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize(
+    ("paths", "short"),
+    [
+        (["parameters.b", "parameters.m"], ["b", "m"]),
+        (["graph.nodes.n.value", "joints.upper.k.true"], ["n.value", "k.true"]),
+        (["excitation.0.amplitude.1", "measurement.simulate.seed"], ["amplitude.1", "seed"]),
+        (["joints.a.k.true", "joints.b.k.true"], ["joints.a.k.true", "joints.b.k.true"]),
+        (["a.b, c.d", "0.value"], ["a.b, c.d", "0.value"]),
+    ],
+)
+def test_short_names_of_paths_still_say_what_they_are(paths, short):
+    assert short_paths(paths) == short

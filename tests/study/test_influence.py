@@ -108,6 +108,12 @@ def test_a_design_is_recognised_with_pairs_and_what_follows_from_others():
     assert saltelli_design(columns(np.random.default_rng(0).random((32, 2)))) is None
 
 
+@pytest.mark.parametrize("lengths", [(2, 2, 2), (3, 2, 2), (4, 2, 2), (5, 2, 2, 2), (3, 4), (2, 5)])
+def test_a_grid_is_no_design_for_indices(lengths):
+    inputs = columns(np.stack(np.unravel_index(np.arange(np.prod(lengths)), lengths), axis=-1).astype(float))
+    assert saltelli_design(inputs) is None
+
+
 def test_ishigami_from_any_samples():
     points = 2 * np.pi * qmc.LatinHypercube(3, rng=2).random(20_000).T - np.pi
     found = from_samples([classes(x) for x in points], ishigami(*points))

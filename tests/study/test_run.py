@@ -410,6 +410,31 @@ def test_the_command_line_says_what_a_study_is_and_what_is_none(tmp_path, monkey
     assert said.startswith("masses.yaml:4:8: mass.yaml: no such file; did you mean 'masses.yaml'?")
 
 
+def test_a_circle_of_studies_is_refused_at_its_place(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    text = "dynid: 1\nkind: study\nscene: {}\nvary: {{parameters.b: {{values: [1]}}}}\n"
+    for name, other in (("self", "self"), ("one", "other"), ("other", "one")):
+        (tmp_path / f"{name}.yaml").write_text(text.format(f"{other}.yaml"))
+    for command in ("check", "study"):
+        for name in ("self", "one"):
+            code, _, err = dynid_cli(command, f"{name}.yaml")
+            assert code == 2
+            assert f"{name}.yaml:3:8: this is a study itself" in err
+
+
+def test_samples_without_what_is_gathered_anyway_are_done(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    asked = (
+        "  results: [poles]\nexpect:\n  - {path: bond_graph/transfer_function/m.f/F/poles, value: [-0.5]}\n"
+    )
+    written(tmp_path, STUDY.partition("collect:")[0], f"{SCENE.partition('expect:')[0]}{asked}")
+    code, out, _ = dynid_cli("study", "masses.yaml")
+    assert code == 0
+    assert "12 done" in out
+    assert "nothing was collected; name in the study's 'collect'" in out
+    assert (read_result(tmp_path / "masses.h5")["study/expect/0"].data.sum()) == 2
+
+
 def test_too_many_failures_are_an_exit_code(tmp_path, monkeypatch, dynid_cli):
     monkeypatch.chdir(tmp_path)
     written(tmp_path, STUDY.replace("-2]", "nothing]"))

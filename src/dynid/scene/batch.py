@@ -185,11 +185,7 @@ def selected(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterat
     """Yield the paths of a result that `collect` names."""
     for wanted in (path.strip("/") for path in collect or (NUMBERS,)):
         if wanted == NUMBERS:
-            found = [path for path, variable in result.items() if _is_collected_anyway(path, variable)]
-            if not found:
-                problem = "there is no number under 'properties' or 'parameters'"
-                raise UsageError(problem, remedy="Say in 'collect' what to gather.")
-            yield from found
+            yield from [path for path, variable in result.items() if _is_collected_anyway(path, variable)]
             continue
         if wanted in result:
             if result[wanted].data.dtype.names:

@@ -67,6 +67,8 @@ def _failures(table: StudyTable) -> Iterator[str]:
 
 def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list[str]) -> Iterator[str]:
     """Yield one row a number, those of a group together."""
+    if not table.paths and table.done.any():
+        yield "  nothing was collected; name in the study's 'collect' what to gather"
     rows = [
         (*split(written(table, path, column)), statistics_row(table, path, column)) for path, column in shown
     ]

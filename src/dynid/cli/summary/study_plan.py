@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.words import short_paths
+
 if TYPE_CHECKING:
     from dynid.study.plan import Plan
 
@@ -39,7 +41,7 @@ def lines(plan: Plan, numbers: Sequence[int], finished: int, target: str) -> Ite
     yield ""
     yield from _table(
         [
-            ["sample", *(path.rpartition(".")[2] for path in plan.arrays)],
+            ["sample", *short_paths(list(plan.arrays))],
             *([str(number), *_row(plan, number)] for number in numbers[:_ROWS]),
         ]
     )

@@ -18,6 +18,7 @@ from dynid.study.analysis.moments import statistics
 from dynid.study.analysis.ranking import Influences
 from dynid.study.analysis.table import Column, StudyTable
 from dynid.study.analysis.worst import worst
+from dynid.words import short_paths
 
 #: The statistics of a number.
 COLUMNS = ("mean", "std", "p05", "median", "p95", "max")
@@ -220,7 +221,7 @@ def expected(result: Result, count: int) -> list[str]:
 
 def influence_parts(influences: Influences, indices: Indices, column: Column) -> Iterator[str]:
     """Yield which inputs the variance of a number comes from, the largest part first."""
-    names = _short_names(influences.factors)
+    names = short_paths(influences.factors)
     largest = indices.first if indices.total is None else np.maximum(indices.first, indices.total)
     for place in np.argsort(-largest, kind="stable")[:_FACTORS]:
         first, error = indices.first[place], indices.first_error[place]
@@ -228,18 +229,12 @@ def influence_parts(influences: Influences, indices: Indices, column: Column) ->
             continue
         arrow = _arrow(influences.direction(int(place), column.values))
         more = "" if indices.total is None else f" (in all {_percent(indices.total[place])} %)"
-        within = f" ± {100 * error:.1g}" if error > _UNSAID else ""
+        within = f" ± {float(f'{100 * error:.1g}'):g}" if error > _UNSAID else ""
         yield f"{names[place]}{arrow} {_percent(first)}{within} %{more}"
 
 
 def _percent(share: float) -> str:
     return f"{100 * share + 0.0:.{1 if abs(share) < 0.1 else 0}f}"
-
-
-def _short_names(names: list[str]) -> list[str]:
-    """Return the last parts of dotted paths where they tell them apart."""
-    short = [name.rpartition(".")[2] if "," not in name else name for name in names]
-    return short if len(set(short)) == len(names) else names
 
 
 def _arrow(direction: float) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from dynid.errors import Fault, FileError, SceneError, UsageError
 from dynid.scene.arithmetic.expression import ExpressionError, parse
-from dynid.scene.load import Scene, check_source, load_scene
+from dynid.scene.load import Scene, check_source
 from dynid.scene.schema.plain import mapping
 from dynid.scene.schema.study import (
     MAX_SAMPLES,
@@ -20,7 +20,7 @@ from dynid.scene.schema.study import (
     names_of_factor,
     paths_of,
 )
-from dynid.scene.yaml.source import set_values
+from dynid.scene.yaml.source import read_source, set_values
 from dynid.words import did_you_mean
 
 if TYPE_CHECKING:
@@ -63,7 +63,13 @@ def base_scene(scene: Scene) -> Scene:
     SceneError
         With all faults of it.
     """
-    return load_scene(scene.folder / study_model(scene).scene)
+    source = read_source(scene.folder / study_model(scene).scene)
+    if (
+        isinstance(source.data, dict) and source.data.get("kind") == "study"
+    ):  # told before it is checked: a chain of studies may be a circle
+        message = "this is a study itself; a study varies another scene"
+        raise SceneError([scene.source.fault(("scene",), message)])
+    return check_source(source)
 
 
 def check_study(scene: Scene) -> None:
@@ -84,8 +90,6 @@ def check_study(scene: Scene) -> None:
         raise FileError(str(scene.source.fault(("scene",), str(error)))) from None
     except SceneError as error:
         raise SceneError([*faults, *error.faults]) from None
-    if base.kind == "study":
-        faults.append(scene.source.fault(("scene",), "this is a study itself; a study varies another scene"))
     if not faults:
         faults = list(_refused(scene, model, base))
     if faults:

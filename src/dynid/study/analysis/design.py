@@ -73,7 +73,21 @@ def _saltelli_factors(inputs: Columns, count: int, blocks: bool) -> tuple[tuple[
         of_a, of_b = (rows[:, 1:-1] == a).all(axis=0), (rows[:, 1:-1] == b).all(axis=0)
         if of_b.sum() == 1 and not (of_a & of_b).any() and (of_a | of_b).all():
             found[int(np.flatnonzero(of_b)[0])].append(name)
-    return tuple(map(tuple, found)) if all(found) else None
+    own = [name for group in found for name in group]
+    others = [name for name in inputs if name not in own]
+    return tuple(map(tuple, found)) if all(found) and _follow(inputs, others, own) else None
+
+
+def _follow(inputs: Columns, names: list[str], own: list[str]) -> bool:
+    """Tell whether inputs have one value wherever others have theirs: in a part of a grid they have not."""
+    together = len(_levels(inputs, own)) if names else 0
+    return all(len(_levels(inputs, [*own, name])) == together for name in names)
+
+
+def _levels(inputs: Columns, names: list[str]) -> NDArray[np.intp]:
+    """Return the different combinations of values of several inputs, as ranks."""
+    ranks = [np.unique(sortable(inputs[name]), return_inverse=True)[1] for name in names]
+    return np.unique(np.stack(ranks, axis=-1), axis=0)
 
 
 @dataclass(frozen=True)
