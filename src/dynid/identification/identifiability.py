@@ -174,13 +174,17 @@ def identifiability(
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identifiability of {', '.join(names)}", names=names):
-        several = len(experiments) > 1
-        channels = [
-            (f"record_{k}.{channel.name}" if several else channel.name, channel.unit)
-            for k, experiment in enumerate(experiments, 1)
-            for channel in experiment.measurement.channels
-        ]
-        return told(model, prospect(model, experiments, truth), channels)
+        return told(model, prospect(model, experiments, truth), channels_of(experiments))
+
+
+def channels_of(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:
+    """Return the names and units of the channels of all records."""
+    several = len(experiments) > 1
+    return [
+        (f"record_{k}.{channel.name}" if several else channel.name, channel.unit)
+        for k, experiment in enumerate(experiments, 1)
+        for channel in experiment.measurement.channels
+    ]
 
 
 def told(model: StructuralModel, expected: Expected, channels: Sequence[tuple[str, str]]) -> Result:

@@ -110,6 +110,25 @@ def _batched(
     return [_judged(template, outcome, collect, judge, expected) for outcome in outcomes]
 
 
+def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:
+    """Say why samples are run one by one; nothing where they are run together.
+
+    Parameters
+    ----------
+    template, collect, of
+        As of `run_batch`.
+    paths
+        What the samples differ in.
+    """
+    if any(path.partition(".")[0] == "expect" for path in paths):
+        return "what is expected varies"
+    module = {"bond-graph": "graph_samples", "identification": "identification_samples"}.get(template.kind)
+    if module is None:
+        return f"scenes of kind {template.kind} share nothing"
+    wanted = (*(collect or (NUMBERS,)), *(str(one["path"]) for one in _expected(template)))
+    return str(import_module(f"dynid.scene.kinds.{module}").why_alone(template, paths, wanted, of))
+
+
 def _judged(
     template: Scene, outcome: Outcome, collect: tuple[str, ...], judge: Judge, expected: list[dict[str, Any]]
 ) -> Outcome:

@@ -22,6 +22,8 @@ VARIABLE = "DYNID_COMPILED"
 _REPAYS = COMPILED.value
 # Seconds a node without kernels: calls, and multiplications of the exponential with its derivatives.
 _CALLS, _FLOP = 1.2e-4, 2e-9
+# Seconds that loading kernels takes, and how many times faster they are on long records.
+_LOADED, _FASTER = 1.0, 8.0
 
 _REPEATS: ContextVar[int] = ContextVar("repeats", default=1)
 
@@ -58,5 +60,23 @@ def compiled(nodes: int, size: int, parameters: int) -> bool:
         raise UsageError(f"{VARIABLE} is {wish!r}", remedy="Set it to 0, 1 or auto.", names=(VARIABLE,))
     if wish != "auto":
         return wish == "1"
-    products = 6 * (1 + 2 * parameters) * size**3
-    return _REPEATS.get() * nodes * (_CALLS + _FLOP * products) > _REPAYS
+    return _REPEATS.get() * nodes * (_CALLS + _FLOP * _products(size, parameters)) > _REPAYS
+
+
+def pass_seconds(nodes: int, size: int, parameters: int) -> float:
+    """Return about how long a pass takes: without kernels where it is not compiled, else with them.
+
+    Steps are linearised anew at a small part of the samples, which `compiled` does not count on.
+
+    Parameters
+    ----------
+    nodes, size, parameters
+        As of `compiled`.
+    """
+    alone = nodes * (_CALLS / 2 + _FLOP / 20 * _products(size, parameters))
+    return _LOADED + alone / _FASTER if compiled(nodes, size, parameters) else alone
+
+
+def _products(size: int, parameters: int) -> int:
+    """Return the multiplications of the exponential with its derivatives."""
+    return 6 * (1 + 2 * parameters) * size**3

@@ -67,6 +67,15 @@ def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> 
     ]
 
 
+def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
+    """Say why samples that differ at these paths are not run together; nothing where they are."""
+    for path in paths:
+        if _place(template, path) is None:
+            return f"{path} is no parameter, no value of an element and no stored energy"
+    family = _Family(template.source.resolved_text(), template.source.file, tuple(paths), collect, template)
+    return "" if _planned(family) else "what is collected is more than numbers of the channels and responses"
+
+
 @lru_cache(maxsize=4)
 def _planned(family: _Family) -> _Plan | None:
     """Plan a family of samples, once a process; None where it cannot be run together."""

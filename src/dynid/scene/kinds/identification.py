@@ -100,11 +100,11 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     records = experiments(scene, model.excitation, model.measurement)
-    reduced, truth = _models(scene, structure, values)
+    reduced, truth = models_of(scene, structure, values)
     return Setting(reduced, records, truth)
 
 
-def _models(
+def models_of(
     scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None
 ) -> tuple[StructuralModel, StructuralModel]:
     """Return what an estimator works with, and what is simulated; `values` as of `setting`."""
@@ -192,14 +192,14 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     measurement = frf_measurement(scene, model.measurement)
-    reduced, truth = _models(scene, structure)
+    reduced, truth = models_of(scene, structure)
     rebuild = _rebuilder(scene, structure)
     chosen = model.estimator
     options: dict[str, Any] = chosen.options()
     estimator = OutputError(**options) if chosen.method == "output-error" else FrfAuto()
     result = identify_frf(reduced, measurement, estimator, truth=truth, rebuild=rebuild)
     if model.identifiability:
-        reduced, truth = _models(scene, structure, expected_values(structure))
+        reduced, truth = models_of(scene, structure, expected_values(structure))
         result.merge(frf_identifiability(reduced, measurement, truth))
     return result
 

@@ -76,6 +76,19 @@ def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...], of:
         ]
 
 
+def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
+    """Say why samples that differ at these paths are not run together; nothing where they are."""
+    model = cast("IdentificationScene", template.model)
+    for path in paths:
+        if _place(model, path) is None:
+            return f"{path} is no seed, noise, start or true value"
+    measurement = model.measurement
+    if measurement is None or measurement.frf or model.analysis or model.identifiability:
+        return "more than an identification from records is asked for"
+    family = _Family(template.source.resolved_text(), template.source.file, tuple(paths), template)
+    return "" if _planned(family) else "the scene as it stands cannot be run"
+
+
 @lru_cache(maxsize=4)
 def _planned(family: _Family) -> _Plan | None:
     """Plan a family of samples, once a process; None where it cannot be run together."""

@@ -1,0 +1,40 @@
+"""What a run of a scene will do, told before it is done: causality, identifiability and cost."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynid.scene.explanations.explanation import Explanation
+    from dynid.scene.load import Scene
+
+#: For every kind the module that explains its scenes; studies are explained a floor above.
+EXPLAINERS = {
+    "bond-graph": "dynid.scene.explanations.bond_graph",
+    "identification": "dynid.scene.explanations.identification",
+    "reduction": "dynid.scene.explanations.reduction",
+}
+
+
+def explain(scene: Scene) -> Explanation:
+    """Explain a valid scene of a kind that is run by itself.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Returns
+    -------
+    Explanation
+        What will be modelled, chosen and computed, and what it costs. Where the run is bound to fail, its
+        `obstacle` says why.
+
+    Raises
+    ------
+    FileError
+        Where a file that the scene names cannot be read.
+    """
+    explained: Explanation = import_module(EXPLAINERS[scene.kind]).explain(scene)
+    return explained

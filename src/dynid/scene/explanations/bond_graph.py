@@ -1,0 +1,189 @@
+"""A bond graph explained: what is left out, causality, the engine, and what the answers cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from dynid.bondgraph.causality.wording import listed
+from dynid.bondgraph.engines import Choice, choose, modelled_storages
+from dynid.bondgraph.graph import STORAGES, BondGraph
+from dynid.bondgraph.need import dropped
+from dynid.bondgraph.question import NUMERIC, RESULTS, Analysis
+from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.results.causality import add_causality
+from dynid.choices import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
+from dynid.errors import NumericalError
+from dynid.numerals import counted
+from dynid.progress import tell
+from dynid.result import Result
+from dynid.scene.explanations.explanation import (
+    Cost,
+    Explanation,
+    Fact,
+    file_kilobytes,
+    peak_megabytes,
+    speed,
+)
+from dynid.scene.kinds.bond_graph import question
+from dynid.scene.load import Scene
+
+#: Operations from which a frequency response is compiled, as in `dynid.bondgraph.frequency`.
+_LONG = 2000
+
+
+def explain(scene: Scene) -> Explanation:
+    """Explain a scene of kind `bond-graph`: its graph is reduced, which takes no numbers; nothing is run."""
+    graph, analysis = question(scene)
+    if analysis.reading == "binary":
+        graph = graph.rounded()
+    result = Result("bond-graph", scene.title)
+    tell("assigning causality")
+    causality = add_causality(result, graph)
+    facts = [Fact("graph", f"{counted(len(graph.nodes), 'node')}, {counted(len(graph.bonds), 'bond')}")]
+    tell("reducing the graph")
+    began = time.thread_time()
+    try:
+        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
+    except NumericalError as error:
+        only = analysis.results == {"causality"}
+        return Explanation(result, facts, obstacle=None if only else error)
+    seconds = time.thread_time() - began
+    facts = [*_modelled(facts[0], reduced), _order(graph, causality.order)]
+    facts.append(Fact("channels", _channels(reduced)))
+    choice = choose(reduced, analysis) if analysis.results & {"transfer_function", *NUMERIC} else None
+    if choice is not None:
+        facts.append(Fact("engine", f"{choice.engine}: {choice.reason}"))
+        if choice.engine != "exact":
+            facts.append(Fact("", choice.limits))
+    facts += _computed(analysis)
+    return Explanation(result, facts, _cost(reduced, analysis, choice, seconds))
+
+
+def _modelled(graph: Fact, reduced: ReducedGraph) -> list[Fact]:
+    """Say what no output depends on."""
+    left = set.intersection(*(set(dropped(reduced, port)) for port in reduced.outputs))
+    names = [name for name in reduced.graph.nodes if name in left]
+    if not names:
+        return [graph._replace(text=f"{graph.text}, all of them needed")]
+    return [graph, Fact("left out", f"{listed(names)}: no output depends on them")]
+
+
+def _order(graph: BondGraph, order: int) -> Fact:
+    storages = sum(node.type in STORAGES for node in graph.nodes.values())
+    return Fact("order", f"{counted(order, 'state')} of {counted(storages, 'energy storage')}")
+
+
+def _channels(reduced: ReducedGraph) -> str:
+    outputs, inputs = (listed([str(name) for name in names]) for names in (reduced.outputs, reduced.inputs))
+    return f"{outputs} from {inputs or 'no input'}"
+
+
+def _computed(analysis: Analysis) -> list[Fact]:
+    asked = [name for name in RESULTS if name in analysis.results]
+    others = [name for name in RESULTS if name not in analysis.results]
+    facts = [Fact("computes", ", ".join(asked).replace("_", " "))]
+    grids = []
+    if analysis.omega is not None:
+        grids.append(f"{len(analysis.omega):,} frequencies")
+    if analysis.times is not None:
+        grids.append(f"{len(analysis.times):,} instants")
+    if grids:
+        facts.append(Fact("", f"at {' and '.join(grids)}"))
+    if others:
+        facts.append(Fact("not asked", ", ".join(others).replace("_", " ")))
+    return facts
+
+
+class _Size(NamedTuple):
+    """What the cost depends on: storages, channels, outputs, operations, frequencies and instants."""
+
+    storages: int
+    channels: int
+    outputs: int
+    operations: int
+    frequencies: int
+    instants: int
+    engine: str
+    roots: bool
+    loops: int
+
+
+def _engine_seconds(size: _Size) -> float:
+    """Roots grow with the cube of the degree, polynomials with its square."""
+    n = float(size.storages)
+    times = (size.channels + size.outputs) / 2
+    if size.engine == "symbolic":
+        return 1e-3 * n
+    if size.engine == "float":
+        return times * (6e-4 * n + 3.5e-8 * n**3)
+    if size.loops > MANY_LOOPS.value:  # coefficients are longer there: so much that the limits differ
+        n *= EXACT_ROOTS.value / EXACT_ROOTS_ON_LOOPS.value
+    return times * (3e-4 * n + (5e-8 * n**3 if size.roots else 1e-6 * n**2))
+
+
+def _response_seconds(size: _Size) -> float:
+    if size.operations > _LONG:  # compiled, in doubled precision
+        return 0.4 + 1e-8 * size.operations * size.frequencies
+    return size.operations * (8e-6 + 3e-8 * size.frequencies)
+
+
+def _time_seconds(size: _Size) -> float:
+    n = size.storages
+    return 3e-3 + 3.5e-5 * n**2 + size.instants * (1e-6 + 1e-9 * n**2)
+
+
+#: Seconds of what can be asked for, on the machine of the rates.
+_RATES: dict[str, Callable[[_Size], float]] = {
+    "sensitivities": lambda size: size.channels * 1.2e-4 * size.storages**2.65,
+    "reduction": lambda size: size.outputs * 3e-4 * size.storages,
+    "prototype": lambda size: size.outputs * 3e-4 * size.storages,
+    "state_space": lambda size: 6e-4 * size.storages,
+    "frequency_response": _response_seconds,
+    "time_response": _time_seconds,
+    "causality": lambda size: 1e-3 * size.storages,
+}
+
+
+def _cost(reduced: ReducedGraph, analysis: Analysis, choice: Choice | None, seconds: float) -> Cost:
+    structure = reduced.structure
+    size = _Size(
+        storages=modelled_storages(reduced),
+        channels=len(reduced.channels()),
+        outputs=len(reduced.outputs),
+        operations=len(reduced.program.ops),
+        frequencies=0 if analysis.omega is None else len(analysis.omega),
+        instants=0 if analysis.times is None else len(analysis.times),
+        engine=choice.engine if choice else "",
+        roots=bool(analysis.results & NUMERIC),
+        loops=len(structure.couplings) - len(structure.junctions) + 1,
+    )
+    parts = {"reducing the graph": seconds}
+    if choice is not None:
+        parts["zeros, poles and polynomials" if size.roots else "polynomials"] = (
+            _engine_seconds(size) / speed()
+        )
+    for name, rate in _RATES.items():
+        if name in analysis.results:
+            parts[name.replace("_", " ")] = rate(size) / speed()
+    return Cost(
+        parts, peak_megabytes() + _megabytes(size, analysis), _kilobytes(size, analysis, len(reduced.inputs))
+    )
+
+
+def _megabytes(size: _Size, analysis: Analysis) -> float:
+    """Numbers that are held at once: values with bounds along the frequencies, and square matrices."""
+    values = 60.0 * size.frequencies + 2.0 * size.instants * (size.outputs + 1)
+    if analysis.results & {"time_response", "state_space"}:
+        values += 8.0 * size.storages**2
+    return 8e-6 * values
+
+
+def _kilobytes(size: _Size, analysis: Analysis, inputs: int) -> float:
+    values = float(size.frequencies * (1 + 2 * size.channels))
+    values += size.instants * (1 + size.outputs + max(1, inputs))
+    values += size.channels * 12 * size.storages
+    if "state_space" in analysis.results:
+        values += size.storages**2
+    return file_kilobytes(20 + 25 * size.channels, values)

@@ -1,0 +1,274 @@
+"""An identification explained: model, record, what the record can tell, the estimator, and the cost."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from dynid.choices import COMPILED, ESTIMATOR, FILTER_PASSES
+from dynid.errors import NumericalError, UsageError
+from dynid.lti.floating import guarded
+from dynid.numerals import counted
+from dynid.progress import tell
+from dynid.result import Result
+from dynid.scene.explanations.explanation import (
+    Cost,
+    Explanation,
+    Fact,
+    file_kilobytes,
+    peak_megabytes,
+    speed,
+)
+from dynid.scene.kinds.grids import angular_frequencies, record_of
+from dynid.scene.kinds.identification import expected_values, interest_of, models_of, reductor_of, setting
+from dynid.scene.kinds.structures import build_structure
+from dynid.scene.load import Scene
+from dynid.structure.model import StructuralModel
+
+if TYPE_CHECKING:
+    from dynid.identification.ensemble import JointFit, Likelihood
+    from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
+    from dynid.structure.reduction.reduction import Reduction
+
+#: Fits of the whole record that a search for the optimum takes, and what comes after it counted in fits.
+_FITS, _AFTER = 8, 7
+#: How often a basis that follows the joints is made anew.
+_ROUNDS = 3
+#: Multiplications of a dense model a second, at a frequency or an instant.
+_FLOPS = 5e8
+
+
+def explain(scene: Scene) -> Explanation:
+    """Explain a scene of kind `identification`: its record is predicted once, with its derivatives."""
+    model = cast("IdentificationScene", scene.model)
+    structure = build_structure(scene, model.structure, model.joints)
+    result = Result("identification", scene.title)
+    facts: list[Fact] = []
+    try:
+        made = _reduced(scene, structure)
+        small = structure if made is None else made.model
+        facts += _of_model(structure, made, model.reduction.method if model.reduction else "")
+        parts: dict[str, float] = {}
+        kilobytes = 0.0
+        if model.measurement is not None:
+            with guarded("what the record can tell", names=[unknown.name for unknown in structure.unknowns]):
+                likelihood = _expected(scene, structure, result)
+            facts += _of_record(scene, likelihood)
+            facts += _of_estimator(model.estimator, likelihood, frf=model.measurement.frf is not None)
+            rounds = _ROUNDS if _follows(scene) else 1
+            parts, values = _estimated(model.estimator, likelihood, rounds, states=2 * small.size)
+            kilobytes += file_kilobytes(75, values)
+        if model.analysis is not None:
+            facts.append(Fact("responses", ", ".join(_asked(model.analysis))))
+            costs, values = _responses(model.analysis, small, len(model.excitation))
+            parts |= costs
+            kilobytes += file_kilobytes(15, values)
+    except (NumericalError, UsageError) as error:
+        return Explanation(result, facts, obstacle=error)
+    return Explanation(result, facts, Cost(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
+
+
+def _reduced(scene: Scene, structure: StructuralModel) -> Reduction | None:
+    method = reductor_of(scene)
+    if method is None:
+        return None
+    tell("making the basis")
+    return method.at(expected_values(structure)).reduce(structure)
+
+
+def _follows(scene: Scene) -> bool:
+    method = reductor_of(scene)
+    return method is not None and method.follows_joints
+
+
+def _of_model(structure: StructuralModel, made: Reduction | None, method: str) -> Iterator[Fact]:
+    """Say how many states there are, and of what basis."""
+    n = structure.size
+    r = n if made is None else made.model.size
+    known = f"{len(structure.unknowns)} unknown"
+    parameters = f"{known} of {sum(len(joint.terms) for joint in structure.joints)} joint parameters"
+    if made is None:
+        yield Fact("model", f"{n:,} DOFs: {2 * n:,} physical states; {parameters}")
+        return
+    yield Fact("model", f"{n:,} DOFs reduced by {method} to {r}: {2 * r} physical states; {parameters}")
+    basis = [f"{len(made.masters)} masters"] if made.masters else []
+    if made.modes:
+        basis.append(f"{len(made.modes)} modes ({made.rule})" if made.rule else f"{len(made.modes)} modes")
+    if made.condition is not None:
+        basis.append(f"condition of the modes at the masters {made.condition:.2g}")
+    yield Fact("basis", "; ".join(basis))
+
+
+def _expected(scene: Scene, structure: StructuralModel, result: Result) -> Likelihood:
+    """Predict what is measured, add what it tells of the parameters, and return the likelihood."""
+    from dynid.identification import identifiability
+
+    model = cast("IdentificationScene", scene.model)
+    assert model.measurement is not None
+    tell("what the record can tell")
+    if model.measurement.frf is not None:
+        from dynid.identification.frf.identify import likelihood_of
+        from dynid.identification.frf.measurement import frf_data
+        from dynid.scene.kinds.frf import frf_measurement
+
+        measurement = frf_measurement(scene, model.measurement)
+        small, truth = models_of(scene, structure, expected_values(structure))
+        likelihood = likelihood_of(small, measurement, frf_data(truth, measurement))
+        channels = [(frf.name, frf.unit) for frf in measurement.channels]
+        result.merge(identifiability.told(small, identifiability.expected(likelihood), channels))
+        result.add_axis("identification/measurement/omega", measurement.omega, "rad/s")
+        return likelihood
+    given = setting(scene, structure, expected_values(structure))
+    prospect = identifiability.prospect(*given)
+    channels = identifiability.channels_of(given.experiments)
+    result.merge(identifiability.told(given.model, prospect, channels))
+    return prospect.ensemble
+
+
+def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
+    """Say what is measured, and how densely beside what is excited."""
+    model = cast("IdentificationScene", scene.model)
+    assert model.measurement is not None
+    band = interest_of(scene).band
+    records = likelihood.records
+    count = sum(int(np.count_nonzero(~np.isnan(record.data.values))) for record in records)
+    channels = records[0].data.values.shape[1]
+    several = f" in {len(records)} records" if len(records) > 1 else ""
+    if model.measurement.frf is not None:
+        yield Fact("record", f"frequency responses up to {band:.4g} rad/s: {count:,} real values")
+        return
+    step = min(float(record.step or math.inf) for record in model.measurement.each)
+    times = [len(record.data.values) for record in records]
+    lengths = f"{times[0]:,}" if len(set(times)) == 1 else f"{min(times):,} to {max(times):,}"
+    yield Fact(
+        "record",
+        f"{lengths} samples of {counted(channels, 'channel')} every {step:.4g} s{several}: {count:,} values",
+    )
+    if band is None or not math.isfinite(step):
+        return
+    nyquist = math.pi / step
+    if band >= nyquist:
+        yield Fact("sampling", f"excited up to half the sampling rate, {nyquist:.4g} rad/s, and beyond")
+    else:
+        dense = f"{band * step:.2g}, {2 * math.pi / (band * step):.3g} samples a period"
+        yield Fact(
+            "sampling",
+            f"excited up to {band:.4g} rad/s: frequency x step is {dense}",
+        )
+
+
+def _of_estimator(given: EstimatorModel, likelihood: Likelihood, *, frf: bool) -> Iterator[Fact]:
+    """Say how the parameters will be estimated."""
+    passes = given.passes or FILTER_PASSES.value
+    said = {
+        "auto": f"{ESTIMATOR.sentence.format(value=ESTIMATOR.value)}; more passes and other starts only "
+        "where the residuals ask for them",
+        "filter": f"filter: {passes} pass{'es' if passes > 1 else ''} over the record",
+        "output-error": "output-error: maximum likelihood from the starts, at most "
+        f"{given.iterations or 50} steps",
+        "invariant-imbedding": "invariant-imbedding: one integration of eqs 19 and 20 over the record",
+    }
+    if frf:
+        yield Fact("estimator", f"{given.method}: maximum likelihood of the responses")
+        return
+    yield Fact("estimator", said[given.method])
+    if given.method in ("auto", "filter") and any(_is_compiled(record) for record in likelihood.records):
+        yield Fact("", f"{COMPILED.sentence.format(value=COMPILED.value)}: they are here")
+
+
+def _sizes(record: Any) -> tuple[int, int, int]:
+    """Return steps, states with those of the signals, and parameters of a record."""
+    model = record.model
+    return len(model.line.nodes), model.states + len(model.line.G), model.parameters
+
+
+def _is_compiled(record: Any) -> bool:
+    from dynid.identification.kernels.compiled import compiled
+
+    return compiled(*_sizes(record))
+
+
+def _estimated(
+    given: EstimatorModel, likelihood: Likelihood, rounds: int, *, states: int
+) -> tuple[dict[str, float], float]:
+    """Return the seconds that an estimation takes, part by part, and the numbers that it returns.
+
+    Raises
+    ------
+    NotIdentifiable
+        As a run does before it begins.
+    """
+    from dynid.identification.kernels.compiled import pass_seconds
+
+    logs = np.log([unknown.start for unknown in likelihood.unknowns])
+    _check(likelihood, likelihood.fit(logs))  # once beforehand: what is loaded for it is no work
+    began = time.thread_time()
+    likelihood.fit(logs)
+    fit = time.thread_time() - began
+    timed = [
+        record for record in likelihood.records if hasattr(record, "model") and hasattr(record.model, "line")
+    ]
+    one_pass = sum(pass_seconds(*_sizes(record)) for record in timed) / speed()
+    passes = {"auto": 1, "filter": given.passes or FILTER_PASSES.value, "invariant-imbedding": 30}
+    swept = passes.get(given.method, 0) if timed else 0
+    fits = _AFTER + (_FITS if given.method in ("auto", "output-error") or not timed else 0)
+    parts = {}
+    if swept:
+        what = (
+            "integration"
+            if given.method == "invariant-imbedding"
+            else f"{swept} filter pass{'es' * (swept > 1)}"
+        )
+        parts[what] = rounds * swept * one_pass
+    parts["maximum likelihood and error bars" if fits > _AFTER else "error bars"] = rounds * fits * fit + 0.03
+    p, values = len(logs), 0.0
+    for record in likelihood.records:
+        rows, channels = record.data.values.shape
+        histories = (2 if swept > 1 else 1) * (2 * p + 2 * states) if timed else 0
+        values += rows * (histories + (3 * states if timed else 0) + 4 * channels + 6)
+    return parts, values
+
+
+def _asked(analysis: ResponseModel) -> Iterator[str]:
+    if analysis.modes is not None:
+        yield "modes"
+    if analysis.frequency is not None:
+        yield f"frequency response at {len(angular_frequencies(analysis.frequency)):,} frequencies"
+    if analysis.time is not None:
+        yield f"time response at {len(record_of(analysis.time).times):,} instants"
+
+
+def _responses(
+    analysis: ResponseModel, small: StructuralModel, loads: int
+) -> tuple[Mapping[str, float], float]:
+    """Return the seconds that responses take, part by part, and the numbers that they return."""
+    n = float(small.size)
+    outputs = max(1, len(analysis.outputs or ()))
+    parts: dict[str, float] = {}
+    values = 0.0
+    if analysis.modes is not None:
+        parts["modes"] = (0.01 + 15 * n**3 / 1e10) / speed()
+        values += n * min(n, analysis.modes.count or n)
+    if analysis.frequency is not None:
+        lines = len(angular_frequencies(analysis.frequency))
+        dense = min(n, 1000.0) ** 3 / 3 + max(0.0, n - 1000.0) * 1e3
+        parts["frequency response"] = (
+            0.01 + min(lines, 50 if n > 1000 else lines) * (2e-5 + dense / _FLOPS / 4)
+        ) / speed()
+        values += lines * (1 + 2 * outputs * max(1, len(analysis.inputs or ()) or loads))
+    if analysis.time is not None:
+        instants = len(record_of(analysis.time).times)
+        parts["time response"] = (
+            0.01 + 100 * (2 * n) ** 3 / 1e10 + instants * (2e-6 + 4 * n**2 / _FLOPS)
+        ) / speed()
+        values += instants * (1 + outputs + max(1, loads))
+    return parts, values
+
+
+def _check(likelihood: Likelihood, fit: JointFit) -> None:
+    """Raise what a run raises before it begins."""
+    likelihood.information(fit, [record.data.rms for record in likelihood.records]).check()

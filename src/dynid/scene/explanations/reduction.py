@@ -1,0 +1,137 @@
+"""A comparison of reductions explained: what each method keeps, the solver of the modes, and the cost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from typing import cast
+
+from dynid.choices import DENSE_MODES, FEW_MODES
+from dynid.errors import NumericalError, UsageError
+from dynid.progress import numbered
+from dynid.result import Result
+from dynid.scene.explanations.explanation import (
+    Cost,
+    Explanation,
+    Fact,
+    file_kilobytes,
+    peak_megabytes,
+    speed,
+)
+from dynid.scene.kinds.grids import angular_frequencies
+from dynid.scene.kinds.reduction import methods_of
+from dynid.scene.kinds.structures import build_structure
+from dynid.scene.load import Scene
+from dynid.scene.schema.reduction import ReductionScene
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes.solve import solver_for
+from dynid.structure.reduction.reduction import Reduction
+
+#: DOFs up to which bases are made to explain them; their modes take well under a second there.
+_MADE = DENSE_MODES.value
+#: Seconds of a multiplication of a dense solver, and of one DOF of one mode of a sparse one.
+_DENSE, _SPARSE = 1.2e-9, 1.5e-5
+
+
+def explain(scene: Scene) -> Explanation:
+    """Explain a scene of kind `reduction`; the bases of small structures are made, which takes little."""
+    model = cast("ReductionScene", scene.model)
+    structure = build_structure(scene, model.structure, model.joints)
+    result = Result("reduction", scene.title)
+    n = structure.size
+    facts = [Fact("model", f"{n:,} DOFs, {len(structure.joints)} joints")]
+    made: dict[str, Reduction] = {}
+    seconds: dict[str, float] = {}
+    try:
+        methods = methods_of(model)
+        if n <= _MADE:
+            import scipy.linalg  # noqa: F401 - loaded beforehand: that is no work
+
+            for name in numbered(list(methods), "reduction"):
+                began = time.thread_time()
+                made[name] = methods[name].reduce(structure)
+                seconds[f"reducing by {name}"] = time.thread_time() - began
+        facts += _bases(model, methods, made)
+        most = _most_modes(model, made)
+        solver = solver_for(n, most, None)
+    except (NumericalError, UsageError) as error:
+        return Explanation(result, facts, obstacle=error)
+    facts.append(Fact("modes", _solver_words(n, solver, most)))
+    if model.frequency is not None:
+        lines = len(angular_frequencies(model.frequency))
+        facts.append(
+            Fact("responses", f"at {lines:,} frequencies, of the full structure and of each reduction")
+        )
+    sizes = [each.model.size for each in made.values()] or [most] * len(methods)
+    return Explanation(result, facts, _cost(model, structure, seconds, solver, sizes))
+
+
+def _bases(
+    model: ReductionScene, methods: Mapping[str, object], made: Mapping[str, Reduction]
+) -> Iterator[Fact]:
+    """Say what each method keeps."""
+    for place, name in enumerate(methods):
+        if name not in made:
+            part = model.reduction[place]
+            given = [
+                f"{key}: {getattr(part, key)}" for key in ("masters", "modes") if getattr(part, key, None)
+            ]
+            yield Fact(
+                "bases" if place == 0 else "",
+                f"{name}: {', '.join(given) or 'chosen from joints and responses'}",
+            )
+            continue
+        each = made[name]
+        said = [f"{each.model.size} coordinates"]
+        if each.masters:
+            said.append(f"masters {', '.join(map(str, each.masters[:8]))}{', …' * (len(each.masters) > 8)}")
+        if each.modes:
+            said.append(f"{len(each.modes)} modes ({each.rule})" if each.rule else f"{len(each.modes)} modes")
+        if each.condition is not None:
+            said.append(f"condition {each.condition:.2g}")
+        yield Fact("bases" if place == 0 else "", f"{name}: {'; '.join(said)}")
+
+
+def _most_modes(model: ReductionScene, made: Mapping[str, Reduction]) -> int:
+    """Return how many modes of the full structure are compared with."""
+    found = [max(each.modes, default=each.model.size) for each in made.values()]
+    for part in [] if made else model.reduction:
+        for key in ("modes", "masters"):
+            given = getattr(part, key, None)
+            listed = len(given) if isinstance(given, list) else getattr(given, "count", None)
+            found.append(max(given) if key == "modes" and isinstance(given, list) else listed or 20)
+    return max(found, default=20)
+
+
+def _solver_words(n: int, solver: str, most: int) -> str:
+    why = DENSE_MODES.sentence.format(value=DENSE_MODES.value)
+    if solver == "dense":
+        return (
+            f"the lowest {most} by dense matrices: {why}"
+            if n <= DENSE_MODES.value
+            else "all, by dense matrices"
+        )
+    return f"the lowest {most} {FEW_MODES.sentence.format(value=FEW_MODES.value)} ({solver})"
+
+
+def _cost(
+    model: ReductionScene,
+    structure: StructuralModel,
+    seconds: dict[str, float],
+    solver: str,
+    sizes: list[int],
+) -> Cost:
+    n = float(structure.size)
+    one = (0.005 + (12 * _DENSE * n**3 if solver == "dense" else _SPARSE * n * (20 + max(sizes)))) / speed()
+    parts = dict(seconds) or {f"reducing by {len(sizes)} methods": one * len(sizes)}
+    parts["modes of the full structure"] = one
+    parts["comparison"] = (0.01 + 1e-7 * n * sum(size for size in sizes)) * len(sizes) / speed()
+    values = n + sum(size * n + 5 * size**2 for size in sizes)
+    if model.frequency is not None:
+        lines = len(angular_frequencies(model.frequency))
+        solved = 1e-9 * n**3 / 4 if n <= 1000 else 3e-5 * n
+        parts["frequency responses"] = (0.02 + min(lines, 1000) * (1e-4 + solved)) / speed()
+        values += 4 * lines * (1 + len(sizes))
+    held = 8e-6 * (6 * n**2 if solver == "dense" else 60 * n)
+    kilobytes = file_kilobytes(15 + 18 * len(sizes), values)
+    return Cost(parts, peak_megabytes() + held + 2e-3 * kilobytes, kilobytes)

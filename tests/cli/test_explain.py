@@ -1,0 +1,197 @@
+"""`dynid check --explain` tells before a run what the run will say, and about what it costs."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from dynid.cli.summary.explanation import seconds_text, size_text
+from dynid.scene.dispatch import run_scene
+from dynid.scene.explanations import explain
+from dynid.scene.load import check_source, load_scene
+from dynid.scene.yaml.source import parse_source
+from dynid.store import write_result
+from dynid.templates.chain import chain_scene
+
+OSCILLATOR = """
+dynid: 1
+kind: bond-graph
+title: Oscillator
+graph:
+  nodes: {F: Se, x: 1, m: {type: I, value: 2}, k: {type: C, value: 0.5}, b: {type: R, value: 1},
+          far: Se, y: 1, M: {type: I, value: 3}, c: {type: R, value: 1}}
+  bonds: [F -> x, x -> m, x -> k, x -> b, far -> y, y -> M, y -> c]
+analysis: {inputs: [F], outputs: [m.f], results: [poles, zeros]}
+"""
+
+
+def config(request, name):
+    return load_scene(request.config.rootpath / "configs" / f"{name}.yaml")
+
+
+def facts(explained):
+    return {fact.topic: fact.text for fact in explained.facts}
+
+
+def scene_of(text):
+    return check_source(parse_source(text, "scene.yaml"))
+
+
+def test_a_graph_is_counted_and_what_no_output_depends_on_is_named():
+    told = facts(explain(scene_of(OSCILLATOR)))
+    assert told["order"] == "3 states of 3 energy storages"
+    assert told["left out"] == "far, y, M and c: no output depends on them"
+    assert told["engine"].startswith("exact: 2 storages")
+    assert told["computes"] == "zeros, poles"
+
+
+@pytest.mark.parametrize("stages", [1, 7, 30])
+def test_a_chain_of_n_stages_has_2n_states(stages):
+    explained = explain(scene_of(chain_scene(stages)))
+    assert explained.result.value("bond_graph/causality/order") == 2 * stages
+    assert facts(explained)["order"] == f"{2 * stages} states of {2 * stages} energy storages"
+
+
+def test_causality_is_that_of_the_run(request):
+    scene = config(request, "isolator")
+    told = explain(scene).result
+    done = run_scene(
+        check_source(parse_source(scene.source.text.replace("results:", "# results:"), "x.yaml"))
+    )
+    assert "bond_graph/causality/bonds" in told
+    assert told.value("bond_graph/causality/order") == 2  # I_f follows m_s and the source
+    assert [row["nodes"] for row in told["bond_graph/causality/dependent_storages"].data] == [
+        "I_f, m_s, v_in, tuning"
+    ]
+    assert done.value("bond_graph/properties/m_s.f/v_in/order") == 2
+
+
+@pytest.mark.parametrize("name", ["table2", "table4"])
+def test_bounds_are_those_of_the_run(request, name):
+    scene = config(request, name)
+    told, done = explain(scene).result, run_scene(scene)
+    bounds = told["identification/identifiability/bound"].data
+    assert np.allclose(bounds, done["identification/parameters/cramer_rao"].data, rtol=1e-6)
+
+
+def test_a_record_is_described(request):
+    told = facts(explain(config(request, "table2")))
+    assert told["model"].startswith("5 DOFs: 10 physical states; 4 unknown of 4 joint parameters")
+    assert told["record"].startswith("800 samples of 2 channels every 0.002 s: 1,600 values")
+    assert "frequency x step is 0.5, 12.6 samples a period" in told["sampling"]  # 250 rad/s times 0.002 s
+
+
+DEAF = """
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1, 1], links: [{dofs: [2], k: 50}]}}
+joints:
+  seen: {dofs: [1], k: {start: 90, true: 100}, c: {start: 1, true: 1}}
+  idle: {dofs: [2], k: {start: 100, true: 100}}
+excitation: {dof: 1, kind: sine, amplitude: 1, frequency: 8}
+measurement: {step: 0.05, samples: 200, channels: [{dof: 1, quantity: velocity}],
+              simulate: {noise_ratio: 0.01}}
+"""
+
+
+def test_what_a_record_cannot_see_is_named_and_is_what_the_run_says(dynid, folder):
+    (folder / "deaf.yaml").write_text(DEAF)
+    code, out, err = dynid("check", "--explain", "deaf.yaml")
+    assert (code, err) == (0, "")
+    assert "idle.k cannot be seen" in out
+    assert "a run will fail (exit code 3)" in out
+    failed, _, said = dynid("run", "deaf.yaml")
+    assert failed == 3
+    assert said.strip() in out
+
+
+def test_a_singular_graph_is_valid_and_its_failure_is_foretold(dynid, folder):
+    text = OSCILLATOR.replace("F -> x,", "F -> x, G -> x,").replace("F: Se,", "F: Sf, G: Sf,")
+    (folder / "conflict.yaml").write_text(text)
+    code, out, _ = dynid("check", "--explain", "conflict.yaml")
+    assert code == 0
+    failed, _, said = dynid("run", "conflict.yaml")
+    assert failed == 3
+    assert said.strip() in out
+
+
+def test_bases_are_those_of_the_run(request):
+    scene = config(request, "beam_reduction")
+    told, done = facts(explain(scene)), run_scene(scene)
+    assert told["model"] == "15 DOFs, 2 joints"
+    size = done["reduction/serep/coordinate"].data.size
+    assert told["bases"].startswith(f"serep: {size} coordinates; masters theta_1, w_4, w_6; 3 modes")
+    assert told["modes"].startswith("the lowest 4 by dense matrices")
+
+
+STUDY = """
+dynid: 1
+kind: study
+scene: one.yaml
+vary: {graph.nodes.m.value: {values: [1, 2, 3]}}
+collect: [bond_graph/transfer_function]
+"""
+
+
+def test_a_study_counts_what_is_left_and_says_why_samples_run_alone(dynid, folder):
+    (folder / "one.yaml").write_text(OSCILLATOR)
+    (folder / "s.yaml").write_text(STUDY)
+    _, out, _ = dynid("check", "--explain", "s.yaml")
+    assert "samples     3 by grid over graph.nodes.m.value" in out
+    assert "finished    none in s.h5" in out
+    assert "batched     yes" in out
+    assert dynid("study", "s.yaml", "--executor", "serial", "-q")[0] == 0
+    assert "3 of them are valid in s.h5" in dynid("check", "--explain", "s.yaml")[1]
+    (folder / "s.yaml").write_text(
+        STUDY.replace("graph.nodes.m.value: {values: [1, 2, 3]}", "analysis.engine: {values: [exact, float]}")
+    )
+    assert "no, one by one: analysis.engine is no parameter" in dynid("check", "--explain", "s.yaml")[1]
+
+
+@pytest.mark.parametrize("name", ["isolator", "table2", "beam_reduction", "beam_frf", "half_car"])
+def test_a_run_costs_what_was_said_within_a_factor(request, tmp_path, name):
+    """A factor of 5, beyond a fifth of a second: below, what is loaded counts more than the work."""
+    scene = config(request, name)
+    cost = explain(scene).cost
+    run_scene(scene)  # what is loaded is no work
+    began = time.thread_time()
+    result = run_scene(scene)
+    seconds = time.thread_time() - began
+    assert 0.2 * seconds - 0.2 <= cost.seconds <= 5 * seconds + 0.2
+    write_result(result, tmp_path / "x.h5")
+    size = (tmp_path / "x.h5").stat().st_size / 1000
+    assert size / 3 <= cost.kilobytes <= 3 * size
+
+
+def test_more_work_costs_more():
+    costs = [explain(scene_of(chain_scene(stages))).cost for stages in (5, 60, 300)]
+    assert costs[0].seconds < costs[1].seconds < costs[2].seconds
+    assert costs[0].kilobytes < costs[2].kilobytes
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.01, "well under a second"),
+        (1.2, "about a second"),
+        (3.4, "about 3 s"),
+        (42.3, "about 42 s"),
+        (200, "about 3 min"),
+        (36_000, "about 10 h"),
+        (math.pi * 1e6, "about 870 h"),
+    ],
+)
+def test_times_are_said_as_well_as_they_are_known(seconds, text):
+    assert seconds_text(seconds) == text
+
+
+@pytest.mark.parametrize(("size", "text"), [(640, "0.6 kB"), (3.2e7, "32 MB"), (4.6e9, "5 GB")])
+def test_sizes_are_said_with_one_or_two_digits(size, text):
+    assert size_text(size) == text
+
+
+def test_faults_are_said_as_without(dynid, folder):
+    (folder / "bad.yaml").write_text(OSCILLATOR.replace("value: 2", "valu: 2"))
+    assert dynid("check", "--explain", "bad.yaml") == dynid("check", "bad.yaml")
+    assert dynid("check", "--explain", "-q", "small.yaml")[1] == ""
