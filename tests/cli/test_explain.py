@@ -122,7 +122,7 @@ def test_bases_are_those_of_the_run(request):
     assert told["model"] == "15 DOFs, 2 joints"
     size = done["reduction/serep/coordinate"].data.size
     assert told["bases"].startswith(f"serep: {size} coordinates; masters theta_1, w_4, w_6; 3 modes")
-    assert told["modes"].startswith("the lowest 4 by dense matrices")
+    assert told["modes"].startswith("the lowest 4, by dense matrices")
 
 
 STUDY = """

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from dynid.errors import FileError, UsageError
 
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
 #: The template that is generated, of any length.
 _CHAIN = "chain"
 #: What editors complete keys from, beside the scene.
 _SCHEMA = "dynid.schema.json"
+#: What a template reads.
+_COMPANIONS = {"record": ("record.csv",), "frf": ("frf.csv",), "study": ("bond-graph.yaml",)}
 
 
 @click.command()
@@ -37,54 +43,85 @@ def new(
 
     \b
     bond-graph      transfer functions, zeros, poles and responses of a motor
-    identification  joints of a chain of masses, from a record
-    reduction       reductions of a beam, compared
-    structure       frequency and time response of a chain of masses
-    study           many runs of the scene bond-graph, with other values
     chain           a bond graph of any length: --stages N masses, springs and dampers
+    structure       modes and responses of a chain of masses whose joints are known
+    reduction       reductions of a beam, compared
+    identification  joints of a chain of masses, from a simulated record
+    record          joints from a measured record, with its samples in record.csv
+    frf             joints from measured frequency responses, with these in frf.csv
+    beam            joints of a beam, identified on a reduced model
+    study           one scene, many values: a Latin hypercube over the motor
     """  # noqa: D301 - click's mark against wrapping
-    from importlib.resources import files
-
     from dynid.atomic import replace_file
-    from dynid.words import did_you_mean
 
-    folder = files("dynid.templates")
-    names = sorted(
-        item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml")
-    )
-    names.append(_CHAIN)
-    if name not in names:
-        raise UsageError(
-            f"no template '{name}'{did_you_mean(name, names)}", remedy=f"There are {', '.join(names)}."
-        )
-    if name != _CHAIN and (stages is not None or distinct):
-        raise UsageError(f"a template '{name}' has no stages", remedy=f"Use them with `dynid new {_CHAIN}`.")
-    if name != "bond-graph" and netlist is not None:
-        raise UsageError(
-            f"a template '{name}' has no graph", remedy="Use `dynid new bond-graph --from FILE`."
-        )
+    _refuse_options(name, netlist, chained=stages is not None or distinct)
     target = Path(output or f"{name}.yaml")
     if target.exists() and not force:
         raise FileError(
             f"{target} exists already", remedy="Name another file with -o, or replace it with --force."
         )
-    if name == _CHAIN:
-        from dynid.templates.chain import chain_scene
-
-        written = chain_scene(stages or 10, vary=distinct).encode()
-    elif netlist is not None:
-        from dynid.scene.netlists import read_netlist
-
-        written = read_netlist(netlist).encode()
-    else:
-        written = folder.joinpath(f"{name}.yaml").read_bytes()
+    written = _scene(name, netlist, stages or 10, vary=distinct)
     if no_schema:
         replace_file(str(target), written)
     else:
         replace_file(str(target), f"# yaml-language-server: $schema={_SCHEMA}\n".encode() + written)
         _write_schema(target.parent / _SCHEMA)
+    for companion in _COMPANIONS.get(name, ()):
+        _write_companion(target.parent / companion)
     click.echo(f"wrote {target}; run it: dynid {'study' if name == 'study' else 'run'} {target}")
     return 0
+
+
+def _refuse_options(name: str, netlist: str | None, *, chained: bool) -> None:
+    """Refuse a template that is not there, and options that are another's."""
+    names = [
+        *sorted(
+            item.name.removesuffix(".yaml") for item in _folder().iterdir() if item.name.endswith(".yaml")
+        ),
+        _CHAIN,
+    ]
+    if name not in names:
+        from dynid.words import did_you_mean
+
+        raise UsageError(
+            f"no template '{name}'{did_you_mean(name, names)}", remedy=f"There are {', '.join(names)}."
+        )
+    if name != _CHAIN and chained:
+        raise UsageError(f"a template '{name}' has no stages", remedy=f"Use them with `dynid new {_CHAIN}`.")
+    if name != "bond-graph" and netlist is not None:
+        raise UsageError(
+            f"a template '{name}' has no graph", remedy="Use `dynid new bond-graph --from FILE`."
+        )
+
+
+def _scene(name: str, netlist: str | None, stages: int, *, vary: bool) -> bytes:
+    """Return the text of a template."""
+    if name == _CHAIN:
+        from dynid.templates.chain import chain_scene
+
+        return chain_scene(stages, vary=vary).encode()
+    if netlist is not None:
+        from dynid.scene.netlists import read_netlist
+
+        return read_netlist(netlist).encode()
+    return _folder().joinpath(f"{name}.yaml").read_bytes()
+
+
+def _folder() -> Traversable:
+    from importlib.resources import files
+
+    return files("dynid.templates")
+
+
+def _write_companion(target: Path) -> None:
+    """Write a file that a template reads; one that is there may be the user's own, and stays."""
+    from dynid.atomic import replace_file
+
+    if target.exists():
+        click.echo(f"kept {target}, which is there already")
+        return
+    replace_file(str(target), _folder().joinpath(target.name).read_bytes())
+    click.echo(f"wrote {target}, which the scene reads")
 
 
 def _write_schema(target: Path) -> None:

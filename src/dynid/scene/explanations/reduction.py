@@ -8,6 +8,7 @@ from typing import cast
 
 from dynid.choices import DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, UsageError
+from dynid.numerals import counted
 from dynid.progress import numbered
 from dynid.result import Result
 from dynid.scene.explanations.explanation import (
@@ -39,7 +40,7 @@ def explain(scene: Scene) -> Explanation:
     structure = build_structure(scene, model.structure, model.joints)
     result = Result("reduction", scene.title)
     n = structure.size
-    facts = [Fact("model", f"{n:,} DOFs, {len(structure.joints)} joints")]
+    facts = [Fact("model", f"{counted(n, 'DOF')}, {counted(len(structure.joints), 'joint')}")]
     made: dict[str, Reduction] = {}
     seconds: dict[str, float] = {}
     try:
@@ -104,14 +105,9 @@ def _most_modes(model: ReductionScene, made: Mapping[str, Reduction]) -> int:
 
 
 def _solver_words(n: int, solver: str, most: int) -> str:
-    why = DENSE_MODES.sentence.format(value=DENSE_MODES.value)
     if solver == "dense":
-        return (
-            f"the lowest {most} by dense matrices: {why}"
-            if n <= DENSE_MODES.value
-            else "all, by dense matrices"
-        )
-    return f"the lowest {most} {FEW_MODES.sentence.format(value=FEW_MODES.value)} ({solver})"
+        return f"{f'the lowest {most}' if n <= DENSE_MODES.value else 'all'}, by dense matrices"
+    return f"the lowest {most}, {FEW_MODES.sentence.format(value=FEW_MODES.value)} ({solver})"
 
 
 def _cost(
