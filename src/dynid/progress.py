@@ -45,13 +45,13 @@ def tell(what: str) -> None:
         listener(what)
 
 
-def numbered(things: Collection[T], what: str) -> Iterator[T]:
+def counted(things: Collection[T], what: str) -> Iterator[T]:
     """Yield things, and say before each which of how many it is.
 
     Examples
     --------
     >>> with heard_by(print):
-    ...     found = list(numbered("ab", "channel"))
+    ...     found = list(counted("ab", "channel"))
     channel 1 of 2
     channel 2 of 2
     """

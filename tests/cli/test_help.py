@@ -5,25 +5,41 @@ from importlib.resources import files
 
 import pytest
 
-from dynid.cli import COMMANDS
+from dynid.cli import COMMANDS, GROUPS
 
 TOPICS = {
     item.name.removesuffix(".md"): item.read_text()
     for item in files("dynid.topics").iterdir()
     if item.name.endswith(".md")
 }
-SCENES = [
-    (name, text)
-    for name, topic in sorted(TOPICS.items())
-    for text in re.findall(r"```yaml\n(.*?)```", topic, re.DOTALL)
-]
+SCENES = {
+    topic: re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    for topic, text in TOPICS.items()
+    if "```yaml" in text
+}
 
 
-@pytest.mark.parametrize(("topic", "text"), SCENES, ids=[name for name, _ in SCENES])
-def test_a_scene_in_a_topic_runs(folder, dynid, topic, text):
-    (folder / f"{topic}.yaml").write_text(text)
-    code, _, err = dynid("run", f"{topic}.yaml")
-    assert (code, err) == (0, "")
+@pytest.mark.parametrize("topic", sorted(SCENES))
+def test_the_scenes_of_a_topic_run(folder, dynid, topic):
+    """Where there are several, the first line of each is a comment with the name of its file."""
+    for text in SCENES[topic]:
+        named = re.match(r"# (\S+\.yaml)\n", text)
+        name = named[1] if named else f"{topic}.yaml"
+        (folder / name).write_text(text)
+        command = ["study", "--executor", "serial", "-q"] if "\nkind: study\n" in text else ["run"]
+        code, _, err = dynid(*command, name)
+        assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize("topic", ["python", "results"])
+def test_the_python_of_a_topic_runs(folder, dynid, topic, request):
+    isolator = (request.config.rootpath / "configs" / "isolator.yaml").read_text()
+    (folder / "isolator.yaml").write_text(isolator)
+    assert dynid("run", "isolator.yaml", "-q")[0] == 0
+    names: dict[str, object] = {}
+    for block in re.findall(r"```python\n(.*?)```", TOPICS[topic], re.DOTALL):
+        exec(block, names)
+    assert names["result"].value("bond_graph/properties/m_s.f/v_in/dc_gain") == 1
 
 
 @pytest.mark.parametrize("topic", sorted(TOPICS))
@@ -42,6 +58,14 @@ def test_topics_are_listed_with_what_they_are_about(dynid):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_is_explained_by_its_own_help(dynid, command):
     assert dynid("help", command) == dynid(command, "--help")
+
+
+def test_every_command_stands_in_one_group_of_the_help(dynid):
+    listed = [name for names in GROUPS.values() for name in names]
+    assert sorted(listed) == sorted(COMMANDS)
+    _, out, _ = dynid("--help")
+    found = re.findall(r"^  ([a-z][a-z-]*)  ", out.partition("Run:")[2], re.MULTILINE)
+    assert found == listed
 
 
 def test_an_unknown_topic_is_refused_with_the_nearest(dynid):

@@ -15,7 +15,7 @@ from dynid._version import __version__
 #: Command: where it is, and what `dynid --help` says about it (so that help loads none of them).
 COMMANDS = {
     "run": ("dynid.cli.run:run", "Run one scene and write one HDF5 file."),
-    "check": ("dynid.cli.check:check", "Read and check scenes without running them."),
+    "check": ("dynid.cli.check:check", "Check scenes; with --explain, tell what a run does and costs."),
     "study": ("dynid.cli.study:study", "Run a parameter study, or go on with one."),
     "study-merge": ("dynid.cli.study_merge:study_merge", "Put the shards of a study into one file."),
     "study-worst": ("dynid.cli.study_worst:study_worst", "Write the scene of a study's worst sample."),
@@ -24,12 +24,20 @@ COMMANDS = {
     "report": ("dynid.cli.report:report", "Write one HTML page of a result."),
     "plot": ("dynid.cli.plot:plot", "Write the figures of a result as files."),
     "watch": ("dynid.cli.watch:watch", "Run a scene whenever it changes, with a live page."),
-    "export": ("dynid.cli.export:export", "Write a result as CSV or Parquet tables."),
+    "export": ("dynid.cli.export:export", "Write a result for other tools: CSV, Parquet, JSON, .mat, .mtx."),
     "compare": ("dynid.cli.compare:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),
     "schema": ("dynid.cli.schema:schema", "Print the JSON Schema of scenes."),
     "bench": ("dynid.cli.bench:bench", "Measure speed against error, now."),
     "help": ("dynid.cli.help:help_", "Explain a topic at length."),
+}
+
+#: The commands as `dynid --help` lists them: by what one is about to do.
+GROUPS = {
+    "Run": ("new", "check", "run", "plan"),
+    "Studies": ("study", "study-merge", "study-worst"),
+    "Look at results": ("show", "report", "plot", "watch", "compare", "export"),
+    "Help": ("help", "schema", "bench"),
 }
 
 
@@ -38,7 +46,7 @@ class LazyGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Return the names of the commands, in the order of use."""
-        return list(COMMANDS)
+        return [name for names in GROUPS.values() for name in names]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
         """Import and return a command."""
@@ -60,8 +68,10 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the commands without importing any."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+        width = max(map(len, COMMANDS))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), COMMANDS[name][1]) for name in names])
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -77,7 +87,8 @@ class LazyGroup(click.Group):
 def cli() -> None:
     """Bond graphs in the frequency domain, and joint identification on reduced FE models.
 
-    One YAML scene in, one HDF5 file out. Start with: dynid new bond-graph
+    One YAML scene in, one HDF5 file out. Start with: dynid new bond-graph, then dynid run bond-graph.yaml.
+    At length: dynid help
     """
 
 

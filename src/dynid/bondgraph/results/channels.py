@@ -16,7 +16,7 @@ from dynid.bondgraph.results.roots import add_roots, each
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.errors import Undecided
 from dynid.lti.verdicts import Verdicts
-from dynid.progress import numbered
+from dynid.progress import counted
 from dynid.result import Result
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: Choice) -> Resu
     if choice.engine == "symbolic":
         return result
     engine = _engine(choice, reduced)
-    for channel in numbered(reduced.channels(), "zeros and poles of channel"):
+    for channel in counted(reduced.channels(), "zeros and poles of channel"):
         add_channel(result, engine, channel, analysis.results)
     return result
 

@@ -20,7 +20,7 @@ from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimators.estimation import Estimation, Stage, Sweep
 from dynid.identification.filtering.filter import Pass, Prior, filter_pass
 from dynid.identification.fit import Fitter
-from dynid.progress import numbered, tell
+from dynid.progress import counted, tell
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def annealed_passes(ensemble: Ensemble, origin: Array) -> list[Sweep]:
     """
     sweeps: list[Sweep] = []
     logs = origin
-    for level, spread in numbered(_ANNEALED, "annealed pass"):
+    for level, spread in counted(_ANNEALED, "annealed pass"):
         priors = [record.wide_prior(logs, spread) for record in ensemble.records]
         sweeps.append(_sweep(ensemble, priors, [level * r.data.rms for r in ensemble.records], logs))
         logs = last(ensemble, sweeps)

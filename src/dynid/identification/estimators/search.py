@@ -13,7 +13,7 @@ from dynid.identification.diagnostics import is_coloured, is_explained
 from dynid.identification.ensemble import Likelihood
 from dynid.identification.estimators.estimation import Estimation, Stage, Sweep
 from dynid.identification.estimators.output_error import refine
-from dynid.progress import numbered, tell
+from dynid.progress import counted, tell
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def best_of_net(ensemble: Likelihood, origin: Array, count: int, reach: float) -
     net = qmc.Sobol(len(origin), rng=np.random.Generator(np.random.PCG64(0))).random(count)
     starts = origin + np.log(reach) * (2 * net - 1)
     starts = ensemble.knowledge.clipped(starts)
-    misfits = [_misfit_at(ensemble, logs) for logs in numbered(starts, "start")]
+    misfits = [_misfit_at(ensemble, logs) for logs in counted(starts, "start")]
     return [starts[place] for place in np.argsort(misfits, kind="stable")]
 
 

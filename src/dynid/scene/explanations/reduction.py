@@ -6,10 +6,10 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import cast
 
+from dynid import progress
 from dynid.choices import DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, UsageError
 from dynid.numerals import counted
-from dynid.progress import numbered
 from dynid.result import Result
 from dynid.scene.explanations.explanation import (
     Cost,
@@ -48,7 +48,7 @@ def explain(scene: Scene) -> Explanation:
         if n <= _MADE:
             import scipy.linalg  # noqa: F401 - loaded beforehand: that is no work
 
-            for name in numbered(list(methods), "reduction"):
+            for name in progress.counted(list(methods), "reduction"):
                 began = time.thread_time()
                 made[name] = methods[name].reduce(structure)
                 seconds[f"reducing by {name}"] = time.thread_time() - began
