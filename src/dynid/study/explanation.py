@@ -68,7 +68,7 @@ def _sample(plan: Plan, alone: Cost, numbers: Sequence[int]) -> tuple[float, flo
     if alone.seconds > _PROBE:
         return 0.0, alone.seconds, alone.kilobytes / 10
     tell(f"trying {len(numbers)} samples")
-    job = Job.of(plan.base, plan.collect, plan.size)
+    job = Job.of(plan.base, plan.collect, len(numbers))  # what repays over the whole study is not compiled
     began = time.thread_time()
     outcomes = run_chunk(job, plan.overrides(numbers[:1])).outcomes
     first = time.thread_time() - began

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import cast
 
 from dynid import progress
@@ -23,6 +23,7 @@ from dynid.scene.kinds.grids import angular_frequencies
 from dynid.scene.kinds.reduction import methods_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
+from dynid.scene.schema.common import Part
 from dynid.scene.schema.reduction import ReductionScene
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.solve import solver_for
@@ -30,8 +31,10 @@ from dynid.structure.reduction.reduction import Reduction
 
 #: DOFs up to which bases are made to explain them; their modes take well under a second there.
 _MADE = DENSE_MODES.value
+#: Modes where nothing says how many.
+_UNKNOWN = 20
 #: Seconds of a multiplication of a dense solver, and of one DOF of one mode of a sparse one.
-_DENSE, _SPARSE = 1.2e-9, 1.5e-5
+_DENSE, _SPARSE = 1.2e-9, 6e-6
 
 
 def explain(scene: Scene) -> Explanation:
@@ -70,38 +73,45 @@ def explain(scene: Scene) -> Explanation:
 def _bases(
     model: ReductionScene, methods: Mapping[str, object], made: Mapping[str, Reduction]
 ) -> Iterator[Fact]:
-    """Say what each method keeps."""
+    """Say what each method keeps, or where that is not known yet, what is asked for."""
     for place, name in enumerate(methods):
-        if name not in made:
-            part = model.reduction[place]
-            given = [
-                f"{key}: {getattr(part, key)}" for key in ("masters", "modes") if getattr(part, key, None)
-            ]
-            yield Fact(
-                "bases" if place == 0 else "",
-                f"{name}: {', '.join(given) or 'chosen from joints and responses'}",
-            )
-            continue
-        each = made[name]
-        said = [f"{each.model.size} coordinates"]
-        if each.masters:
-            said.append(f"masters {', '.join(map(str, each.masters[:8]))}{', …' * (len(each.masters) > 8)}")
-        if each.modes:
-            said.append(f"{len(each.modes)} modes ({each.rule})" if each.rule else f"{len(each.modes)} modes")
-        if each.condition is not None:
-            said.append(f"condition {each.condition:.2g}")
+        said = _kept(made[name]) if name in made else _wanted(model.reduction[place])
         yield Fact("bases" if place == 0 else "", f"{name}: {'; '.join(said)}")
+
+
+def _kept(made: Reduction) -> Iterator[str]:
+    yield f"{made.model.size} coordinates"
+    if made.masters:
+        yield f"masters {_listed(made.masters)}"
+    if made.modes:
+        yield f"{len(made.modes)} modes ({made.rule})" if made.rule else f"{len(made.modes)} modes"
+    if made.condition is not None:
+        yield f"condition {made.condition:.2g}"
+
+
+def _wanted(part: Part) -> list[str]:
+    """Say what a method is asked to keep, in the words of the scene."""
+    given = {key: getattr(part, key) for key in ("masters", "modes") if getattr(part, key, None) is not None}
+    said = []
+    for key, value in given.items():
+        parts = value.model_dump(exclude_none=True, exclude_unset=True) if isinstance(value, Part) else None
+        asked = ", ".join(f"{name} {each}" for name, each in parts.items()) if parts else _listed(value)
+        said.append(f"{key} {asked}")
+    return said or ["chosen from joints and responses"]
+
+
+def _listed(names: Sequence[object]) -> str:
+    return f"{', '.join(map(str, names[:8]))}{', …' * (len(names) > 8)}"
 
 
 def _most_modes(model: ReductionScene, made: Mapping[str, Reduction]) -> int:
     """Return how many modes of the full structure are compared with."""
     found = [max(each.modes, default=each.model.size) for each in made.values()]
     for part in [] if made else model.reduction:
-        for key in ("modes", "masters"):
-            given = getattr(part, key, None)
-            listed = len(given) if isinstance(given, list) else getattr(given, "count", None)
-            found.append(max(given) if key == "modes" and isinstance(given, list) else listed or 20)
-    return max(found, default=20)
+        modes, masters = (getattr(part, key, None) for key in ("modes", "masters"))
+        found += [max(modes)] if isinstance(modes, list) else [getattr(modes, "count", None) or 0]
+        found += [len(masters)] if isinstance(masters, list) else [getattr(masters, "count", None) or 0]
+    return max(found, default=0) or _UNKNOWN
 
 
 def _solver_words(n: int, solver: str, most: int) -> str:
@@ -125,7 +135,7 @@ def _cost(
     values = n + sum(size * n + 5 * size**2 for size in sizes)
     if model.frequency is not None:
         lines = len(angular_frequencies(model.frequency))
-        solved = 1e-9 * n**3 / 4 if n <= 1000 else 3e-5 * n
+        solved = 1e-9 * n**3 / 4 if n <= 1000 else 5e-6 * n
         parts["frequency responses"] = (0.02 + min(lines, 1000) * (1e-4 + solved)) / speed()
         values += 4 * lines * (1 + len(sizes))
     held = 8e-6 * (6 * n**2 if solver == "dense" else 60 * n)
