@@ -125,6 +125,27 @@ def test_bases_are_those_of_the_run(request):
     assert told["modes"].startswith("the lowest 4, by dense matrices")
 
 
+LARGE = """
+dynid: 1
+kind: reduction
+structure:
+  beam: {elements: 300, length: 10, EI: 150, rhoA: 0.8, supports: [{node: 1, fix: [w, theta]}]}
+reduction:
+  - {method: craig-bampton, masters: [w_150, w_301], modes: {count: 10}}
+  - {method: guyan, masters: {count: 12, choose: qr}}
+"""
+
+
+def test_bases_of_a_large_structure_are_not_made_to_be_explained():
+    explained = explain(scene_of(LARGE))
+    told = facts(explained)
+    assert told["model"] == "600 DOFs, 0 joints"
+    assert told["bases"] == "craig-bampton: masters w_150, w_301; modes count 10"
+    assert told[""] == "guyan: masters count 12, choose qr"
+    assert told["modes"].startswith("the lowest 12, by sparse Lanczos")
+    assert explained.cost is not None
+
+
 STUDY = """
 dynid: 1
 kind: study

@@ -68,6 +68,17 @@ def test_every_command_stands_in_one_group_of_the_help(dynid):
     assert found == listed
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_examples_in_a_commands_help_are_its_own_words(dynid, command):
+    """Options that an example names are options of the command."""
+    _, out, _ = dynid(command, "--help")
+    for example in re.findall(r"^    dynid (.*)$", out, re.MULTILINE):
+        name, *words = example.split()
+        assert name == command
+        for option in (word for word in words if word.startswith("-")):
+            assert re.search(rf"^  (-\w, )?{option}\b", out.partition("Options:")[2], re.MULTILINE)
+
+
 def test_an_unknown_topic_is_refused_with_the_nearest(dynid):
     code, _, err = dynid("help", "graph")
     assert code == 2

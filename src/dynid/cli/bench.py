@@ -25,8 +25,13 @@ def bench(
 
     Each NAME runs its alternatives on the same work in one go: median time, peak memory, and error against an
     exact or high-precision reference; what no other beats in both time and error is marked. Without a NAME
-    all of them run.
-    """
+    all of them run, which takes minutes.
+
+    \b
+    Examples:
+      dynid bench --list
+      dynid bench zeros-poles --size zeros-poles=20,100
+    """  # noqa: D301 - click's mark against wrapping
     from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
     from dynid.cli.summary import summary
 

@@ -30,7 +30,12 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
     With --explain, says of each valid scene what a run would do: states and what follows from others, the
     engine or estimator and why, what the record can tell of each parameter, what is left out, and about how
     long it takes. A scene whose run is bound to fail is still valid; why it will fail is said.
-    """
+
+    \b
+    Examples:
+      dynid check scenes/*.yaml
+      dynid check --explain isolator.yaml
+    """  # noqa: D301 - click's mark against wrapping
     from dynid.scene.load import load_scene
 
     code = faults = 0

@@ -9,10 +9,20 @@ import click
 @click.argument("first", type=click.Path())
 @click.argument("second", type=click.Path())
 @click.option(
-    "--rtol", type=click.FloatRange(min=0), default=1e-9, show_default=True, help="Relative tolerance."
+    "--rtol",
+    type=click.FloatRange(min=0),
+    default=1e-9,
+    metavar="R",
+    show_default=True,
+    help="Relative tolerance.",
 )
 @click.option(
-    "--atol", type=click.FloatRange(min=0), default=0.0, show_default=True, help="Absolute tolerance."
+    "--atol",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    metavar="A",
+    show_default=True,
+    help="Absolute tolerance.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing; the exit code tells.")
 def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> int:

@@ -41,7 +41,14 @@ def export(file: str, form: str | None, output: str | None, long: bool, name: st
 
     A study is one table with a row for each sample. Any other result is a table for each group, with a row
     for each entry of its arrays; complex numbers are two columns, .re and .im.
-    """
+    One of the forms is to be named.
+
+    \b
+    Examples:
+      dynid export tolerances.h5 --csv
+      dynid export isolator.h5 --csv --table bond_graph/frequency_response
+      dynid export isolator.h5 --json
+    """  # noqa: D301 - click's mark against wrapping
     if form is None:
         raise UsageError(
             "say in which form to export", remedy="Pass --csv, --parquet, --json, --mat or --mtx."

@@ -28,7 +28,9 @@ _COMPANIONS = {"record": ("record.csv",), "frf": ("frf.csv",), "study": ("bond-g
 @click.option(
     "--from", "netlist", type=click.Path(), help="bond-graph: the graph of a .bg netlist of BondGraphTools."
 )
-@click.option("--stages", type=click.IntRange(1, 10_000), help="chain: how many stages (default 10).")
+@click.option(
+    "--stages", type=click.IntRange(1, 10_000), metavar="N", help="chain: how many stages (default 10)."
+)
 @click.option("--distinct", is_flag=True, help="chain: every stage with values of its own.")
 def new(
     name: str,

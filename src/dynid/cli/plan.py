@@ -14,9 +14,17 @@ from dynid.errors import FileError, NumericalError, UsageError
 @click.argument("scene", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), help="Write the plan to this HDF5 file.")
 @click.option(
-    "--sensors", type=click.IntRange(1, 1000), help="How many sensors; default: as many as there are."
+    "--sensors",
+    type=click.IntRange(1, 1000),
+    metavar="N",
+    help="How many sensors; default: as many as there are.",
 )
-@click.option("--lines", type=click.IntRange(1, 1000), help="How many sines; default: as many as there are.")
+@click.option(
+    "--lines",
+    type=click.IntRange(1, 1000),
+    metavar="N",
+    help="How many sines; default: as many as there are.",
+)
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
@@ -33,7 +41,11 @@ def plan(
 
     Says what the record of a scene can tell of each unknown parameter before it is taken, and which sensors
     and which sines would tell most in its place. Nothing is identified.
-    """
+
+    \b
+    Example:
+      dynid plan suspension.yaml --sensors 3
+    """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.progress import showing
     from dynid.cli.run import LocatedError, refuse_missing_folders, refuse_overwriting
     from dynid.scene.kinds.planning import run_plan

@@ -52,7 +52,13 @@ def run(
 
     The file is written whole or not at all. Exit code 1 says that an expectation of the scene failed; the
     file is there then, for a look.
-    """
+
+    \b
+    Examples:
+      dynid run isolator.yaml
+      dynid run isolator.yaml --set parameters.b=80 -o stiff.h5
+      dynid run isolator.yaml --report isolator.html
+    """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.expectations import check, tell
     from dynid.cli.progress import showing
     from dynid.scene.load import load_scene

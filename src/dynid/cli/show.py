@@ -9,7 +9,10 @@ import click
 @click.argument("file", type=click.Path())
 @click.option("--all", "everything", is_flag=True, help="List every array, with its axes and units.")
 def show(file: str, everything: bool) -> int:
-    """Print a summary of a result."""
+    """Print the summary of a result again: of a run, a plan, a study or a benchmark.
+
+    Of a study that was interrupted it shows what is there.
+    """
     from dynid.cli.summary import contents, summary
     from dynid.store import open_stored, read_result
 

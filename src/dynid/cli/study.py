@@ -43,11 +43,15 @@ class Shard(click.ParamType[tuple[int, int]]):
     type=click.Choice(["serial", "processes", "dask"]),
     help="What runs samples; default processes, or dask where a scheduler is named.",
 )
-@click.option("--workers", type=click.IntRange(1, 100_000), help="How many processes; default one a core.")
+@click.option(
+    "--workers", type=click.IntRange(1, 100_000), metavar="N", help="How many processes; default one a core."
+)
 @click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786.")
 @click.option("--scheduler-file", type=click.Path(), help="The file of a Dask scheduler's address.")
 @click.option("--shard", type=Shard(), help="Run the Ith of N parts only, for job arrays.")
-@click.option("--max-failures", type=click.IntRange(0), help="Stop when more samples fail (exit code 3).")
+@click.option(
+    "--max-failures", type=click.IntRange(0), metavar="N", help="Stop when more samples fail (exit code 3)."
+)
 @click.option("--retry-failed", is_flag=True, help="Run samples again that failed before.")
 @click.option("--junit", type=click.Path(), help="Write the study's expectations' outcome as JUnit XML.")
 @click.option("--report", type=click.Path(), help="Write the page of the study to this HTML file.")
@@ -73,8 +77,14 @@ def study(
 
     Every finished sample is safe at once, in FILE.h5.journal, whatever happens next. A sample that fails is
     a row of the file with its error. Exit code 1 says that an expectation of the study's statistics failed;
-    those of the scene are counted for each sample.
-    """
+    those of the scene are counted for each sample. At length: dynid help studies
+
+    \b
+    Examples:
+      dynid study tolerances.yaml --dry-run
+      dynid study tolerances.yaml --workers 4
+      dynid study tolerances.yaml --shard 3/10
+    """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.run import refuse_missing_folders, refuse_overwriting
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan

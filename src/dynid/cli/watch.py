@@ -10,7 +10,11 @@ import click
 @click.command()
 @click.argument("scene", type=click.Path())
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, help="The port of the page; default a free one."
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    metavar="N",
+    help="The port of the page; default a free one.",
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser; the address is printed.")
 @click.option(
