@@ -52,9 +52,9 @@ STARTED_ROOTS = Default(
 HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")
 
 # Structures: modes, responses, bases.
-DENSE_MODES = Default(400, "modes", "modes by dense matrices up to {value} DOFs")
+DENSE_MODES = Default(200, "modes", "modes by dense matrices up to {value} DOFs")
 ALL_MODES = Default(4000, "modes", "all modes up to {value:,} DOFs")
-FEW_MODES = Default(8, "modes", "by sparse Lanczos where at most one mode in {value} is asked for")
+FEW_MODES = Default(6, "modes", "by sparse Lanczos where at most one mode in {value} is asked for")
 BACKEND = Default("splu", "modes", "sparse matrices are factorised by {value}")
 MASTERS: Default[Literal["qr"]] = Default(
     "qr", "reduction", "masters are chosen by pivoted {value} of the modes"

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, NamedTuple
 
 #: Environment variable: a Python with peers that are not installed beside dynid, and with dynid itself.
 PEERS = "DYNID_PEERS"
@@ -29,12 +29,15 @@ class Alternative:
         Packages that it needs beyond dynid's own.
     most
         Largest size that it is tried at.
+    peer
+        Whether another project's users do it so: the suite's default should not lose to it.
     """
 
     name: str
     prepare: Callable[[int], Callable[[], Any]]
     needs: tuple[str, ...] = ()
     most: int | None = None
+    peer: bool = False
 
     def missing(self) -> str:
         """Say which packages are not installed; empty where it can run."""
@@ -64,6 +67,14 @@ def _absent(packages: Sequence[str]) -> list[str]:
         return list(packages)
 
 
+class Limit(NamedTuple):
+    """How many times the time of another (`of`) an alternative may take."""
+
+    alternative: str
+    of: str
+    most: float
+
+
 @dataclass(frozen=True)
 class Benchmark:
     """Work of several sizes, and the ways to do it.
@@ -82,6 +93,12 @@ class Benchmark:
         Given a size and what the work returned: its error against an exact or high-precision reference.
     measure
         What the error is.
+    default
+        Given a size, the alternative that the suite itself takes there; absent where it leaves that open.
+    full
+        Sizes that `--full` adds.
+    limits
+        What an alternative may take beside another.
     """
 
     title: str
@@ -90,3 +107,6 @@ class Benchmark:
     alternatives: Sequence[Alternative]
     error: Callable[[int, Any], float]
     measure: str = "largest relative error"
+    default: Callable[[int], str] | None = None
+    full: tuple[int, ...] = ()
+    limits: tuple[Limit, ...] = ()

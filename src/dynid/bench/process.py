@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import subprocess
 import sys
@@ -10,6 +11,9 @@ from contextlib import suppress
 from threading import Timer
 from types import TracebackType
 from typing import Any, Self
+
+#: What numerical libraries read how many threads they may use from.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Process:
@@ -25,13 +29,22 @@ class Process:
         What to call it with.
     python
         The interpreter that runs it.
+    threads
+        How many threads numerical libraries may use; absent: as they see fit, or the environment says.
     """
 
-    def __init__(self, module: str, *arguments: str, python: str = sys.executable) -> None:
+    def __init__(
+        self, module: str, *arguments: str, python: str = sys.executable, threads: int | None = None
+    ) -> None:
         # Imported rather than run: what is pickled must not belong to a module called __main__.
         command = [python, "-c", f"from {module} import main; main(*{arguments!r})"]
+        limited = {} if threads is None else dict.fromkeys(_THREADS, str(threads))
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**limited, **os.environ},
         )
 
     def ask(self, question: Any, seconds: float | None = None) -> Any:

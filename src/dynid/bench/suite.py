@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.bench.alternative import Benchmark
+from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.catalogue import benchmark
 from dynid.bench.process import Process
 from dynid.choices import of_benchmark
@@ -30,6 +31,8 @@ def run_benchmarks(
     names: Iterable[str],
     sizes: Mapping[str, Sequence[int]] | None = None,
     tell: Callable[[str], None] = lambda _: None,
+    *,
+    full: bool = False,
 ) -> Result:
     """Run benchmarks.
 
@@ -41,18 +44,24 @@ def run_benchmarks(
         Sizes by name; absent: each benchmark's own.
     tell
         Called with a line before each measurement.
+    full
+        Whether to add the larger sizes that a benchmark names, which take minutes.
 
     Returns
     -------
     Result
         ``bench/<name>/<alternative>/{size, time, memory, error}``: s, bytes, and what the attribute `measure`
-        of ``bench/<name>`` says; `pareto` marks what no other alternative beats in both time and error.
-        Alternatives that are missing or failed are named in the attributes `missing` and `failed`.
+        of ``bench/<name>`` says; `pareto` marks what no other alternative beats in both time and error,
+        `default` what the suite itself takes at that size. The attribute `exponent` says how its time grows
+        between the two largest sizes, `peer` that it is another project's. Attributes of ``bench/<name>``
+        say which peers beat the default in both (`beaten`), which alternatives are `missing` or `failed`,
+        and the choices that rest on the table (`chosen`).
     """
     result = Result("bench", "Speed against error")
     for name in names:
         case = benchmark(name)
-        _add(result, name, case, _measured(name, case, (sizes or {}).get(name, case.sizes), tell))
+        own = (*case.sizes, *case.full) if full else case.sizes
+        _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), tell))
     return result
 
 
@@ -62,7 +71,8 @@ def _measured(
     """Measure all alternatives, size by size in turns."""
     present = [each for each in case.alternatives if not each.missing()]
     workers = {
-        each.name: Process("dynid.bench.worker", name, each.name, python=each.interpreter) for each in present
+        each.name: Process("dynid.bench.worker", name, each.name, python=each.interpreter, threads=1)
+        for each in present
     }
     figures: dict[str, list[Figure]] = {each.name: [] for each in present}
     try:
@@ -79,31 +89,42 @@ def _measured(
 
 
 def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[Figure]]) -> None:
-    done = {key: [figure for figure in rows if not figure.failed] for key, rows in figures.items()}
-    if not any(done.values()):
+    done = {key: kept for key, rows in figures.items() if (kept := [row for row in rows if not row.failed])}
+    if not done:
         raise NumericalError(
             f"no alternative of the benchmark {name} came to an end",
             remedy=_said(case, figures),
             names=(name,),
         )
+    missing = (f"{each.name} ({each.missing()})" for each in case.alternatives if each.missing())
+    said = {
+        "failed": _said(case, figures),
+        "missing": "; ".join(missing),
+        "chosen": "; ".join(of_benchmark(name)),
+        "limits": "; ".join(limits(case, done)),
+    }
+    if case.default is not None:
+        said["beaten"] = "; ".join(beaten(case, done))
     group = f"bench/{name}"
-    result.annotate(
-        group, title=case.title, size=case.size, measure=case.measure, failed=_said(case, figures)
-    )
-    result.annotate(group, chosen="; ".join(of_benchmark(name)))
-    result.annotate(
-        group, missing="; ".join(f"{e.name} ({e.missing()})" for e in case.alternatives if e.missing())
-    )
+    result.annotate(group, title=case.title, size=case.size, measure=case.measure, **said)
     front = pareto([figure for rows in done.values() for figure in rows])
-    for alternative, rows in done.items():
-        if not rows:
-            continue
-        here = f"{group}/{alternative}"
-        result.add_axis(f"{here}/size", [figure.size for figure in rows])
-        for column, units in (("time", "s"), ("memory", "B"), ("error", "")):
-            values = np.array([getattr(figure, column) for figure in rows], dtype=float)
-            result.add(f"{here}/{column}", values, ("size",), units)
-        result.add(f"{here}/pareto", np.array([figure in front for figure in rows]), ("size",))
+    for each in case.alternatives:
+        if each.name in done:
+            _add_alternative(result, f"{group}/{each.name}", case, each, done[each.name], front)
+
+
+def _add_alternative(
+    result: Result, here: str, case: Benchmark, each: Alternative, rows: list[Figure], front: list[Figure]
+) -> None:
+    result.add_axis(f"{here}/size", [figure.size for figure in rows])
+    for column, units in (("time", "s"), ("memory", "B"), ("error", "")):
+        values = np.array([getattr(figure, column) for figure in rows], dtype=float)
+        result.add(f"{here}/{column}", values, ("size",), units)
+    taken = [case.default is not None and case.default(figure.size) == each.name for figure in rows]
+    result.add(f"{here}/pareto", np.array([figure in front for figure in rows]), ("size",))
+    result.add(f"{here}/default", np.array(taken), ("size",))
+    power = exponent(rows)
+    result.annotate(here, peer=each.peer, **({} if power is None else {"exponent": power}))
 
 
 def _said(case: Benchmark, figures: Mapping[str, list[Figure]]) -> str:
@@ -130,3 +151,41 @@ def pareto(figures: Iterable[Figure]) -> list[Figure]:
             for other in rows
         )
     ]
+
+
+def beaten(case: Benchmark, done: Mapping[str, list[Figure]]) -> list[str]:
+    """Say which peers are both faster and more accurate than the suite's default, and at which size."""
+    if case.default is None:
+        return []
+    peers = [each.name for each in case.alternatives if each.peer and each.name in done]
+    sizes = sorted({row.size for rows in done.values() for row in rows})
+    said = []
+    for size in sizes:
+        at = {name: row for name, rows in done.items() for row in rows if row.size == size}
+        default = at.get(case.default(size))
+        if default is None:
+            said.append(f"at {case.size} {size:,} the default has no figures")
+            continue
+        said += [
+            f"at {case.size} {size:,} by {name} ({default.time / at[name].time:.2g} times faster)"
+            for name in peers
+            if name in at and at[name].time < default.time and at[name].error < default.error
+        ]
+    return said
+
+
+def limits(case: Benchmark, done: Mapping[str, list[Figure]]) -> list[str]:
+    """Say how long alternatives take beside those that they are held to."""
+    return [
+        f"{limit.alternative} takes {ratio:.2f} times {limit.of} (at most {limit.most:g})"
+        for limit in case.limits
+        if limit.alternative in done and limit.of in done
+        for ratio in [done[limit.alternative][-1].time / done[limit.of][-1].time]
+    ]
+
+
+def exponent(rows: Sequence[Figure]) -> float | None:
+    """Return the power of the size by which time grows between the two largest; None where there is one."""
+    if len(rows) < 2 or rows[-1].size <= rows[-2].size:
+        return None
+    return math.log(rows[-1].time / rows[-2].time) / math.log(rows[-1].size / rows[-2].size)

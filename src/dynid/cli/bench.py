@@ -17,9 +17,15 @@ from dynid.errors import UsageError
 @click.option(
     "--size", "sizes", multiple=True, metavar="NAME=N,N", help="Sizes of a benchmark instead of its own."
 )
+@click.option("--full", is_flag=True, help="Larger sizes too: minutes instead of at most three.")
 @click.option("--list", "listing", is_flag=True, help="List the benchmarks.")
 def bench(
-    names: tuple[str, ...], output: str | None, report: str | None, sizes: tuple[str, ...], listing: bool
+    names: tuple[str, ...],
+    output: str | None,
+    report: str | None,
+    sizes: tuple[str, ...],
+    full: bool,
+    listing: bool,
 ) -> int:
     """Measure speed against error, now, on this machine.
 
@@ -42,7 +48,7 @@ def bench(
         return 0
     chosen = [_known(name, BENCHMARKS) for name in names] or list(BENCHMARKS)
     with showing() as tell:
-        result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), tell)
+        result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), tell, full=full)
     click.echo(summary(result, ""))
     if output:
         from dynid.store import write_result

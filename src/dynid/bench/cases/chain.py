@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity
 from dynid.bondgraph.reduced import ReducedGraph
-
-if TYPE_CHECKING:
-    from dynid.bondgraph.transfer import TransferFunction
 
 
 def reduced(stages: int) -> ReducedGraph:
@@ -32,14 +29,25 @@ def matrices(stages: int) -> Any:
     return A, B, C, np.zeros((1, 1))
 
 
-@lru_cache(maxsize=4)
-def exact(stages: int) -> TransferFunction:
-    """Return the exact transfer function."""
-    from dynid.bondgraph.transfer import TransferFunction
+@lru_cache(maxsize=2)
+def true_roots(stages: int) -> tuple[Any, Any]:
+    """Return zeros and poles, correctly rounded.
 
-    graph = reduced(stages)
-    ((_, register),) = graph.channels().items()
-    return TransferFunction.of(graph.rational([register])[register])
+    The zeros are 0 and -k/b of all joints but the last; the poles are certified roots of the polynomial that
+    the continued fraction of impedances leaves, begun at the eigenvalues of A.
+    """
+    import numpy as np
+    from flint import fmpq, fmpq_poly
+
+    from dynid.lti.certified import certified_roots, repeated
+
+    s, rows = fmpq_poly([0, 1]), distinct(stages)
+    above, below = fmpq_poly([1]), fmpq_poly([0])  # what a stage ends at: the ground, at rest
+    for m, k, b in (tuple(fmpq(v.numerator, v.denominator) for v in row) for row in reversed(rows)):
+        joint = s * b + k
+        above, below = s * m * (joint * below + s * above) + joint * above, joint * below + s * above
+    poles = certified_roots(above.numer(), [complex(z) for z in np.linalg.eigvals(matrices(stages)[0])])
+    return np.array([0.0, *(float(-k / b) for _, k, b in rows[:-1])], dtype=complex), repeated(poles)
 
 
 def exact_response(stages: int, omega: Any) -> list[complex]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.cases.suspension import Case, by_dynamax, by_filterpy, case, kernels
+from dynid.choices import ESTIMATOR
 
 #: Noises of the records that a work goes over.
 _SEEDS = (1, 2, 3, 4)
@@ -85,10 +86,12 @@ BENCHMARK = Benchmark(
         *(Alternative(f"filter-{k}", _house(f"filter-{k}")) for k in (1, 2, 3)),
         Alternative("output-error", _house("output-error")),
         Alternative("invariant-imbedding", _house("invariant-imbedding"), most=200),
-        Alternative("least-squares", _each(_least_squares), most=8000),
-        Alternative("filterpy", _each(by_filterpy), needs=("filterpy",), most=8000),
-        Alternative("dynamax", _each(by_dynamax), needs=("dynamax",)),
+        Alternative("least-squares", _each(_least_squares), most=8000, peer=True),
+        Alternative("filterpy", _each(by_filterpy), needs=("filterpy",), most=8000, peer=True),
+        Alternative("dynamax", _each(by_dynamax), needs=("dynamax",), peer=True),
     ),
     error=_error,
     measure="RMS of the errors over the Cramér-Rao bound",
+    default=lambda _: ESTIMATOR.value,
+    full=(80_000,),
 )

@@ -138,9 +138,11 @@ BENCHMARK = Benchmark(
         Alternative("joseph-float32", _joseph("float32"), most=8000),
         Alternative("imbedding-1", _imbedding(1), most=800),
         Alternative("imbedding-4", _imbedding(4), most=800),
-        Alternative("filterpy", _peer(by_filterpy), needs=("filterpy",), most=8000),
-        Alternative("dynamax", _peer(by_dynamax), needs=("dynamax",)),
+        Alternative("filterpy", _peer(by_filterpy), needs=("filterpy",), most=8000, peer=True),
+        Alternative("dynamax", _peer(by_dynamax), needs=("dynamax",), peer=True),
     ),
     error=_error,
     measure="largest distance from the filter linearised at every sample, in its deviations; inf: no number",
+    default=lambda _: "square-root",
+    full=(80_000,),
 )

@@ -83,13 +83,15 @@ def _error(stages: int, found: Any) -> float:
 BENCHMARK = Benchmark(
     title="Frequency response of a chain at 1,000 frequencies, from the model on",
     size="stages",
-    sizes=(10, 50, 200),
+    sizes=(10, 100, 1000, 2000),
     alternatives=(
         Alternative("reduction", _program),
-        Alternative("state-space", _solved, most=50),
-        Alternative("sparse-lu", _sparse, most=2000),
-        Alternative("polynomials", _polynomials, most=200),
-        Alternative("control", _control, needs=("control",), most=50),
+        Alternative("state-space", _solved, most=10, peer=True),
+        Alternative("sparse-lu", _sparse, most=1000, peer=True),
+        Alternative("polynomials", _polynomials, most=100, peer=True),
+        Alternative("control", _control, needs=("control",), most=10, peer=True),
     ),
     error=_error,
+    default=lambda _: "reduction",
+    full=(10_000, 100_000),
 )

@@ -12,6 +12,7 @@ from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.roots import distance
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.choices import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
 
 
 def _mesh(side: int) -> ReducedGraph:
@@ -69,6 +70,13 @@ def _error(side: int, found: Any) -> float:
     return max(distance(got, true, size) for got, true in zip(found, (zeros, poles), strict=True))
 
 
+def _default(side: int) -> str:
+    """Return what is chosen for a mesh of this side."""
+    looped = (side - 1) ** 2 > MANY_LOOPS.value
+    limit = EXACT_ROOTS_ON_LOOPS if looped else EXACT_ROOTS
+    return "exact" if 3 * side**2 - 2 * side <= limit.value else "float"
+
+
 BENCHMARK = Benchmark(
     title="Zeros and poles of a square mesh with (side - 1)^2 loops and 3 side^2 - 2 side storages",
     size="side",
@@ -76,4 +84,6 @@ BENCHMARK = Benchmark(
     alternatives=(Alternative("exact", _exact, most=7), Alternative("float", _float)),
     error=_error,
     measure="largest relative distance from the exact roots; inf: a wrong count",
+    default=_default,
+    full=(5, 6),
 )

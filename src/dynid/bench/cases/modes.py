@@ -61,18 +61,27 @@ def reference(dofs: int) -> Any:
     return eigh(*small, eigvals_only=True)[:COUNT]
 
 
+def _default(dofs: int) -> str:
+    """Return the backend that is chosen for a plate of about so many DOFs."""
+    from dynid.structure.modes import solver_for
+
+    return solver_for(plate(dofs)[0].shape[0], COUNT, None)
+
+
 BENCHMARK = Benchmark(
     title="The lowest ten modes of a simply supported plate",
     size="DOFs",
-    sizes=(1000, 10_000),
+    sizes=(100, 1000, 10_000),
     alternatives=(
         Alternative("splu", _house("splu")),
         Alternative("splu-uncounted", _house("splu", proof=False)),
         Alternative("dense", _house("dense"), most=2000),
         Alternative("cholespy", _house("cholespy"), needs=("cholespy",)),
         Alternative("pardiso", _house("pardiso"), needs=("pypardiso",)),
-        Alternative("eigsh", _eigsh),
+        Alternative("eigsh", _eigsh, peer=True),
     ),
     error=_error,
     measure="largest relative difference of omega^2 from a subspace iteration",
+    default=_default,
+    full=(200, 400, 100_000),
 )

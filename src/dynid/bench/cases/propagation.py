@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
+from dynid.choices import HOLD
 
 _STEP = 0.002
 _OMEGA = (70.0, 110.0, 250.0)  # rad/s
@@ -159,11 +160,13 @@ BENCHMARK = Benchmark(
         Alternative("exponential-spline", _house("spline")),
         Alternative("exponential-linear", _house("linear")),
         Alternative("exponential-zero", _house("zero")),
-        Alternative("rk4", _runge_kutta),
-        Alternative("newmark", _newmark),
-        Alternative("lsim", _lsim),
-        Alternative("dop853", _integrated),
+        Alternative("rk4", _runge_kutta, peer=True),
+        Alternative("newmark", _newmark, peer=True),
+        Alternative("lsim", _lsim, peer=True),
+        Alternative("dop853", _integrated, peer=True),
     ),
     error=_error,
     measure="RMS of the error over that of the response",
+    default=lambda _: f"exponential-{HOLD.value}",
+    full=(80_000,),
 )

@@ -7,6 +7,7 @@ from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.cases.modes import plate, reference
+from dynid.choices import MASTERS
 
 #: Coordinates kept, and modes that are compared.
 _KEPT, _COMPARED = 10, 5
@@ -53,12 +54,22 @@ def _on_masters(method: str, **options: Any) -> Callable[[int], Callable[[], Any
     return lambda dofs: _method(method, masters=_spread(dofs), **options)(dofs)
 
 
+def _chosen(choose: str) -> Callable[[int], Callable[[], Any]]:
+    """Choose the masters of a SEREP basis by this rule, from the modes that it is to keep."""
+    from dynid.structure.reduction.masters import Masters
+
+    kept = tuple(range(1, _KEPT + 1))
+    return _method("serep", modes=kept, masters=Masters(_KEPT, choose))  # type: ignore[arg-type]
+
+
 BENCHMARK = Benchmark(
     title="A plate reduced onto ten coordinates, its first five frequencies",
     size="DOFs",
     sizes=(1000, 10_000),
     alternatives=(
-        Alternative("serep", _method("serep", modes=tuple(range(1, _KEPT + 1)))),
+        Alternative("serep-qr", _chosen("qr")),
+        Alternative("serep-effective-independence", _chosen("effective-independence")),
+        Alternative("serep-mass", _chosen("mass")),
         Alternative("modal", _method("modal", modes=tuple(range(1, _KEPT + 1)))),
         Alternative("guyan", _on_masters("guyan")),
         Alternative("irs", _on_masters("irs")),
@@ -66,4 +77,6 @@ BENCHMARK = Benchmark(
     ),
     error=_error,
     measure="largest relative error of the first five frequencies",
+    default=lambda _: f"serep-{MASTERS.value}",
+    full=(50_000,),
 )

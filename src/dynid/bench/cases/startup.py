@@ -6,54 +6,76 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.alternative import Alternative, Benchmark, Limit
+
+
+@cache
+def _folder() -> Path:
+    """Return a folder with the scenes that come along, as a user who begins has them, and a result."""
+    folder = Path(tempfile.mkdtemp())
+    for template in (files("dynid") / "templates").iterdir():
+        if template.name.endswith(".yaml"):
+            (folder / template.name).write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
+    run = [sys.executable, "-m", "dynid", "run", "bond-graph.yaml", "-q", "-o", "shown.h5"]
+    subprocess.run(run, cwd=folder, check=True)
+    return folder
 
 
 def _process(*arguments: str) -> Callable[[int], Callable[[], Any]]:
-    """Return work that runs a Python process, in a folder of its own."""
+    """Return work that runs a Python process among the scenes; ``*`` stands for all of them."""
 
     def prepare(_: int) -> Callable[[], Any]:
-        folder = tempfile.mkdtemp()
-        command = [sys.executable, *arguments]
-
-        def work() -> int:
-            return subprocess.run(command, cwd=folder, check=False, capture_output=True).returncode
-
-        if "{scene}" in arguments:
-            scene = Path(folder) / "scene.yaml"
-            scene.write_text(_template(arguments[-1]), encoding="utf-8")
-            command[command.index("{scene}") :] = [str(scene)]
-        return work
+        scenes = sorted(path.name for path in _folder().glob("*.yaml"))
+        command = [part for given in arguments for part in (scenes if given == "*" else [given])]
+        return lambda: _ran(command)
 
     return prepare
 
 
-def _template(name: str) -> str:
-    from importlib.resources import files
+def _ran(arguments: list[str]) -> list[str]:
+    """Run Python, and return the arguments."""
+    subprocess.run([sys.executable, *arguments], cwd=_folder(), check=True, capture_output=True)
+    return arguments
 
-    return (files("dynid") / "templates" / f"{name}.yaml").read_text(encoding="utf-8")
+
+def _dynid(*arguments: str) -> Callable[[int], Callable[[], Any]]:
+    return _process("-m", "dynid", *arguments)
 
 
-def _error(_: int, code: Any) -> float:
-    return float(code)
+def _modules(_: int, arguments: Any) -> float:
+    """Return how many modules the command imports."""
+    command = [sys.executable, "-X", "importtime", *arguments]
+    said = subprocess.run(command, cwd=_folder(), check=True, capture_output=True, text=True).stderr
+    return float(sum(line.startswith("import time:") for line in said.splitlines()) - 1)  # less the heading
 
 
 BENCHMARK = Benchmark(
-    title="Wall time of commands, beside the imports that they cannot do without",
+    title="Wall time of whole commands, beside the imports that they cannot do without",
     size="run",
     sizes=(1,),
     alternatives=(
-        Alternative("help", _process("-m", "dynid", "--help")),
+        Alternative("help", _dynid("--help")),
         Alternative("import-click", _process("-c", "import click")),
-        Alternative("check", _process("-m", "dynid", "check", "{scene}", "bond-graph")),
+        Alternative("check", _dynid("check", "*")),
         Alternative("import-pydantic-yaml", _process("-c", "import pydantic, yaml")),
-        Alternative("run-bond-graph", _process("-m", "dynid", "run", "{scene}", "bond-graph")),
-        Alternative("run-identification", _process("-m", "dynid", "run", "{scene}", "identification")),
+        Alternative("schema", _dynid("schema", "study")),
+        Alternative("run-bond-graph", _dynid("run", "bond-graph.yaml", "-q")),
+        Alternative("run-identification", _dynid("run", "identification.yaml", "-q")),
+        Alternative("show", _dynid("show", "shown.h5")),
+        Alternative("report", _dynid("report", "shown.h5")),
         Alternative("import-numpy-scipy-h5py", _process("-c", "import numpy, scipy.linalg, h5py, pydantic")),
     ),
-    error=_error,
-    measure="exit code",
+    error=_modules,
+    measure="modules imported",
+    limits=(
+        Limit("help", "import-click", 1.3),
+        Limit("check", "import-pydantic-yaml", 5.0),
+        Limit("run-bond-graph", "import-numpy-scipy-h5py", 3.0),
+        Limit("run-identification", "import-numpy-scipy-h5py", 5.0),
+    ),
 )

@@ -81,9 +81,11 @@ BENCHMARK = Benchmark(
     alternatives=(
         Alternative("nested", _nested),
         Alternative("expanded", _expanded, most=9),
-        Alternative("by-hand", _by_hand, most=9),
-        Alternative("sympy", _sympy, most=3),
+        Alternative("by-hand", _by_hand, most=9, peer=True),
+        Alternative("sympy", _sympy, most=2, peer=True),
     ),
     error=_error,
     measure="1 where terms are missing or too many, else 0",
+    default=lambda _: "nested",
+    full=(9, 500),
 )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.cases.chain import exact, matrices, reduced
+from dynid.bench.cases.chain import matrices, reduced, true_roots
 from dynid.bench.roots import distance
+from dynid.bondgraph.chains import distinct
+from dynid.choices import EXACT_ROOTS
 
 
 def _exact(stages: int) -> Callable[[], Any]:
@@ -17,6 +20,20 @@ def _exact(stages: int) -> Callable[[], Any]:
     def work() -> Any:
         graph = reduced(stages)
         transfer = ExactEngine(graph).channel(next(iter(graph.channels())))
+        return repeated(transfer.zeros), repeated(transfer.poles)
+
+    return work
+
+
+def _unstarted(stages: int) -> Callable[[], Any]:
+    """Certify the exact roots without eigenvalues to begin at."""
+    from dynid.bondgraph.transfer import TransferFunction
+    from dynid.lti.certified import repeated
+
+    def work() -> Any:
+        graph = reduced(stages)
+        ((_, register),) = graph.channels().items()
+        transfer = TransferFunction.of(graph.rational([register])[register])
         return repeated(transfer.zeros), repeated(transfer.poles)
 
     return work
@@ -45,11 +62,52 @@ def _matrices(stages: int) -> Callable[[], Any]:
 
 
 def _control(stages: int) -> Callable[[], Any]:
+    """Ask control, which takes SLICOT's AB08ND for zeros where slycot is installed."""
     import control
 
     def work() -> Any:
         system = control.ss(*matrices(stages))
         return control.zeros(system), control.poles(system)
+
+    return work
+
+
+def _control_alone(stages: int) -> Callable[[], Any]:
+    """Ask control as it answers without slycot: QZ on the system's pencil."""
+    work = _control(stages)
+
+    def without_slycot() -> Any:
+        hidden = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("slycot")}
+        sys.modules["slycot"] = None  # type: ignore[assignment]
+        try:
+            return work()
+        finally:
+            del sys.modules["slycot"]
+            sys.modules.update(hidden)
+
+    return without_slycot
+
+
+def _control_tf(stages: int) -> Callable[[], Any]:
+    """Convert to polynomials with control, and take their roots."""
+    import control
+
+    def work() -> Any:
+        transfer = control.tf(control.ss(*matrices(stages)))
+        return control.zeros(transfer), control.poles(transfer)
+
+    return work
+
+
+def _eigenvalues(stages: int) -> Callable[[], Any]:
+    """Take eigenvalues of A, and the finite ones of the system's pencil, by SciPy."""
+    import numpy as np
+    from scipy.linalg import block_diag, eigvals
+
+    def work() -> Any:
+        A, B, C, D = matrices(stages)
+        zeros = eigvals(np.block([[A, B], [C, D]]), block_diag(np.eye(len(A)), np.zeros_like(D)))
+        return zeros[np.isfinite(zeros)], eigvals(A)
 
     return work
 
@@ -60,31 +118,59 @@ def _polynomials(stages: int) -> Callable[[], Any]:
     return lambda: ss2zpk(*matrices(stages))[:2]
 
 
+def _lcapy(stages: int) -> Callable[[], Any]:
+    """Solve the circuit whose currents are forces and voltages velocities, by symbols."""
+    import numpy as np
+    from lcapy import Circuit
+
+    def work() -> Any:
+        circuit = Circuit()
+        for k, (m, spring, damper) in enumerate(distinct(stages), 1):
+            end = k + 1 if k < stages else 0
+            circuit.add(f"C{k} {k} 0 {{{m}}}")
+            circuit.add(f"L{k} {k} {end} {{{1 / spring}}}")
+            circuit.add(f"R{k} {k} {end} {{{1 / damper}}}")
+        transfer = circuit.transimpedance(1, 0, stages, 0)
+        return tuple(
+            np.array([root.evalf() for root, count in roots.items() for _ in range(count)], dtype=complex)
+            for roots in (transfer.zeros(), transfer.poles())
+        )
+
+    return work
+
+
+def _default(stages: int) -> str:
+    """Return what is chosen for a chain, which has two storages a stage and no loops."""
+    return "exact" if 2 * stages <= EXACT_ROOTS.value else "float"
+
+
 def _error(stages: int, found: Any) -> float:
     """Return the largest relative distance of roots paired with the true ones; inf for a wrong count."""
     import numpy as np
 
-    from dynid.lti.certified import repeated
-
-    transfer = exact(stages)
-    size = max(abs(root.value) for root in transfer.poles)
-    return max(
-        distance(np.asarray(got), repeated(true), size)
-        for got, true in zip(found, (transfer.zeros, transfer.poles), strict=True)
-    )
+    true = true_roots(stages)
+    size = float(abs(true[1]).max())
+    return max(distance(np.asarray(got), roots, size) for got, roots in zip(found, true, strict=True))
 
 
 BENCHMARK = Benchmark(
     title="Zeros and poles of a chain, from the model on",
     size="stages",
-    sizes=(5, 20, 100),
+    sizes=(2, 5, 10, 20, 50, 100),
+    full=(200, 500),
     alternatives=(
-        Alternative("exact", _exact, most=400),
+        Alternative("exact", _exact),
         Alternative("float", _float),
-        Alternative("pencil", _matrices, most=200),
-        Alternative("control", _control, needs=("control",), most=200),
-        Alternative("polynomials", _polynomials, most=200),
+        Alternative("exact-unstarted", _unstarted, most=100),
+        Alternative("pencil", _matrices, most=100),
+        Alternative("control", _control_alone, needs=("control",), peer=True),
+        Alternative("control-slycot", _control, needs=("control", "slycot"), peer=True),
+        Alternative("control-tf", _control_tf, needs=("control",), most=100, peer=True),
+        Alternative("eigvals", _eigenvalues, peer=True),
+        Alternative("ss2zpk", _polynomials, most=100, peer=True),
+        Alternative("lcapy", _lcapy, needs=("lcapy",), most=2, peer=True),
     ),
     error=_error,
     measure="largest relative distance from the exact roots; inf: a wrong count",
+    default=_default,
 )

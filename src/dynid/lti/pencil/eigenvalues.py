@@ -150,19 +150,24 @@ def _of_block(F: Any, G: Any, *, sure: bool) -> tuple[Complex, Real]:
 
 def scaled(F: Any, G: Any) -> tuple[Any, Any, float]:
     """Scale rows, columns and s by powers of two until all are near 1; return the unit of s too."""
-    from scipy.sparse import diags_array
-
-    unit = 1.0
+    F, G, unit = F.tocsr(copy=True), G.tocsr(copy=True), 1.0
+    places = [(M, (M.indices, np.repeat(np.arange(M.shape[0]), np.diff(M.indptr)))) for M in (F, G)]
     for _ in range(_SWEEPS):
         size = [float(np.exp2(np.mean(np.log2(abs(M.data[M.data != 0]))))) if M.nnz else 1.0 for M in (F, G)]
         step = float(np.exp2(np.round(np.log2(size[1] / size[0]))))
-        F, unit = F * step, unit * step
-        for side in (0, 1):
-            norm = np.sqrt((F.multiply(F) + G.multiply(G)).sum(axis=side))
-            norm[norm == 0] = 1
-            D = diags_array(np.exp2(-np.round(np.log2(norm) / 2 if side == 0 else np.log2(norm))))
-            F, G = (F @ D, G @ D) if side == 0 else (D @ F, D @ G)
-    return F.tocsr(), G.tocsr(), unit
+        F.data *= step
+        unit *= step
+        rest = step == 1
+        for side, power in ((0, 0.5), (1, 1.0)):  # columns, rows
+            squares = sum(np.bincount(at[side], M.data**2, F.shape[1 - side]) for M, at in places)
+            norm = np.sqrt(np.where(squares == 0, 1.0, squares))
+            factor = np.exp2(-np.round(np.log2(norm) * power))
+            for M, at in places:
+                M.data *= factor[at[side]]
+            rest &= bool((factor == 1).all())
+        if rest:
+            break
+    return F, G, unit
 
 
 def _without_algebraic(F: Any, G: Any) -> tuple[Real, Real]:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from itertools import groupby
+from typing import NamedTuple
 
 from dynid.numerals import memory_text, time_text
 from dynid.report.answers.blocks import Block, Grid, Note, Part
 from dynid.result import Result
 
+_SAID = {
+    "limits": "held to",
+    "failed": "failed",
+    "missing": "missing",
+    "chosen": "chosen by default",
+}
+
 
 def method(result: Result) -> str:  # noqa: ARG001
     """Name the kind of result."""
-    return "median times; ● nothing is both faster and more accurate"
+    return "median times; ● nothing is both faster and more accurate; › the suite's default"
 
 
 def parts(result: Result) -> Iterator[Part]:
@@ -25,36 +31,61 @@ def parts(result: Result) -> Iterator[Part]:
 def _benchmark(result: Result, group: str) -> Iterator[Block]:
     about = result.group_attrs[group]
     names = list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
-    every = sorted((row for name in names for row in rows_of(result, group, name)), key=lambda row: row[0])
-    rows: list[tuple[str, ...]] = []
-    marked = set()
-    for size, some in groupby(every, key=lambda row: row[0]):
-        for _, name, time, memory, error, best in some:
-            if best:
-                marked.add(len(rows))
-            figures = (time_text(time), memory_text(memory), f"{error:.1e}", "●" if best else "")
-            rows.append((name, f"{size:,}", *figures))
+    every = sorted((row for name in names for row in rows_of(result, group, name)), key=lambda row: row.size)
+    rows = [
+        (
+            row.name,
+            f"{row.size:,}",
+            time_text(row.time),
+            memory_text(row.memory),
+            f"{row.error:.1e}",
+            row.marks,
+        )
+        for row in every
+    ]
+    marked = frozenset(place for place, row in enumerate(every) if row.best)
     heads = ("", str(about["size"]), "time", "memory", "error", "")
-    yield Grid(heads, tuple(rows), frozenset(marked), str(about["title"]))
-    yield Note(f"Error: {about['measure']}. ● nothing is both faster and more accurate.")
-    powers = [f"{name} {power:.2f}" for name in names if (power := growth(result, group, name)) is not None]
+    yield Grid(heads, tuple(rows), marked, str(about["title"]))
+    yield Note("● nothing is both faster and more accurate; › the suite's default.")
+    for said, text in notes(result, group):
+        yield Note(f"{said}: {text}", "bad" if said == "failed" else "")
+
+
+class Row(NamedTuple):
+    """What was measured of an alternative at a size; `best`: nothing beats it, `default`: what is chosen."""
+
+    size: int
+    name: str
+    time: float
+    memory: float
+    error: float
+    best: bool
+    default: bool
+
+    @property
+    def marks(self) -> str:
+        """Both, as signs."""
+        return "›" * self.default + "●" * self.best
+
+
+def rows_of(result: Result, group: str, name: str) -> Iterator[Row]:
+    """Yield the rows of an alternative."""
+    columns = [result[f"{group}/{name}/{c}"].data for c in ("size", *Row._fields[2:5], "pareto", "default")]
+    for size, time, memory, error, best, default in zip(*columns, strict=True):
+        yield Row(int(size), name, float(time), float(memory), float(error), bool(best), bool(default))
+
+
+def notes(result: Result, group: str) -> Iterator[tuple[str, str]]:
+    """Yield what is to be said of a benchmark beside its table: about what, and the text."""
+    about = result.group_attrs[group]
+    yield "error", str(about["measure"])
+    names = dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/"))
+    attributes = {name: result.group_attrs[f"{group}/{name}"] for name in names}
+    powers = [f"{name} {given['exponent']:.2f}" for name, given in attributes.items() if "exponent" in given]
     if powers:
-        yield Note(f"Time grows with {about['size']} to the power of: {', '.join(powers)}.")
-    for word, said in (("failed", "failed"), ("missing", "missing"), ("chosen", "chosen by default")):
+        yield f"time grows with {about['size']} to the power of", ", ".join(powers)
+    if "beaten" in about:
+        yield "peers faster and more accurate than the default", str(about["beaten"] or "none")
+    for word, said in _SAID.items():
         if about.get(word):
-            yield Note(f"{said}: {about[word]}", "bad" if word == "failed" else "")
-
-
-def rows_of(result: Result, group: str, name: str) -> Iterator[tuple[int, str, float, float, float, bool]]:
-    """Yield size, name, time, memory, error, and whether nothing beats it."""
-    columns = [result[f"{group}/{name}/{c}"].data for c in ("size", "time", "memory", "error", "pareto")]
-    for size, time, memory, error, best in zip(*columns, strict=True):
-        yield int(size), name, float(time), float(memory), float(error), bool(best)
-
-
-def growth(result: Result, group: str, name: str) -> float | None:
-    """Return the exponent by which time grows between the two largest sizes; None where there is one only."""
-    sizes, times = (result[f"{group}/{name}/{column}"].data for column in ("size", "time"))
-    if len(sizes) < 2 or sizes[-1] <= sizes[-2]:
-        return None
-    return math.log(times[-1] / times[-2]) / math.log(sizes[-1] / sizes[-2])
+            yield said, str(about[word])

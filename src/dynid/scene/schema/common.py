@@ -25,7 +25,11 @@ class Part(BaseModel):
     """A mapping of a scene whose keys are all known."""
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=True
+        defer_build=True,  # made ready when first used: a scene uses few
+        extra="forbid",
+        frozen=True,
+        arbitrary_types_allowed=True,
+        populate_by_name=True,
     )
 
 
