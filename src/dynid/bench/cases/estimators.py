@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.cases.suspension import Case, by_dynamax, by_filterpy, case, kernels
+from dynid.bench.cases.suspension import Case, by_dynamax, by_filterpy, case, compiles, kernels
 from dynid.choices import ESTIMATOR
 
 #: Noises of the records that a work goes over.
@@ -92,6 +92,6 @@ BENCHMARK = Benchmark(
     ),
     error=_error,
     measure="RMS of the errors over the Cramér-Rao bound",
-    default=lambda _: ESTIMATOR.value,
+    default=lambda samples: ESTIMATOR.value if compiles(samples) else f"{ESTIMATOR.value}-numpy",
     full=(80_000,),
 )

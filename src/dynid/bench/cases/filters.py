@@ -13,6 +13,7 @@ from dynid.bench.cases.suspension import (
     by_dynamax,
     by_filterpy,
     case,
+    compiles,
     first_covariance,
     first_prior,
     kernels,
@@ -143,6 +144,6 @@ BENCHMARK = Benchmark(
     ),
     error=_error,
     measure="largest distance from the filter linearised at every sample, in its deviations; inf: no number",
-    default=lambda _: "square-root",
+    default=lambda samples: "square-root" if compiles(samples) else "square-root-numpy",
     full=(80_000,),
 )

@@ -78,6 +78,13 @@ def case(samples: int, seed: int = 1) -> Case:
     return Case(ensemble, start, truth, bound, A, slopes, b)
 
 
+def compiles(samples: int) -> bool:
+    """Tell whether the suite compiles its kernels by default for a record this long."""
+    from dynid.identification.kernels.compiled import compiled
+
+    return compiled(samples, 10 + 2 * len(_OMEGA), 4)
+
+
 @contextmanager
 def kernels(wish: str) -> Iterator[None]:
     """Compile, or do not, whatever the sizes."""
