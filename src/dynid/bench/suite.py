@@ -33,6 +33,7 @@ def run_benchmarks(
     tell: Callable[[str], None] = lambda _: None,
     *,
     full: bool = False,
+    clock: str = "wall",
 ) -> Result:
     """Run benchmarks.
 
@@ -46,6 +47,8 @@ def run_benchmarks(
         Called with a line before each measurement.
     full
         Whether to add the larger sizes that a benchmark names, which take minutes.
+    clock
+        What time is: ``wall``, or ``processor``, which other work on the machine changes little.
 
     Returns
     -------
@@ -58,20 +61,21 @@ def run_benchmarks(
         and the choices that rest on the table (`chosen`).
     """
     result = Result("bench", "Speed against error")
+    result.annotate("bench", clock=clock)
     for name in names:
         case = benchmark(name)
         own = (*case.sizes, *case.full) if full else case.sizes
-        _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), tell))
+        _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), tell, clock))
     return result
 
 
 def _measured(
-    name: str, case: Benchmark, sizes: Sequence[int], tell: Callable[[str], None]
+    name: str, case: Benchmark, sizes: Sequence[int], tell: Callable[[str], None], clock: str
 ) -> dict[str, list[Figure]]:
     """Measure all alternatives, size by size in turns."""
     present = [each for each in case.alternatives if not each.missing()]
     workers = {
-        each.name: Process("dynid.bench.worker", name, each.name, python=each.interpreter, threads=1)
+        each.name: Process("dynid.bench.worker", name, each.name, clock, python=each.interpreter, threads=1)
         for each in present
     }
     figures: dict[str, list[Figure]] = {each.name: [] for each in present}

@@ -17,6 +17,12 @@ from dynid.errors import UsageError
 @click.option(
     "--size", "sizes", multiple=True, metavar="NAME=N,N", help="Sizes of a benchmark instead of its own."
 )
+@click.option(
+    "--clock",
+    type=click.Choice(["wall", "processor"]),
+    default="wall",
+    help="What time is; other work on the machine changes processor time little.",
+)
 @click.option("--full", is_flag=True, help="Larger sizes too: minutes instead of at most three.")
 @click.option("--list", "listing", is_flag=True, help="List the benchmarks.")
 def bench(
@@ -24,6 +30,7 @@ def bench(
     output: str | None,
     report: str | None,
     sizes: tuple[str, ...],
+    clock: str,
     full: bool,
     listing: bool,
 ) -> int:
@@ -48,7 +55,9 @@ def bench(
         return 0
     chosen = [_known(name, BENCHMARKS) for name in names] or list(BENCHMARKS)
     with showing() as tell:
-        result = run_benchmarks(dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), tell, full=full)
+        result = run_benchmarks(
+            dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), tell, full=full, clock=clock
+        )
     click.echo(summary(result, ""))
     if output:
         from dynid.store import write_result

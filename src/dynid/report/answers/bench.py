@@ -17,9 +17,10 @@ _SAID = {
 }
 
 
-def method(result: Result) -> str:  # noqa: ARG001
+def method(result: Result) -> str:
     """Name the kind of result."""
-    return "median times; ● nothing is both faster and more accurate; › the suite's default"
+    clock = "processor " * (result.group_attrs["bench"]["clock"] == "processor")
+    return f"median {clock}times; ● nothing is both faster and more accurate; › the suite's default"
 
 
 def parts(result: Result) -> Iterator[Part]:
