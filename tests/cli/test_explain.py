@@ -125,6 +125,23 @@ def test_bases_are_those_of_the_run(request):
     assert told["modes"].startswith("the lowest 4, by dense matrices")
 
 
+def test_a_cut_and_alternatives_are_announced():
+    asked = "results: [poles, zeros], port: x -> m}\naccuracy: {budget: 7}\n"
+    told = facts(explain(scene_of(OSCILLATOR.replace("results: [poles, zeros]}", asked))))
+    assert told["port"].startswith("cut at x -> m")
+    assert told["accuracy"] == "alternatives of engine are tried after it, for at most 7 s"
+
+
+def test_the_float_engine_says_why_and_what_it_cannot():
+    scene = scene_of(chain_scene(250).replace("results: [", "results: [poles, "))
+    explained = explain(scene)
+    told = facts(explained)
+    assert told["engine"].startswith(
+        "float: 500 storages; chosen by default: exact zeros and poles up to 400"
+    )
+    assert any("error estimates" in fact.text for fact in explained.facts)
+
+
 LARGE = """
 dynid: 1
 kind: reduction

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
+
+from dynid.scene.schema.accuracy import aspects_of
 
 if TYPE_CHECKING:
     from dynid.scene.explanations.explanation import Explanation
@@ -37,4 +40,11 @@ def explain(scene: Scene) -> Explanation:
         Where a file that the scene names cannot be read.
     """
     explained: Explanation = import_module(EXPLAINERS[scene.kind]).explain(scene)
-    return explained
+    tried = getattr(scene.model, "accuracy", None)
+    if tried is None:
+        return explained
+    from dynid.scene.explanations.explanation import Fact
+
+    what = ", ".join(tried.alternatives or aspects_of(scene.source.data))
+    fact = Fact("accuracy", f"alternatives of {what} are tried after it, for at most {tried.budget:g} s")
+    return replace(explained, facts=[*explained.facts, fact])

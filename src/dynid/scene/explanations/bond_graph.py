@@ -58,6 +58,10 @@ def explain(scene: Scene) -> Explanation:
         if choice.engine != "exact":
             facts.append(Fact("", choice.limits))
     facts += _computed(analysis)
+    if analysis.port is not None:
+        facts.append(
+            Fact("port", f"cut at {analysis.port}: equivalents of both sides, prototype, performance")
+        )
     return Explanation(result, facts, _cost(reduced, analysis, choice, seconds))
 
 
