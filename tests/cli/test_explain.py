@@ -106,6 +106,15 @@ def test_what_a_record_cannot_see_is_named_and_is_what_the_run_says(dynid, folde
     assert said.strip() in out
 
 
+def test_a_structure_that_cannot_be_held_in_doubles_is_foretold(dynid, folder):
+    (folder / "lost.yaml").write_text(DEAF.replace("k: 50", "k: 1e300"))
+    code, out, _ = dynid("check", "--explain", "lost.yaml")
+    assert code == 0
+    failed, _, said = dynid("run", "lost.yaml")
+    assert failed == 3
+    assert said.strip() in out
+
+
 def test_a_singular_graph_is_valid_and_its_failure_is_foretold(dynid, folder):
     text = OSCILLATOR.replace("F -> x,", "F -> x, G -> x,").replace("F: Se,", "F: Sf, G: Sf,")
     (folder / "conflict.yaml").write_text(text)

@@ -68,8 +68,8 @@ def _explained(scene: Scene, quiet: bool) -> list[str]:
     lines = list(explanation_lines(explained))
     if explained.obstacle is not None:
         place = scene.locate(explained.obstacle)
-        lines += [f"  a run will fail (exit code {explained.obstacle.exit_code}):", f"  {place}"]
-    return [*lines, ""]
+        lines += [f"  a run will fail (exit code {explained.obstacle.exit_code}):", f"  {place}", ""]
+    return lines
 
 
 def _explanation(scene: Scene) -> Explanation:

@@ -15,20 +15,17 @@ _LEAST, _SHARE = 0.5, 0.1
 
 
 def explanation_lines(explained: Explanation) -> Iterator[str]:
-    """Yield the screen, line by line."""
-    yield ""
-    for topic, text in explained.facts:
-        yield from _hanging(topic, text)
-    if "bond_graph/causality/bonds" in explained.result:
+    """Yield the screen, line by line: what is known, a part after the other, and what it costs."""
+    parts = [
+        [line for fact in explained.facts for line in _hanging(fact.topic, fact.text)],
+        list(causality_lines(explained.result)),
+        identifiability_lines(explained.result),
+        [] if explained.cost is None else list(_cost(explained.cost)),
+    ]
+    for part in filter(None, parts):
         yield ""
-        yield from causality_lines(explained.result)
-    told = identifiability_lines(explained.result)
-    if told:
-        yield ""
-        yield from told[:-1]
+        yield from "\n".join(part).rstrip("\n").split("\n")
     yield ""
-    if explained.cost is not None:
-        yield from _cost(explained.cost)
 
 
 def _hanging(topic: str, text: str) -> Iterator[str]:

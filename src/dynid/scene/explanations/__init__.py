@@ -6,10 +6,12 @@ from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from dynid.errors import NumericalError, UsageError
+from dynid.result import Result
+from dynid.scene.explanations.explanation import Explanation, Fact
 from dynid.scene.schema.accuracy import aspects_of
 
 if TYPE_CHECKING:
-    from dynid.scene.explanations.explanation import Explanation
     from dynid.scene.load import Scene
 
 #: For every kind the module that explains its scenes; studies are explained a floor above.
@@ -39,12 +41,13 @@ def explain(scene: Scene) -> Explanation:
     FileError
         Where a file that the scene names cannot be read.
     """
-    explained: Explanation = import_module(EXPLAINERS[scene.kind]).explain(scene)
+    try:
+        explained: Explanation = import_module(EXPLAINERS[scene.kind]).explain(scene)
+    except (NumericalError, UsageError) as error:  # before there is anything to tell
+        return Explanation(Result(scene.kind, scene.title), [], obstacle=error)
     tried = getattr(scene.model, "accuracy", None)
     if tried is None:
         return explained
-    from dynid.scene.explanations.explanation import Fact
-
     what = ", ".join(tried.alternatives or aspects_of(scene.source.data))
     fact = Fact("accuracy", f"alternatives of {what} are tried after it, for at most {tried.budget:g} s")
     return replace(explained, facts=[*explained.facts, fact])
