@@ -71,6 +71,7 @@ def _rules() -> str:
         rules[f".{name}.dot"] = f"fill: {colour(name)}; stroke: none"
         rules[f".{name}.band"] = f"fill: {colour(name)}; fill-opacity: .18; stroke: none"
         rules[f"text.{name}"] = f"fill: {colour(name)}; stroke: none"
+    rules[".halo"] = f"paint-order: stroke; stroke: {colour('paper')}; stroke-width: 3px"
     rules["path.fine"] = f"stroke-width: {LINE:g}"
     rules[".hollow"] = f"fill: {colour('paper')}"
     rules[".tick"] = f"fill: {muted}"

@@ -42,7 +42,7 @@ def _picture(title: str, model: Any) -> Picture:
         text = draw_lumped(svg, [float(mass) for mass in structure.lumped.masses], mounted)
     else:
         part = structure.beam or structure.frame
-        points, members = _beam(part) if structure.beam is not None else _frame(part)
+        points, members = beam_places(part) if structure.beam is not None else frame_places(part)
         supports = {support.node: tuple(support.fix) for support in part.supports}
         text = draw_members(svg, points, members, supports, [mass.node for mass in part.masses], mounted)
     rows = [
@@ -71,7 +71,7 @@ def _about(mounted: Mounted) -> str:
     return f"The structure with {', '.join(parts)}." if parts else "The structure."
 
 
-def _beam(part: Any) -> tuple[dict[int, Point], list[list[int]]]:
+def beam_places(part: Any) -> tuple[dict[int, Point], list[list[int]]]:
     """Place the nodes of a beam from left to right."""
     given = part.length
     lengths = (
@@ -86,7 +86,7 @@ def _beam(part: Any) -> tuple[dict[int, Point], list[list[int]]]:
     return points, [list(points)]
 
 
-def _frame(part: Any) -> tuple[dict[int, Point], list[list[int]]]:
+def frame_places(part: Any) -> tuple[dict[int, Point], list[list[int]]]:
     """Place the nodes of a frame by their coordinates, inner nodes of members after the given ones."""
     given = [(float(x), float(y)) for x, y in part.nodes]
     (left, right), (low, high) = ((min(axis), max(axis)) for axis in zip(*given, strict=True))

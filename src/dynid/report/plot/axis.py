@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 #: Room between two labels, px.
 _APART = 10.0
 _LINE = 16.0
+#: Relative differences that are rounding.
+_ROUNDING = 1e-12
 #: Magnitudes from which, and below which, ticks are written with a common power of ten.
 _LARGE, _LITTLE = 5, -2
 
@@ -53,7 +55,7 @@ class Axis:
             return Scale(-0.5, len(self.names) - 0.5)
         low, high = _extent(values, self.log)
         low, high = self.low if self.low is not None else low, self.high if self.high is not None else high
-        if not low < high:
+        if not low < high or (not self.log and high - low <= _ROUNDING * max(abs(low), abs(high))):
             low, high = (low / 2, low * 2) if self.log else (low - _beside(low), low + _beside(low))
         elif self.log:
             margin = (high / low) ** 0.03

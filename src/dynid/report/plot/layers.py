@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -21,6 +22,15 @@ if TYPE_CHECKING:
 Extent = tuple[Sequence[ArrayLike], Sequence[ArrayLike]]
 
 
+class _Gridded:
+    """What lets the grid of the axes show."""
+
+    @property
+    def gridded(self) -> bool:
+        """Let it show."""
+        return True
+
+
 class Key(NamedTuple):
     """How a layer is named in the legend: its text, how it is shown, and in which classes."""
 
@@ -31,6 +41,10 @@ class Key(NamedTuple):
 
 class Layer(Protocol):
     """Something on axes."""
+
+    @property
+    def gridded(self) -> bool:
+        """Whether the grid of the axes may show through it."""
 
     def extent(self) -> Extent:
         """Return the values that the axes must hold."""
@@ -50,7 +64,7 @@ def hue(place: int, dash: bool | None = None) -> str:
 
 
 @dataclass(frozen=True)
-class Line:
+class Line(_Gridded):
     """A line; broken where a value is not finite.
 
     Parameters
@@ -89,7 +103,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Band:
+class Band(_Gridded):
     """What lies between two lines."""
 
     x: ArrayLike
@@ -118,7 +132,7 @@ class Band:
 
 
 @dataclass(frozen=True)
-class Marks:
+class Marks(_Gridded):
     """Points, each with a text that shows under the pointer.
 
     Parameters
@@ -170,7 +184,7 @@ class Marks:
 
 
 @dataclass(frozen=True)
-class Bars:
+class Bars(_Gridded):
     """Bars from a base to values.
 
     Parameters
@@ -225,7 +239,7 @@ class Bars:
 
 
 @dataclass(frozen=True)
-class Rule:
+class Rule(_Gridded):
     """A straight line across the panel at one value of y, or of x where it is upright."""
 
     value: float
@@ -255,6 +269,7 @@ class Rule:
 
 #: The most opaque that a cell with a text in it is, and one without.
 WRITTEN, BLANK = 0.55, 0.95
+_SHADES = 10
 
 
 @dataclass(frozen=True)
@@ -308,37 +323,49 @@ class Cells:
     def draw(self, svg: Svg, frame: Frame) -> None:
         """Draw all of them."""
         x, y = self._edges()
-        across, up = frame.at_x(x), frame.at_y(y)
-        rows, columns = self.values.shape
-        room = np.abs(np.diff(across)).min() - 4 if columns else 0.0
-        size = min(SMALL, np.abs(np.diff(up)).min() - 3) if rows else 0.0
-        for row in range(rows):
-            for column in range(columns):
-                value = float(self.values[row, column])
-                if not np.isfinite(value):
-                    continue
-                left, right = sorted((float(across[column]), float(across[column + 1])))
-                top, bottom = sorted((float(up[row]), float(up[row + 1])))
-                tip = f"<title>{plain(self.tips[row][column])}</title>" if len(self.tips) else ""
-                cls = "s2 dot" if value < 0 and self.low < 0 else "s1 dot"
-                opacity = f"{self.opacity(value):.3f}"
-                svg.element(
-                    "rect",
-                    cls,
-                    tip,
-                    x=left,
-                    y=top,
-                    width=right - left,
-                    height=bottom - top,
-                    fill_opacity=opacity,
-                )
-                text = self.texts[row][column] if len(self.texts) else ""
-                if text and size >= 7 and text_width(text, SMALL) <= room:
-                    svg.text((left + right) / 2, (top + bottom) / 2 + 0.35 * SMALL, text, "small")
+        across, up = np.round(frame.at_x(x), 1), np.round(frame.at_y(y), 1)
+        if len(self.texts) or len(self.tips):
+            self._one_by_one(svg, across, up)
+        else:
+            self._by_shade(svg, across, up)
+
+    def _one_by_one(self, svg: Svg, across: NDArray[np.float64], up: NDArray[np.float64]) -> None:
+        room = float(np.abs(np.diff(across)).min()) - 4
+        written = float(np.abs(np.diff(up)).min()) >= SMALL
+        for row, column in np.argwhere(np.isfinite(self.values)).tolist():
+            value = float(self.values[row, column])
+            left, right = sorted((float(across[column]), float(across[column + 1])))
+            top, bottom = sorted((float(up[row]), float(up[row + 1])))
+            tip = f"<title>{plain(self.tips[row][column])}</title>" if len(self.tips) else ""
+            box = {"x": left, "y": top, "width": right - left, "height": bottom - top}
+            svg.element("rect", self._hue(value), tip, **box, fill_opacity=f"{self.opacity(value):.3f}")
+            text = self.texts[row][column] if len(self.texts) else ""
+            if text and written and text_width(text, SMALL) <= room:
+                svg.text((left + right) / 2, (top + bottom) / 2 + 0.35 * SMALL, text, "small")
+
+    def _by_shade(self, svg: Svg, across: NDArray[np.float64], up: NDArray[np.float64]) -> None:
+        """Draw cells of about the same value as one path."""
+        shades: dict[tuple[str, float], list[str]] = {}
+        for row, column in np.argwhere(np.isfinite(self.values)).tolist():
+            value = float(self.values[row, column])
+            wide, tall = across[column + 1] - across[column], up[row + 1] - up[row]
+            shade = self._hue(value), math.ceil(_SHADES * self.opacity(value)) / _SHADES
+            cell = f"M{across[column]:.6g} {up[row]:.6g}h{wide:.3g}v{tall:.3g}h{-wide:.3g}z"
+            shades.setdefault(shade, []).append(cell)
+        for (cls, opacity), cells in sorted(shades.items()):
+            svg.element("path", cls, d="".join(cells), fill_opacity=f"{opacity:.3f}")
+
+    def _hue(self, value: float) -> str:
+        return "s2 dot" if value < 0 and self.low < 0 else "s1 dot"
+
+    @property
+    def gridded(self) -> bool:
+        """Hide it: opaqueness means something."""
+        return False
 
 
 @dataclass(frozen=True)
-class Note:
+class Note(_Gridded):
     """A text at a place; the axes need not hold it."""
 
     x: float

@@ -128,7 +128,7 @@ class Panel:
         svg.close()
 
     def _grid(self, svg: Svg, frame: Frame, across: Ticks, up: Ticks) -> None:
-        if self.x.names and self.y.names:
+        if any(not layer.gridded for layer in self.layers):
             return
         right, bottom = frame.left + frame.width, frame.top + frame.height
         pieces = [

@@ -1,0 +1,204 @@
+"""Mode shapes of beams, plane frames and chains: still, and swinging where the reader allows motion."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.report.drawing.scenes import scene_of
+from dynid.report.drawing.structure import beam_places, frame_places
+from dynid.report.figure import Cell, Figure, Picture, Table
+from dynid.report.numbers import short
+from dynid.report.style import TITLE
+from dynid.report.svg import Point, Svg, path_of
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+
+GROUP = "structure/modes"
+#: The most modes that are drawn, in rows of how many; points along an element.
+MODES, ROW, FINE = 9, 3, 8
+_WIDTH, _PAD, _SPAN = 250.0, 16.0, 34.0
+_LABEL = re.compile(r"(u|w|theta)_(\d+)")
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Where the nodes of a structure are, m, y up, and which nodes are along each member."""
+
+    points: Mapping[int, Point]
+    members: Sequence[Sequence[int]]
+
+
+def figures(result: Result) -> Iterator[Figure]:
+    """Yield the shapes, still and swinging."""
+    geometry = _geometry(result)
+    if geometry is None or not result[f"{GROUP}/shape"].data.size:
+        return
+    for name, title, moving in (
+        ("modes", "Mode shapes", False),
+        ("modes-animated", "Mode shapes, swinging", True),
+    ):
+        yield Figure(name, title, partial(_picture, result, geometry, name, title, moving))
+
+
+def _geometry(result: Result) -> Geometry | None:
+    """Return the places of the nodes, where the scene tells the shape of its structure."""
+    try:
+        model: Any = scene_of(result).model
+    except UsageError:
+        return None
+    structure = model.structure
+    if structure.lumped is not None:
+        count = len(structure.lumped.masses)
+        return Geometry({n: (float(n), 0.0) for n in range(1, count + 1)}, [])
+    if structure.beam is not None:
+        points, members = beam_places(structure.beam)
+        total = structure.beam.length
+        length = sum(map(float, total)) if isinstance(total, list) else float(total)
+        scale = length / max(x for x, _ in points.values())
+    elif structure.frame is not None:
+        points, members = frame_places(structure.frame)
+        xs, ys = zip(*((float(x), float(y)) for x, y in structure.frame.nodes), strict=True)
+        scale = max(max(xs) - min(xs), max(ys) - min(ys)) / 640.0
+    else:
+        return None
+    return Geometry({n: (scale * x, -scale * y) for n, (x, y) in points.items()}, members)
+
+
+def _picture(result: Result, geometry: Geometry, name: str, title: str, moving: bool) -> Picture:
+    omega, shapes = result[f"{GROUP}/omega"].data, result[f"{GROUP}/shape"].data
+    damping = result[f"{GROUP}/damping"].data if f"{GROUP}/damping" in result else np.full(len(omega), np.nan)
+    labels = [str(label) for label in result[f"{GROUP}/dof"].data]
+    count = min(len(omega), MODES)
+    xs, ys = zip(*geometry.points.values(), strict=True)
+    left, width = min(xs), (max(xs) - min(xs)) or 1.0
+    scale = _WIDTH / max(width, max(ys) - min(ys))
+    tall = scale * (max(ys) - min(ys)) + 2 * _SPAN + 34
+    svg = Svg(name, title)
+    svg.text(_PAD, _PAD + TITLE, title, "title", anchor="start")
+    if moving:
+        svg.raw(_motion(svg.name, count))
+    for mode in range(count):
+        x = _PAD + 8 + (mode % ROW) * (_WIDTH + 44)
+        y = _PAD + TITLE + 22 + (mode // ROW) * tall
+        said = f"mode {mode + 1}: {short(float(omega[mode]))} rad/s"
+        if np.isfinite(damping[mode]):
+            said += f", ζ {short(float(damping[mode]), 2)}"
+        svg.text(x + _WIDTH / 2, y + 6, said, "small strong")
+        corner = (x - scale * left, y + 14 + _SPAN + scale * max(ys))
+        _shape(
+            svg,
+            geometry,
+            _displacements(labels, shapes[:, mode]),
+            scale,
+            corner,
+            f"swing{mode}" if moving else "",
+        )
+    rows = -(-count // ROW)
+    wide = 2 * _PAD + min(count, ROW) * (_WIDTH + 44)
+    how = (
+        "swinging, slower than they are; still where the system asks for less motion"
+        if moving
+        else "at their largest"
+    )
+    left_out = f" The first {count} of {len(omega)} modes." if count < len(omega) else ""
+    about = f"Shapes of the modes, {how}; the thin line is the structure at rest.{left_out}"
+    table: tuple[tuple[Cell, ...], ...] = tuple(
+        (label, *map(float, shapes[row, :count])) for row, label in enumerate(labels[:200])
+    )
+    columns = ("DOF", *(f"mode {mode + 1}" for mode in range(count)))
+    note = f"The first 200 of {len(labels)} DOFs." if len(labels) > 200 else ""
+    return Picture(svg.render(wide, _PAD + TITLE + 22 + rows * tall), about, Table(columns, table, note))
+
+
+def _displacements(labels: Sequence[str], shape: NDArray[np.float64]) -> dict[int, dict[str, float]]:
+    """Return what moves at each node: u, w, theta."""
+    found: dict[int, dict[str, float]] = {}
+    for label, value in zip(labels, shape.tolist(), strict=True):
+        match = _LABEL.fullmatch(label)
+        node, along = (int(match[2]), match[1]) if match else (int(label) if label.isdecimal() else 0, "w")
+        found.setdefault(node, {})[along] = value
+    return found
+
+
+def _shape(
+    svg: Svg,
+    geometry: Geometry,
+    moved: Mapping[int, Mapping[str, float]],
+    scale: float,
+    corner: Point,
+    swing: str,
+) -> None:
+    """Draw the structure at rest and moved; the largest displacement has a length that is well seen."""
+
+    def place(point: Point) -> Point:
+        return corner[0] + scale * point[0], corner[1] - scale * point[1]
+
+    lines = [_moved_line(geometry, nodes, moved) for nodes in geometry.members]
+    if not lines:  # masses of a chain, each moved across it to be seen
+        nodes = sorted(geometry.points)
+        rest = np.array([geometry.points[n] for n in nodes])
+        lines = [(rest, np.array([[0.0, moved.get(n, {}).get("w", 0.0)] for n in nodes]))]
+    largest = max(float(np.abs(by).max()) for _, by in lines) or 1.0
+    reach = _SPAN / scale / largest
+    for rest, by in lines:
+        svg.element("path", "hair", d=path_of(map(place, map(tuple, rest.tolist()))))
+        there, back = (
+            path_of(map(place, map(tuple, (rest + sign * reach * by).tolist()))) for sign in (1, -1)
+        )
+        if swing:
+            style = f"--there: path('{there}'); --back: path('{back}')"
+            svg.element("path", f"s1 {svg.name}-{swing}", d=there, style=style)
+        else:
+            svg.element("path", "s1", d=there)
+            if not geometry.members:
+                for point in map(place, map(tuple, (rest + reach * by).tolist())):
+                    svg.circle(*point, 3.5, "s1 dot")
+
+
+def _moved_line(
+    geometry: Geometry, nodes: Sequence[int], moved: Mapping[int, Mapping[str, float]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points along a member and their displacements: cubic across it, linear along it (Hermite)."""
+    rest, by = [], []
+    t = np.linspace(0, 1, FINE + 1)
+    for a, b in pairwise(nodes):
+        start, end = np.array(geometry.points[a]), np.array(geometry.points[b])
+        length = float(np.linalg.norm(end - start))
+        along = (end - start) / length
+        across = np.array([-along[1], along[0]])
+        ends = []
+        for node in (a, b):
+            own = moved.get(node, {})
+            step = np.array([own.get("u", 0.0), own.get("w", 0.0)])
+            ends.append((step @ along, step @ across, own.get("theta", 0.0) * length))
+        (u0, v0, s0), (u1, v1, s1) = ends
+        bend = v0 * (1 - 3 * t**2 + 2 * t**3) + s0 * (t - 2 * t**2 + t**3)
+        bend = bend + v1 * (3 * t**2 - 2 * t**3) + s1 * (t**3 - t**2)
+        stretch = u0 * (1 - t) + u1 * t
+        rest.append(start + np.outer(t, end - start))
+        by.append(np.outer(stretch, along) + np.outer(bend, across))
+    return np.concatenate(rest), np.concatenate(by)
+
+
+def _motion(name: str, count: int) -> str:
+    """Return the rules that make the shapes swing."""
+    rules = [f"@keyframes {name}-swing {{ from {{ d: var(--there) }} to {{ d: var(--back) }} }}"]
+    for mode in range(count):
+        seconds = f"{1.6 / (1 + 0.35 * mode):.2f}"
+        rules.append(
+            f".{name}-swing{mode} {{ animation: {name}-swing {seconds}s ease-in-out infinite alternate }}"
+        )
+    names = ", ".join(f".{name}-swing{mode}" for mode in range(count))
+    rules.append(f"@media (prefers-reduced-motion: reduce) {{ {names} {{ animation: none }} }}")
+    rules.append(f"@media print {{ {names} {{ animation: none }} }}")
+    return "<style>\n" + "\n".join(rules) + "\n</style>"

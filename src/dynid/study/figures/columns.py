@@ -1,0 +1,91 @@
+"""The numbers of a study that figures show: what varied, and what was gathered."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.report.numbers import labelled
+from dynid.study.analysis.table import StudyTable
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+
+Floats = NDArray[np.float64]
+#: Most numbers of one array, and of all, that are shown one by one.
+ENTRIES, COLUMNS = 8, 24
+#: Relative differences that are rounding.
+_ROUNDING = 1e-12
+
+
+class Number(NamedTuple):
+    """One number of each sample: its short name, its full name, its units and values."""
+
+    name: str
+    path: str
+    units: str
+    values: Floats
+
+    @property
+    def label(self) -> str:
+        """Its name with units."""
+        return labelled(self.name, self.units)
+
+
+class StudyNumbers:
+    """The numbers of a study.
+
+    Parameters
+    ----------
+    result
+        Of a study.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self.table = StudyTable(result)
+
+    @cached_property
+    def inputs(self) -> list[Number]:
+        """What varied and is a number, in the order of the names."""
+        varied = {
+            name: column.astype(float)
+            for name, column in self.table.inputs.items()
+            if column.dtype.kind in "bif" and len(column) and (column != column[0]).any()
+        }
+        names = _short(list(varied))
+        return [Number(names[path], path, "", values) for path, values in varied.items()]
+
+    @cached_property
+    def outputs(self) -> list[Number]:
+        """What was gathered, is a number and varies."""
+        found: list[Number] = []
+        for path in sorted(filter(self.table.is_number, self.table.paths)):
+            if self.table.size(path) > ENTRIES or len(found) >= COLUMNS:
+                continue
+            for column in self.table.columns(path):
+                known = column.values[np.isfinite(column.values)]
+                if known.size > 1 and np.ptp(known) > _ROUNDING * np.abs(known).max():
+                    magnitude = self.table.variable(path).dtype.kind == "c"
+                    name = f"|{column.name}|" if magnitude else column.name
+                    found.append(Number(name, column.name, column.units, column.values))
+        names = _short([number.name for number in found])
+        return [number._replace(name=names[number.name]) for number in found][:COLUMNS]
+
+
+def _short(paths: list[str]) -> dict[str, str]:
+    """Return the shortest ends of paths that tell them apart."""
+    found = {}
+    for path in paths:
+        sign = "|" if path.startswith("|") else ""
+        plain = path.strip("|")
+        parts = plain.replace("/", "\0/").split("\0/") if "/" in plain else plain.split(".")
+        joint = "/" if "/" in plain else "."
+        for count in range(1, len(parts) + 1):
+            end = joint.join(parts[-count:])
+            if sum(other.strip("|").endswith(end) for other in paths) == 1:
+                break
+        found[path] = f"{sign}{end}{sign}"
+    return found
