@@ -23,19 +23,65 @@ class Entry(NamedTuple):
 
 #: Park & Kim's example with the domains of its parts.
 DOMAINS = ("graph.nodes.base={type: 0, domain: mechanical}", "graph.nodes.fluid={type: 1, domain: hydraulic}")
+#: Yang's suspension with the responses at its sensors; his beam without joints, reduced as he does.
+SENSORS = (
+    "analysis={inputs: [5], outputs: [{dof: 2, quantity: velocity}, {dof: 3, quantity: velocity}], "
+    "frequency: {start: 10, stop: 300, points: 600}}",
+)
+PAPERS_BASIS = (
+    "reduction=[{method: serep, masters: [1, 6, 10], modes: [2, 3, 4]}]",
+    "joints={}",
+    "expect=[]",
+)
 
 ENTRIES = (
+    Entry(
+        "isolator", (), "prototype-m_s.f", "Park & Kim, Figs. 1 and 2: the prototype that a reduction ends in"
+    ),
+    Entry("isolator_port", (), "port-dynamics", "Park & Kim, Figs. 3 and 4: its path, and its free motion"),
+    Entry("isolator_port", (), "equivalent-source", "Park & Kim, Fig. 5: equivalent sources of one side"),
     Entry("isolator", DOMAINS, "bond-graph", "Park & Kim, Fig. 6(b): the passive tuned isolator"),
     Entry("isolator_port", DOMAINS, "bond-graph", "the same, cut into source and load at a port (section 4)"),
     Entry("isolator", DOMAINS, "reduction-m_s.f", "Park & Kim, Figs. 6(b) to 8(b): its reduction"),
-    Entry("isolator", (), "prototype-m_s.f", "Park & Kim, Figs. 1 and 2: the prototype that it ends in"),
+    Entry("isolator", (), "bode", "its frequency response"),
+    Entry("isolator", (), "poles-m_s.f-v_in", "its poles and zeros (eqs 20, 21)"),
+    Entry("isolator", (), "time-response", "its response to a step"),
+    Entry("isolator_port", (), "port-impedances", "what source and load are to each other"),
+    Entry("isolator_port", (), "performance", "what the source gives and the load takes"),
+    Entry("beam_joints", (), "structure", "Yang, Figs. 1 and 6: a beam on a pin, with joints"),
+    Entry("table2", (), "structure", "Yang, Fig. 3: the suspension with two joints"),
+    Entry("table2", SENSORS, "bode", "Yang, Fig. 4: its responses at the sensors"),
+    Entry("table1", (), "history", "Yang, Fig. 5: its joints, identified"),
+    Entry("table2", (), "history", "the same with 5 % noise (Table 2)"),
+    Entry("table2", (), "estimates", "its estimates beside the best that any estimator could do"),
+    Entry("table2", (), "prediction", "what was measured and what is predicted"),
+    Entry(
+        "beam_reduction", PAPERS_BASIS, "reduction-frf", "Yang, Fig. 7: the beam before and after reduction"
+    ),
+    Entry("beam_reduction", (), "reduction-frf", "the beam with its joints, reduced in five ways"),
+    Entry("beam_reduction", (), "mac", "how alike their modes are"),
+    Entry("table3", (), "history", "Yang, Fig. 8: the beam's joints, identified"),
+    Entry("table3", (), "state-error", "Yang, Fig. 9: state estimation error"),
+    Entry("table4", (), "history", "Yang, Fig. 10: the beam's joints with 8 % noise"),
+    Entry("beam_joints", (), "modes-animated", "the beam's modes"),
+    Entry("beam_joints", (), "correlation", "which of its joints the record can tell apart"),
+    Entry("beam_frf", (), "fit", "joints from measured frequency responses"),
+    Entry("dc_motor", (), "nyquist", "a motor: every input to every output"),
+    Entry("lattice_all_pass", (), "poles-R.e-source", "a lattice: hidden modes, a zero on the right"),
     Entry("two_tank", (), "bond-graph", "water in two tanks"),
     Entry("loudspeaker", (), "bond-graph", "a loudspeaker: electrical, mechanical, acoustical"),
     Entry("lattice_all_pass", (), "bond-graph", "a lattice: junctions in a ring"),
     Entry("half_car", (), "bond-graph", "half a car: junctions in a ring, with trees on it"),
-    Entry("beam_joints", (), "structure", "Yang, Figs. 1 and 6: a beam on a pin, with joints"),
-    Entry("table2", (), "structure", "Yang, Fig. 3: the suspension with two joints"),
     Entry("beam_reduction", (), "structure", "the beam's masters, its load and its sensors"),
+    Entry(
+        "studies/isolator_tuning",
+        (),
+        "map",
+        "a study: the isolator's notch and resonance over two parameters",
+    ),
+    Entry("studies/isolator_tuning", (), "tornado", "what they depend on"),
+    Entry("studies/table2_monte_carlo", (), "parallel", "a study: Table 2 over forty records"),
+    Entry("studies/table2_monte_carlo", (), "scatter", "how its estimates go together"),
 )
 
 

@@ -55,12 +55,8 @@ LIBRARIES = {
     "flint": {"lti", "bondgraph", "bench"},  # exact numbers
     "control": {"result", "bench"},  # state equations for users' hands; a peer
     "xarray": {"result"},
-<<<<<<< HEAD
     "typst": {"report.formats"},
-    "matplotlib": {"bench.page"},
-=======
     "matplotlib": set(),  # figures are written as SVG
->>>>>>> f9873a9 (Figures of studies, benchmarks and mode shapes; the page of benchmarks draws as everything else does)
     "numba": {"lti", "identification", "bondgraph.algebra.doubled"},
 }
 

@@ -65,10 +65,9 @@ def bench(
         write_result(result, Path(output))
         click.echo(f"\n  wrote {output}")
     if report:
-        from dynid.atomic import replace_file
-        from dynid.bench.page import page
+        from dynid.cli.report import write_page
 
-        replace_file(report, page(result).encode())
+        write_page(result, report)
         click.echo(f"  wrote {report}")
     return 0
 

@@ -61,6 +61,7 @@ FAMILIES: tuple[Family, ...] = (
     Family("dynid.report.drawing.strip", with_scene(holds("bond_graph/reduction/steps"))),
     Family("dynid.report.drawing.prototype", holds("bond_graph/reduction/prototype", "bond_graph/port/")),
     Family("dynid.report.drawing.structure", with_scene(kind("identification", "reduction"))),
+    Family("dynid.report.drawing.equivalents", holds("bond_graph/port/prototype")),
     Family("dynid.report.diagrams.bode", holds(*FREQUENCY_RESPONSES)),
     Family("dynid.report.diagrams.poles", holds("bond_graph/transfer_function/")),
     Family("dynid.report.diagrams.responses", holds("bond_graph/time_response/", "structure/time_response/")),

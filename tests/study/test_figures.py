@@ -1,0 +1,84 @@
+"""Figures of studies: small however many samples there are, with the numbers that the statistics give."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from dynid.report import figures
+from dynid.result import Result
+from dynid.study.analysis.moments import statistics
+from tests.report.test_plot import well_laid_out
+
+
+def study(inputs, outputs):
+    """Return a study in which nothing failed."""
+    count = len(next(iter(inputs.values())))
+    result = Result("study", "Many")
+    result.add_axis("study/sample", np.arange(count))
+    result.add("study/exit_code", np.zeros(count, dtype=int), ("sample",))
+    for name, values in inputs.items():
+        result.add(f"study/samples/{name}", values, ("sample",))
+    for path, values in outputs.items():
+        dims = ("sample", "pole")[: values.ndim]
+        result.add(f"study/results/{path}", values, dims, "rad/s")
+    return result
+
+
+def random(count, seed=0):
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(1, 2, (count, 3))
+    y = {
+        f"bond_graph/properties/m.f/v/y_{k}": x @ rng.normal(size=3) + 0.1 * rng.normal(size=count)
+        for k in range(4)
+    }
+    return study({f"parameters.p_{k}": x[:, k] for k in range(3)}, y)
+
+
+def drawn(result):
+    return {figure.name: figure for figure in figures(result)}
+
+
+@pytest.mark.parametrize("count", [5, 60, 10_000])
+def test_figures_are_small_readable_and_the_same_each_time(count):
+    result = random(count)
+    found, again = drawn(result), drawn(result)
+    assert {"distributions", "parallel", "scatter", "tornado", "sobol"} <= set(found)
+    for name, figure in found.items():
+        ET.fromstring(figure.svg)
+        assert figure.svg == again[name].svg
+        assert well_laid_out(figure.svg) == [], name
+        assert len(figure.svg) < 400_000
+    assert sum(len(figure.svg) for figure in found.values()) < 700_000
+
+
+def test_what_is_thinned_out_is_said_and_statistics_are_of_all():
+    result = random(10_000)
+    found = drawn(result)
+    assert "400 of 10,000 samples are drawn" in found["parallel"].caption
+    row = found["distributions"].table.rows[0]
+    own = statistics(result["study/results/bond_graph/properties/m.f/v/y_0"].data)
+    assert row[1:] == tuple(value.item() for value in own.values())
+    assert row[-1] == 10_000
+
+
+def test_a_grid_of_two_parameters_is_a_map_with_every_value():
+    x, y = (part.ravel() for part in np.meshgrid([1.0, 10.0, 100.0], [2.0, 3.0], indexing="ij"))
+    found = drawn(study({"parameters.a": x, "parameters.b": y}, {"some/product": x * y}))
+    assert [row[-1] for row in found["map"].table.rows] == (x * y).tolist()
+    titles = [t.text for t in ET.fromstring(found["map"].svg).iter("{http://www.w3.org/2000/svg}title")]
+    assert "a 100, b 3: 300" in titles
+
+
+def test_poles_over_one_parameter_are_a_root_locus():
+    gain = np.linspace(0, 4, 9)
+    poles = np.stack([-1 + 1j * np.sqrt(gain), -1 - 1j * np.sqrt(gain)], axis=1)
+    result = study({"parameters.k": gain}, {"bond_graph/transfer_function/y/u/poles": poles})
+    figure = drawn(result)["root-locus-y-u"]
+    assert [complex(row[2], row[3]) for row in figure.table.rows] == poles.ravel().tolist()
+    assert well_laid_out(figure.svg) == []
+
+
+def test_a_study_without_results_has_no_figures():
+    result = study({"parameters.a": np.array([1.0, 2.0])}, {})
+    assert drawn(result) == {}
