@@ -78,10 +78,9 @@ FAMILIES: tuple[Family, ...] = (
     Family("dynid.report.diagrams.plan", holds("plan/")),
     Family("dynid.report.diagrams.shapes", with_scene(holds("structure/modes/shape"))),
     Family("dynid.report.diagrams.precision", holds("bench/", "accuracy/")),
-    # Of floors above this one, known by name alone.
-    Family("dynid.study.figures.samples", kind("study")),
-    Family("dynid.study.figures.influences", kind("study")),
-    Family("dynid.study.figures.locus", kind("study")),
+    Family("dynid.report.diagrams.study.samples", kind("study")),
+    Family("dynid.report.diagrams.study.influences", kind("study")),
+    Family("dynid.report.diagrams.study.locus", kind("study")),
     Family("dynid.report.diagrams.port", holds("bond_graph/port/performance/")),
 )
 

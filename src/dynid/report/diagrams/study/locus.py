@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.report.diagrams.study.columns import Number, StudyNumbers
 from dynid.report.figure import Cell, Figure, Picture, Table
 from dynid.report.numbers import short
 from dynid.report.plot import Axis, Marks, Panel, Rule, chart, thinned
 from dynid.report.plot.layers import Layer
-from dynid.study.figures.columns import Number, StudyNumbers
 
 if TYPE_CHECKING:
     from dynid.result import Result

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.report.diagrams.study.columns import Number, StudyNumbers
 from dynid.report.figure import Cell, Figure, Picture, Table
 from dynid.report.numbers import short
 from dynid.report.plot import Axis, Bars, Panel, Rule, chart
 from dynid.report.plot.layers import Layer, hue
 from dynid.study.analysis.ranking import Influences
 from dynid.study.analysis.tornado import Tornado, tornado
-from dynid.study.figures.columns import Number, StudyNumbers
 
 if TYPE_CHECKING:
     from dynid.result import Result

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.report.diagrams.study.columns import Number, StudyNumbers
 from dynid.report.figure import Cell, Figure, Picture, Table
 from dynid.report.numbers import short
 from dynid.report.plot import Axis, Bars, Cells, Line, Marks, Panel, Rule, chart, listed, thinned
@@ -15,7 +16,6 @@ from dynid.report.plot.layers import Layer
 from dynid.report.plot.parallel import parallel
 from dynid.study.analysis.correlation import correlations, scatter
 from dynid.study.analysis.moments import NAMES, statistics
-from dynid.study.figures.columns import Number, StudyNumbers
 
 if TYPE_CHECKING:
     from dynid.result import Result

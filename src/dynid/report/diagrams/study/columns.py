@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynid.report.numbers import labelled
 from dynid.study.analysis.table import StudyTable
+from dynid.words import short_paths
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -55,37 +56,35 @@ class StudyNumbers:
             for name, column in self.table.inputs.items()
             if column.dtype.kind in "bif" and len(column) and (column != column[0]).any()
         }
-        names = _short(list(varied))
+        names = dict(zip(varied, short_paths(list(varied)), strict=True))
         return [Number(names[path], path, "", values) for path, values in varied.items()]
 
     @cached_property
     def outputs(self) -> list[Number]:
         """What was gathered, is a number and varies."""
         found: list[Number] = []
+        magnitudes = set()
         for path in sorted(filter(self.table.is_number, self.table.paths)):
             if self.table.size(path) > ENTRIES or len(found) >= COLUMNS:
                 continue
             for column in self.table.columns(path):
                 known = column.values[np.isfinite(column.values)]
                 if known.size > 1 and np.ptp(known) > _ROUNDING * np.abs(known).max():
-                    magnitude = self.table.variable(path).dtype.kind == "c"
-                    name = f"|{column.name}|" if magnitude else column.name
-                    found.append(Number(name, column.name, column.units, column.values))
-        names = _short([number.name for number in found])
-        return [number._replace(name=names[number.name]) for number in found][:COLUMNS]
+                    found.append(Number(column.name, column.name, column.units, column.values))
+                    if self.table.variable(path).dtype.kind == "c":
+                        magnitudes.add(column.name)
+        found = found[:COLUMNS]
+        names = _ends([number.name for number in found])
+        return [
+            number._replace(name=f"|{name}|" if number.path in magnitudes else name)
+            for number, name in zip(found, names, strict=True)
+        ]
 
 
-def _short(paths: list[str]) -> dict[str, str]:
-    """Return the shortest ends of paths that tell them apart."""
-    found = {}
-    for path in paths:
-        sign = "|" if path.startswith("|") else ""
-        plain = path.strip("|")
-        parts = plain.replace("/", "\0/").split("\0/") if "/" in plain else plain.split(".")
-        joint = "/" if "/" in plain else "."
-        for count in range(1, len(parts) + 1):
-            end = joint.join(parts[-count:])
-            if sum(other.strip("|").endswith(end) for other in paths) == 1:
-                break
-        found[path] = f"{sign}{end}{sign}"
-    return found
+def _ends(paths: list[str]) -> list[str]:
+    """Return the shortest ends of HDF5 paths that tell them apart."""
+    for count in range(1, max((path.count("/") for path in paths), default=0) + 2):
+        ends = ["/".join(path.split("/")[-count:]) for path in paths]
+        if len(set(ends)) == len(ends):
+            return ends
+    return paths
