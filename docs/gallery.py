@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
 import dynid
-from dynid.report import figures
+from dynid.report import Figure, figures
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
@@ -85,27 +88,40 @@ ENTRIES = (
 )
 
 
+def result_of(entry: Entry, folder: Path) -> dynid.Result:
+    """Run the scene of an entry; a study as its command does, into a folder."""
+    scene = CONFIGS / f"{entry.scene}.yaml"
+    if not entry.scene.startswith("studies/"):
+        return dynid.run(dynid.load_scene(scene, entry.overrides))
+    target = folder / f"{scene.stem}.h5"
+    subprocess.run([sys.executable, "-m", "dynid", "study", scene, "-o", target, "-q"], check=True)
+    return dynid.open_result(target)
+
+
 def main() -> None:
     """Write every figure, and the page that shows them."""
     folder = HERE / "gallery"
     folder.mkdir(exist_ok=True)
-    results = {}
+    results: dict[tuple[str, tuple[str, ...]], dict[str, Figure]] = {}
+    names: set[str] = set()
     lines = ["# Gallery", "", "Made by `python docs/gallery.py` from the scenes in `configs/`.", ""]
-    for entry in ENTRIES:
-        key = (entry.scene, entry.overrides)
-        if key not in results:
-            scene = dynid.load_scene(CONFIGS / f"{entry.scene}.yaml", entry.overrides)
-            results[key] = {figure.name: figure for figure in figures(dynid.run(scene))}
-        figure = results[key][entry.figure]
-        name = f"{entry.scene}-{entry.figure}.svg"
-        (folder / name).write_text(figure.svg, encoding="utf-8")
-        lines += [
-            f"## {entry.about[0].upper()}{entry.about[1:]}",
-            "",
-            f"![{figure.title}](gallery/{name})",
-            "",
-        ]
-        lines += [f"{figure.caption} (`configs/{entry.scene}.yaml`)", ""]
+    with tempfile.TemporaryDirectory() as scratch:
+        for entry in ENTRIES:
+            key = (entry.scene, entry.overrides)
+            if key not in results:
+                found = result_of(entry, Path(scratch))
+                results[key] = {figure.name: figure for figure in figures(found)}
+            figure = results[key][entry.figure]
+            name = f"{Path(entry.scene).name}-{entry.figure}"
+            name = f"{name}-2.svg" if f"{name}.svg" in names else f"{name}.svg"
+            names.add(name)
+            (folder / name).write_text(figure.svg, encoding="utf-8")
+            heading = f"{entry.about[0].upper()}{entry.about[1:]}"
+            lines += [f"## {heading}", "", f"![{figure.title}](gallery/{name})", ""]
+            lines += [f"{figure.caption} (`configs/{entry.scene}.yaml`)", ""]
+    for old in folder.glob("*.svg"):
+        if old.name not in names:
+            old.unlink()
     (HERE / "gallery.md").write_text("\n".join(lines), encoding="utf-8")
 
 

@@ -123,7 +123,7 @@ def _states(result: Result, record: Record, what: tuple[str, str, str, str]) -> 
             near = np.clip(half[:, place], 0, max(float(np.abs(low).max()), float(np.abs(high).max())))
             layers.append(Band(time, -near, near, "95 % band", "s1"))
         layers += [Line(time, error[:, place], "estimate − true", "s1 fine"), Rule(0.0, "", "hair")]
-        panels.append(Panel(Axis("time (s)"), Axis(names[place]), layers, height=110.0))
+        panels.append(Panel(Axis("time (s)"), Axis(names[place]), layers, height=135.0))
     left = f" {len(shown)} of {len(names)} states." if len(shown) < len(names) else ""
     about = f"Estimated less true states, with the band that the estimator gives them.{left}"
     rows = _in_rows(panels, 2 if len(panels) > 1 else 1)

@@ -40,8 +40,8 @@ def parallel(
     svg = Svg(name, title, description)
     svg.text(_PAD, _PAD + TITLE, title, "title", anchor="start")
     shown = [shortened(label, 30) for label in labels]
-    widest = max(text_width(label, SMALL) for label in shown)
-    apart = max(_APART, min(widest + 12, 170.0))
+    widest = max(text_width(label, SMALL, bold=True) for label in shown)
+    apart = max(_APART, widest + 12)
     left = _PAD + widest / 2 + 10
     top = _PAD + TITLE + 44
     scales = [Axis("").scale([column]) for column in values.T]
