@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.report.answers.bench import growth
 from dynid.report.figure import Cell, Figure, Picture, Table
 from dynid.report.numbers import short
 from dynid.report.plot import Axis, Line, Marks, Panel, chart
@@ -109,8 +108,8 @@ def _growth(result: Result, group: str, name: str, found: Alternatives) -> Pictu
     layers: list[Layer] = []
     for place, (own, columns) in enumerate(found.items()):
         size, time = columns["size"].data, columns["time"].data
-        power = growth(result, group, own)
-        label = own if power is None else f"{own}, power {power:.2f}"
+        power = result.group_attrs.get(f"{group}/{own}", {}).get("exponent")
+        label = own if power is None else f"{own}, power {float(power):.2f}"
         layers += [
             Line(size, time, "", f"{hue(place)} fine"),
             Marks(size, time, label, hue(place), _SYMBOLS[place % len(_SYMBOLS)], 4),
@@ -118,7 +117,7 @@ def _growth(result: Result, group: str, name: str, found: Alternatives) -> Pictu
     what = str(result.group_attrs.get(group, {}).get("size", "size"))
     panel = Panel(Axis(what, log=True), Axis("time (s)", log=True), layers, height=320.0)
     title = f"{group.partition('/')[2]}: time over size"
-    about = f"{_about(result, group)} In the legend: the power of the size with which time grows at last."
+    about = f"{_about(result, group)} In the legend: the power of the size with which time grows."
     return Picture(chart(name, title, [[panel]], about), about, _table(result, group, found))
 
 
