@@ -37,9 +37,9 @@ SIMULATED = (
 HERTZ = np.linspace(0.5, 5, 91)
 
 
-def accelerances():
+def accelerances(hertz=HERTZ):
     """Return the exact responses of the scene (L x 2), by the formulas of two masses."""
-    w = 2 * np.pi * HERTZ
+    w = 2 * np.pi * hertz
     k, c = 200 + 1j * w, 300 + 2j * w
     z11, z22 = c + k - w**2, k - 2 * w**2
     det = z11 * z22 - k**2
@@ -136,6 +136,14 @@ def test_matlab(tmp_path, packed):
     )
 
 
+def test_rounding_is_no_ground_for_a_warning(tmp_path):
+    rows = np.column_stack([HERTZ, *(part for H in accelerances().T for part in (H.real, H.imag))])
+    np.savetxt(tmp_path / "h.csv", rows, delimiter=",", header="f [Hz],a,ai,b,bi", comments="")
+    result = run(tmp_path, f"{HEAD}{MEASUREMENT}  frf: {{file: {{path: h.csv}}, unit: Hz}}\n")
+    assert result["identification/parameters/estimate"].data == pytest.approx([200, 1], rel=1e-9)
+    assert not any("bounds off" in said for said in result["identification/diagnostics/warnings"].data)
+
+
 # pyuff leaves the files open that it writes in binary form.
 leaks = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
@@ -151,6 +159,14 @@ def test_a_universal_file(tmp_path, binary):
 
 
 @leaks
+def test_functions_of_a_universal_file_may_be_text_and_binary(tmp_path):
+    for binary in (1, 0):
+        written(tmp_path / "h.uff", binary, hertz=np.linspace(0.5, 5.0123456789, 91), spacing=0)
+    # Uneven lines have six digits in text; those of the first function are taken.
+    assert estimated(tmp_path, "{file: {path: h.uff, columns: [1, 4]}}") == pytest.approx([200, 1], rel=1e-9)
+
+
+@leaks
 def test_a_universal_file_says_what_its_functions_are(tmp_path):
     written(tmp_path / "h.uff", 0, ordinate=8)
     said = refusal(tmp_path, "{file: {path: h.uff}}")
@@ -158,10 +174,14 @@ def test_a_universal_file_says_what_its_functions_are(tmp_path):
     assert "Write quantity: displacement" in said
 
 
-def written(path, binary, ordinate=12):
+def written(path, binary, ordinate=12, hertz=HERTZ, spacing=1):
     """Write both responses and their coherences as a Universal File, between data of other types."""
     pyuff = pytest.importorskip("pyuff", reason="pyuff is an extra")
-    for kind, values in ((1, HERTZ), *((4, H) for H in accelerances().T), *((6, np.full(91, 0.99)),) * 2):
+    for kind, values in (
+        (1, hertz),
+        *((4, H) for H in accelerances(hertz).T),
+        *((6, np.full(91, 0.99)),) * 2,
+    ):
         data_set = pyuff.prepare_58(
             binary=binary,
             func_type=kind,
@@ -170,16 +190,16 @@ def written(path, binary, ordinate=12):
             ref_node=2,
             ref_dir=3,
             data=values,
-            x=HERTZ,
+            x=hertz,
             id1="a function",
             rsp_ent_name="NONE",
             ref_ent_name="NONE",
-            abscissa_spacing=1,
+            abscissa_spacing=spacing,
             abscissa_spec_data_type=18,
             ordinate_spec_data_type=ordinate,
             orddenom_spec_data_type=13,
-            abscissa_inc=HERTZ[1] - HERTZ[0],
-            abscissa_min=HERTZ[0],
+            abscissa_inc=hertz[1] - hertz[0],
+            abscissa_min=hertz[0],
         )
         pyuff.UFF(str(path)).write_sets(data_set, "add")
 

@@ -35,6 +35,8 @@ _VOID = 0.5
 _NOTHING = 1.0
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
 _BLIND = 10.0
+# Errors of logarithms below this are rounding, of which a bound of clean data may say anything.
+_ROUNDING = 1e-9
 #: What the autocorrelation of the residuals is told by.
 _AUTOCORRELATION = ("lag", "autocorrelation", "autocorrelation_band", "channel_whiteness_p")
 
@@ -312,7 +314,7 @@ class Findings(ABC):
         group, names = "identification/diagnostics", self.ensemble.names
         deviations, bound = self.information.deviations(), self._bound
         off = np.abs(np.exp(self._final.logs) - self._true)
-        errors = np.where(bound > 0, off / np.where(bound > 0, bound, 1.0), np.nan)
+        errors = np.where(bound > 0, off / np.maximum(bound, _ROUNDING), np.nan)
         correlation = self.information.correlation()
         facts = Facts(names, deviations, correlation, errors, self._sensors, self._consistency)
         distance = np.abs(self.step) / deviations

@@ -31,6 +31,8 @@ _FREQUENCY = ("omega", "frequency", "freq", "w", "f")
 _MEASURED = ("measured", "response", "identification/measurement/measured")
 #: Function types of a data set 58: frequency response, coherence; and its quantities by their numbers.
 _FRF, _COHERENCE = 4, 6
+#: Up to which part lines may differ: in text a Universal File has six digits of their distance.
+_DIGITS = 1e-5
 _QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
 
@@ -250,7 +252,7 @@ def _universal(file: DataFile, given: FrfFileModel) -> Responses:
     if given.deviation:
         file.refuse("holds functions, no deviations", "Give their coherence.", key="deviation")
     for function in parts:
-        if function.x.shape != lines.shape or not np.allclose(function.x, lines, rtol=1e-9, atol=0):
+        if function.x.shape != lines.shape or not np.allclose(function.x, lines, rtol=_DIGITS, atol=0):
             file.refuse(
                 f"the function {function.name} has other lines than the first",
                 "Put responses at different lines into files of their own.",
