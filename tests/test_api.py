@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 import dynid
-from dynid.errors import FileError, SceneError
+from dynid.errors import FileError, SceneError, UsageError
 from dynid.store import write_result
 
 ISOLATOR = Path(__file__).parents[1] / "configs" / "isolator.yaml"
@@ -101,3 +101,9 @@ def test_names_in_a_scene_are_not_taken_for_seeds(tmp_path):
         "  time: {stop: 1, step: 0.1, input: [{kind: step}, {kind: random, seed: 9}]}\n"
     )
     assert dynid.run(scene).attrs["seed"] == 9
+
+
+def test_a_message_and_its_remedy_are_sentences():
+    assert str(UsageError("there is no 'b'", remedy="Name another.")) == "there is no 'b'. Name another."
+    hint = UsageError("there is no 'b'; did you mean 'a'?", remedy="List them.")
+    assert str(hint) == "there is no 'b'; did you mean 'a'? List them."

@@ -32,7 +32,8 @@ class DynidError(Exception):
         self.names = tuple(names)
 
     def __str__(self) -> str:
-        return f"{self.problem}. {self.remedy}" if self.remedy else self.problem
+        stop = "" if self.problem.endswith("?") else "."
+        return f"{self.problem}{stop} {self.remedy}" if self.remedy else self.problem
 
 
 class NumericalError(DynidError):
