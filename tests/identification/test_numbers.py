@@ -124,7 +124,7 @@ def test_the_filter_is_the_extended_kalman_filter_of_the_augmented_state():
     z, P = np.array([0.001, 0.02, np.log(0.8 * K), np.log(1.3 * C)]), np.diag([1e-4, 1e-2, 0.04, 0.09])
     S = np.concatenate([joint.scale, np.ones(2)])
     prior = Prior(z[:2] / joint.scale, z[2:], np.linalg.cholesky(P) / S[:, None])
-    walked = filter_pass(joint, y, prior, sigma, z[2:].copy())
+    walked = filter_pass(joint, y, prior, sigma, z[2:].copy(), 0.0)
 
     def acceleration(t, z):
         return (5 * np.sin(17 * t + 0.3) - np.exp(z[2]) * z[0] - np.exp(z[3]) * z[1]) / M

@@ -7,7 +7,7 @@ independent given the parameters: likelihoods add up, and so does the informatio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -60,9 +60,24 @@ class Likelihood:
     ----------
     records
         What is observed, all with the same unknowns.
+    noiseless
+        The same without its noise, if it is made already.
     """
 
     records: tuple[Observed, ...]
+    noiseless: Likelihood | None = field(default=None, kw_only=True)
+
+    @property
+    def ideal(self) -> Likelihood:
+        """The same without the records' noise, as far as that is known."""
+        if self.noiseless is not None:
+            return self.noiseless
+        return Likelihood(tuple(record.on(record.data.without_noise()) for record in self.records))
+
+    @cached_property
+    def at_truth(self) -> JointFit:
+        """The fit at the true values, all of which are known."""
+        return self.fit(np.log([unknown.true or np.nan for unknown in self.unknowns]))
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

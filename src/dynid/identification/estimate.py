@@ -6,20 +6,28 @@ Source: K. T. Yang 1997.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.augmented import augmented, unknowns_of
-from dynid.identification.ensemble import Ensemble
+from dynid.identification.ensemble import Ensemble, Likelihood
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.estimation import Estimation, Estimator, Sweep
 from dynid.identification.filtering.filter import ASTRAY, Pass
-from dynid.identification.fit import fitter
+from dynid.identification.fit import Fitter, Frame, frame
 from dynid.identification.information import Information
-from dynid.identification.measurement import Data, Experiment, Measurement, as_estimated, data
+from dynid.identification.measurement import (
+    Data,
+    Experiment,
+    Measurement,
+    Simulation,
+    as_estimated,
+    data,
+    simulated,
+)
 from dynid.identification.model_error import ModelError, model_error
 from dynid.identification.outcome import Outcome
 from dynid.identification.states import true_states
@@ -37,6 +45,58 @@ Rebuild = Callable[[Mapping[str, float]], StructuralModel]
 # errors, or this part of themselves; and so often at the most.
 _STAYS, _LEAST = 0.01, 1e-6
 MOST_ROUNDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Common:
+    """What identifications share whose records differ in their noise alone.
+
+    Attributes
+    ----------
+    clean
+        Of each record the values without noise (times x channels); None of one that is not simulated.
+    frames
+        What the fits of each record share; none where models differ.
+    ideal
+        The records without their noise, in which the unknowns are seen and told apart; None where models
+        differ.
+    """
+
+    clean: Sequence[Array | None]
+    frames: Sequence[Frame] = ()
+    ideal: Likelihood | None = None
+
+    @classmethod
+    def of(
+        cls, model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel, *, same: bool
+    ) -> Common:
+        """Return what is common; `same`: also of the models, which are the same in all.
+
+        Raises
+        ------
+        DynidError
+            As of `identify_all`.
+        """
+        with guarded("what the records share"):
+            clean = [_clean(truth, experiment) for experiment in experiments]
+            if not same or any(values is None for values in clean):
+                return cls(clean)
+            frames = _frames(model, experiments)
+            each = zip(experiments, clean, strict=True)
+            values = [data(truth, *experiment, record).without_noise() for experiment, record in each]
+            ideal = _filled(frames, values)
+            _check_visible(ideal)
+            return cls(clean, frames, ideal)
+
+    def ensemble(self, values: Sequence[Data]) -> Ensemble:
+        """Return these records with the models that they share."""
+        return _filled(self.frames, values, self.ideal)
+
+
+def _clean(truth: StructuralModel, experiment: Experiment) -> Array | None:
+    """Return a simulated record without its noise."""
+    is_simulated = isinstance(experiment.measurement.source, Simulation)
+    return simulated(truth, *experiment).outputs if is_simulated else None
 
 
 def identify(
@@ -59,7 +119,7 @@ def identify_all(
     *,
     truth: StructuralModel | None = None,
     rebuild: Rebuild | None = None,
-    clean: Sequence[Array | None] | None = None,
+    common: Common | None = None,
     into: Result | None = None,
 ) -> Result:
     """Identify the unknown joint parameters of a structure from records that share them.
@@ -77,8 +137,8 @@ def identify_all(
     rebuild
         Makes the model anew for parameters by name: a reduced one whose basis follows the joints. The
         estimator goes on with it until the estimates stay, at most ten times. Absent: `model` stays.
-    clean
-        Of each record the values without noise, where somebody has simulated them already.
+    common
+        What these records share with others, where it is made already.
     into
         What the result is added to: of a `Selection` only what is wanted is computed. Absent: a new one.
 
@@ -119,10 +179,11 @@ def identify_all(
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
         values = [
-            data(truth or model, *experiment, None if clean is None else clean[k])
+            data(truth or model, *experiment, None if common is None else common.clean[k])
             for k, experiment in enumerate(experiments)
         ]
-        outcome, last = _identified(model, experiments, values, estimator or Auto(), truth or model, rebuild)
+        question = experiments, values, estimator or Auto(), truth or model, rebuild, common
+        outcome, last = _identified(model, *question)
         return outcome.result(
             Result("identification") if into is None else into,
             lambda: [true_states(truth or model, last, *experiment) for experiment in experiments],
@@ -136,17 +197,19 @@ def _identified(
     estimator: Estimator,
     truth: StructuralModel,
     rebuild: Rebuild | None,
+    common: Common | None,
 ) -> tuple[Outcome, StructuralModel]:
     """Return what was found, and the model it was found with in the end."""
     names = [unknown.name for unknown in model.unknowns]
     logs, here = np.log([unknown.start for unknown in model.unknowns]), estimator
     outcome: Outcome | None = None
     for _ in range(1 if rebuild is None else MOST_ROUNDS):
-        ensemble = _ensemble(model, experiments, values)
         if outcome is None:
-            _check_visible(ensemble, logs)
-        elif isinstance(here, Auto):  # what is left to go is short
-            here = replace(here, escalates=False)
+            ensemble = _visible(model, experiments, values, common)
+        else:
+            ensemble = _ensemble(model, experiments, values)
+            if isinstance(here, Auto):  # what is left to go is short
+                here = replace(here, escalates=False)
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
             found = here.run(ensemble, logs)
         if outcome is not None:
@@ -182,13 +245,24 @@ def _model_error(model: StructuralModel, outcome: Outcome, values: Sequence[Data
 
 
 def _ensemble(model: StructuralModel, experiments: Sequence[Experiment], values: Sequence[Data]) -> Ensemble:
-    """Return the records with the model of each, their loads as an estimator knows them."""
-    fitters = []
-    for (loads, measurement), measured in zip(experiments, values, strict=True):
+    """Return the records with the model of each."""
+    return _filled(_frames(model, experiments), values)
+
+
+def _frames(model: StructuralModel, experiments: Sequence[Experiment]) -> list[Frame]:
+    """Return the model of each record, with its loads as an estimator knows them."""
+    frames = []
+    for loads, measurement in experiments:
         record, channels = measurement.record, measurement.channels
         joint = augmented(model, as_estimated(loads, record), channels, record.times)
-        fitters.append(fitter(joint, model, channels, measured, len(values)))
-    return Ensemble(tuple(fitters))
+        frames.append(frame(joint, model, channels))
+    return frames
+
+
+def _filled(frames: Sequence[Frame], values: Sequence[Data], noiseless: Likelihood | None = None) -> Ensemble:
+    each = zip(frames, values, strict=True)
+    fitters = tuple(Fitter(frame, measured, len(values)) for frame, measured in each)
+    return Ensemble(fitters, noiseless=noiseless)
 
 
 def _joined(before: Outcome, ensemble: Ensemble, model: StructuralModel, now: Estimation) -> Estimation:
@@ -213,6 +287,18 @@ def _rescaled(history: Pass, unit: Array) -> Pass:
     return history._replace(states=states, state_deviations=deviations)
 
 
-def _check_visible(ensemble: Ensemble, logs: Array) -> None:
+def _visible(
+    model: StructuralModel, experiments: Sequence[Experiment], values: Sequence[Data], common: Common | None
+) -> Ensemble:
+    """Return the records with the model of each, in which the unknowns are seen and told apart."""
+    if common is not None and common.ideal is not None:
+        return common.ensemble(values)
+    ensemble = _ensemble(model, experiments, values)
+    _check_visible(ensemble.ideal)
+    return ensemble
+
+
+def _check_visible(ensemble: Likelihood) -> None:
+    logs = np.log([unknown.start for unknown in ensemble.unknowns])
     rms = [record.data.rms for record in ensemble.records]
     ensemble.information(ensemble.fit(logs), rms).check()

@@ -242,14 +242,15 @@ class Findings(ABC):
 
     def _bound_with(self, *, prior: bool) -> Array:
         """Return the bound (p), with the priors or of the records alone: infinite if these see nothing."""
-        fit, values, true = self._final, np.exp(self._final.logs), self._true
+        told_by, fit, values, true = self.ensemble, self._final, np.exp(self._final.logs), self._true
         if not np.isnan(true).any():
-            fit, values = self.ensemble.fit(np.log(true), clean=True), true
+            told_by = self.ensemble.ideal
+            fit, values = told_by.at_truth, true
         each = zip(self.ensemble.records, self._noise, strict=True)
         noise = [seen if record.data.noise is None else record.data.noise for record, seen in each]
         if not all(level.all() for level in noise):
             return np.zeros(len(true))  # clean data
-        told = self.ensemble.information(fit, noise, prior=prior)
+        told = told_by.information(fit, noise, prior=prior)
         if not prior:
             try:
                 told.check()

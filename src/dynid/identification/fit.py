@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,26 +38,45 @@ _FACTOR = 2.0
 _LEAST_NOISE = 1e-4
 
 
+class Frame(NamedTuple):
+    """What the fits of records share that differ in their values alone.
+
+    `model`, the augmented one; `root` (n x n) of the wide prior covariance of the state (scaled), up to a
+    factor; `reach`, how large it lets each channel be (channels).
+    """
+
+    model: AugmentedModel
+    root: Array
+    reach: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Fitter(Observed):
     """Fits one record with one model; see `fitter`.
 
     Attributes
     ----------
-    model
-        The augmented model.
+    frame
+        The augmented model and the prior of its states.
     data
         The record.
-    root
-        Lower root of the wide prior covariance of the state (n x n).
     sharing
         Number of records that share the parameters.
     """
 
-    model: AugmentedModel
+    frame: Frame
     data: Data
-    root: Array
     sharing: int = 1
+
+    @property
+    def model(self) -> AugmentedModel:
+        """The augmented model."""
+        return self.frame.model
+
+    @cached_property
+    def root(self) -> Array:
+        """Lower root of the wide prior covariance of the state (n x n)."""
+        return np.asarray(_WIDE * (self.data.rms / self.frame.reach).max() * self.frame.root)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -84,6 +105,10 @@ class Fitter(Observed):
         found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
         size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
         return Fit(logs, predicted, residual, counts, size, self.noise_in(counts, size), found)
+
+    def on(self, data: Data) -> Self:
+        """Return the fitter of other values of the same record."""
+        return replace(self, data=data)
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
@@ -172,7 +197,12 @@ def fitter(
     data: Data,
     sharing: int = 1,
 ) -> Fitter:
-    """Return the fitter of a record, with a prior on the state from the structure's energy.
+    """Return the fitter of a record; see `frame`."""
+    return Fitter(frame(model, structure, channels), data, sharing)
+
+
+def frame(model: AugmentedModel, structure: StructuralModel, channels: tuple[Channel, ...]) -> Frame:
+    """Return what fits share, with a prior on the state from the structure's energy.
 
     Displacements and velocities share the covariance ``s^2 (K + M / T^2)^-1`` and ``s^2 M^-1``, equal energy
     in every mode; s is such that each channel could be ten times what was measured. T, the record's length,
@@ -188,17 +218,17 @@ def fitter(
     omega = np.sqrt(np.maximum(square, 0.0) + 1 / length**2)  # below 0: rounding of rigid-body modes
     mobility = mobility @ shapes
     compliance = mobility / omega
-    sizes = []
-    for channel, rms in zip(channels, data.rms, strict=True):
+    reach = []
+    for channel in channels:
         row = channel.row(structure)
         spread = np.linalg.norm(row @ (compliance if channel.order == 0 else mobility))
         # An acceleration is taken for the slowest motion it can be: the widest prior.
-        sizes.append(rms / spread / (omega[0] if channel.order == 2 else 1.0))
+        reach.append(spread * (omega[0] if channel.order == 2 else 1.0))
     n = len(M)
     root = np.zeros((2 * n, 2 * n))
     root[:n, :n], root[n:, n:] = compliance, mobility
     root[model.known] = 0.0
-    return Fitter(model, data, _WIDE * max(sizes) * root / model.scale[:, None], sharing)
+    return Frame(model, root / model.scale[:, None], np.array(reach))
 
 
 def _square(root: Array) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,6 +122,10 @@ class Information:
 
     def root(self) -> Array:
         """Return a root of that covariance (p x p)."""
+        return self._root
+
+    @cached_property
+    def _root(self) -> Array:
         size = np.linalg.norm(self.projected, axis=0)
         R = np.linalg.qr(self.projected / size, mode="r")
         return np.asarray(np.linalg.solve(R, np.eye(len(size))) / size[:, None])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -176,6 +176,10 @@ class Data:
     def rms(self) -> Array:
         """Root mean square of each channel over the samples present."""
         return root_mean_square(self.values)
+
+    def without_noise(self) -> Data:
+        """Return the record without its noise, where that is known."""
+        return self if self.clean is None else replace(self, values=self.clean)
 
 
 def data(

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,10 @@ class Observed(ABC):
 
         Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
         """
+
+    @abstractmethod
+    def on(self, data: Data) -> Self:
+        """Return the same, of other values."""
 
     @abstractmethod
     def information(self, fit: Fit, noise: Array) -> Information:

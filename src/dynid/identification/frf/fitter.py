@@ -6,6 +6,7 @@ Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain App
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,10 @@ class FrfFitter(Observed):
         residual = values - outputs
         counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
         return Fit(logs, predicted, residual, counts, size, self.noise_in(counts, size))
+
+    def on(self, data: Data) -> Self:
+        """Return the fitter of other values of the same responses."""
+        return replace(self, data=data)
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""

@@ -20,10 +20,7 @@ from dynid.structure.response import Channel, Load, frequency_response, time_res
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dynid.identification.estimate import Rebuild
+    from dynid.identification.estimate import Common, Rebuild
     from dynid.identification.estimators.estimation import Estimator
     from dynid.identification.measurement import Experiment
     from dynid.lti.generator import Record
@@ -134,7 +131,7 @@ def identified(
     structure: StructuralModel,
     made: Setting,
     *,
-    clean: Sequence[NDArray[np.float64] | None] | None = None,
+    common: Common | None = None,
     into: Result | None = None,
 ) -> Result:
     """Identify with the reduced model where there is one; its basis may follow the joints.
@@ -143,8 +140,8 @@ def identified(
     ----------
     scene, structure, made
         The scene, its structure, and what its identification works with.
-    clean
-        Of each record the values without noise, where somebody has simulated them already.
+    common
+        What its records share with others, where it is made already.
     into
         What the result is added to; absent: a new one.
     """
@@ -157,7 +154,7 @@ def identified(
         _estimator(model.estimator),
         truth=made.truth,
         rebuild=_rebuilder(scene, structure),
-        clean=clean,
+        common=common,
         into=into,
     )
 

@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.errors import DynidError
+from dynid.identification.estimate import Common
 from dynid.identification.kernels.compiled import repeated
-from dynid.identification.measurement import Simulation, simulated
 from dynid.result import Variable
 from dynid.scene.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.scene.batch import Outcome, gather, run_alone
@@ -26,12 +26,7 @@ from dynid.scene.load import Scene
 from dynid.scene.schema.quantities import Quantity
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dynid.identification.measurement import Experiment
     from dynid.scene.schema.identification import IdentificationScene
-    from dynid.structure.model import StructuralModel
 
 Overrides = Sequence[Mapping[str, Any]]
 
@@ -143,9 +138,9 @@ class _Plan:
         self._setting = setting(scene, self._structure)
         self._same = not any(place.joint for place in places.values())
         changed = {place.name for place in places.values()}
-        self._clean: list[NDArray[np.float64] | None] | None = None
+        self._common: Common | None = None
         if self._setting.truth.basis is None and "true" not in changed:
-            self._clean = [_clean(self._setting.truth, one) for one in self._setting.experiments]
+            self._common = Common.of(*self._setting, same=self._same)
 
     def run(self, override: Mapping[str, Any], collect: tuple[str, ...]) -> Mapping[str, Variable] | None:
         """Return what is collected of a sample; None for one that is to be run alone."""
@@ -161,7 +156,7 @@ class _Plan:
                 self._structure if self._same else build_structure(scene, model.structure, model.joints)
             )
             made = self._with_noise(scene) if self._same else setting(scene, structure)
-            identified(scene, structure, made, clean=self._clean, into=result)
+            identified(scene, structure, made, common=self._common, into=result)
             return gather(result, collect)
         except DynidError:
             return None
@@ -171,12 +166,6 @@ class _Plan:
         model = cast("IdentificationScene", scene.model)
         assert model.measurement is not None
         return self._setting._replace(experiments=experiments(scene, model.excitation, model.measurement))
-
-
-def _clean(truth: StructuralModel, experiment: Experiment) -> NDArray[np.float64] | None:
-    """Return a simulated record without its noise."""
-    is_simulated = isinstance(experiment.measurement.source, Simulation)
-    return simulated(truth, *experiment).outputs if is_simulated else None
 
 
 def _changed(model: IdentificationScene, place: _Place, raw: Any) -> IdentificationScene | None:
