@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
+from functools import lru_cache
 
 from numpy.typing import ArrayLike
 
@@ -27,11 +28,11 @@ class Collected(Result):
 
     def wants(self, path: str) -> bool:
         """Tell whether an array is kept."""
-        return any(_names(wanted, path) for wanted in self._collect)
+        return _named(self._collect, path)
 
     def wants_below(self, group: str) -> bool:
         """Tell whether anything in a group may be kept."""
-        return any(_reaches(wanted, group) for wanted in self._collect)
+        return _reached(self._collect, group)
 
     def add(
         self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
@@ -44,6 +45,18 @@ class Collected(Result):
         """Store a variable as it is under `path` if it is wanted, or is a coordinate."""
         if variable.dims == (path.rpartition("/")[2],) or self.wants(path):
             super().put(path, variable)
+
+
+@lru_cache(maxsize=4096)  # thousands of samples ask the same
+def _named(collect: tuple[str, ...], path: str) -> bool:
+    """Tell whether any entry of `collect` may name an array."""
+    return any(_names(wanted, path) for wanted in collect)
+
+
+@lru_cache(maxsize=4096)
+def _reached(collect: tuple[str, ...], group: str) -> bool:
+    """Tell whether any entry of `collect` may name something in a group."""
+    return any(_reaches(wanted, group) for wanted in collect)
 
 
 def _names(wanted: str, path: str) -> bool:
