@@ -70,7 +70,8 @@ def main(journal, total, kills):
         end, _ = in_child(plan, target, budget)
         assert end == -signal.SIGKILL, end
         left = os.path.exists(journal_name(target))  # noqa: PTH110
-        finished = Journal.read_keys(journal_name(target)) if left else set()
+        keys = Journal.read_keys(journal_name(target)) if left else []
+        finished = {key.tobytes() for key in keys}
         end, ran = in_child(plan, target)
         assert end == 0, end
         assert len(ran) == len(set(ran))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dynid.result import Variable
-from dynid.scene.batch import Outcome
+from dynid.scene.outcomes import Outcome, Outcomes
 from dynid.study.file import Heading, write_study
 
 
@@ -28,7 +28,7 @@ def write(path, columns, values, failed=(), expectations=None, complete=True, **
     """
     count = len(next(iter(columns.values())))
     rows = [outcome(row, values, failed, expectations) for row in range(count)]
-    write_study(path, heading(columns, **more), rows, complete)
+    write_study(path, heading(columns, **more), Outcomes.of(rows), complete)
 
 
 def outcome(row, values, failed, expectations):

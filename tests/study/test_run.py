@@ -13,12 +13,14 @@ import xarray
 import dynid
 from dynid.errors import FileError, UsageError
 from dynid.scene.load import load_scene
+from dynid.scene.outcomes import Outcome, Outcomes
 from dynid.store import read_result
 from dynid.study import execute, journal
 from dynid.study.execute import TooManyFailures, run_study, valid_samples
 from dynid.study.executors import hire
 from dynid.study.executors.serial import SerialCrew
 from dynid.study.merge import merge_studies
+from dynid.study.packing import packed
 from dynid.study.plan import make_plan
 from tests.cli import conftest
 from tests.study.small import SCENE, STUDY, assert_same, planned, written
@@ -37,6 +39,9 @@ class Counting(SerialCrew):
 
 
 dynid_cli = conftest.dynid
+
+ANOTHER = np.frombuffer(b"another sample, ", np.uint8).reshape(1, -1)
+FAILED = packed(Outcomes.of([Outcome(error="it failed", exit_code=3)]))
 
 
 @pytest.fixture(scope="module")
@@ -158,14 +163,16 @@ def test_a_study_goes_on_from_a_journal_torn_at_any_byte(undisturbed, tmp_path, 
     for end in [*range(0, last, 40), *range(last, len(whole) + 1, 3), len(whole)]:
         Path(f"{target}.journal").write_bytes(whole[:end])
         opened = journal.Journal(f"{target}.journal")
-        known = dict(opened.places)
+        known = opened.keys
         assert len(known) >= before  # a longer journal knows no less
         before = len(known)
-        opened.append((b"another sample, ", opened.outcome(key)) for key in list(known)[-1:])
+        opened.append([(ANOTHER, FAILED)])
         opened.close()
         again = journal.Journal(f"{target}.journal")
-        assert {key: place for key, place in again.places.items() if key in known} == known
-        assert len(again.places) == len(known) + bool(known)
+        assert np.array_equal(again.keys, np.concatenate([known, ANOTHER]))
+        assert again.failed.tolist() == [False] * len(known) + [True]
+        (block,) = again.blocks(np.array([len(known)]), np.array([7]))
+        assert (block.errors, block.rows.tolist()) == (("it failed",), [7])
         again.close()
     assert before == 12
     for end in range(0, len(whole), len(whole) // 3):
@@ -208,6 +215,14 @@ def test_what_is_no_journal_is_left_alone(tmp_path):
     with pytest.raises(FileError, match=r"s\.h5\.journal is no journal of a study"):
         run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
     assert (tmp_path / "s.h5.journal").read_text() == "my diary"
+
+
+def test_a_journal_of_another_version_is_left_alone(tmp_path):
+    (tmp_path / "s.h5.journal").write_bytes(b"dynid journal 1\nwhatever")
+    with pytest.raises(FileError, match=r"journal of another version.*Finish the study with that version"):
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    assert valid_samples(planned(tmp_path), tmp_path / "s.h5") == 0
+    assert (tmp_path / "s.h5.journal").read_bytes() == b"dynid journal 1\nwhatever"
 
 
 def test_what_is_no_study_is_not_overwritten(tmp_path):

@@ -1,7 +1,7 @@
 """What a scene expects of its result, how two results differ, and the outcome for CI."""
 
 from dynid.checks.comparison import Difference, compare
-from dynid.checks.expectations import CheckOutcome, check_expectations
+from dynid.checks.expectations import CheckOutcome, check_expectations, samples_meet
 from dynid.checks.junit import junit_xml
 
-__all__ = ["CheckOutcome", "Difference", "check_expectations", "compare", "junit_xml"]
+__all__ = ["CheckOutcome", "Difference", "check_expectations", "compare", "junit_xml", "samples_meet"]

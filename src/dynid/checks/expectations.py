@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,9 +58,11 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
     expected = expected_words(expectation)
     found = "nothing"
     try:
-        data, coordinates = _select(result, path, expectation.get("at", {}))
+        place, axes = _select(result, path, expectation.get("at", {}))
+        picked = _lookup(result, path).data
+        data = np.asarray(picked[place], dtype=picked.dtype)
         found = words_of(data)
-        _meet(data, coordinates, expectation)
+        _meet(data, axes, expectation)
     except _Unmet as unmet:
         return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
@@ -74,22 +76,81 @@ def expected_words(expectation: Mapping[str, Any]) -> str:
     return f"{'at ' + where + ' ' if where else ''}{' and '.join(parts)}"
 
 
-def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[NDArray[Any], list[Axis]]:
+def samples_meet(
+    samples: Mapping[str, Variable],
+    count: int,
+    one: Callable[[int], Result],
+    expectations: Iterable[Mapping[str, Any]],
+) -> NDArray[np.bool_]:
+    """Tell which samples meet which expectations, of all samples at once.
+
+    Parameters
+    ----------
+    samples
+        Arrays by path, the samples along their first axis.
+    count
+        How many samples there are.
+    one
+        Gives the result of one of them.
+    expectations
+        As for `check_expectations`.
+
+    Returns
+    -------
+    ndarray
+        Sample x expectation.
+    """
+    first = one(0)
+    columns = [
+        [_check(one(place), expectation).passed for place in range(count)]
+        if _labels_vary(samples, expectation.get("at", {}))
+        else _met(samples, count, first, expectation)
+        for expectation in expectations
+    ]
+    return np.column_stack(columns)
+
+
+def _labels_vary(samples: Mapping[str, Variable], dims: Iterable[str]) -> bool:
+    """Tell whether labels that an expectation names may stand elsewhere in the next sample."""
+    coordinates = [one.data for one in samples.values() for dim in dims if one.dims[1:] == (dim,)]
+    return any(not np.array_equal(data, np.broadcast_to(data[0], data.shape)) for data in coordinates)
+
+
+def _met(
+    samples: Mapping[str, Variable], count: int, first: Result, expectation: Mapping[str, Any]
+) -> NDArray[np.bool_]:
+    path = str(expectation["path"]).strip("/")
+    met = np.ones(count, dtype=bool)
+    if path not in samples:
+        met[:] = _check(first, expectation).passed
+        return met
+    try:
+        place, _ = _select(first, path, expectation.get("at", {}))
+        data = samples[path].data[(slice(None), *place)]
+        for found, *_ in _demands(data, data.shape[1:], expectation):
+            met &= found.reshape(count, -1).all(axis=1)
+    except _Unmet:
+        met[:] = False
+    return met
+
+
+def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[tuple[Any, ...], list[Axis]]:
+    """Return what picks the entries that are meant, and the axes that they have."""
     variable = _lookup(result, path)
-    data = variable.data
-    axes = [axis_of(result, path, dim, length) for dim, length in zip(variable.dims, data.shape, strict=True)]
+    shape = variable.data.shape
+    axes = [axis_of(result, path, dim, length) for dim, length in zip(variable.dims, shape, strict=True)]
+    place: list[Any] = [slice(None)] * len(axes)
+    names = [axis.dim for axis in axes]
     for dim, label in at.items():
-        names = [axis.dim for axis in axes]
         if dim not in names:
             raise _Unmet(f"has no dimension '{dim}'{did_you_mean(dim, names)}")
         number = names.index(dim)
-        place = axes[number].find(label)
-        if place is None:
+        entry = axes[number].find(label)
+        if entry is None:
             hint = did_you_mean(str(label), map(str, axes[number].labels))
             raise _Unmet(f"has no {dim} {label}{hint}")
-        data = np.asarray(np.take(data, place, axis=number), dtype=data.dtype)
-        del axes[number]
-    return data, axes
+        place[number] = entry
+    return tuple(place), [axis for axis, entry in zip(axes, place, strict=True) if isinstance(entry, slice)]
 
 
 def _lookup(result: Result, path: str) -> Variable:
@@ -108,37 +169,48 @@ def _lookup(result: Result, path: str) -> Variable:
 
 
 def _meet(data: NDArray[Any], axes: list[Axis], expectation: Mapping[str, Any]) -> None:
+    for met, bound, words in _demands(data, data.shape, expectation):
+        _demand(met, data, axes, bound, words)
+
+
+def _demands(
+    data: NDArray[Any], shape: tuple[int, ...], expectation: Mapping[str, Any]
+) -> Iterator[tuple[NDArray[Any], NDArray[Any], str]]:
+    """Yield where what was found is as expected, what was expected (of that shape), and in which words.
+
+    What was found has that shape, or samples of it along its first axis.
+    """
+    kind = data.dtype.kind
     if not expectation.keys() & {"value", "min", "max", "max_abs"}:
         raise _Unmet(f"is {words_of(data)}, but nothing is expected of it: give value, min, max or max_abs")
     if "value" in expectation:
-        expected = _like(expectation["value"], data)
+        expected = _like(expectation["value"], shape, kind)
         rtol, atol = float(expectation.get("rtol", RTOL)), float(expectation.get("atol", 0.0))
-        _demand(close(data, expected, rtol, atol), data, axes, expected, "expected ")
+        yield close(data, expected, rtol, atol), expected, "expected "
     for key, sign in (("min", "at least "), ("max", "at most ")):
         if key in expectation:
-            if data.dtype.kind not in "if":
+            if kind not in "if":
                 raise _Unmet(f"is {words_of(data)}, expected a real number for '{key}'")
-            bound = _like(expectation[key], data)
-            _demand(data >= bound if key == "min" else data <= bound, data, axes, bound, f"expected {sign}")
+            bound = _like(expectation[key], shape, kind)
+            yield (data >= bound if key == "min" else data <= bound), bound, f"expected {sign}"
     if "max_abs" in expectation:
-        if data.dtype.kind not in "ifc":
+        if kind not in "ifc":
             raise _Unmet(f"is {words_of(data)}, expected a number for 'max_abs'")
-        bound = _like(expectation["max_abs"], np.abs(data))
-        _demand(np.abs(data) <= bound, data, axes, bound, "expected a magnitude of at most ")
+        bound = _like(expectation["max_abs"], shape, "f")
+        yield np.abs(data) <= bound, bound, "expected a magnitude of at most "
 
 
-def _like(value: Any, data: NDArray[Any]) -> NDArray[Any]:
+def _like(value: Any, shape: tuple[int, ...], kind: str) -> NDArray[Any]:
     """Bring an expected value to the shape of what was found; one value holds for every entry."""
-    kind = data.dtype.kind
     if kind not in "bOifc":
         raise _Unmet("is a table, which cannot be compared with a value")
-    if data.size == 0 and value != []:
+    if 0 in shape and value != []:
         raise _Unmet(f"is empty, expected {value}")
-    flat = _flatten(value, data.shape, kind)
+    flat = _flatten(value, shape, kind)
     dtype = {"b": bool, "O": object, "c": complex}.get(kind, float)
     filled: NDArray[Any] = np.empty(len(flat), dtype=dtype)
     filled[:] = flat
-    return filled.reshape(data.shape)
+    return filled.reshape(shape)
 
 
 def _flatten(value: Any, shape: tuple[int, ...], kind: str) -> list[Any]:

@@ -3,55 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from dynid.errors import DynidError, SceneError, UsageError
 from dynid.result import Result, Variable
 from dynid.scene.dispatch import RUNNERS, run_scene
 from dynid.scene.load import check_source
+from dynid.scene.outcomes import Block, Outcome, Outcomes
 from dynid.scene.yaml.source import set_values
 from dynid.words import did_you_mean
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid.scene.load import Scene
+
+__all__ = ["Outcome", "Outcomes", "failed", "gather", "run_alone", "run_batch", "selected", "why_alone"]
+
+Expected = Sequence[Mapping[str, Any]]
 
 #: In `collect`: every number under `properties` and `parameters`; what an empty `collect` stands for.
 NUMBERS = ""
 #: The groups that these stand in.
 GATHERED_ANYWAY = frozenset({"properties", "parameters"})
-#: Tells of each expectation whether a result meets it; the checks stand a floor above.
-Judge = Callable[[Result, Sequence[Mapping[str, Any]]], tuple[bool, ...]]
-#: What runs samples of a kind together, or says with None that it cannot run these.
+#: What runs samples of a kind together, or says with None that it cannot run these; None in the place of a
+#: sample leaves that one to be run alone.
 Batched = Callable[
     ["Scene", Sequence[Mapping[str, Any]], tuple[str, ...], int],
-    "list[Outcome] | None",
+    "Sequence[Outcome | None] | None",
 ]
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What one sample gave.
+class Judge(Protocol):
+    """Tells of each expectation whether results meet it; the checks stand a floor above."""
 
-    Parameters
-    ----------
-    values
-        What was collected, by its path in the result, with the coordinates of its axes; empty where the
-        sample failed.
-    error
-        Why it failed; empty where it did not.
-    exit_code
-        What `dynid run` would have ended with: 0, 2 (the scene), 3 (numerics) or 4 (a file).
-    expectations
-        Whether each `expect` of the scene is met.
-    """
+    def one(self, result: Result, expected: Expected) -> tuple[bool, ...]:
+        """Judge one result."""
 
-    values: Mapping[str, Variable] = field(default_factory=dict)
-    error: str = ""
-    exit_code: int = 0
-    expectations: tuple[bool, ...] = ()
+    def many(self, block: Block, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
+        """Judge samples side by side (sample x expectation)."""
 
 
 def run_batch(
@@ -60,7 +53,7 @@ def run_batch(
     collect: tuple[str, ...],
     judge: Judge | None = None,
     of: int = 1,
-) -> list[Outcome]:
+) -> Outcomes:
     """Run samples of a scene that differ in values, together where the kind of scene can.
 
     Parameters
@@ -80,34 +73,42 @@ def run_batch(
 
     Returns
     -------
-    list of Outcome
+    Outcomes
         One for each sample, in order. A sample that fails is an outcome with its error. No outcome
         depends on what else is run with it.
     """
-    outcomes = _batched(template, overrides, collect, judge, of)
-    return (
-        outcomes if outcomes is not None else [run_alone(template, one, collect, judge) for one in overrides]
-    )
+    together = _together(template, overrides, collect, judge, of) or Outcomes([], len(overrides))
+    alone = [run_alone(template, overrides[row], collect, judge) for row in together.pending]
+    return together.completed(alone)
 
 
-def _batched(
+def _together(
     template: Scene,
     overrides: Sequence[Mapping[str, Any]],
     collect: tuple[str, ...],
     judge: Judge | None,
     of: int,
-) -> list[Outcome] | None:
-    """Run samples by the batched route of their kind; None where there is none for them."""
+) -> Outcomes | None:
+    """Run samples by the batched route of their kind; None where there is none for them.
+
+    Those that it leaves out are pending.
+    """
     route = cast("Batched | None", getattr(import_module(RUNNERS[template.kind]), "batched", None))
     varied = {path.partition(".")[0] for one in overrides for path in one}
     expected = _expected(template) if judge is not None else []
     if route is None or "expect" in varied:
         return None
     collect = collect or (NUMBERS,)
-    outcomes = route(template, overrides, (*collect, *(str(one["path"]) for one in expected)), of)
-    if outcomes is None or judge is None or not expected:
+    found = route(template, overrides, (*collect, *(str(one["path"]) for one in expected)), of)
+    if found is None:
+        return None
+    outcomes = found if isinstance(found, Outcomes) else Outcomes.of(found)
+    if judge is None or not expected:
         return outcomes
-    return [_judged(template, outcome, collect, judge, expected) for outcome in outcomes]
+    judged = outcomes.with_expectations(
+        lambda block: judge.many(block, expected, template.kind, template.title)
+    )
+    return judged.with_values(lambda block: gather(block.result(0), collect))
 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:
@@ -129,18 +130,6 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
     return str(import_module(f"dynid.scene.kinds.{module}").why_alone(template, paths, wanted, of))
 
 
-def _judged(
-    template: Scene, outcome: Outcome, collect: tuple[str, ...], judge: Judge, expected: list[dict[str, Any]]
-) -> Outcome:
-    """Judge an outcome by what was gathered for the expectations, and keep what was asked for."""
-    if outcome.error:
-        return outcome
-    result = Result(template.kind, template.title)
-    for path, variable in outcome.values.items():
-        result.add(path, variable.data, variable.dims, variable.units, **variable.attrs)
-    return Outcome(gather(result, collect), expectations=judge(result, expected))
-
-
 def run_alone(
     template: Scene, override: Mapping[str, Any], collect: tuple[str, ...], judge: Judge | None = None
 ) -> Outcome:
@@ -148,7 +137,7 @@ def run_alone(
     try:
         scene = check_source(set_values(template.source, override))
         result = run_scene(scene)
-        met = judge(result, _expected(scene)) if judge is not None and scene.model.expect else ()
+        met = judge.one(result, _expected(scene)) if judge is not None and scene.model.expect else ()
         return Outcome(gather(result, collect), expectations=met)
     except SceneError as error:
         return failed(template, "; ".join(_said(template, fault) for fault in error.faults), 2)

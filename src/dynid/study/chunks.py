@@ -5,6 +5,7 @@ from __future__ import annotations
 _SECONDS = 0.5  # a chunk: long against what a message costs, short against what a user waits for
 _MOST = 4096
 _GROWTH = 4
+_BYTES = 16 * 2**20  # a chunk: what is in memory at a time
 
 
 class Chunks:
@@ -25,7 +26,10 @@ class Chunks:
         """
         return max(1, min(self._size, remaining // (2 * width)))
 
-    def learn(self, count: int, seconds: float) -> None:
-        """Take note of what a chunk has cost. Samples that run together cost less each, the more they are."""
-        fitting = int(count * _SECONDS / max(seconds, 1e-9))
+    def learn(self, count: int, seconds: float, size: int = 0) -> None:
+        """Take note of what a chunk has cost in time and bytes.
+
+        Samples that run together cost less time each, the more they are.
+        """
+        fitting = int(count * min(_SECONDS / max(seconds, 1e-9), _BYTES / max(size, 1)))
         self._size = max(1, min(fitting, _GROWTH * count, _MOST))

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynid.errors import NumericalError
-from dynid.scene.batch import Outcome
+from dynid.scene.outcomes import Outcome, Outcomes
 from dynid.study.chunks import Chunks
+from dynid.study.packing import Packed, packed
 from dynid.study.work import Done, Job, run_chunk
 
 if TYPE_CHECKING:
@@ -19,13 +23,13 @@ if TYPE_CHECKING:
 _ATTEMPTS = 3  # of a sample whose worker dies each time
 _HOPELESS = 5  # samples given up in a row: it is not they
 
-#: The samples that have come back, by number in the plan.
-Arrived = list[tuple[int, Outcome]]
+Numbers = NDArray[np.int64]
+#: Chunks that have come back: the numbers of their samples in the plan, and what became of them.
+Chunk = tuple[Numbers, Packed]
+Arrived = Callable[[list[Chunk]], None]
 
 
-def drive(
-    crew: Crew, job: Job, plan: Plan, numbers: Sequence[int], arrived: Callable[[Arrived], None]
-) -> None:
+def drive(crew: Crew, job: Job, plan: Plan, numbers: Numbers, arrived: Arrived) -> None:
     """Run samples of a plan.
 
     A chunk whose worker died is run again with nothing beside it; if its worker dies again, halves of it
@@ -55,9 +59,7 @@ def drive(
 
 
 class _Drive:
-    def __init__(
-        self, crew: Crew, job: Job, plan: Plan, numbers: Sequence[int], arrived: Callable[[Arrived], None]
-    ) -> None:
+    def __init__(self, crew: Crew, job: Job, plan: Plan, numbers: Numbers, arrived: Arrived) -> None:
         self.crew = crew
         self.job = job
         self.plan = plan
@@ -65,9 +67,9 @@ class _Drive:
         self.arrived = arrived
         self.chunks = Chunks()
         self.next = 0
-        self.flying: dict[Future[Any], Sequence[int]] = {}
-        self.suspects: deque[Sequence[int]] = deque()
-        self.alone: Sequence[int] | None = None  # the suspect that flies alone
+        self.flying: dict[Future[Any], Numbers] = {}
+        self.suspects: deque[Numbers] = deque()
+        self.alone: Numbers | None = None  # the suspect that flies alone
         self.deaths: Counter[int] = Counter()
         self.given_up = 0  # in a row
 
@@ -90,7 +92,7 @@ class _Drive:
             self._submit(chunk)
         return bool(self.flying)
 
-    def _submit(self, chunk: Sequence[int]) -> None:
+    def _submit(self, chunk: Numbers) -> None:
         try:
             future = self.crew.submit(run_chunk, self.job, self.plan.overrides(chunk))
         except Exception as error:
@@ -102,7 +104,7 @@ class _Drive:
         self.flying[future] = chunk
 
     def _land(self, landed: set[Future[Any]]) -> None:
-        outcomes: Arrived = []
+        came: list[Chunk] = []
         lost = []
         for future in landed:
             chunk = self.flying.pop(future)
@@ -114,16 +116,16 @@ class _Drive:
                     raise
                 lost.append(chunk)
                 continue
-            outcomes += zip(chunk, done.outcomes, strict=True)
-            self.chunks.learn(len(chunk), done.seconds)
+            self.chunks.learn(len(chunk), done.seconds, len(done.outcomes.content))
             self.given_up = 0
-        if outcomes:
-            self.arrived(outcomes)
+            came.append((chunk, done.outcomes))
+        if came:
+            self.arrived(came)
         if lost:
             self.crew.replace()
             self._suspect(lost)
 
-    def _suspect(self, lost: list[Sequence[int]]) -> None:
+    def _suspect(self, lost: list[Numbers]) -> None:
         """Take up chunks whose worker died; one that flew alone is divided, or counted against its sample."""
         for chunk in lost:
             if chunk is not self.alone:
@@ -134,7 +136,7 @@ class _Drive:
             else:
                 self._count(chunk)
 
-    def _count(self, chunk: Sequence[int]) -> None:
+    def _count(self, chunk: Numbers) -> None:
         number = int(chunk[0])
         self.deaths[number] += 1
         if self.deaths[number] < _ATTEMPTS:
@@ -148,4 +150,4 @@ class _Drive:
                 "Run the study again then: it goes on.",
             )
         error = f"its worker died {_ATTEMPTS} times: it was killed, or ran out of memory"
-        self.arrived([(number, Outcome(error=error, exit_code=3))])
+        self.arrived([(chunk, packed(Outcomes.of([Outcome(error=error, exit_code=3)])))])

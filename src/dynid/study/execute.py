@@ -14,20 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NumericalError
-from dynid.scene.batch import Outcome
-from dynid.study.drive import Arrived, drive
+from dynid.scene.outcomes import Block, Outcomes
+from dynid.study.drive import Chunk, drive
 from dynid.study.file import Heading, write_study
 from dynid.study.journal import Journal
-from dynid.study.keys import sample_keys
+from dynid.study.keys import Keys, as_texts, found_in, sample_keys
 from dynid.study.lock import locked
-from dynid.study.stored import StudyFile, open_study
+from dynid.study.packing import packed
+from dynid.study.stored import open_study
 from dynid.study.work import Job
 
 if TYPE_CHECKING:
     from dynid.study.executors import Crew
     from dynid.study.plan import Plan
-
-_IMPORTED = 1000  # outcomes that go from a file into a journal at a time
 
 
 @dataclass(frozen=True)
@@ -146,7 +145,7 @@ def journal_name(target: str) -> str:
     return f"{target}.journal"
 
 
-def heading_of(plan: Plan, numbers: range, keys: NDArray[np.uint8]) -> Heading:
+def heading_of(plan: Plan, numbers: range, keys: Keys) -> Heading:
     """Return what the file of a plan, or of a shard of it, says beside the outcomes."""
     rows = np.arange(plan.size)[numbers.start :: numbers.step]
     return Heading(
@@ -176,12 +175,12 @@ def _finished_file(name: str, heading: Heading) -> Progress | None:
     with open_study(name) as study:
         same = (
             study.result.attrs.get("scene") == heading.text
-            and study.keys == [key.tobytes() for key in heading.keys]
-            and "pending" not in study.status
             and np.array_equal(study.numbers, heading.numbers)
+            and np.all(study.exit_codes >= 0)
+            and np.array_equal(study.keys, heading.keys)
         )
         count = len(study)
-        return Progress(count, count, study.status.count("failed"), count) if same else None
+        return Progress(count, count, int(np.sum(study.exit_codes > 0)), count) if same else None
 
 
 def _judged(progress: Progress, max_failures: int | None) -> Progress:
@@ -194,38 +193,34 @@ def _judged(progress: Progress, max_failures: int | None) -> Progress:
     return progress
 
 
-def _import(name: str, keys: NDArray[np.uint8], journal: Journal, retry_failed: bool) -> None:
+def _import(name: str, keys: Keys, journal: Journal, retry_failed: bool) -> None:
     """Bring what is still valid of an older file into the journal."""
     if not Path(name).exists():
         return
-    wanted = {key.tobytes() for key in keys} - journal.places.keys()
     with open_study(name) as study:
-        for some in _batches(_valid(study, wanted, retry_failed)):
-            journal.append(some)
+        valid = (found_in(keys, study.keys) >= 0) & (journal.numbers(study.keys) < 0)
+        valid &= (study.exit_codes == 0) if retry_failed else (study.exit_codes >= 0)
+        step = study.rows_at_a_time
+        for start in range(0, len(study) if valid.any() else 0, step):
+            rows = start + np.flatnonzero(valid[start : start + step])
+            if len(rows):
+                blocks = [
+                    part for block in study.between(start, start + step) if (part := _those(block, rows))
+                ]
+                journal.append([(study.keys[rows], packed(Outcomes(blocks, len(rows))))])
 
 
-def _valid(study: StudyFile, wanted: set[bytes], retry_failed: bool) -> Iterator[tuple[bytes, Outcome]]:
-    if wanted.isdisjoint(study.keys):
-        return
-    for key, outcome in zip(study.keys, study.outcomes(), strict=True):
-        if key in wanted and outcome is not None and not (retry_failed and outcome.error):
-            wanted.discard(key)
-            yield key, outcome
-
-
-def _batches(pairs: Iterator[tuple[bytes, Outcome]]) -> Iterator[list[tuple[bytes, Outcome]]]:
-    some = []
-    for pair in pairs:
-        some.append(pair)
-        if len(some) == _IMPORTED:
-            yield some
-            some = []
-    if some:
-        yield some
+def _those(block: Block, rows: NDArray[np.intp]) -> Block | None:
+    """Return the samples of a block that stand in rows, numbered by these rows."""
+    _, places, wanted = np.intersect1d(block.rows, rows, return_indices=True)
+    return block.taken(places, wanted) if len(places) else None
 
 
 class _Run:
-    """One go at a study; also its outcomes, in the order of the plan."""
+    """One go at a study; also its outcomes, in the order of the plan.
+
+    Samples with one key are one: what becomes of the first is what became of all.
+    """
 
     def __init__(
         self,
@@ -239,70 +234,65 @@ class _Run:
     ) -> None:
         self.plan = plan
         self.numbers = numbers
-        self.keys = [key.tobytes() for key in heading.keys]
         self.journal = journal
         self.max_failures = max_failures
         self.report = report
-        self.failures = set(journal.failures)
+        _, first, self.one, self.copies = np.unique(
+            as_texts(heading.keys), return_index=True, return_inverse=True, return_counts=True
+        )
+        self.first = first  # the row of the first of those that are one
+        self.keys = heading.keys
+        self.where = journal.numbers(heading.keys[first])  # in the journal; -1: not finished
+        self.failed = np.zeros(len(first), dtype=bool)
+        known = self.where >= 0
+        self.failed[known] = journal.failed[self.where[known]]
         if retry_failed:
-            journal.forget(self.failures)
-            self.failures = set()
-        self.copies = _copies(self.keys)
-        self.finished = self.kept = sum(key in journal for key in self.keys)
-        self.failed = sum(key in self.failures for key in self.keys)
+            self.where[self.failed], self.failed[:] = -1, False
+        self.kept = self._count(self.where >= 0)
 
-    def __iter__(self) -> Iterator[Outcome | None]:
-        for key in self.keys:
-            yield self.journal.outcome(key) if key in self.journal else None
+    def between(self, start: int, stop: int) -> Iterator[Block]:
+        """Yield the samples of rows start … stop - 1, one record of the journal at a time."""
+        where = self.where[self.one[start:stop]]
+        there = np.flatnonzero(where >= 0)
+        return self.journal.blocks(where[there], there + start)
 
     @property
     def progress(self) -> Progress:
-        return Progress(len(self.keys), self.finished, self.failed, self.kept)
+        finished, failed = self._count(self.where >= 0), self._count(self.failed)
+        return Progress(len(self.keys), finished, failed, self.kept)
 
     @property
     def is_complete(self) -> bool:
-        return self.finished == len(self.keys)
+        return bool(np.all(self.where >= 0))
+
+    def _count(self, which: NDArray[np.bool_]) -> int:
+        return int(self.copies[which].sum())
 
     def go(self, crew: Crew) -> None:
         """Run what is not finished."""
         self._tell()
-        todo = self._todo()
-        if todo:
+        todo = np.sort(self.first[self.where < 0])
+        if len(todo):
             job = Job.of(self.plan.base, self.plan.collect, self.plan.size)
-            drive(crew, job, self.plan, todo, self._arrived)
+            drive(crew, job, self.plan, self.numbers.start + todo * self.numbers.step, self._arrived)
 
-    def _todo(self) -> list[int]:
-        """Return the samples to run: of those that are the same, the first."""
-        waiting = {key for key in self.keys if key not in self.journal}
-        todo = []
-        for number, key in zip(self.numbers, self.keys, strict=True):
-            if key in waiting:
-                waiting.discard(key)
-                todo.append(number)
-        return todo
-
-    def _arrived(self, outcomes: Arrived) -> None:
-        pairs = [(self.keys[self.numbers.index(number)], outcome) for number, outcome in outcomes]
-        self.journal.append(pairs)
-        self.finished += sum(self.copies.get(key, 1) for key, _ in pairs)
-        self.failed += sum(self.copies.get(key, 1) for key, outcome in pairs if outcome.error)
+    def _arrived(self, chunks: list[Chunk]) -> None:
+        rows = [(numbers - self.numbers.start) // self.numbers.step for numbers, _ in chunks]
+        place = self.journal.append(
+            [(self.keys[own], outcomes) for own, (_, outcomes) in zip(rows, chunks, strict=True)]
+        )
+        for own, (_, outcomes) in zip(rows, chunks, strict=True):
+            ones = self.one[own]
+            self.where[ones] = np.arange(place, place + len(own))
+            self.failed[ones] = outcomes.failed
+            place += len(own)
         self._tell()
 
     def _tell(self) -> None:
+        progress = self.progress
         if self.report is not None:
-            self.report(self.progress)
-        _judged(self.progress, self.max_failures)
-
-
-def _copies(keys: list[bytes]) -> dict[bytes, int]:
-    """Return how many samples a key stands for, of those that stand for several."""
-    once: set[bytes] = set()
-    counts: dict[bytes, int] = {}
-    for key in keys:
-        if key in once:
-            counts[key] = counts.get(key, 1) + 1
-        once.add(key)
-    return counts
+            self.report(progress)
+        _judged(progress, self.max_failures)
 
 
 def valid_samples(plan: Plan, target: str | os.PathLike[str], shard: tuple[int, int] | None = None) -> int:
@@ -311,13 +301,11 @@ def valid_samples(plan: Plan, target: str | os.PathLike[str], shard: tuple[int, 
     Nothing is changed, and no lock is needed.
     """
     name = os.fspath(target)
-    known: set[bytes] = set()
+    keys = sample_keys(plan, shard_of(plan, shard))
+    finished = np.zeros(len(keys), dtype=bool)
     if Path(name).exists():
         with open_study(name) as study:
-            known |= {
-                key for key, status in zip(study.keys, study.status, strict=True) if status != "pending"
-            }
+            finished |= found_in(study.keys[study.exit_codes >= 0], keys) >= 0
     if Path(journal_name(name)).exists():
-        known |= Journal.read_keys(journal_name(name))
-    keys = sample_keys(plan, shard_of(plan, shard))
-    return sum(key.tobytes() in known for key in keys)
+        finished |= found_in(Journal.read_keys(journal_name(name)), keys) >= 0
+    return int(finished.sum())

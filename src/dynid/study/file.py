@@ -13,15 +13,15 @@ names the array of their lengths.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.result import Result, Scalar
-from dynid.scene.batch import Outcome
+from dynid.scene.outcomes import Block
 from dynid.store import hollow, write_blocks
 from dynid.study.analysis.table import RESULTS, SAMPLES
 from dynid.study.layout import Layout
@@ -29,6 +29,7 @@ from dynid.study.statistics import computed, declare
 
 _BLOCK_BYTES = 32 * 2**20
 _BLOCK_ROWS = 4096
+_STATUS = np.array(["pending", "done", "failed"], dtype=object)
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,15 @@ class Heading:
     folder: str = "."
 
 
+class Rows(Protocol):
+    """Where the outcomes of a study are."""
+
+    def between(self, start: int, stop: int) -> Iterator[Block]:
+        """Yield the samples of rows start … stop - 1, in any order; what is pending does not come."""
+
+
 def write_study(
-    path: str | os.PathLike[str], heading: Heading, rows: Iterable[Outcome | None], complete: bool = True
+    path: str | os.PathLike[str], heading: Heading, outcomes: Rows, complete: bool = True
 ) -> None:
     """Write the file of a study, whole or not at all.
 
@@ -79,8 +87,8 @@ def write_study(
         The file; an existing one is replaced.
     heading
         What it says beside the outcomes.
-    rows
-        The outcome of each row, None where it is pending. It is gone through twice.
+    outcomes
+        The outcome of each row. They are gone through twice.
     complete
         Whether this is the end of the study.
 
@@ -89,10 +97,10 @@ def write_study(
     FileError
         When it cannot be written. An existing file is untouched then.
     """
-    layout = Layout()
-    for outcome in rows:
-        layout.see(outcome)
-    count = len(heading.numbers)
+    count, layout = len(heading.numbers), Layout()
+    for start in range(0, count, _BLOCK_ROWS):
+        for block in outcomes.between(start, min(start + _BLOCK_ROWS, count)):
+            layout.see(block)
     root: dict[str, Scalar] = {"scene": heading.text, "seed": heading.seed, "folder": heading.folder}
     result = Result("study", heading.title, root)
     result.add_axis("study/sample", heading.numbers)
@@ -107,61 +115,47 @@ def write_study(
         result.add(f"study/expect/{number}", hollow((count,), np.bool_), ("sample",))
     layout.declare(result, count)
     declare(result)
-    write_blocks(result, path, _blocks(heading, layout, rows), complete, computed)
+    write_blocks(result, path, _blocks(heading, layout, outcomes), complete, computed)
 
 
-def _blocks(
-    heading: Heading, layout: Layout, rows: Iterable[Outcome | None]
-) -> Iterator[tuple[str, int, NDArray[Any]]]:
+def _blocks(heading: Heading, layout: Layout, outcomes: Rows) -> Iterator[tuple[str, int, NDArray[Any]]]:
     """Yield the rows of all arrays, as many at a time as memory shall hold."""
     size = max(1, min(_BLOCK_ROWS, _BLOCK_BYTES // layout.row_bytes))
-    waiting: list[Outcome | None] = []
-    first = 0
-    for outcome in rows:
-        waiting.append(outcome)
-        if len(waiting) == size:
-            yield from _block(heading, layout, waiting, first)
-            first, waiting = first + size, []
-    if waiting:
-        yield from _block(heading, layout, waiting, first)
+    for start in range(0, len(heading.numbers), size):
+        stop = min(start + size, len(heading.numbers))
+        keys = [key.tobytes().hex() for key in heading.keys[start:stop]]
+        yield "study/key", start, np.array(keys, dtype=object)
+        for name, rows in _rows(layout, outcomes.between(start, stop), start, stop).items():
+            yield name, start, rows
 
 
-def _block(
-    heading: Heading, layout: Layout, outcomes: Sequence[Outcome | None], first: int
-) -> Iterator[tuple[str, int, NDArray[Any]]]:
-    status = ["pending" if one is None else "failed" if one.error else "done" for one in outcomes]
-    yield "study/status", first, np.array(status, dtype=object)
-    errors = ["" if one is None else one.error for one in outcomes]
-    yield "study/error", first, np.array(errors, dtype=object)
-    keys = [key.tobytes().hex() for key in heading.keys[first : first + len(outcomes)]]
-    yield "study/key", first, np.array(keys, dtype=object)
-    yield "study/exit_code", first, np.array([-1 if one is None else one.exit_code for one in outcomes])
-    for number in range(layout.expectations):
-        met = [one is not None and one.expectations[number : number + 1] == (True,) for one in outcomes]
-        yield f"study/expect/{number}", first, np.array(met)
-    yield from _values(layout, outcomes, first)
-
-
-def _values(
-    layout: Layout, outcomes: Sequence[Outcome | None], first: int
-) -> Iterator[tuple[str, int, NDArray[Any]]]:
-    arrays = [array for array in layout.arrays.values() if array.shared is None]
-    data = {
-        array.path: np.full((len(outcomes), *array.shape), array.blank, dtype=array.dtype) for array in arrays
-    }
-    lengths = {
-        array.path: np.zeros((len(outcomes), len(array.shape)), dtype=np.int64)
-        for array in arrays
-        if array.ragged
-    }
-    for row, outcome in enumerate(outcomes):
-        for path, variable in (outcome.values if outcome is not None else {}).items():
-            array = layout.array(path, variable)
+def _rows(layout: Layout, blocks: Iterator[Block], start: int, stop: int) -> dict[str, NDArray[Any]]:
+    """Return some rows of all arrays."""
+    count = stop - start
+    codes, errors = np.full(count, -1), np.full(count, "", dtype=object)
+    met = np.zeros((layout.expectations, count), dtype=bool)
+    data, lengths = _blank(layout, count)
+    for block in blocks:
+        own = block.rows - start
+        codes[own] = block.exit_codes if block.errors else 0
+        errors[own] = block.errors if block.errors else ""
+        met[: block.met.shape[1], own] = block.met.T
+        for path, column in block.values.items():
+            array = layout.array(path, column)
             if array.path in data:
-                data[array.path][(slice(row, row + 1), *map(slice, variable.data.shape))] = variable.data
+                within: tuple[Any, ...] = tuple(map(slice, column.data.shape[1:]))
+                data[array.path][(own, *within)] = column.data
             if array.path in lengths:
-                lengths[array.path][row] = variable.data.shape
-    for path, values in data.items():
-        yield f"{RESULTS}/{path}", first, values
-        if path in lengths:
-            yield f"{RESULTS}/{path}_length", first, lengths[path]
+                lengths[array.path][own] = column.data.shape[1:]
+    found = {"study/status": _STATUS[np.sign(codes) + 1], "study/error": errors, "study/exit_code": codes}
+    found |= {f"study/expect/{number}": column for number, column in enumerate(met)}
+    found |= {f"{RESULTS}/{path}": rows for path, rows in data.items()}
+    return found | {f"{RESULTS}/{path}_length": rows for path, rows in lengths.items()}
+
+
+def _blank(layout: Layout, count: int) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.int64]]]:
+    """Return rows without values of all arrays that have rows, and the lengths of those that are padded."""
+    arrays = [array for array in layout.arrays if array.shared is None]
+    data = {array.path: np.full((count, *array.shape), array.blank, array.dtype) for array in arrays}
+    ragged = [array for array in arrays if array.ragged]
+    return data, {array.path: np.zeros((count, len(array.shape)), np.int64) for array in ragged}

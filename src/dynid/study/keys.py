@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
 FORMAT = 1
 SIZE = 16  # bytes: of 10^7 samples two share a key by chance once in 10^24 studies
 _CHUNK = 2**20
+_SAMPLES = 4096  # whose values are in memory as text at a time
+
+Keys = NDArray[np.uint8]
+"""Keys of samples (samples x bytes)."""
 
 
 class Keyring:
@@ -46,21 +51,43 @@ class Keyring:
         document = {"format": FORMAT, "collect": sorted(plan.collect), "scene": data}
         text = _canonical(document)
         pieces, order = _split(text, plan.settings)
-        self._pieces, self._order = [piece.encode() for piece in pieces], order
+        self._places = [plan.settings.index(path) for path in order]
+        self._order = order
         files = _files(self._folder, _texts(data))
         self._common = hashlib.sha256(b"".join(self._digest(file) for file in files))
+        self._common.update(pieces[0].encode())
+        self._form = b"%s".join(piece.encode().replace(b"%", b"%%") for piece in ("", *pieces[1:]))
 
     def key(self, override: dict[str, Any]) -> bytes:
         """Return the key of a sample."""
+        return self._made([self._told(override[path]) for path in self._order])
+
+    def keys(self, columns: Sequence[Sequence[Any]], count: int) -> Keys:
+        """Return the keys of samples.
+
+        Parameters
+        ----------
+        columns
+            For each path that is set, in the order of the plan, the values of the samples.
+        count
+            How many samples there are.
+        """
+        told = [[self._told(value) for value in columns[place]] for place in self._places]
+        rows = zip(*told, strict=True) if told else iter([()] * count)
+        made = b"".join(self._made(row) for row in rows)
+        return np.frombuffer(made, np.uint8).reshape(count, SIZE)
+
+    def _made(self, told: Sequence[bytes]) -> bytes:
         made = self._common.copy()
-        made.update(self._pieces[0])
-        for path, piece in zip(self._order, self._pieces[1:], strict=True):
-            value = override[path]
-            made.update(_canonical(value).encode())
-            for file in _files(self._folder, _texts(value)):
-                made.update(self._digest(file))
-            made.update(piece)
+        made.update(self._form % tuple(told))
         return made.digest()[:SIZE]
+
+    def _told(self, value: Any) -> bytes:
+        """Return a value as text, and after it the hashes of the files that it names."""
+        if type(value) is float and isfinite(value):
+            return repr(value).encode()
+        digests = [self._digest(file) for file in _files(self._folder, _texts(value))]
+        return b"".join([_canonical(value).encode(), *digests])
 
     def _digest(self, file: Path) -> bytes:
         """Return the hash of a file's contents; of one that cannot be read, of its name alone."""
@@ -77,13 +104,30 @@ class Keyring:
         return self._digests[name]
 
 
-def sample_keys(plan: Plan, numbers: Sequence[int]) -> NDArray[np.uint8]:
+def sample_keys(plan: Plan, numbers: Sequence[int] | NDArray[np.int64]) -> Keys:
     """Return the keys of samples of a plan (samples x bytes)."""
-    ring = Keyring(plan)
-    keys = np.empty((len(numbers), SIZE), dtype=np.uint8)
-    for row, number in enumerate(numbers):
-        keys[row] = np.frombuffer(ring.key(plan.override(number)), dtype=np.uint8)
-    return keys
+    ring, parts = Keyring(plan), [np.empty((0, SIZE), np.uint8)]
+    for start in range(0, len(numbers), _SAMPLES):
+        some = numbers[start : start + _SAMPLES]
+        parts.append(ring.keys([plan.values(path, some) for path in plan.settings], len(some)))
+    return np.concatenate(parts)
+
+
+def found_in(known: Keys, wanted: Keys) -> NDArray[np.int64]:
+    """Return where the last of the known keys stands that is the wanted one; -1 where there is none."""
+    if not len(known):
+        return np.full(len(wanted), -1, dtype=np.int64)
+    order = np.argsort(as_texts(known), kind="stable")
+    ordered, texts = as_texts(known)[order], as_texts(wanted)
+    last = np.searchsorted(ordered, texts, side="right") - 1
+    hit = (last >= 0) & (ordered[np.maximum(last, 0)] == texts)
+    return np.where(hit, order[np.maximum(last, 0)], -1)
+
+
+def as_texts(keys: Keys) -> NDArray[np.bytes_]:
+    """Return keys in a form that has an order."""
+    texts: NDArray[np.bytes_] = np.ascontiguousarray(keys).view(f"S{SIZE}").reshape(len(keys))
+    return texts
 
 
 def _canonical(value: Any) -> str:

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.result import Result, Variable
-from dynid.scene.batch import Outcome
+from dynid.scene.outcomes import Block, is_shared, row_of
 from dynid.store import hollow
 from dynid.study.analysis.table import RESULTS
 
 
 class StudyArray:
-    """What is known of one array of the results once all samples have been seen."""
+    """What is known of one array of the results once all samples have been seen.
 
-    def __init__(self, path: str, variable: Variable) -> None:
+    Parameters
+    ----------
+    place
+        The row of the first sample that has it, and its place there.
+    variable
+        What that has (without samples as an axis).
+    """
+
+    def __init__(self, path: str, place: tuple[int, int], variable: Variable) -> None:
         self.path = path
+        self.place = place
         self.dims = variable.dims
         self.units = variable.units
         self.attrs = dict(variable.attrs)
@@ -27,17 +37,19 @@ class StudyArray:
         # The values of a coordinate that all samples share, as far as each of them reaches.
         self.shared: NDArray[Any] | None = variable.data if _is_coordinate(path, variable) else None
 
-    def see(self, variable: Variable) -> None:
-        """Take note of the value of one sample."""
-        data = variable.data
+    def see(self, place: tuple[int, int], column: Variable) -> None:
+        """Take note of the values of samples."""
+        data, shape = column.data, column.data.shape[1:]
         self.kinds.add(data.dtype.kind)
-        if data.shape != self.shape:
+        if place < self.place:
+            self.place, self.units = place, column.units
+        if shape != self.shape:
             self.ragged = True
-            self.shape = tuple(max(pair) for pair in zip(self.shape, data.shape, strict=True))
-        if self.attrs != variable.attrs:
-            self.attrs = {key: value for key, value in self.attrs.items() if variable.attrs.get(key) == value}
+            self.shape = tuple(max(pair) for pair in zip(self.shape, shape, strict=True))
+        if self.attrs != column.attrs:
+            self.attrs = {key: value for key, value in self.attrs.items() if column.attrs.get(key) == value}
         if self.shared is not None:
-            self.shared = _common(self.shared, data)
+            self.shared = _common(self.shared, row_of(column, 0).data) if _is_one_row(data) else None
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -58,36 +70,42 @@ class StudyArray:
 
 
 class Layout:
-    """The arrays of the results of a study, gathered from its outcomes."""
+    """The arrays of the results of a study, gathered from its outcomes in whatever order they come."""
 
     def __init__(self) -> None:
-        self.arrays: dict[tuple[str, tuple[str, ...], bool], StudyArray] = {}
+        self._arrays: dict[tuple[str, tuple[str, ...], bool], StudyArray] = {}
         self.expectations = 0
-        self._paths: set[str] = set()
 
-    def see(self, outcome: Outcome | None) -> None:
-        """Take note of what an outcome has."""
-        if outcome is None:
-            return
-        self.expectations = max(self.expectations, len(outcome.expectations))
-        for path, variable in outcome.values.items():
-            self.array(path, variable).see(variable)
+    def see(self, block: Block) -> None:
+        """Take note of what samples have."""
+        self.expectations = max(self.expectations, block.met.shape[1])
+        for number, (path, column) in enumerate(block.values.items()):
+            place, kind = (int(block.rows[0]), number), _kind(path, column)
+            if kind not in self._arrays:
+                self._arrays[kind] = StudyArray(path, place, row_of(column, 0))
+            self._arrays[kind].see(place, column)
 
-    def array(self, path: str, variable: Variable) -> StudyArray:
-        """Return the array that a value goes to; other axes, or a text for a number, make it another one."""
-        kind = (path, variable.dims, variable.data.dtype.kind == "O")
-        if kind not in self.arrays:
-            name, count = path, 1
-            while name in self._paths:
+    @cached_property
+    def arrays(self) -> list[StudyArray]:
+        """All arrays, in the order of the samples, each under a name of its own."""
+        taken: set[str] = set()
+        found = sorted(self._arrays.values(), key=lambda array: array.place)
+        for array in found:
+            name, count = array.path, 1
+            while name in taken:
                 count += 1
-                name = f"{path}_{count}"
-            self._paths.add(name)
-            self.arrays[kind] = StudyArray(name, variable)
-        return self.arrays[kind]
+                name = f"{array.path}_{count}"
+            taken.add(name)
+            array.path = name
+        return found
+
+    def array(self, path: str, column: Variable) -> StudyArray:
+        """Return the array that values go to; other axes, or texts for numbers, make it another one."""
+        return self._arrays[_kind(path, column)]
 
     def declare(self, result: Result, count: int) -> None:
         """Add all arrays to a result, those with a row for each sample without values."""
-        for array in self.arrays.values():
+        for array in self.arrays:
             place, attrs = f"{RESULTS}/{array.path}", dict(array.attrs)
             if array.shared is not None:
                 result.add(place, array.shared, array.dims, array.units, **attrs)
@@ -108,7 +126,16 @@ class Layout:
     @property
     def row_bytes(self) -> int:
         """How much memory one sample takes, about."""
-        return 1 + sum(16 * int(np.prod(array.shape)) for array in self.arrays.values())
+        return 1 + sum(16 * int(np.prod(array.shape)) for array in self.arrays)
+
+
+def _kind(path: str, column: Variable) -> tuple[str, tuple[str, ...], bool]:
+    return path, column.dims, column.data.dtype.kind == "O"
+
+
+def _is_one_row(data: NDArray[Any]) -> bool:
+    same: Any = data == data[:1] if data.dtype.kind not in "fc" else (data == data[:1]) | (data != data)
+    return is_shared(data) or bool(np.all(same))
 
 
 def _is_coordinate(path: str, variable: Variable) -> bool:

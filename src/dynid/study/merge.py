@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.scene.batch import Outcome
+from dynid.scene.outcomes import Block
 from dynid.study.file import Heading, write_study
-from dynid.study.keys import SIZE
 from dynid.study.lock import locked
 from dynid.study.stored import StudyFile, open_study
 
-_RANK = {"done": 0, "failed": 1, "pending": 2}
+_PENDING = 2
+_RANKS = np.array([_PENDING, 0, 1])  # of what is pending, done, failed
 
 
 def merge_studies(
@@ -83,25 +83,34 @@ class _Rows:
     def __init__(self, studies: Sequence[StudyFile]) -> None:
         self.studies = studies
         numbers = np.concatenate([study.numbers for study in studies])
-        ranks = np.concatenate([[_RANK[status] for status in study.status] for study in studies])
+        # Of several that have a sample, what is done counts before what failed, and that before the rest.
+        ranks = np.concatenate([_RANKS[np.sign(study.exit_codes) + 1] for study in studies])
         holders = np.repeat(np.arange(len(studies)), [len(study) for study in studies])
         order = np.lexsort((holders, ranks, numbers))
         chosen = order[np.unique(numbers[order], return_index=True)[1]]
         self.numbers: NDArray[np.int64] = numbers[chosen]
-        self.finished = ranks[chosen] < _RANK["pending"]
+        self.finished = ranks[chosen] < _PENDING
         self._holders = holders[chosen]
         self._chosen = chosen  # rows of all files, one after another
+        self._rows = (
+            chosen - np.concatenate([[0], np.cumsum([len(study) for study in studies])])[self._holders]
+        )
 
-    def __iter__(self) -> Iterator[Outcome | None]:
-        walks = [zip(study.numbers, study.outcomes(), strict=True) for study in self.studies]
-        for number, holder in zip(self.numbers, self._holders, strict=True):
-            yield next(outcome for found, outcome in walks[holder] if found == number)
+    def between(self, start: int, stop: int) -> Iterator[Block]:
+        """Yield the samples of rows start … stop - 1, file by file."""
+        for holder, study in enumerate(self.studies):
+            own = start + np.flatnonzero(self._holders[start:stop] == holder)
+            if len(own):
+                theirs = self._rows[own]
+                for block in study.between(int(theirs[0]), int(theirs[-1]) + 1):
+                    _, places, wanted = np.intersect1d(block.rows, theirs, return_indices=True)
+                    if len(places):
+                        yield block.taken(places, own[wanted])
 
     def heading(self) -> Heading:
         """Return what the files say beside the outcomes."""
         first = self.studies[0].result
         columns = [study.columns() for study in self.studies]
-        keys = np.frombuffer(b"".join(key for study in self.studies for key in study.keys), np.uint8)
         return Heading(
             title=first.title,
             text=str(first.attrs["scene"]),
@@ -111,7 +120,7 @@ class _Rows:
             columns={
                 path: np.concatenate([one[path] for one in columns])[self._chosen] for path in columns[0]
             },
-            keys=keys.reshape(-1, SIZE)[self._chosen],
+            keys=np.concatenate([study.keys for study in self.studies])[self._chosen],
             attrs=first.group_attrs["study"],
             folder=str(first.attrs.get("folder", ".")),
         )

@@ -69,9 +69,20 @@ class Plan:
         """Return what a sample sets in the scene, by dotted path."""
         return {path: _plain(self.columns[path][number]) for path in self.settings}
 
-    def overrides(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
+    def overrides(self, numbers: Sequence[int] | NDArray[np.int64]) -> list[dict[str, Any]]:
         """Return what samples set in the scene."""
-        return [self.override(number) for number in numbers]
+        if not self.settings:
+            return [{} for _ in numbers]
+        columns = [self.values(path, numbers) for path in self.settings]
+        return [dict(zip(self.settings, row, strict=True)) for row in zip(*columns, strict=True)]
+
+    def values(self, path: str, numbers: Sequence[int] | NDArray[np.int64]) -> list[Any]:
+        """Return what samples have at a path."""
+        column = self.columns[path]
+        if isinstance(column, np.ndarray):
+            values: list[Any] = column[np.asarray(numbers)].tolist()
+            return values
+        return [_plain(column[number]) for number in numbers]
 
 
 def as_column(values: Sequence[Any] | NDArray[Any]) -> NDArray[Any]:

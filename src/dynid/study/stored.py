@@ -1,10 +1,11 @@
-"""The file of a study, read back: each row as the outcome that it was made from."""
+"""The file of a study, read back: outcomes as those that it was made from."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ from numpy.typing import NDArray
 
 from dynid.errors import FileError
 from dynid.result import Result, Variable
-from dynid.scene.batch import Outcome
+from dynid.scene.outcomes import Block
 from dynid.store import open_stored
 from dynid.study.analysis.table import RESULTS, SAMPLES
+from dynid.study.keys import Keys
 
 _BLOCK_VALUES = 2**21
 _BLOCK_ROWS = 4096
@@ -46,11 +48,9 @@ class StudyFile:
 
     def __init__(self, result: Result) -> None:
         self.result = result
-        self.status: list[str] = result["study/status"].data.tolist()
-        self.keys = [bytes.fromhex(key) for key in result["study/key"].data]
+        self.exit_codes: NDArray[np.int64] = result["study/exit_code"].data
         self.numbers: NDArray[np.int64] = result["study/sample"].data
-        count = sum(path.startswith("study/expect/") for path in result)
-        self._met = [result[f"study/expect/{number}"].data for number in range(count)]
+        self._expectations = sum(path.startswith("study/expect/") for path in result)
         arrays = [path for path in result if path.startswith(f"{RESULTS}/")]
         lengths = {_lengths_of(path, result[path]) for path in arrays}
         self._arrays = [path for path in arrays if path not in lengths]
@@ -59,7 +59,14 @@ class StudyFile:
         }
 
     def __len__(self) -> int:
-        return len(self.status)
+        return len(self.numbers)
+
+    @cached_property
+    def keys(self) -> Keys:
+        """The key of every row (rows x bytes)."""
+        stored = self.result["study/key"]
+        parts = [bytes.fromhex("".join(keys)) for _, keys in stored.blocks()]
+        return np.frombuffer(b"".join(parts), np.uint8).reshape(len(self), -1)
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return what was varied, by path."""
@@ -70,44 +77,72 @@ class StudyFile:
             if path.startswith(head)
         }
 
-    def outcomes(self) -> Iterator[Outcome | None]:
-        """Yield the outcome of every row, None where it is pending; some rows are in memory at a time."""
+    @property
+    def rows_at_a_time(self) -> int:
+        """How many rows memory shall hold."""
         values = sum(int(np.prod(self.result[path].shape[1:])) for path in self._arrays)
-        size = max(1, min(_BLOCK_ROWS, _BLOCK_VALUES // max(1, values)))
-        for start in range(0, len(self), size):
-            yield from self._block(start, min(start + size, len(self)))
+        return max(1, min(_BLOCK_ROWS, _BLOCK_VALUES // max(1, values)))
 
-    def _block(self, start: int, stop: int) -> Iterator[Outcome | None]:
+    def between(self, start: int, stop: int) -> Iterator[Block]:
+        """Yield the samples of rows start … stop - 1, some at a time; what is pending does not come."""
+        stop = min(stop, len(self))
+        for begin in range(start, stop, self.rows_at_a_time):
+            yield from self._block(begin, min(begin + self.rows_at_a_time, stop))
+
+    def _block(self, start: int, stop: int) -> Iterator[Block]:
+        codes = self.exit_codes[start:stop]
+        if len(failed := np.flatnonzero(codes > 0)):
+            errors = self.result["study/error"].rows(start, stop)[failed]
+            nothing = np.empty((len(failed), 0), dtype=bool)
+            yield Block(failed + start, {}, nothing, tuple(errors.tolist()), tuple(codes[failed].tolist()))
+        if not len(done := np.flatnonzero(codes == 0)):
+            return
+        met = [self.result[f"study/expect/{n}"].rows(start, stop) for n in range(self._expectations)]
+        judged = np.array(met, dtype=bool).reshape(self._expectations, stop - start).T
         rows = {
             path: self.result[path].rows(start, stop) for path in self._arrays if path not in self._shared
         }
         lengths = {path: self._lengths(path, start, stop) for path in rows}
-        errors = self.result["study/error"].rows(start, stop)
-        codes = self.result["study/exit_code"].rows(start, stop)
-        attrs = {path: _own_attrs(self.result[path]) for path in rows}
-        for row, status in enumerate(self.status[start:stop]):
-            if status != "done":
-                failed = Outcome(error=str(errors[row]), exit_code=int(codes[row]))
-                yield failed if status == "failed" else None
+        for own in _alike(done, [kept for kept in lengths.values() if kept is not None]):
+            yield Block(own + start, self._values(own, rows, lengths), judged[own])
+
+    def _values(
+        self,
+        own: NDArray[np.intp],
+        rows: Mapping[str, NDArray[Any]],
+        lengths: Mapping[str, NDArray[np.int64] | None],
+    ) -> dict[str, Variable]:
+        """Return what samples have that are of the same lengths."""
+        values = {}
+        for path in self._arrays:
+            name, variable = path.removeprefix(f"{RESULTS}/"), self.result[path]
+            if path in self._shared:
+                one = self._shared[path]
+                data = np.broadcast_to(one.data, (len(own), *one.data.shape))
+                values[name] = Variable(("sample", *one.dims), data, one.units, one.attrs)
                 continue
-            values = {}
-            for path in self._arrays:
-                name = path.removeprefix(f"{RESULTS}/")
-                if path in self._shared:
-                    values[name] = self._shared[path]
-                    continue
-                variable, kept = self.result[path], lengths[path]
-                data = np.asarray(rows[path][row], dtype=rows[path].dtype)
-                if kept is not None:
-                    data = data[tuple(slice(int(length)) for length in kept[row])]
-                if "stored" in variable.attrs:
-                    data = data.astype(str(variable.attrs["stored"]))
-                values[name] = Variable(variable.dims[1:], data, variable.units, attrs[path])
-            yield Outcome(values, expectations=tuple(bool(met[start + row]) for met in self._met))
+            data, kept = rows[path][own], lengths[path]
+            if kept is not None:
+                data = data[(slice(None), *(slice(int(length)) for length in kept[own[0]]))]
+            if "stored" in variable.attrs:
+                data = data.astype(str(variable.attrs["stored"]))
+            values[name] = Variable(variable.dims, data, variable.units, _own_attrs(variable))
+        return values
 
     def _lengths(self, path: str, start: int, stop: int) -> NDArray[np.int64] | None:
         lengths = _lengths_of(path, self.result[path])
         return None if lengths is None else self.result[lengths].rows(start, stop)
+
+
+def _alike(rows: NDArray[np.intp], lengths: Sequence[NDArray[np.int64]]) -> Iterator[NDArray[np.intp]]:
+    """Yield the rows that have the same lengths."""
+    if not lengths:
+        yield rows
+        return
+    table = np.concatenate([kept[rows] for kept in lengths], axis=1)
+    _, groups = np.unique(table, axis=0, return_inverse=True)
+    for group in range(int(groups.max()) + 1):
+        yield rows[groups == group]
 
 
 def _lengths_of(path: str, variable: Variable) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,13 +10,20 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.checks import check_expectations
+from dynid._version import __version__
+from dynid.checks import check_expectations, samples_meet
+from dynid.errors import FileError
 from dynid.result import Result
-from dynid.scene.batch import Outcome, run_batch
+from dynid.scene.batch import Expected, run_batch
 from dynid.scene.load import check_source
+from dynid.scene.outcomes import Block
 from dynid.scene.yaml.source import parse_source
+from dynid.study.packing import Packed, packed
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid.scene.load import Scene
 
 
@@ -31,12 +39,15 @@ class Job:
         What is gathered.
     size
         How many they are.
+    version
+        The version of dynid that asks.
     """
 
     text: str
     file: str
     collect: tuple[str, ...]
     size: int
+    version: str = __version__
 
     @classmethod
     def of(cls, base: Scene, collect: tuple[str, ...], size: int) -> Job:
@@ -48,15 +59,18 @@ class Job:
 class Done:
     """What a worker returns: the outcomes in order, and how long they took in seconds."""
 
-    outcomes: list[Outcome]
+    outcomes: Packed
     seconds: float
 
 
 def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
     """Run samples; whatever happens to one of them is its outcome."""
+    if job.version != __version__:
+        problem = f"a worker on {socket.gethostname()} has dynid {__version__}, and the study {job.version}"
+        raise FileError(problem, remedy="Install the same version on all workers, and run the study again.")
     template = _template(job.text, job.file)
     started = time.perf_counter()
-    outcomes = run_batch(template, overrides, job.collect, judge, job.size)
+    outcomes = packed(run_batch(template, overrides, job.collect, JUDGE, job.size))
     return Done(outcomes, time.perf_counter() - started)
 
 
@@ -66,6 +80,18 @@ def _template(text: str, file: str) -> Scene:
     return check_source(parse_source(text, file))
 
 
-def judge(result: Result, expected: Sequence[Mapping[str, Any]]) -> tuple[bool, ...]:
-    """Say of each expectation whether a result meets it."""
-    return tuple(outcome.passed for outcome in check_expectations(result, expected))
+class _Judge:
+    """Says which expectations results meet."""
+
+    def one(self, result: Result, expected: Expected) -> tuple[bool, ...]:
+        """Judge one result."""
+        return tuple(outcome.passed for outcome in check_expectations(result, expected))
+
+    def many(self, block: Block, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
+        """Judge samples side by side (sample x expectation)."""
+        return samples_meet(
+            block.values, len(block), lambda place: block.result(place, kind, title), expected
+        )
+
+
+JUDGE = _Judge()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from decimal import Decimal, localcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,7 +69,7 @@ def _plan(samples: int) -> Plan:
     return make_plan(load_scene(folder / "study.yaml"))
 
 
-def _poles(outcomes: list[Outcome]) -> NDArray[np.complex128]:
+def _poles(outcomes: Sequence[Outcome]) -> NDArray[np.complex128]:
     import numpy as np
 
     return np.array([outcome.values[f"{_GROUP}/poles"].data for outcome in outcomes])

@@ -38,7 +38,7 @@ def batched(
     overrides: Sequence[Mapping[str, Any]],
     collect: tuple[str, ...],
     of: int,  # noqa: ARG001
-) -> list[Outcome] | None:
+) -> list[Outcome | None] | None:
     """Run samples of a scene together; see `dynid.scene.kinds.graph_samples`."""
     from dynid.scene.kinds.graph_samples import batched as run_together
 

@@ -21,7 +21,7 @@ from dynid.result import Variable
 from dynid.scene.arithmetic.expression import Expression, parse
 from dynid.scene.arithmetic.numbers import Number, to_fraction
 from dynid.scene.arithmetic.samples import Column, evaluate, numbers
-from dynid.scene.batch import Outcome, gather, run_alone
+from dynid.scene.batch import Outcome, gather
 from dynid.scene.dispatch import run_scene
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene
@@ -46,14 +46,14 @@ class _Family:
     scene: Scene = field(compare=False)
 
 
-def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> list[Outcome] | None:
+def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> list[Outcome | None] | None:
     """Run samples together where they differ in parameters, values of elements and stored energy alone.
 
     Returns
     -------
-    list of Outcome, or None
-        One a sample; None where the samples share too little: something else varies, or what is collected
-        is not one of the numbers that are computed together.
+    list of Outcome or None, or None
+        One a sample, None for one that is to be run alone; None where the samples share too little:
+        something else varies, or what is collected is not one of the numbers that are computed together.
     """
     paths = tuple(overrides[0]) if overrides else ()
     if not paths or any(tuple(one) != paths for one in overrides):
@@ -61,10 +61,7 @@ def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> 
     plan = _planned(_Family(template.source.resolved_text(), template.source.file, paths, collect, template))
     if plan is None:
         return None
-    return [
-        Outcome(result) if result is not None else run_alone(template, one, collect)
-        for one, result in zip(overrides, plan.run(overrides), strict=True)
-    ]
+    return [None if result is None else Outcome(result) for result in plan.run(overrides)]
 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001

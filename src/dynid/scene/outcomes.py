@@ -1,0 +1,252 @@
+"""What samples of one scene gave: one by one, and side by side in arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.result import Result, Variable
+
+Places = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What one sample gave.
+
+    Parameters
+    ----------
+    values
+        What was collected, by its path in the result, with the coordinates of its axes; empty where the
+        sample failed.
+    error
+        Why it failed; empty where it did not.
+    exit_code
+        What `dynid run` would have ended with: 0, 2 (the scene), 3 (numerics) or 4 (a file).
+    expectations
+        Whether each `expect` of the scene is met.
+    """
+
+    values: Mapping[str, Variable] = field(default_factory=dict)
+    error: str = ""
+    exit_code: int = 0
+    expectations: tuple[bool, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Samples that gave the same arrays, of the same shapes; or that failed.
+
+    Parameters
+    ----------
+    rows
+        Which of all samples they are, ascending.
+    values
+        What they gave, by path: arrays with the samples along their first axis.
+    errors, exit_codes
+        Why each failed; of samples that did not, none.
+    met
+        Whether each meets each expectation (sample x expectation).
+    """
+
+    rows: Places
+    values: Mapping[str, Variable]
+    met: NDArray[np.bool_]
+    errors: tuple[str, ...] = ()
+    exit_codes: tuple[int, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def result(self, place: int, kind: str = "", title: str = "") -> Result:
+        """Return the values of one of these samples."""
+        result = Result(kind, title)
+        for path, variable in self.values.items():
+            result.put(path, row_of(variable, place))
+        return result
+
+    def taken(self, places: Places, rows: Places) -> Block:
+        """Return some of these samples, under other numbers."""
+        whole = len(places) == len(self.rows) and bool(np.all(places == np.arange(len(places))))
+        if whole:
+            return replace(self, rows=rows)
+        return Block(
+            rows,
+            {path: _rows(variable, places) for path, variable in self.values.items()},
+            self.met[places],
+            tuple(self.errors[place] for place in places) if self.errors else (),
+            tuple(self.exit_codes[place] for place in places) if self.errors else (),
+        )
+
+    def outcome(self, place: int) -> Outcome:
+        """Return one of them by itself."""
+        met = tuple(self.met[place].tolist())
+        if self.errors:
+            return Outcome(error=self.errors[place], exit_code=self.exit_codes[place], expectations=met)
+        return Outcome(dict(self.result(place)), expectations=met)
+
+
+def row_of(variable: Variable, place: int) -> Variable:
+    """Return what one sample has of an array with the samples along its first axis."""
+    data = np.array(variable.data[place], dtype=variable.data.dtype)
+    return Variable(variable.dims[1:], data, variable.units, variable.attrs)
+
+
+def _rows(variable: Variable, places: Places) -> Variable:
+    data = variable.data
+    # What all samples share stays in one place.
+    some = np.broadcast_to(data[:1], (len(places), *data.shape[1:])) if is_shared(data) else data[places]
+    return Variable(variable.dims, some, variable.units, variable.attrs)
+
+
+def is_shared(data: NDArray[Any]) -> bool:
+    """Tell whether the rows of an array are one row that they share."""
+    return data.strides[0] == 0 and len(data) > 0
+
+
+class Outcomes(Sequence[Outcome]):
+    """The outcomes of samples, in order; in memory they are arrays.
+
+    Parameters
+    ----------
+    blocks
+        The samples; one that is in none of them is pending.
+    count
+        How many there are.
+    """
+
+    def __init__(self, blocks: Sequence[Block], count: int) -> None:
+        self.blocks, self._count = blocks, count
+
+    @classmethod
+    def of(cls, outcomes: Iterable[Outcome | None]) -> Outcomes:
+        """Put outcomes side by side; None is a pending one."""
+        groups: dict[Any, list[tuple[int, Outcome]]] = {}
+        count = 0
+        for outcome in outcomes:
+            if outcome is not None:
+                groups.setdefault(_form(outcome), []).append((count, outcome))
+            count += 1
+        return cls([_block(group) for group in groups.values()], count)
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, place: int) -> Outcome: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Outcome]: ...
+    def __getitem__(self, place: int | slice) -> Outcome | list[Outcome]:
+        if isinstance(place, slice):
+            return [self[one] for one in range(*place.indices(self._count))]
+        holders, places = self._index
+        holder = holders[place]
+        if holder < 0:
+            raise LookupError(f"sample {place} is pending")
+        found: Outcome = self.blocks[holder].outcome(int(places[place]))
+        return found
+
+    @property
+    def exit_codes(self) -> NDArray[np.int8]:
+        """The exit code of every sample; -1 where it is pending."""
+        found = np.full(self._count, -1, dtype=np.int8)
+        for block in self.blocks:
+            found[block.rows] = block.exit_codes if block.errors else 0
+        return found
+
+    @property
+    def pending(self) -> list[int]:
+        """The samples that are in no block."""
+        rows: list[int] = np.flatnonzero(self.exit_codes < 0).tolist()
+        return rows
+
+    def completed(self, outcomes: Sequence[Outcome]) -> Outcomes:
+        """Return the same with what became of its pending samples, in order."""
+        if not outcomes:
+            return self
+        rows, rest = np.array(self.pending, dtype=np.intp), Outcomes.of(outcomes)
+        return Outcomes([*self.blocks, *rest.picked(np.arange(len(rows)), rows)], self._count)
+
+    def picked(self, places: Places, rows: Places) -> Iterator[Block]:
+        """Yield some of the samples, each in the row that it shall have."""
+        holders, within = self._index
+        holders, within = holders[places], within[places]
+        for holder in np.unique(holders[holders >= 0]):
+            own = np.flatnonzero(holders == holder)
+            yield self.blocks[holder].taken(within[own], rows[own])
+
+    def between(self, start: int, stop: int) -> Iterator[Block]:
+        """Yield the samples start … stop - 1."""
+        places = np.arange(start, min(stop, self._count))
+        return self.picked(places, places)
+
+    def with_expectations(self, judged: Callable[[Block], NDArray[np.bool_]]) -> Outcomes:
+        """Return the same with what is said of the expectations of samples that did not fail."""
+        return Outcomes(
+            [block if block.errors else replace(block, met=judged(block)) for block in self.blocks],
+            self._count,
+        )
+
+    def with_values(self, kept: Callable[[Block], Iterable[str]]) -> Outcomes:
+        """Return the same with some of the values of each block only."""
+        return Outcomes(
+            [
+                replace(block, values={path: block.values[path] for path in kept(block)})
+                for block in self.blocks
+            ],
+            self._count,
+        )
+
+    @cached_property
+    def _index(self) -> tuple[Places, Places]:
+        """The block of every sample, -1 for none, and its place there."""
+        holders, places = np.full(self._count, -1, dtype=np.intp), np.zeros(self._count, dtype=np.intp)
+        for number, block in enumerate(self.blocks):
+            holders[block.rows], places[block.rows] = number, np.arange(len(block))
+        return holders, places
+
+
+def _form(outcome: Outcome) -> Any:
+    """Return what outcomes must have in common to stand side by side."""
+    if outcome.error:
+        return len(outcome.expectations)
+    arrays = [
+        (path, one.dims, one.data.dtype, one.data.shape, one.units, tuple(_form_of(one.attrs)))
+        for path, one in outcome.values.items()
+    ]
+    return (len(outcome.expectations), *arrays)
+
+
+def _form_of(attrs: Mapping[str, Any]) -> Iterator[Any]:
+    # true, 1 and 1.0 are equal, and not the same.
+    return ((name, type(value), value) for name, value in attrs.items())
+
+
+def _block(group: Sequence[tuple[int, Outcome]]) -> Block:
+    rows, outcomes = (list(part) for part in zip(*group, strict=True))
+    one: Outcome = outcomes[0]
+    values = {path: _side_by_side(path, variable, outcomes) for path, variable in one.values.items()}
+    met = np.array([outcome.expectations for outcome in outcomes], dtype=bool)
+    failed = bool(one.error)
+    return Block(
+        np.array(rows, dtype=np.intp),
+        {} if failed else values,
+        met.reshape(len(rows), len(one.expectations)),
+        tuple(outcome.error for outcome in outcomes) if failed else (),
+        tuple(outcome.exit_code for outcome in outcomes) if failed else (),
+    )
+
+
+def _side_by_side(path: str, one: Variable, outcomes: Sequence[Outcome]) -> Variable:
+    parts = [outcome.values[path].data for outcome in outcomes]
+    data: NDArray[Any]
+    if all(part is one.data for part in parts):
+        data = np.broadcast_to(one.data, (len(parts), *one.data.shape))
+    else:
+        data = np.stack(parts)
+    return Variable(("sample", *one.dims), data, one.units, one.attrs)

@@ -1,0 +1,122 @@
+"""Outcomes as bytes: what goes from a worker to the study, and into its journal as it is.
+
+The length of the heading (little-endian, 4 bytes), the heading (JSON: the arrays of each block, texts), and
+for each block the numbers of its samples (int32), what of the expectations they meet (bytes) and its arrays.
+An array whose rows are all the same is there as one row.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.result import Variable
+from dynid.scene.outcomes import Block, Outcomes, is_shared
+
+_LENGTH = struct.Struct("<I")
+
+
+@dataclass(frozen=True)
+class Packed:
+    """Outcomes as bytes.
+
+    Parameters
+    ----------
+    exit_codes
+        One byte a sample.
+    content
+        All else.
+    """
+
+    exit_codes: bytes
+    content: bytes
+
+    def __len__(self) -> int:
+        return len(self.exit_codes)
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Which samples failed."""
+        return np.frombuffer(self.exit_codes, np.int8).astype(np.bool_)
+
+
+def packed(outcomes: Outcomes) -> Packed:
+    """Return outcomes, none of which is pending, as bytes."""
+    pieces: list[bytes] = []
+    heading = {"count": len(outcomes), "blocks": [_packed(block, pieces) for block in outcomes.blocks]}
+    text = json.dumps(heading, separators=(",", ":"), default=lambda value: value.item()).encode()
+    return Packed(outcomes.exit_codes.tobytes(), b"".join([_LENGTH.pack(len(text)), text, *pieces]))
+
+
+def unpacked(content: bytes) -> Outcomes:
+    """Return outcomes from bytes, their arrays being parts of these bytes."""
+    (length,) = _LENGTH.unpack_from(content)
+    begin = _LENGTH.size + length
+    heading = json.loads(content[_LENGTH.size : begin])
+    reader = _Reader(content, begin)
+    return Outcomes([_unpacked(block, reader) for block in heading["blocks"]], heading["count"])
+
+
+def _packed(block: Block, pieces: list[bytes]) -> dict[str, Any]:
+    pieces += [block.rows.astype("<i4").tobytes(), block.met.tobytes()]
+    arrays = []
+    for path, one in block.values.items():
+        kept = one.data[:1] if _is_one_row(one.data) else one.data
+        arrays.append([path, one.dims[1:], one.units, dict(one.attrs), one.data.dtype.str, kept.shape])
+        if one.data.dtype.kind == "O":
+            arrays[-1].append(kept.ravel().tolist())
+        else:
+            pieces.append(kept.tobytes())
+    heading: dict[str, Any] = {"samples": len(block), "met": block.met.shape[1], "arrays": arrays}
+    if block.errors:
+        heading |= {"errors": block.errors, "exit_codes": block.exit_codes}
+    return heading
+
+
+def _is_one_row(data: NDArray[Any]) -> bool:
+    """Tell whether all rows are the same, to the bit."""
+    if is_shared(data) or len(data) == 1:
+        return True
+    if data.dtype.kind == "O":
+        return bool(np.all(data == data[:1]))
+    rows = np.ascontiguousarray(data).view(np.uint8).reshape(len(data), -1)
+    # Most arrays differ in their second row already.
+    return bool(np.array_equal(rows[0], rows[1]) and np.all(rows == rows[:1]))
+
+
+class _Reader:
+    """Takes arrays from bytes, one after the other."""
+
+    def __init__(self, content: bytes, begin: int) -> None:
+        self.content, self.place = content, begin
+
+    def take(self, kind: str, *shape: int) -> NDArray[Any]:
+        data = np.frombuffer(self.content, kind, int(np.prod(shape, dtype=np.int64)), self.place)
+        self.place += data.nbytes
+        return data.reshape(shape)
+
+
+def _unpacked(heading: dict[str, Any], reader: _Reader) -> Block:
+    count = heading["samples"]
+    rows = reader.take("<i4", count).astype(np.intp)
+    met = reader.take("?", count, heading["met"])
+    values = {path: _variable(count, given, reader) for path, *given in heading["arrays"]}
+    errors, codes = (tuple(heading.get(what, ())) for what in ("errors", "exit_codes"))
+    return Block(rows, values, met, errors, codes)
+
+
+def _variable(count: int, given: list[Any], reader: _Reader) -> Variable:
+    dims, units, attrs, kind, shape, *texts = given
+    data: NDArray[Any]
+    if texts:
+        data = np.empty(len(texts[0]), dtype=object)
+        data[:] = texts[0]
+        data = data.reshape(shape)
+    else:
+        data = reader.take(kind, *shape)
+    return Variable(("sample", *dims), np.broadcast_to(data, (count, *shape[1:])), units, attrs)
