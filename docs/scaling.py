@@ -22,17 +22,19 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # a process a core: threads would
 import numpy as np
 from distributed import Client, LocalCluster
 
-from dynid.scene.batch import Outcome, run_batch
+from dynid.scene.batch import run_batch
 from dynid.scene.load import load_scene
+from dynid.scene.outcomes import Block, Outcomes
 from dynid.study.chunks import Chunks
-from dynid.study.drive import drive
+from dynid.study.drive import Chunk, drive
 from dynid.study.execute import heading_of
 from dynid.study.executors.crew import Crew
 from dynid.study.file import write_study
 from dynid.study.journal import Journal
-from dynid.study.keys import sample_keys
+from dynid.study.keys import SIZE, sample_keys
+from dynid.study.packing import packed, unpacked
 from dynid.study.plan import make_plan
-from dynid.study.work import Done, Job, judge
+from dynid.study.work import JUDGE, Done, Job
 
 HERE = Path(__file__).parent
 STUDY = """\
@@ -90,17 +92,18 @@ def timed(call: Callable[[], Any], repeat: int = 3, clock: Callable[[], float] =
 
 
 class Repeated:
-    """The same outcomes again and again, as many as a file has rows."""
+    """The same outcomes again and again."""
 
-    def __init__(self, outcomes: list[Outcome], count: int) -> None:
-        self.outcomes, self.count = outcomes, count
+    def __init__(self, outcomes: Outcomes) -> None:
+        self.outcomes = outcomes
 
-    def __iter__(self) -> Iterator[Outcome]:
-        for row in range(self.count):
-            yield self.outcomes[row % len(self.outcomes)]
+    def between(self, start: int, stop: int) -> Iterator[Block]:
+        """Yield some rows."""
+        rows = np.arange(start, stop)
+        return self.outcomes.picked(rows % len(self.outcomes), rows)
 
 
-def measure(folder: Path, client: Client) -> tuple[Costs, list[Outcome]]:
+def measure(folder: Path, client: Client) -> tuple[Costs, Outcomes]:
     """Measure all costs with a study of the isolator, one after the other."""
     count = 300 if QUICK else 20_000
     study = folder / "study.yaml"
@@ -110,19 +113,18 @@ def measure(folder: Path, client: Client) -> tuple[Costs, list[Outcome]]:
     plan = make_plan(scene)
     keys = sample_keys(plan, range(count))
     batch = plan.overrides(range(200 if QUICK else 1000))
-    run_batch(plan.base, batch[:10], plan.collect, judge)  # what is loaded once
-    outcomes: list[Outcome] = []
-    sample = timed(lambda: outcomes.extend(run_batch(plan.base, batch, plan.collect, judge))) / len(batch)
-    outcomes = outcomes[: len(batch)]
-    content = pickle.dumps(Done(outcomes, 0.0))
-    code = timed(lambda: pickle.loads(pickle.dumps(Done(outcomes, 0.0)))) / len(outcomes)
-    pairs = [(keys[row % count].tobytes(), outcome) for row, outcome in enumerate(outcomes)]
+    run_batch(plan.base, batch[:10], plan.collect, JUDGE)  # what is loaded once
+    sample = timed(lambda: packed(run_batch(plan.base, batch, plan.collect, JUDGE, count))) / len(batch)
+    outcomes = run_batch(plan.base, batch, plan.collect, JUDGE, count)
+    content = pickle.dumps(Done(packed(outcomes), 0.0))
+    code = timed(lambda: pickle.loads(pickle.dumps(Done(packed(outcomes), 0.0)))) / len(outcomes)
     journal = Journal(str(folder / "j.journal"))
-    sync = timed(lambda: journal.append(pairs[:1]), 20, time.perf_counter)
-    per_sample = timed(lambda: journal.append(pairs)) / len(pairs)
+    one, all_of_them = packed(Outcomes.of(outcomes[:1])), packed(outcomes)
+    sync = timed(lambda: journal.append([(keys[:1], one)]), 20, time.perf_counter)
+    per_sample = timed(lambda: journal.append([(keys[: len(batch)], all_of_them)])) / len(batch)
     journal.close()
     target = folder / "f.h5"
-    heading, rows = heading_of(plan, range(count), keys), Repeated(outcomes, count)
+    heading, rows = heading_of(plan, range(count), keys), Repeated(outcomes)
     write = timed(lambda: write_study(target, heading, rows), 2)
     message, byte = messages(client)
     costs = Costs(
@@ -201,17 +203,18 @@ def rate_of(costs: Costs, seconds: float, samples: int, workers: int) -> tuple[f
 
 
 @lru_cache
-def real_outcomes(path: str) -> list[Outcome]:
+def real_outcomes(path: str) -> Outcomes:
     """Read outcomes once in each worker: they come back, but do not go there."""
-    found: list[Outcome] = pickle.loads(Path(path).read_bytes())
-    return found
+    return unpacked(Path(path).read_bytes())
 
 
 def pretend(path: str, count: int, seconds: float) -> Done:
     """Take as long as so many samples would, without work, and return outcomes."""
     outcomes = real_outcomes(path)
     time.sleep(count * seconds)
-    return Done([outcomes[row % len(outcomes)] for row in range(count)], count * seconds)
+    rows = np.arange(count)
+    some = Outcomes(list(outcomes.picked(rows % len(outcomes), rows)), count)
+    return Done(packed(some), count * seconds)
 
 
 class Pretenders(Crew):
@@ -232,25 +235,25 @@ class Pretenders(Crew):
 
 
 def simulated(
-    folder: Path, client: Client, workers: int, seconds: float, samples: int, outcomes: list[Outcome]
+    folder: Path, client: Client, workers: int, seconds: float, samples: int, outcomes: Outcomes
 ) -> float:
     """Return the samples per second that the study's own driver and journal reach with sleeping workers."""
     study = folder / "pretend.yaml"
     study.write_text(STUDY.format(scene=HERE.parent / "configs/isolator.yaml", samples=samples))
     plan = make_plan(load_scene(study))
-    keys = [key.tobytes() for key in sample_keys(plan, range(samples))]
+    keys = sample_keys(plan, range(samples))
     path = folder / f"p{workers}-{seconds}.journal"
     journal = Journal(str(path))
     marks: list[tuple[float, int]] = []
 
-    def arrived(found: list[tuple[int, Outcome]]) -> None:
-        journal.append([(keys[number], outcome) for number, outcome in found])
-        marks.append((time.perf_counter(), len(found)))
+    def arrived(chunks: list[Chunk]) -> None:
+        journal.append([(keys[numbers], outcomes) for numbers, outcomes in chunks])
+        marks.append((time.perf_counter(), sum(len(numbers) for numbers, _ in chunks)))
 
-    held = folder / "outcomes.pickle"
-    held.write_bytes(pickle.dumps(outcomes))
+    held = folder / "outcomes"
+    held.write_bytes(packed(outcomes).content)
     crew = Pretenders(client, workers, held, seconds)
-    drive(crew, Job.of(plan.base, ()), plan, range(samples), arrived)
+    drive(crew, Job.of(plan.base, (), samples), plan, np.arange(samples), arrived)
     journal.close()
     path.unlink()
     # Chunks grow at the start and shrink at the end: what lies between is the steady state.
@@ -259,21 +262,22 @@ def simulated(
     return float(done[last] - done[first]) / (marks[last][0] - marks[first][0])
 
 
-def as_loaded(costs: Costs, folder: Path, client: Client, outcomes: list[Outcome]) -> Costs:
+def as_loaded(costs: Costs, folder: Path, client: Client, outcomes: Outcomes) -> Costs:
     """Return the costs by the clock, with whatever else this machine does at the moment."""
     message, byte = messages(client, time.perf_counter)
-    dumped = pickle.dumps(Done(outcomes, 0.0))
+    dumped = pickle.dumps(Done(packed(outcomes), 0.0))
     code = timed(lambda: pickle.loads(dumped), 3, time.perf_counter) / len(outcomes)
     journal = Journal(str(folder / "loaded.journal"))
-    pairs = [(row.to_bytes(16, "little"), outcome) for row, outcome in enumerate(outcomes)]
-    sync = timed(lambda: journal.append(pairs[:1]), 5, time.perf_counter)
-    appended = timed(lambda: journal.append(pairs), 2, time.perf_counter) / len(pairs)
+    keys = np.arange(2 * len(outcomes), dtype="<u8").view(np.uint8).reshape(len(outcomes), SIZE)
+    one, all_of_them = packed(Outcomes.of(outcomes[:1])), packed(outcomes)
+    sync = timed(lambda: journal.append([(keys[:1], one)]), 5, time.perf_counter)
+    appended = timed(lambda: journal.append([(keys, all_of_them)]), 2, time.perf_counter) / len(keys)
     journal.close()
     Path(journal.path).unlink()
     return replace(costs, message=message, byte=byte, code=code, sync=sync, journal=appended)
 
 
-def check(folder: Path, costs: Costs, outcomes: list[Outcome]) -> list[tuple[int, float, float, float]]:
+def check(folder: Path, costs: Costs, outcomes: Outcomes) -> list[tuple[int, float, float, float]]:
     """Return workers, seconds a sample, and the measured and the modelled samples per second."""
     rows = []
     cases = [(w, s) for s in (0.5, 1e-2, 1e-3) for w in (1, 8, 64)][:-1]

@@ -9,8 +9,10 @@ from dynid.progress import tell
 from dynid.scene.batch import why_alone
 from dynid.scene.explanations import explain
 from dynid.scene.explanations.explanation import Cost, Explanation, Fact, file_kilobytes
+from dynid.scene.outcomes import Outcome
 from dynid.study.execute import valid_samples
 from dynid.study.executors.processes import cores
+from dynid.study.packing import unpacked
 from dynid.study.plan import Plan
 from dynid.study.work import Job, run_chunk
 
@@ -63,6 +65,10 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     return Explanation(base.result, facts, cost)
 
 
+def _numbers(outcome: Outcome) -> float:
+    return sum(value.data.nbytes for value in outcome.values.values()) / 8
+
+
 def _sample(plan: Plan, alone: Cost, numbers: Sequence[int]) -> tuple[float, float, float]:
     """Return seconds of the first sample beyond those of any other, of another, and kilobytes of each."""
     if alone.seconds > _PROBE:
@@ -70,14 +76,14 @@ def _sample(plan: Plan, alone: Cost, numbers: Sequence[int]) -> tuple[float, flo
     tell(f"trying {len(numbers)} samples")
     job = Job.of(plan.base, plan.collect, len(numbers))  # what repays over the whole study is not compiled
     began = time.thread_time()
-    outcomes = run_chunk(job, plan.overrides(numbers[:1])).outcomes
+    outcomes = [run_chunk(job, plan.overrides(numbers[:1])).outcomes]
     first = time.thread_time() - began
     each = first
     if len(numbers) > 1:
         done = run_chunk(job, plan.overrides(numbers[1:]))
-        outcomes += done.outcomes
+        outcomes.append(done.outcomes)
         each = done.seconds / (len(numbers) - 1)
-    gathered = max(sum(value.data.nbytes for value in one.values.values()) for one in outcomes) / 8
+    gathered = max(_numbers(one) for part in outcomes for one in unpacked(part.content))
     return (
         max(0.0, first - each),
         each,
