@@ -1,8 +1,8 @@
-"""Replay the pages of docs/tutorials as a reader would: `python docs/replay.py PAGE…` writes the outputs anew.
+"""Replay pages of docs/tutorials as a reader would: `python docs/replay.py PAGE…` writes the outputs anew.
 
-A page's YAML blocks with a title become files; `console` blocks hold commands after `$ `, each followed by what it
-prints; Python blocks are run in the same folder, and a `text` block right after one holds what it prints.
-Everything of a page happens in one empty folder, in order. In a printed output `…` stands for anything.
+A page's YAML blocks with a title become files; `console` blocks hold commands after `$ `, each followed by
+what it prints; Python blocks are run in the same folder, and a `text` block right after one holds what it
+prints. All of a page happens in one empty folder, in order. In a printed output `…` stands for anything.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from pathlib import Path
 BLOCK = re.compile(
     r'^```(?P<kind>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<code>.*?)^```$', re.DOTALL | re.MULTILINE
 )
-#: What a run took differs from run to run.
-TIME = re.compile(r"\d[\d.]* m?s$", re.MULTILINE)
+#: What a run took differs from run to run, and with it the space before it.
+TIME = re.compile(r" {2,}(\S.* · )\d[\d.]* m?s$", re.MULTILINE)
 
 
 class Session:
@@ -44,8 +44,8 @@ class Session:
 
     def _run(self, call: list[str]) -> str:
         left = subprocess.run(
-            call, cwd=self.folder, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            timeout=300, check=False,
+            call, cwd=self.folder, env=self.environment, text=True, timeout=300, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
         return left.stdout
 
@@ -59,7 +59,7 @@ def commands(code: str) -> Iterator[tuple[str, str]]:
 
 def matches(printed: str, said: str) -> bool:
     """Tell whether an output is what is printed on a page; `…` on a line of its own stands for any lines."""
-    wanted, found = (TIME.sub("§", text.strip("\n")) for text in (printed, said))
+    wanted, found = (TIME.sub(r"  \1§", text.strip("\n")) for text in (printed, said))
     lines = [".*".join(map(re.escape, line.split("…"))) for line in wanted.split("\n")]
     pattern = "\n".join(lines).replace("\n.*\n", "\n(?:.*\n)*?")
     return re.fullmatch(pattern, found) is not None

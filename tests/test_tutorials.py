@@ -29,7 +29,7 @@ def test_a_tutorial_says_what_is_printed(page, tmp_path):
         ("a\n…\nd\n", "a\nd\n", True),
         ("a\n…\nd\n", "a\nb\n", False),
         ("x = … m\n", "x = 3.2 m\n", True),
-        ("exact engine · 0.4 s\n", "exact engine · 13 ms\n", True),
+        ("Car   exact engine · 0.4 s\n", "Car  exact engine · 13 ms\n", True),
         ("", "unexpected\n", False),
     ],
 )
