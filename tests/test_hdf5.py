@@ -13,6 +13,12 @@ from dynid.store import read_result
 from dynid.structure.readers.read import MatrixFile, read_matrix
 
 
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch):
+    """Threads that other tests have left idle would forbid the trial."""
+    monkeypatch.setattr("dynid.hdf5.threading.active_count", lambda: 1)
+
+
 @pytest.mark.parametrize(
     ("work", "outcome"),
     [
@@ -35,6 +41,11 @@ def test_the_copy_leaves_no_trace():
     seen = []
     assert survives(lambda: seen.append(1))
     assert seen == []
+
+
+def test_beside_other_threads_there_is_no_trial(monkeypatch):
+    monkeypatch.setattr("dynid.hdf5.threading.active_count", lambda: 2)
+    assert survives(os.abort)
 
 
 @pytest.fixture
