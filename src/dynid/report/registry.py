@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from dynid.errors import DynidError
+from dynid.report.figure import Figure, Picture
+
 if TYPE_CHECKING:
-    from dynid.report.figure import Figure
     from dynid.result import Result
 
 When = Callable[["Result"], bool]
@@ -101,9 +103,22 @@ def figures(result: Result) -> list[Figure]:
     found: dict[str, Figure] = {}
     for family in FAMILIES:
         if family.when(result):
-            build: Callable[[Result], Iterable[Figure]] = import_module(family.module).figures
-            for figure in build(result):
+            for figure in _of(family, result):
                 if figure.name in found:
                     raise ValueError(f"two figures are called '{figure.name}'")
                 found[figure.name] = figure
     return list(found.values())
+
+
+def _of(family: Family, result: Result) -> list[Figure]:
+    """Return the figures of a family; where it cannot even list them, one that says why instead."""
+    build: Callable[[Result], Iterable[Figure]] = import_module(family.module).figures
+    try:
+        return list(build(result))
+    except DynidError as error:
+        name, problem = family.module.rpartition(".")[2], error
+
+        def fail() -> Picture:
+            raise problem
+
+        return [Figure(name, f"Figure: {name}", fail)]

@@ -1,5 +1,5 @@
 """A result as one HTML page: no other files, no network, nothing hidden without scripts."""
 
-from dynid.report.page.page import page
+from dynid.report.page.document import page
 
 __all__ = ["page"]

@@ -21,7 +21,12 @@ def text(value: str) -> Markup:
     """Return a text as HTML; control characters are shown by their number."""
     if isinstance(value, Markup):
         return value
-    return Markup(escape(_UNFIT.sub(_shown, value)))
+    return Markup(escape(printable(value)))
+
+
+def printable(value: str) -> str:
+    """Return a text with control characters by their number, and with lines that end in one way."""
+    return _UNFIT.sub(_shown, value)
 
 
 def _shown(found: re.Match[str]) -> str:

@@ -1,7 +1,7 @@
 // Samples of a study: a table to page through, sort and filter, with statistics and a histogram of one column.
 "use strict";
 (() => {
-  const host = document.getElementById("samples");
+  const host = document.getElementById("sample-table");
   const stored = JSON.parse(document.getElementById("samples-data").textContent);
   const make = (name, attributes = {}, ...children) => {
     const element = document.createElement(name);

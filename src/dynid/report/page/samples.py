@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.report.answers.study import shown_numbers, written
-from dynid.report.page.html import Markup, join, tag
+from dynid.report.page.html import Markup, join, printable, tag
 from dynid.report.page.tables import thinned
 from dynid.result import Result
 from dynid.study.analysis.table import StudyTable
@@ -33,7 +33,7 @@ def samples(result: Result) -> Markup:
     rows = np.array(thinned(count, 1, _SAMPLES), dtype=np.intp)
     kept, left, size = [], [], 0
     for name, units, role, values in _columns(table):
-        column = {"name": name, "units": units, "role": role, **_packed(values[rows])}
+        column = {"name": printable(name), "units": units, "role": role, **_packed(values[rows])}
         size += len(column["data"]) + len(json.dumps(column.get("levels", ""), ensure_ascii=False).encode())
         if size > _BYTES and role == "result":
             size -= len(column["data"])
@@ -53,7 +53,7 @@ def samples(result: Result) -> Markup:
             "noscript",
             tag("p", "Sorting and filtering single samples needs scripts; their statistics stand above."),
         ),
-        tag("div", id="samples", class_="samples no-script"),
+        tag("div", id="sample-table", class_="samples no-script"),
         tag("script", _inert(data), type="application/json", id="samples-data"),
     )
 
@@ -98,7 +98,7 @@ def _packed(values: NDArray[Any]) -> Columns:
 
 
 def _cut(value: str) -> str:
-    value = value.encode("utf-8", "replace").decode()
+    value = printable(value)
     return value if len(value) <= _LETTERS else f"{value[: _LETTERS - 1]}…"
 
 

@@ -1,0 +1,185 @@
+"""`dynid watch`: a page that follows its scene, served to this machine and nobody else."""
+
+import http.client
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from dynid.cli.watching.board import Board, Notice
+from dynid.cli.watching.files import files_of, stamp
+from dynid.cli.watching.loop import Watch
+from dynid.cli.watching.server import serving
+from dynid.errors import UsageError
+
+
+def ask(server, path="/", method="GET", **headers):
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+    connection.request(method, path, headers=headers)
+    answer = connection.getresponse()
+    return answer, connection
+
+
+@pytest.fixture
+def server():
+    with serving(0) as running:
+        running.board.put(page="<p>one</p>", version=1)
+        yield running
+
+
+def test_the_page_is_served_with_headers_that_keep_it_to_itself(server):
+    answer, _ = ask(server)
+    assert (answer.status, answer.read()) == (200, b"<p>one</p>")
+    assert answer.getheader("Content-Type") == "text/html; charset=utf-8"
+    assert answer.getheader("X-Content-Type-Options") == "nosniff"
+    assert answer.getheader("X-Frame-Options") == "DENY"
+    assert answer.getheader("Cache-Control") == "no-store"
+    assert server.server_address[0] == "127.0.0.1"
+
+
+@pytest.mark.parametrize("path", ["/favicon.ico", "/..", "/small.yaml", "//etc/passwd", "/?x", "/events/"])
+def test_nothing_but_the_page_is_served(server, path):
+    assert ask(server, path)[0].status == 404
+
+
+@pytest.mark.parametrize(
+    "headers", [{"Host": "evil.example"}, {"Host": "evil.example:80"}, {"Origin": "http://evil.example"}]
+)
+@pytest.mark.parametrize("path", ["/", "/events"])
+def test_other_names_and_origins_are_refused(server, path, headers):
+    assert ask(server, path, **headers)[0].status == 403
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
+def test_nothing_but_reading_is_answered(server, method):
+    assert ask(server, method=method)[0].status == 501
+
+
+def test_events_say_what_is_and_then_what_changes(server):
+    answer, connection = ask(server, "/events", Host=f"localhost:{server.server_port}")
+    assert answer.getheader("Content-Type") == "text/event-stream"
+
+    def event():
+        line = answer.readline()
+        assert answer.readline() == b"\n"
+        return json.loads(line.removeprefix(b"data: "))
+
+    assert event() == {"version": 1, "fault": "", "running": False}
+    server.board.put(fault="small.yaml:3:1: odd", running=True)
+    assert event() == {"version": 1, "fault": "small.yaml:3:1: odd", "running": True}
+    connection.close()
+
+
+def test_a_port_that_is_taken_is_said(server):
+    with pytest.raises(UsageError, match="cannot be used"), serving(server.server_port):
+        pass
+
+
+def test_who_waits_is_told_of_a_change_and_not_kept_for_ever():
+    board = Board()
+    seen = board.now
+    assert board.wait(seen, 0.01) is seen
+    threading.Timer(0.05, board.put, kwargs={"version": 2}).start()
+    assert board.wait(seen, 10).version == 2
+    assert board.wait(Notice(), 10) is board.now
+
+
+def test_files_that_a_scene_reads_are_watched_and_those_of_its_scene(tmp_path):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data/record.csv").write_text("1\n")
+    (tmp_path / "base.yaml").write_text(
+        "measurement: {file: {path: data/record.csv, channel: nothing.csv}}\n"
+    )
+    (tmp_path / "study.yaml").write_text("kind: study\nscene: base.yaml\nother: study.yaml\n")
+    names = [str(file.relative_to(tmp_path)) for file in files_of(str(tmp_path / "study.yaml"))]
+    assert names == ["study.yaml", "base.yaml", "data/record.csv"]
+    (tmp_path / "study.yaml").write_text("kind: [\n")
+    assert len(files_of(str(tmp_path / "study.yaml"))) == 1  # a scene with faults is watched itself
+    before = stamp([tmp_path / "base.yaml", tmp_path / "gone"])
+    (tmp_path / "base.yaml").write_text("other\n")
+    (tmp_path / "gone").write_text("here\n")
+    assert all(
+        a != b for a, b in zip(before, stamp([tmp_path / "base.yaml", tmp_path / "gone"]), strict=True)
+    )
+
+
+def test_faults_are_shown_and_the_last_good_page_stays(folder, capsys):
+    board = Board()
+    watch = Watch("small.yaml", (), None, board)
+    watch.show()
+    good = board.now
+    assert (good.version, good.fault) == (1, "")
+    assert "A mass on a damper" in good.page
+    assert 'data-version="1"' in good.page
+    assert "connect-src &#x27;self&#x27;" in good.page or "connect-src 'self'" in good.page
+    text = (folder / "small.yaml").read_text()
+    (folder / "small.yaml").write_text(text.replace("type: R", "type: RR"))
+    watch.show()
+    assert board.now.page == good.page
+    assert board.now.fault.startswith("small.yaml:6:")
+    assert "unknown node type" in board.now.fault or "RR" in board.now.fault
+    (folder / "small.yaml").unlink()
+    watch.show()
+    assert "no such file" in board.now.fault
+    (folder / "small.yaml").write_text(text.replace("title: A mass", "title: The mass"))
+    watch.show()
+    assert (board.now.version, board.now.fault) == (2, "")
+    assert "The mass on a damper" in board.now.page
+    assert "done in" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("folder")
+def test_before_a_first_result_the_page_says_so():
+    board = Board()
+    Watch("small.yaml", (), None, board)
+    assert "waiting for a first result" in board.now.page
+
+
+def test_the_result_is_written_where_it_is_wanted(folder):
+    Watch("small.yaml", ("parameters.m=3",), "live.h5", Board()).show()
+    assert (folder / "live.h5").is_file()
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "message"),
+    [
+        (["none.yaml"], 4, "none.yaml: no such file"),
+        (["small.yaml", "-o", "small.yaml"], 2, "would overwrite the scene"),
+        (["small.yaml", "--port", "70000"], 2, "70000"),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_what_makes_no_sense_is_refused(dynid, args, code, message):
+    found, _, err = dynid("watch", "--no-browser", *args)
+    assert found == code
+    assert message in err
+
+
+def test_a_saved_scene_is_run_again_and_ctrl_c_ends_it(folder):
+    command = [sys.executable, "-m", "dynid", "watch", "small.yaml", "--no-browser"]
+    watch = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder)
+    killer = threading.Timer(50, watch.kill)
+    killer.start()
+    try:
+        assert "at http://127.0.0.1:" in watch.stderr.readline()
+        assert "done in" in watch.stderr.readline()
+        text = (folder / "small.yaml").read_text()
+        (folder / "small.yaml").write_text(text.replace("value: m", "value: mm"))
+        assert "small.yaml:6:" in watch.stderr.readline()
+        time.sleep(0.01)
+        (folder / "small.yaml").replace(folder / "old.yaml")  # as editors save: a new file in its place
+        (folder / "small.yaml").write_text(text)
+        lines = [watch.stderr.readline()]
+        while "done in" not in lines[-1]:
+            lines.append(watch.stderr.readline())
+        watch.send_signal(signal.SIGINT)
+        assert watch.wait(20) == 130
+        assert "Traceback" not in watch.stderr.read()
+    finally:
+        killer.cancel()
+        watch.kill()
+        watch.stderr.close()

@@ -1,0 +1,273 @@
+"""Pages in a browser: silent, drawn, true to the file, usable by keys, on small screens, in the dark."""
+
+import os
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from dynid.report import figures
+from dynid.report.page import page
+from tests.report.pages import HOSTILE, result_of, study
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
+
+KINDS = ["bond-graph", "identification", "reduction", "study", "bench"]
+#: Debian's name of the browser first.
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = [
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium: apt-get install chromium"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # what Playwright uses
+]
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as driver:
+        # The sandbox needs rights that containers lack; what is opened are our own files.
+        opened = driver.chromium.launch(
+            executable_path=BROWSER, args=["--no-sandbox"] if os.getuid() == 0 else []
+        )
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("pages")
+
+
+class Visit:
+    """An open page, and whatever it complained of or asked for."""
+
+    def __init__(self, browser, file, **options):
+        self.complaints, self.requests = [], []
+        self.context = browser.new_context(**options)
+        self.page = self.context.new_page()
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.route("**/*", self._route)
+        self.page.goto(file.as_uri())
+
+    def _route(self, route):
+        self.requests.append(route.request.url)
+        route.continue_()
+
+
+@pytest.fixture
+def visit(browser, folder):
+    """Open the page of a result."""
+    visits = []
+
+    def go(result, **options):
+        file = folder / f"{result.kind}-{id(result)}.html"
+        if not file.exists():
+            file.write_text(page(result), encoding="utf-8")
+        visits.append(Visit(browser, file, **options))
+        return visits[-1]
+
+    yield go
+    for one in visits:
+        one.context.close()
+        assert one.complaints == []
+        assert len(one.requests) == 1  # the page itself
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_page_is_drawn_complete_and_silent_in_light_and_dark_on_wide_and_narrow_screens(visit, kind):
+    result = result_of(kind)
+    opened = visit(result, viewport={"width": 1100, "height": 800}).page
+    grounds = {opened.evaluate("getComputedStyle(document.body).backgroundColor")}
+    assert opened.evaluate(OVERFLOW) == 0
+    for figure in figures(result):
+        box = opened.locator(f'figure[id="figure-{figure.name}"] svg').bounding_box()
+        assert box["width"] > 50
+        assert box["height"] > 20
+    opened.get_by_role("button", name="Dark").click()
+    grounds.add(opened.evaluate("getComputedStyle(document.body).backgroundColor"))
+    assert len(grounds) == 2
+    assert opened.get_by_role("button", name="Light", exact=True).is_visible()
+    narrow = visit(result, viewport={"width": 360, "height": 700}, color_scheme="dark").page
+    assert narrow.evaluate(OVERFLOW) <= 0
+    assert narrow.evaluate("getComputedStyle(document.body).backgroundColor") in grounds
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
+def test_nothing_stands_in_the_way_of_assistive_technology(browser, folder, kind, scheme):
+    checker = pytest.importorskip("axe_playwright_python.sync_playwright")
+    file = folder / f"axe-{kind}.html"
+    file.write_text(page(result_of(kind)), encoding="utf-8")
+    context = browser.new_context(
+        color_scheme=scheme, bypass_csp=True
+    )  # the policy keeps the checker out, too
+    opened = context.new_page()
+    opened.goto(file.as_uri())
+    # What repeats itself takes the checker long and tells it nothing: later rows, and what pictures are made of.
+    opened.evaluate(
+        "for (const one of document.querySelectorAll('tbody tr:nth-child(n+4), svg g')) one.remove()"
+    )
+    opened.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
+    rules = None if scheme == "light" else {"runOnly": ["color-contrast"]}
+    found = checker.Axe().run(opened, options=rules).response["violations"]
+    context.close()
+    serious = [
+        (one["id"], [node["html"][:120] for node in one["nodes"]][:3])
+        for one in found
+        if one["impact"] in ("serious", "critical")
+    ]
+    assert serious == []
+
+
+def test_a_page_says_all_without_scripts(visit):
+    result = result_of("identification")
+    opened = visit(result, java_script_enabled=False).page
+    assert opened.locator("figure svg").count() == len(figures(result))
+    assert not opened.locator("#theme").is_visible()
+    summary = opened.locator("figure summary").first
+    summary.click()
+    assert opened.locator("figure details table").first.is_visible()
+
+
+def test_tables_say_what_the_result_holds(visit):
+    result = result_of("bond-graph")
+    group = "bond_graph/frequency_response"
+    opened = visit(result).page
+    rows = opened.locator('figure[id="figure-bode"] tbody tr')
+    cells = rows.evaluate_all("(rows) => rows.map((row) => [...row.cells].map((cell) => cell.textContent))")
+    shown = np.array([[float(cell) for cell in row] for row in cells])
+    heads = opened.locator('figure[id="figure-bode"] thead th').all_text_contents()
+    across = next(place for place, head in enumerate(heads) if "rad/s" in head)
+    up = next(place for place, head in enumerate(heads) if "dB" in head)
+    omega, response = result[f"{group}/omega"].data, result[f"{group}/response"].data[:, 0, 0]
+    assert len(shown) >= 100
+    assert shown[[0, -1], across] == pytest.approx(omega[[0, -1]], rel=1e-6)  # seven digits are written
+    places = np.abs(omega - shown[:, across, None]).argmin(axis=1)
+    np.testing.assert_allclose(shown[:, across], omega[places], rtol=1e-6)
+    np.testing.assert_allclose(shown[:, up], 20 * np.log10(np.abs(response[places])), rtol=1e-6, atol=1e-6)
+
+
+def test_a_page_is_used_by_keys(visit):
+    opened = visit(result_of("bond-graph"), viewport={"width": 1000, "height": 700}).page
+    opened.keyboard.press("Tab")
+    assert opened.evaluate("document.activeElement.className") == "skip"
+    opened.keyboard.press("Enter")
+    assert opened.evaluate("location.hash") == "#main"
+    seen = []
+    for _ in range(60):
+        opened.keyboard.press("Tab")
+        seen.append(
+            opened.evaluate(
+                "(() => { const e = document.activeElement; const s = getComputedStyle(e);"
+                " return [e.tagName, s.outlineStyle, parseFloat(s.outlineWidth)]; })()"
+            )
+        )
+    assert {"SUMMARY", "BUTTON", "DIV"} <= {name for name, _, _ in seen}
+    assert all(style == "solid" and width >= 2 for name, style, width in seen if name != "BODY")
+
+
+def test_values_are_read_under_the_pointer_and_by_arrow_keys(visit):
+    result = result_of("bond-graph")
+    opened = visit(result, viewport={"width": 1000, "height": 900}).page
+    figure = opened.locator('figure[id="figure-bode"]')
+    plot = figure.locator("g.plot").first
+    left, top, width, height = map(float, plot.get_attribute("data-box").split())
+    kind, low, high = plot.get_attribute("data-x").split()
+    assert kind == "log"
+    view = [float(x) for x in figure.locator("svg").get_attribute("viewBox").split()]
+    figure.locator("svg").scroll_into_view_if_needed()
+    box = figure.locator("svg").bounding_box()
+    scale = box["width"] / view[2]
+    opened.mouse.move(
+        box["x"] + scale * (left + width / 2 - view[0]), box["y"] + scale * (top + height / 2 - view[1])
+    )
+    said = figure.locator("output").text_content()
+    x, y = (float(re.search(r": (-?[\d.e+-]+)$", part)[1]) for part in said.split(" · ")[:2])
+    omega = result["bond_graph/frequency_response/omega"].data
+    unit = 2 * np.pi if "Hz" in plot.get_attribute("data-x-label") else 1.0
+    assert x == pytest.approx(np.sqrt(float(low) * float(high)), rel=0.01)  # a pixel
+    response = np.abs(result["bond_graph/frequency_response/response"].data[:, 0, 0])
+    wanted = 20 * np.log10(np.interp(np.log(x * unit), np.log(omega), response))
+    assert y == pytest.approx(wanted, abs=0.5)  # within a pixel of a curve on a scale of 60 dB
+    figure.locator(".picture").focus()
+    opened.keyboard.press("ArrowRight")
+    assert figure.locator("output").text_content() != said
+
+
+def test_a_figure_is_zoomed_and_shown_whole_again(visit):
+    opened = visit(result_of("bond-graph")).page
+    figure = opened.locator("figure").first
+    whole = figure.locator("svg").get_attribute("viewBox")
+    figure.get_by_role("button", name="Zoom in").click()
+    part = figure.locator("svg").get_attribute("viewBox")
+    assert float(part.split()[2]) == pytest.approx(0.6 * float(whole.split()[2]), rel=1e-3)
+    figure.locator(".picture").focus()
+    opened.keyboard.press("ArrowRight")
+    assert figure.locator("svg").get_attribute("viewBox") != part
+    figure.get_by_role("button", name="Show the whole").click()
+    assert [*map(float, figure.locator("svg").get_attribute("viewBox").split())] == [
+        *map(float, whole.split())
+    ]
+
+
+def test_samples_are_paged_sorted_filtered_and_counted(visit):
+    result = study(1000, failed=(7,))
+    opened = visit(result).page
+    host = opened.locator("#sample-table")
+    table = host.locator("table").last
+    stiffness, omega = result["study/samples/parameters.k"].data, result["study/results/mode/omega"].data
+
+    def column(name):
+        heads = table.locator("thead th").all_text_contents()
+        place = next(place for place, head in enumerate(heads) if head.startswith(name))
+        return table.locator(f"tbody tr td:nth-child({place + 1})").all_text_contents()
+
+    assert column("sample") == [str(number) for number in range(25)]
+    host.get_by_role("button", name="Next page").click()
+    assert column("sample")[0] == "25"
+    table.get_by_role("button", name="parameters.k").click()
+    np.testing.assert_allclose([float(x) for x in column("parameters.k")], np.sort(stiffness)[:25], rtol=6e-7)
+    table.get_by_role("button", name="parameters.k").click()
+    np.testing.assert_allclose(float(column("parameters.k")[0]), stiffness.max(), rtol=6e-7)
+    assert table.locator("th[aria-sort=descending]").count() == 1
+
+    host.get_by_label("Column", exact=True).select_option(label="mode/omega [rad/s]")
+    host.get_by_label("at least").fill("130")
+    kept = omega[omega >= 130]
+    assert f"{len(kept)} of 1,000 samples" in host.text_content()
+    shown = [
+        float(x)
+        for x in host.locator("[aria-label='Statistics of the chosen column'] td").all_text_contents()
+    ]
+    wanted = [len(kept), kept.mean(), kept.std(ddof=1), *np.quantile(kept, [0, 0.05, 0.5, 0.95, 1])]
+    np.testing.assert_allclose(shown, wanted, rtol=1e-6)
+    assert host.locator("svg rect").count() > 5
+
+    host.get_by_label("Column", exact=True).select_option(label="mode/verdict")
+    host.get_by_label("contains").fill("ring")
+    both = int(((omega >= 130) & (result["study/results/mode/verdict"].data == "ringing")).sum())
+    assert f"{both} of 1,000 samples" in host.text_content()
+    host.get_by_role("button", name="All samples").click()
+    assert "1,000 of 1,000 samples" in host.text_content()
+
+
+def test_hostile_names_are_shown_and_do_nothing(visit):
+    result = study(9, failed=())
+    result.title = HOSTILE
+    result.add(f"study/samples/{HOSTILE.replace('/', '')}", np.full(9, HOSTILE, dtype=object), ("sample",))
+    opened = visit(result).page
+    assert opened.locator("img").count() == 0
+    assert "<img src=x onerror=alert(2)>" in opened.locator("h1").text_content()
+    assert "<img src=x" in opened.locator("#sample-table tbody").last.text_content()
+
+
+def test_what_is_printed_is_light_and_without_controls(visit):
+    opened = visit(result_of("bond-graph"), color_scheme="dark").page
+    opened.emulate_media(media="print")
+    assert not opened.locator(".tools").first.is_visible()
+    assert not opened.locator("nav").is_visible()
+    assert opened.locator("figure svg").first.is_visible()
+    opened.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert opened.evaluate("getComputedStyle(document.querySelector('h1')).color") == "rgb(28, 32, 36)"

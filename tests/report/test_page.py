@@ -1,0 +1,287 @@
+"""Pages: whole without scripts, silent to the outside, the same each time, and true to the result."""
+
+import json
+import re
+from base64 import b64decode, b64encode
+from hashlib import sha256
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynid.report import figures
+from dynid.report.figure import Figure, Picture, Table
+from dynid.report.page import page
+from dynid.report.page.html import Markup, formula, tag, text
+from dynid.report.page.tables import CELLS, ROWS, figure_table, thinned
+from tests.report.pages import HOSTILE, result_of, run, study, template
+
+KINDS = ["bond-graph", "identification", "reduction", "study", "bench"]
+VOID = {"meta", "br", "input", "link"}
+
+
+class Reader(HTMLParser):
+    """Reads a page: elements with their attributes, texts, and whether what opens is closed."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.elements, self.open, self.texts, self.scripts = [], [], [], []
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        (self.scripts if self.open and self.open[-1] == "script" else self.texts).append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.texts).split())
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def made(request):
+    result = result_of(request.param)
+    html = page(result)
+    return result, html, Reader(html)
+
+
+def test_a_page_is_well_formed_and_the_same_each_time(made):
+    result, html, reader = made
+    assert reader.open == []
+    assert page(result) == html
+
+
+def test_nothing_on_a_page_leads_away_from_it(made):
+    _, html, reader = made
+    for name, attrs in reader.elements:
+        assert name not in ("img", "iframe", "object", "embed", "form", "base", "link", "audio", "video")
+        assert all(not key.startswith("on") for key in attrs), (name, attrs)
+        for key in ("src", "href", "xlink:href", "action", "data", "srcset"):
+            assert str(attrs.get(key, "#")).startswith("#"), (name, attrs)
+    assert not re.search(r"@import|url\((?!#)", html)
+
+
+def test_the_policy_allows_the_pages_own_scripts_and_nothing_else(made):
+    _, _, reader = made
+    policy = next(
+        a["content"] for _, a in reader.elements if a.get("http-equiv") == "Content-Security-Policy"
+    )
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'none'"
+    types = [attrs.get("type") for name, attrs in reader.elements if name == "script"]
+    code = [script for script, kind in zip(reader.scripts, types, strict=True) if kind is None]
+    hashes = {f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'" for script in code}
+    assert set(rules["script-src"].split()) == hashes
+    assert "connect-src" not in rules
+
+
+def test_every_id_is_one_elements_own_and_every_link_has_its_target(made):
+    _, _, reader = made
+    ids = [attrs["id"] for _, attrs in reader.elements if "id" in attrs]
+    assert len(ids) == len(set(ids))
+    assert {attrs["href"][1:] for name, attrs in reader.elements if name == "a"} <= set(ids)
+
+
+def test_every_figure_stands_on_the_page_with_caption_and_table(made):
+    result, html, reader = made
+    every = figures(result)
+    drawn = [attrs for name, attrs in reader.elements if name == "svg"]
+    assert len(drawn) == len(every)
+    tables = sum(1 for name, attrs in reader.elements if (name, attrs.get("class")) == ("details", "table"))
+    assert tables == sum(figure.table is not None for figure in every) + 1  # and the list of arrays
+    for figure in every:
+        assert str(text(figure.caption)) in html
+
+
+def test_the_scene_stands_at_the_end_line_by_line(made):
+    result, _, reader = made
+    if "scene" not in result.attrs:
+        return
+    lines = [attrs for name, attrs in reader.elements if (name, attrs.get("class")) == ("span", "line")]
+    assert len(lines) == len(result.attrs["scene"].splitlines())
+    assert result.attrs["scene"].strip() in "".join(reader.texts)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("bond-graph", ["T(s)", "poles", "relative degree", "stable"]),
+        ("identification", ["estimate", "95 % interval", "bound", "Converged"]),
+        ("reduction", ["worst error", "least MAC", "serep"]),
+        ("study", ["59 done · 1 failed", "mode/omega [rad/s]", "at sample", "no <b>root</b> at 3"]),
+        (
+            "bench",
+            ["exact", "10 ms", "●", "chosen by default: exact up to 60 states", "failed: slow: too slow"],
+        ),
+    ],
+)
+def test_the_answer_comes_first(kind, said):
+    text = Reader(page(result_of(kind))).text
+    places = [text.index(words, text.index(" Provenance ")) for words in said]
+    ends = [text.rfind(f" {name} ") for name in ("Figures", "Scene", "Provenance")]
+    assert max(places) < min(end for end in ends if end > text.index(" Provenance ") + 20), text
+
+
+def test_transfer_functions_stand_in_raised_powers():
+    assert formula("s**2*m + s^10 < 1") == "s<sup>2</sup>⋅m + s<sup>10</sup> &lt; 1"
+
+
+def test_the_parameters_of_an_identification_are_the_files():
+    result = result_of("identification")
+    html = page(result)
+    for name, start in zip(
+        result["identification/parameters/name"].data,
+        result["identification/parameters/start"].data,
+        strict=True,
+    ):
+        row = re.search(
+            rf"<tr><th scope=\"row\">{re.escape(name)} [^<]*</th><td class=\"n\">([^<]*)</td>", html
+        )
+        assert float(row[1].replace(" ", "")) == pytest.approx(start, rel=1e-3)  # four digits are shown
+
+
+def test_unmet_expectations_are_said():
+    scene = template("bond-graph").split("\nexpect:")[0]
+    result = run(f"{scene}\nexpect:\n  - {{path: bond_graph/nodes, value: -1}}\n")
+    assert "0 of 1 expectation met" in Reader(page(result)).text
+
+
+@pytest.mark.parametrize("kind", ["bond-graph", "study", "bench", "unknown"])
+def test_titles_labels_and_scenes_cannot_break_out(kind):
+    from dynid.result import Result
+
+    result = Result(kind, HOSTILE, {"scene": HOSTILE, HOSTILE[:9]: HOSTILE})
+    result.merge({"study": study(9, failed=()), "bench": result_of("bench")}.get(kind, Result(kind)))
+    if kind == "study":
+        result.add(
+            f"study/samples/{HOSTILE.replace('/', '')}", np.full(9, HOSTILE, dtype=object), ("sample",)
+        )
+    html = page(result)
+    reader = Reader(html)
+    assert reader.open == []
+    assert "alert(1)" not in "".join(script for script in reader.scripts if "querySelector" in script)
+    assert not any(name == "img" for name, _ in reader.elements)
+    shown = "".join(reader.texts)
+    assert "<img src=x onerror=alert(2)>&amp;⟨U+202E⟩⟨U+0007⟩" in shown
+    assert not set(html) & {"\u202e", "\u0007"}
+
+
+@given(st.text(max_size=20))
+def test_any_text_is_read_back_as_it_was_but_for_control_characters(value):
+    reader = Reader(str(tag("p", value, title=value)))
+    assert reader.open == []
+    kept = re.sub("\r", "\n", value)
+    if not re.search(
+        "[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff\u202a-\u202e\u2066-\u2069]", kept
+    ):
+        assert "".join(reader.texts) == kept
+        assert reader.elements[0][1]["title"] == kept
+    str(text(value)).encode()
+
+
+def test_markup_is_not_escaped_twice():
+    assert tag("p", Markup("<b>x</b>"), "<") == "<p><b>x</b>&lt;</p>"
+
+
+def test_long_tables_are_thinned_out_and_say_so():
+    table = Table(("n", "value"), tuple((n, n / 7) for n in range(10_001)))
+    html = str(figure_table(table, "x"))
+    assert f"{ROWS} of 10,001 rows" in html
+    assert html.count("<tr>") == ROWS + 1
+    assert ">10000<" in html
+    assert ">0<" in html
+    assert "1,428.57" not in html
+    assert ">1428.571<" in html
+
+
+@given(st.integers(0, 10**6), st.integers(1, 4000))
+def test_what_is_shown_of_a_table_is_bounded_and_has_its_ends(count, columns):
+    rows = thinned(count, columns)
+    assert rows == sorted(set(rows))
+    assert len(rows) <= max(2, min(ROWS, max(CELLS, ROWS * (columns == 1)) // columns))
+    assert not count or (rows[0], rows[-1]) == (0, count - 1)
+
+
+def test_a_figure_that_cannot_be_drawn_leaves_the_others(monkeypatch):
+    from dynid.errors import UsageError
+
+    def draw():
+        raise UsageError("it has no scene")
+
+    good = Figure("good", "A good one", lambda: Picture('<svg class="fig" viewBox="0 0 1 1"></svg>'))
+    monkeypatch.setattr(
+        "dynid.report.page.document.figures", lambda _: [Figure("bad", "A bad one", draw), good]
+    )
+    reader = Reader(page(result_of("bench")))
+    assert "This figure cannot be drawn: it has no scene" in reader.text
+    assert any(name == "svg" for name, _ in reader.elements)
+
+
+def packed(html):
+    """Return the samples of a page: columns by name, as the script reads them."""
+    data = json.loads(re.search(r'id="samples-data">(.*?)</script>', html, re.DOTALL)[1])
+    columns = {}
+    for column in data["columns"]:
+        values = np.frombuffer(b64decode(column["data"]), dtype=column["type"])
+        columns[column["name"]] = (
+            np.array(column["levels"], dtype=object)[values] if "levels" in column else values
+        )
+    return data["rows"], columns
+
+
+def test_samples_are_those_of_the_file():
+    result = study(60, failed=(7,), pending=(11, 12))
+    rows, columns = packed(page(result))
+    assert rows == 60
+    assert columns["sample"].tolist() == list(range(60))
+    # float32: seven digits
+    np.testing.assert_allclose(columns["parameters.k"], result["study/samples/parameters.k"].data, rtol=6e-8)
+    np.testing.assert_allclose(columns["mode/omega"], result["study/results/mode/omega"].data, rtol=6e-8)
+    np.testing.assert_allclose(columns["mode/all[3]"], result["study/results/mode/all"].data[:, 2], rtol=6e-8)
+    assert columns["status"].tolist() == result["study/status"].data.tolist()
+    assert columns["error"].tolist() == result["study/error"].data.tolist()
+    assert columns["mode/verdict"].tolist() == result["study/results/mode/verdict"].data.tolist()
+
+
+@pytest.mark.parametrize("values", [[1e300, 2.0], [1e-300, 1.0], [2**24 + 1, 5], [np.inf, 1e200]])
+def test_numbers_that_a_float32_does_not_hold_are_kept_as_they_are(values):
+    result = study(2, failed=())
+    result.add("study/samples/odd", np.array(values, dtype=float), ("sample",))
+    assert packed(page(result))[1]["odd"].tolist() == values
+
+
+def test_a_page_of_ten_thousand_samples_is_small():
+    result = study(10_000, failed=range(0, 10_000, 50))
+    for place in range(40):
+        result.add(f"study/results/more/n{place}", np.random.default_rng(place).random(10_000), ("sample",))
+    html = page(result)
+    assert len(html.encode()) < 2_000_000
+    assert "of the numbers gathered" in html
+    rows, columns = packed(html)
+    assert rows == 10_000
+    assert len(columns["parameters.k"]) == 10_000
+
+
+def test_more_samples_than_a_page_holds_are_thinned_out():
+    html = page(study(120_000, failed=()))
+    assert "50,000 of 120,000 samples" in html
+    assert packed(html)[1]["sample"][[0, -1]].tolist() == [0, 119_999]
+    assert len(html.encode()) < 3_000_000
+
+
+def test_a_study_without_any_result_has_its_page():
+    reader = Reader(page(study(3, failed=(0, 1), pending=(2,))))
+    assert "0 done · 2 failed · 1 pending" in reader.text
+    assert "Interrupted" in reader.text
