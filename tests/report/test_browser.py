@@ -100,12 +100,10 @@ def test_nothing_stands_in_the_way_of_assistive_technology(browser, folder, kind
     checker = pytest.importorskip("axe_playwright_python.sync_playwright")
     file = folder / f"axe-{kind}.html"
     file.write_text(page(result_of(kind)), encoding="utf-8")
-    context = browser.new_context(
-        color_scheme=scheme, bypass_csp=True
-    )  # the policy keeps the checker out, too
+    context = browser.new_context(color_scheme=scheme, bypass_csp=True)  # it keeps the checker out, too
     opened = context.new_page()
     opened.goto(file.as_uri())
-    # What repeats itself takes the checker long and tells it nothing: later rows, and what pictures are made of.
+    # What repeats itself takes the checker long and tells it nothing.
     opened.evaluate(
         "for (const one of document.querySelectorAll('tbody tr:nth-child(n+4), svg g')) one.remove()"
     )

@@ -30,10 +30,10 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
     from dynid.cli.progress import showing
     from dynid.progress import counted
     from dynid.report import figures
-    from dynid.store import open_stored, read_result
+    from dynid.store import loaded, open_stored
 
     with open_stored(file, partial=True) as stored:
-        every = figures(stored if stored.kind == "study" else read_result(file))
+        every = figures(stored if stored.kind == "study" else loaded(stored))
         if listing:
             width = max((len(figure.name) for figure in every), default=0)
             for figure in every:

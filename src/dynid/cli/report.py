@@ -24,14 +24,14 @@ def report(file: str, output: str | None, quiet: bool) -> int:
     """
     from dynid.cli.progress import showing
     from dynid.cli.run import is_same, refuse_missing_folders
-    from dynid.store import open_stored, read_result
+    from dynid.store import loaded, open_stored
 
     target = output or f"{Path(file).stem}.html"
     if is_same(target, file):
         raise UsageError(f"the page would overwrite the result {file}", remedy="Name another file with -o.")
     refuse_missing_folders(target)
     with showing(quiet), open_stored(file, partial=True) as stored:
-        write_page(stored if stored.kind == "study" else read_result(file), target)
+        write_page(stored if stored.kind == "study" else loaded(stored), target)
     if not quiet:
         click.echo(f"wrote {target}")
     return 0

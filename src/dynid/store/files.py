@@ -20,7 +20,7 @@ from dynid.hdf5 import open_hdf5
 from dynid.result import Result, Scalar, Variable
 from dynid.store.formats import CURRENT
 from dynid.store.interrupts import deferred_interrupts
-from dynid.store.reader import INTERRUPTED, read_root, reading
+from dynid.store.reader import INTERRUPTED, StoredVariable, read_root, reading
 from dynid.store.sink import Sink
 from dynid.store.writer import ArrayWriter, write_attrs
 
@@ -163,6 +163,16 @@ def open_stored(path: str | os.PathLike[str], partial: bool = False) -> Iterator
         with reading(name):
             result = read_root(stack.enter_context(open_hdf5(name)), name, stored=True, partial=partial)
         yield result
+
+
+def loaded(stored: Result) -> Result:
+    """Return an opened result with all of its arrays in memory."""
+    result = Result(stored.kind, stored.title, stored.attrs)
+    for path, variable in stored.items():
+        result.put(path, variable.loaded() if isinstance(variable, StoredVariable) else variable)
+    for group, attrs in stored.group_attrs.items():
+        result.annotate(group, **attrs)
+    return result
 
 
 def _image(result: Result, scene_text: str) -> bytes:
