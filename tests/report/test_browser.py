@@ -251,6 +251,13 @@ def test_samples_are_paged_sorted_filtered_and_counted(visit):
     assert "1,000 of 1,000 samples" in host.text_content()
 
 
+def test_long_names_do_not_make_a_narrow_page_wide(visit):
+    result = study(30, failed=())
+    long = "group/" + "_".join(["a_very_long_name"] * 8)
+    result.add(f"study/results/{long}", result["study/samples/parameters.k"].data / 3, ("sample",))
+    assert visit(result, viewport={"width": 360, "height": 700}).page.evaluate(OVERFLOW) == 0
+
+
 def test_hostile_names_are_shown_and_do_nothing(visit):
     result = study(9, failed=())
     result.title = HOSTILE
