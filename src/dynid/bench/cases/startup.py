@@ -16,13 +16,14 @@ from dynid.bench.alternative import Alternative, Benchmark, Limit
 
 @cache
 def _folder() -> Path:
-    """Return a folder with the scenes that come along, as a user who begins has them, and a result."""
+    """Return a folder with the scenes that come along, as a user who begins has them, and results."""
     folder = Path(tempfile.mkdtemp())
     for template in (files("dynid") / "templates").iterdir():
         if template.name.endswith(".yaml"):
             (folder / template.name).write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
-    run = [sys.executable, "-m", "dynid", "run", "bond-graph.yaml", "-q", "-o", "shown.h5"]
-    subprocess.run(run, cwd=folder, check=True)
+    run = [sys.executable, "-m", "dynid", "run", "-q"]
+    subprocess.run([*run, "bond-graph.yaml", "-o", "shown.h5"], cwd=folder, check=True)
+    subprocess.run([*run, "identification.yaml", "-o", "identified.h5"], cwd=folder, check=True)
     return folder
 
 
@@ -67,7 +68,8 @@ BENCHMARK = Benchmark(
         Alternative("run-bond-graph", _dynid("run", "bond-graph.yaml", "-q")),
         Alternative("run-identification", _dynid("run", "identification.yaml", "-q")),
         Alternative("show", _dynid("show", "shown.h5")),
-        Alternative("report", _dynid("report", "shown.h5")),
+        Alternative("report", _dynid("report", "identified.h5", "-q")),
+        Alternative("import-matplotlib-numpy", _process("-c", "import matplotlib, numpy")),
         Alternative("import-numpy-scipy-h5py", _process("-c", "import numpy, scipy.linalg, h5py, pydantic")),
     ),
     error=_modules,
