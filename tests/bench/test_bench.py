@@ -14,10 +14,6 @@ from dynid.bench.suite import Figure, beaten, limits, pareto
 from dynid.bench.worker import measured, processor
 from dynid.cli import cli
 from dynid.errors import DynidError, Singular
-from dynid.bench.suite import Figure, pareto
-from dynid.bench.worker import measured
-from dynid.cli import cli
-from dynid.errors import DynidError
 from dynid.report.page import page
 from dynid.store import read_result
 
