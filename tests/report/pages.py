@@ -39,6 +39,7 @@ def bench():
         for column, values in (("time", time), ("memory", [1e6, 2e7]), ("error", [0.0, 3e-14])):
             result.add(f"{group}/{column}", values, ("size",), "s" if column == "time" else "")
         result.add(f"{group}/pareto", best, ("size",))
+        result.add(f"{group}/default", [name == "exact"] * 2, ("size",))
     return result
 
 
