@@ -29,12 +29,14 @@ def run(text):
 
 def bench():
     result = Result("bench", "Benchmarks of dynid")
+    result.annotate("bench", clock="wall")
     result.annotate(
         "bench/roots", title="Roots of a chain", size="N", measure="worst relative", failed="slow: too slow",
         missing="", chosen="exact up to 60 states",
     )  # fmt: skip
     for name, time, best in (("exact", [0.01, 0.1], [True, True]), ("float", [0.002, 0.3], [True, False])):
         group = f"bench/roots/{name}"
+        result.annotate(group, peer=False, exponent=1.5)
         result.add_axis(f"{group}/size", [20, 100])
         for column, values in (("time", time), ("memory", [1e6, 2e7]), ("error", [0.0, 3e-14])):
             result.add(f"{group}/{column}", values, ("size",), "s" if column == "time" else "")

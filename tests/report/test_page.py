@@ -123,7 +123,7 @@ def test_the_scene_stands_at_the_end_line_by_line(made):
         ("study", ["59 done · 1 failed", "mode/omega [rad/s]", "at sample", "no <b>root</b> at 3"]),
         (
             "bench",
-            ["exact", "10 ms", "●", "chosen by default: exact up to 60 states", "failed: slow: too slow"],
+            ["exact", "10 ms", "●", "exact up to 60 states", "slow: too slow"],
         ),
     ],
 )

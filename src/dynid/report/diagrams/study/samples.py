@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.report.diagrams.study.columns import Number, StudyNumbers
 from dynid.report.figure import Cell, Figure, Picture, Table
@@ -130,9 +131,18 @@ def _cloud(x: np.ndarray, y: np.ndarray) -> list[Layer]:
     return [Cells(filled, 0.0, float(np.nanmax(filled)), edges=(across, up))]
 
 
+def _counted(values: NDArray[np.float64], most: int) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return how many values are in each of some bins, and their edges; also of values that hardly differ."""
+    low, high = float(values.min()), float(values.max())
+    size = max(abs(low), abs(high))
+    if not high - low > 1e-12 * size:
+        low, high = low - (1e-3 * size or 0.5), high + (1e-3 * size or 0.5)
+    return np.histogram(values, bins=int(np.clip(np.sqrt(len(values)), 5, most)), range=(low, high))
+
+
 def _histogram(number: Number) -> list[Layer]:
     values = number.values[np.isfinite(number.values)]
-    counts, edges = np.histogram(values, bins=int(np.clip(np.sqrt(len(values)), 5, 40)))
+    counts, edges = _counted(values, 40)
     middles = (edges[1:] + edges[:-1]) / 2
     # In a scatter matrix the upright axis is that of the number: bars are scaled onto it.
     low, high = float(values.min()), float(values.max())
@@ -150,7 +160,7 @@ def _distributions(outputs: Sequence[Number]) -> Picture:
     for number in shown:
         values = number.values[np.isfinite(number.values)]
         found = statistics(values)
-        counts, edges = np.histogram(values, bins=int(np.clip(np.sqrt(len(values)), 5, 60)))
+        counts, edges = _counted(values, 60)
         middles = (edges[1:] + edges[:-1]) / 2
         tips = [f"{short(a)} … {short(b)}: {c}" for a, b, c in zip(edges, edges[1:], counts, strict=False)]
         layers: list[Layer] = [
