@@ -110,12 +110,17 @@ def _group(leader):
     return found
 
 
-def test_ctrl_c_ends_a_study_cleanly_and_says_how_to_go_on(many):
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
+    ids=["ctrl-c", "terminated"],
+)
+def test_an_interrupted_study_ends_cleanly_and_says_how_to_go_on(many, number, code):
     process = _start(many, "--workers", "2")
     _await_samples(process, many / "masses.h5", 3)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    os.killpg(process.pid, number)  # as a terminal does: to the workers too
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 130, said
+    assert process.returncode == code, said
     assert "Go on with: dynid study masses.yaml" in said
     assert "Traceback" not in said
     from dynid.store import read_result

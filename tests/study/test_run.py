@@ -342,7 +342,7 @@ main(["study", "masses.yaml", "--executor", "serial", "-q"])
 """
 
 
-@pytest.mark.parametrize("size", [5_000, 15_000])
+@pytest.mark.parametrize("size", [5_000, pytest.param(15_000, marks=pytest.mark.slow)])
 def test_a_file_that_may_not_grow_ends_in_a_message_and_no_crash(undisturbed, tmp_path, size):
     written(tmp_path)
     done = subprocess.run([sys.executable, "-c", LIMITED, str(size)], cwd=tmp_path, capture_output=True,

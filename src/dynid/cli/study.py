@@ -104,13 +104,14 @@ def study(
         _show_plan(plan, target, shard)
         return 0
     from dynid.cli.study_progress import showing
+    from dynid.store.interrupts import Terminated, terminations
     from dynid.study.execute import run_study
     from dynid.study.executors import hire
 
     started = time.perf_counter()
     crew = hire(executor, workers, scheduler, scheduler_file)
     try:
-        with showing(quiet) as progress:
+        with terminations(), showing(quiet) as progress:
             run_study(
                 plan,
                 target,
@@ -120,15 +121,15 @@ def study(
                 retry_failed=retry_failed,
                 report=progress,
             )
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as end:
         again = f"dynid study {study}{f' -o {output}' if output else ''}"
         again += f" --shard {shard[0]}/{shard[1]}" if shard else ""
         click.echo(f"interrupted; what is finished is safe. Go on with: {again}", err=True)
-        return 130
+        return 143 if isinstance(end, Terminated) else 130
     if report:
         _write_page(target, report)
     if not quiet:
-        _show_end(target, started)
+        _show_end(plan, target, started)
     if shard is not None and shard[1] > 1:
         return 0  # the expectations are of all samples
     return _check(loaded, target, junit, quiet)
@@ -164,10 +165,13 @@ def _show_plan(plan: Plan, target: str, shard: tuple[int, int] | None) -> None:
     click.echo("\n".join(lines(plan, numbers, valid_samples(plan, target, shard), target)))
 
 
-def _show_end(target: str, started: float) -> None:
+def _show_end(plan: Plan, target: str, started: float) -> None:
     from dynid.cli.summary import summary
+    from dynid.scene.batch import why_alone
     from dynid.store import open_stored
 
     with open_stored(target) as result:
         click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
+    if plan.size > 1 and (reason := why_alone(plan.base, plan.settings, plan.collect, plan.size)):
+        click.echo(f"\n  samples were run one by one: {reason}")
     click.echo(f"\n  wrote {target}")

@@ -1,4 +1,4 @@
-"""Ctrl-C at moments that can take it."""
+"""Ctrl-C, and the signal by which systems end processes, at moments that can take them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,45 @@ def deferred_interrupts() -> Iterator[Callable[[], None]]:
     HDF5 does not survive one in the middle of writing.
     """
     came: list[int] = []
+    before: dict[int, Any] = {}
 
     def check() -> None:
         if came:
+            number = came.pop()
             came.clear()
-            raise KeyboardInterrupt
+            before[number](number, None)
 
     if threading.current_thread() is not threading.main_thread():
         yield check  # interrupts come to the main thread only
         return
-    before: Any = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    for number in (int(signal.SIGINT), int(signal.SIGTERM)):
+        if callable(handler := signal.getsignal(number)):  # what ends the process at once is left to do so
+            before[number] = handler
+            signal.signal(number, lambda came_now, _: came.append(came_now))
     try:
         yield check
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     check()
+
+
+class Terminated(KeyboardInterrupt):
+    """The system asked this process to end (SIGTERM)."""
+
+
+@contextmanager
+def terminations() -> Iterator[None]:
+    """Let SIGTERM interrupt like Ctrl-C, as `Terminated`."""
+
+    def end(*_: Any) -> None:
+        raise Terminated
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
