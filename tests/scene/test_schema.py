@@ -12,7 +12,7 @@ from dynid.errors import SceneError
 from dynid.scene.load import KINDS, check_source, kind_model
 from dynid.scene.yaml.dump import dump
 from dynid.scene.yaml.source import apply_overrides, parse_source
-from tests.scene.written import ISOLATOR, JOINTS, REDUCTIONS, check, faults_of
+from tests.scene.written import ISOLATOR, JOINTS, REDUCTIONS, STUDY, check, faults_of
 
 EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS, "reduction": REDUCTIONS}
 WRONG = [
@@ -95,10 +95,10 @@ def test_a_misspelt_key_is_named_once_with_the_key_that_is_meant(kind, path):
     ("text", "fault"),
     [
         ("[]", "1:1: a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'"),
-        ("dynid: 1\n", "1:1: a scene needs the key 'kind': bond-graph, identification, reduction"),
+        ("dynid: 1\n", "1:1: a scene needs the key 'kind': bond-graph, identification, reduction, study"),
         (
             "dynid: 1\nkind: bondgraph\n",
-            "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification, reduction; "
+            "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification, reduction, study; "
             "did you mean 'bond-graph'?",
         ),
     ],
@@ -110,7 +110,7 @@ def test_what_is_no_scene_is_told_what_a_scene_is(text, fault):
 @pytest.mark.parametrize(
     ("right", "wrong", "fault"),
     [
-        ("dynid: 1", "dynid: 2", "1:8: 'dynid' cannot be 2; it can only be 1"),
+        ("dynid: 1", "dynid: 2", "1:8: the scene has format 2; this dynid reads formats up to 1: update"),
         ("dynid: 1", "dynid: true", "1:8: 'dynid' cannot be 'true'; it can only be 1"),
         ("dynid: 1 ", "dynid: 1\ndynid: 1", "2:1: the key 'dynid' is given twice, first on line 1"),
         ("title: Passive tuned isolator", "title: 12", "3:8: 'title' must be a text, not 12"),
@@ -196,7 +196,7 @@ def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
     schema = json.loads(json.dumps(kind_model(kind).model_json_schema()))
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
-    data = parse_source(EXAMPLES[kind]).data
+    data = parse_source((EXAMPLES | {"study": STUDY})[kind]).data
     assert validator.is_valid(data)
     assert not validator.is_valid({**data, "titel": "x"})
     assert not validator.is_valid({**data, "kind": "other"})

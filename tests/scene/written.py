@@ -83,6 +83,25 @@ outputs: [{dof: 2, quantity: velocity}]
 substructures: {base: [1, 2]}
 """
 
+STUDY = """\
+dynid: 1
+kind: study
+scene: suspension.yaml
+vary:
+  joints.upper.k.true: {start: 1.0e4, stop: 3.0e4, points: 5, scale: log}
+  joints.upper.c.true: {distribution: lognormal, mean: 20, std: 5, high: 60}
+  joints.lower.k.true: {distribution: uniform, low: 1.0e4, high: 3.0e4}
+  joints.lower.c.true: {distribution: triangular, low: 10, mode: 20, high: 30, name: c_low}
+  measurement.simulate.seed: [1, 2, 3]
+derive: {joints.lower.c.start: c_low / 2}
+sampling:
+  method: latin-hypercube
+  samples: 15
+  seed: 1
+  correlation: [{between: [joints.upper.c.true, joints.lower.k.true], value: 0.5}]
+collect: [identification/parameters/estimate]
+"""
+
 
 def check(text):
     """Read and check a scene."""

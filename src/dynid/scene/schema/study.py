@@ -156,7 +156,9 @@ Factor = Annotated[
     | Annotated[Normal, Tag("normal")]
     | Annotated[Triangular, Tag("triangular")],
     Discriminator(_form_of),
-    BeforeValidator(_as_mapping),
+    BeforeValidator(
+        _as_mapping, json_schema_input_type=list[Plain] | Listed | Spread | Uniform | Normal | Triangular
+    ),
 ]
 """How one value of the scene varies, or several together."""
 
