@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     BeforeValidator,
+    ConfigDict,
     Discriminator,
     Field,
     PlainValidator,
@@ -31,8 +32,17 @@ def _is_plain(raw: Any) -> Any:
 Plain = Annotated[Any, PlainValidator(_is_plain), WithJsonSchema({"description": "a value of the scene"})]
 
 
+def _or_bare(schema: dict[str, Any]) -> None:
+    """Tell editors that a list may stand without the word `values`."""
+    whole = dict(schema)
+    schema.clear()
+    schema["anyOf"] = [whole, {"type": "array", "minItems": 1}]
+
+
 class Listed(Part):
     """Values, one by one; under several paths, a list of values for each."""
+
+    model_config = ConfigDict(json_schema_extra=_or_bare)
 
     values: list[Plain] = Field(min_length=1, max_length=MAX_SAMPLES)
     name: str | None = None
@@ -156,9 +166,7 @@ Factor = Annotated[
     | Annotated[Normal, Tag("normal")]
     | Annotated[Triangular, Tag("triangular")],
     Discriminator(_form_of),
-    BeforeValidator(
-        _as_mapping, json_schema_input_type=list[Plain] | Listed | Spread | Uniform | Normal | Triangular
-    ),
+    BeforeValidator(_as_mapping),
 ]
 """How one value of the scene varies, or several together."""
 
