@@ -7,6 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from dynid.identification.augmented import augmented
+from dynid.identification.filtering.filter import Prior, filter_pass
+from dynid.identification.fit import fitter
+from dynid.identification.measurement import Measurement, Simulation, data
+from dynid.lti.signals import Multisine
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import lumped
+from dynid.structure.response import Channel, Load
 from tests.hard.case import Case
 from tests.hard.records import one_mass, run
 from tests.hard.scenes import graph
@@ -56,6 +64,35 @@ def _sure(samples: int) -> dict[str, Any]:
     }
 
 
+def _covariances(samples: int, parts: int) -> dict[str, Any]:
+    """Tell whether a filter's covariance is symmetric and positive definite all along a record.
+
+    The pass is run part after part, each from where the one before it ended, and the whole covariance of
+    states and parameters is looked at after each. Without damping no state is ever forgotten: with it the
+    covariance of states is in the end that of the parameters seen through the model, and singular.
+    """
+    joint = Joint("joint", (1,), JointParameter(start=9.9e3, true=1e4))
+    model, channels = lumped([1.0], [], [joint]), (Channel(1, "velocity"),)
+    loads = [Load(1, Multisine([100.0, 100.0], [90.0, 50.0]))]
+    taken = Measurement(0.01, samples, channels, Simulation(0.05, 1))
+    record, times = data(model, loads, taken), taken.record.times
+    joined = augmented(model, loads, channels, times[:2])
+    prior = fitter(joined, model, channels, record).wide_prior(np.log([9.9e3]))
+    origin, smallest, symmetric = prior.logs, [], True
+    for rows in np.array_split(np.arange(samples), parts):
+        here = slice(max(rows[0] - 1, 0), rows[-1] + 1)
+        values = record.values[here].copy()
+        values[: rows[0] - here.start] = np.nan  # the last sample of the part before: it has been heard
+        joined = augmented(model, loads, channels, times[here])
+        done = filter_pass(joined, values, prior, record.noise, origin)
+        prior = Prior(done.states[-1], done.logs[-1], done.whole)
+        P = done.whole @ done.whole.T
+        symmetric &= bool((P == P.T).all())
+        size = np.sqrt(np.diag(P))
+        smallest.append(np.linalg.eigvalsh(P / np.outer(size, size))[0])
+    return {"symmetric": symmetric, "positive definite": bool(min(smallest) > 1e-9)}
+
+
 # --- a filter in single precision beside double ---------------------------------------------------
 
 
@@ -96,6 +133,13 @@ def _sure_case(samples: int) -> Case:
     return Case(name, "long run", "information adds up", ask, known, slow=samples > 10_000)
 
 
+def _covariance_case(samples: int, parts: int) -> Case:
+    known = {"symmetric": True, "positive definite": True}
+    name = f"a filter's covariance over {samples:,} samples stays symmetric and positive definite"
+    ask = partial(_covariances, samples, parts)
+    return Case(name, "long run", "a covariance is one", ask, known, slow=samples > 10_000)
+
+
 def _margin_case(kind: type, bound: float) -> Case:
     name = f"for comparison, a textbook filter (Joseph's form) in {kind.__name__}"
     return Case(name, "long run", "sum of information", partial(_margin, kind), None, bound)
@@ -106,6 +150,8 @@ CASES = [
     *_energy(10_000_000, slow=True),
     _sure_case(4_000),
     _sure_case(1_000_000),
+    _covariance_case(4_000, 10),
+    _covariance_case(1_000_000, 20),
     _margin_case(np.float64, 1e-8),
     _margin_case(np.float32, 0.1),
 ]

@@ -14,6 +14,7 @@ from dynid.identification.filtering.filter import Prior, filter_pass
 from dynid.identification.fit import fitter
 from dynid.identification.information import information
 from dynid.identification.measurement import data
+from dynid.identification.prediction import free_prediction, prediction
 from dynid.lti.signals import Impact, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -62,6 +63,7 @@ def test_sensitivities_are_the_derivatives_of_the_prediction():
     fit = fitter(joint, model, channels, record).fit(logs, y)
     np.testing.assert_allclose(fit.predicted.outputs, y, rtol=0, atol=1e-11 * np.abs(y).max())
     np.testing.assert_allclose(fit.predicted.states[0] * joint.scale, x0, rtol=1e-9)
+    found = prediction(joint, logs, fit.predicted.states[0], *free_prediction(joint, logs))
     for j in range(2):
         e = 1e-4 * np.eye(2)[j]
         # Five-point rule: truncation h^4, rounding 1e-12 / h.
@@ -69,12 +71,10 @@ def test_sensitivities_are_the_derivatives_of_the_prediction():
             8 * (oracle(logs + e, x0) - oracle(logs - e, x0))
             - (oracle(logs + 2 * e, x0) - oracle(logs - 2 * e, x0))
         ) / (12 * 1e-4)
-        np.testing.assert_allclose(
-            fit.predicted.by_parameter[:, :, j], slope, rtol=0, atol=1e-8 * np.abs(y).max()
-        )
+        np.testing.assert_allclose(found.by_parameter[:, :, j], slope, rtol=0, atol=1e-8 * np.abs(y).max())
         state = oracle(logs, x0 + np.eye(2)[j]) - oracle(logs, x0)
         np.testing.assert_allclose(
-            fit.predicted.by_state[:, :, j] / joint.scale[j], state, rtol=0, atol=1e-9 * np.abs(state).max()
+            found.by_state[:, :, j] / joint.scale[j], state, rtol=0, atol=1e-9 * np.abs(state).max()
         )
 
 

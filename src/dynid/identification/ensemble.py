@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import whiteness
+from dynid.identification.diagnostics import root_mean_square, whiteness
 from dynid.identification.fit import Fitter
 from dynid.identification.information import Information, joined
 from dynid.identification.knowledge import Knowledge
@@ -134,18 +134,25 @@ class Likelihood:
 
         The noise of a channel whose deviation is not given is the one that makes the likelihood largest.
         """
-        total = float(np.sum(self.knowledge.residual(fit.logs) ** 2)) / 2
-        for record, part, level in zip(self.records, fit.parts, self.likeliest(fit), strict=True):
-            squares = np.where(np.isnan(record.given), 0.0, part.size / level) ** 2
-            total += float(part.counts @ (np.log(level) + squares / 2))
+        return self._misfit(fit.logs, [part.counts for part in fit.parts], [part.size for part in fit.parts])
+
+    def misfit_at(self, logs: Array) -> float:
+        """Return the misfit of the fit at these logarithms (p), without making the rest of it."""
+        sizes = [root_mean_square(record.residual(logs)) for record in self.records]
+        return self._misfit(logs, [record.data.counts for record in self.records], sizes)
+
+    def _misfit(self, logs: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
+        total = float(np.sum(self.knowledge.residual(logs) ** 2)) / 2
+        for record, count, size in zip(self.records, counts, sizes, strict=True):
+            level = _likeliest(record, size)
+            squares = np.where(np.isnan(record.given), 0.0, size / level) ** 2
+            total += float(count @ (np.log(level) + squares / 2))
         return total
 
     def likeliest(self, fit: JointFit) -> list[Array]:
         """Return the noise given, else the RMS of the residuals, not below rounding (channels)."""
-        return [
-            record.known_or(np.hypot(part.size, _ROUNDING * record.data.rms))
-            for record, part in zip(self.records, fit.parts, strict=True)
-        ]
+        each = zip(self.records, fit.parts, strict=True)
+        return [_likeliest(record, part.size) for record, part in each]
 
     def residual_ratio(self, fit: JointFit) -> Array:
         """Return the RMS of the residuals over that of the measured values (channels of all records)."""
@@ -156,6 +163,11 @@ class Likelihood:
         """Return the p-value of the residuals' whiteness."""
         each = zip(self.records, fit.residuals, strict=True)
         return whiteness(*(record.series(residual) for record, residual in each))
+
+
+def _likeliest(record: Observed, size: Array) -> Array:
+    """Return the noise given, else this RMS of the residuals, not below rounding (channels)."""
+    return record.known_or(np.hypot(size, _ROUNDING * record.data.rms))
 
 
 @dataclass(frozen=True, eq=False)

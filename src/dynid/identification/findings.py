@@ -263,13 +263,13 @@ class Findings(ABC):
         result.annotate("identification", estimator=self.method)
         result.add_axis(f"{group}/stage", [stage.name for stage in stages])
         result.add_axis(f"{group}/parameter", [unknown.name for unknown in self.ensemble.unknowns])
-        estimates = np.exp([stage.fit.logs for stage in stages])
+        estimates = np.exp([stage.logs for stage in stages])
         unit = self._common_unit_of_parameters()
         result.add(f"{group}/estimate", estimates, ("stage", "parameter"), unit)
-        left = [np.max(self.ensemble.residual_ratio(stage.fit)) for stage in stages]
+        left = [np.max(stage.residual_ratio) for stage in stages]
         result.add(f"{group}/residual_ratio", left, ("stage",))
-        result.add(f"{group}/iterations", [len(stage.fits) - 1 for stage in stages], ("stage",))
-        chosen = [stage.fit is self._final for stage in stages].index(True) + 1
+        result.add(f"{group}/iterations", [stage.iterations for stage in stages], ("stage",))
+        chosen = [stage.logs is self._final.logs for stage in stages].index(True) + 1
         result.add(f"{group}/chosen", chosen)
 
     def _add_diagnostics(self, result: Result) -> None:

@@ -22,7 +22,7 @@ from dynid.identification.information import (
 from dynid.identification.kernels.compiled import compiled
 from dynid.identification.measurement import Data
 from dynid.identification.observed import Fit, Observed
-from dynid.identification.prediction import free_prediction, prediction
+from dynid.identification.prediction import Free, Trajectory, free_prediction, prediction
 from dynid.lti.floating import finite
 from dynid.structure.joints import Unknown
 from dynid.structure.model import StructuralModel
@@ -94,17 +94,38 @@ class Fitter(Observed):
         Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
         """
         free, steps = free_prediction(self.model, logs)
+        x0 = self._start(free, values, noise)
+        predicted = prediction(self.model, logs, x0, free, steps)
+        residual = values - predicted.outputs
+        found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
+        size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
+        trajectory = Trajectory(predicted.outputs, predicted.states)
+        return Fit(logs, trajectory, residual, counts, size, self.noise_in(counts, size), found)
+
+    def residual(self, logs: Array) -> Array:
+        """Return what the fit at exp(logs) leaves of the record (times x channels), NaN where missing."""
+        free, _ = free_prediction(self.model, logs)
+        x0 = self._start(free, self.data.values, None)
+        return np.asarray(self.data.values - free.forced - free.by_state @ x0)
+
+    def _start(self, free: Free, values: Array, noise: Array | None) -> Array:
+        """Return the initial state that fits `values` best (n), as of `fit`."""
         forced = free.forced + free.by_state @ self.model.initial
         weight = 1.0 if noise is None else (self.data.rms / noise)[:, None, None]
         rows = self._triangles(values - forced, free.by_state, free.by_state[..., :0])[0] * weight
         matrix = (rows[..., :-1] @ self.root).reshape(-1, len(self.root))
         # Rank-revealing: initial states that the record does not show stay at zero.
-        x0 = self.model.initial + self.root @ least_squares(matrix, rows[..., -1].ravel(), STATE_RANK)
-        predicted = prediction(self.model, logs, x0, free, steps)
-        residual = values - predicted.outputs
-        found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
-        size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
-        return Fit(logs, predicted, residual, counts, size, self.noise_in(counts, size), found)
+        shift = least_squares(matrix, rows[..., -1].ravel(), STATE_RANK)
+        return np.asarray(self.model.initial + self.root @ shift)
+
+    def slopes(self, fit: Fit, noise: Array) -> Array:
+        """Return few rows with the same products as the derivatives by the logarithms over noise (… x p)."""
+        n, p = self.model.states, self.model.parameters
+        return self._weighted(fit, noise)[:, n : n + p]
+
+    def by_start(self, fit: Fit, noise: Array) -> Array:
+        """Return, row by row beside `slopes`, those by the first state in the units of its prior (… x n)."""
+        return np.asarray(self._weighted(fit, noise)[:, : self.model.states] @ self.root)
 
     def on(self, data: Data) -> Self:
         """Return the fitter of other values of the same record."""

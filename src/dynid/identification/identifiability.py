@@ -231,15 +231,14 @@ def _add_bounds(result: Result, expected: Expected) -> None:
 
 def _known_state(expected: Expected) -> Array:
     """Return the relative bounds were the initial states known."""
-    rows = [
-        (part.predicted.by_parameter * np.where(np.isnan(part.residual), 0.0, 1 / level)[..., None])
-        for part, level in zip(expected.fit.parts, expected.noise, strict=True)
-    ]
-    full = np.concatenate([row.reshape(-1, row.shape[-1]) for row in rows])
+    records = expected.ensemble.records
+    each = zip(records, expected.fit.parts, expected.noise, strict=True)
+    full = np.concatenate([record.slopes(part, level) for record, part, level in each])
+    values = sum(int(record.data.counts.sum()) for record in records)
     total = np.linalg.norm(full, axis=0)
     information = expected.information()
     return relative_bounds(
-        Information(information.names, full, total, information.signal, len(full), information.values)
+        Information(information.names, full, total, information.signal, values, information.values)
     )
 
 

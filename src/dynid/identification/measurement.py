@@ -177,6 +177,11 @@ class Data:
         """Root mean square of each channel over the samples present."""
         return root_mean_square(self.values)
 
+    @cached_property
+    def counts(self) -> NDArray[np.int_]:
+        """How many values each channel has (channels)."""
+        return np.asarray(np.count_nonzero(~np.isnan(self.values), axis=0))
+
     def without_noise(self) -> Data:
         """Return the record without its noise, where that is known."""
         return self if self.clean is None else replace(self, values=self.clean)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.identification.information import Information
 from dynid.identification.measurement import Data
-from dynid.identification.prediction import Prediction
+from dynid.identification.prediction import Trajectory
 from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Fit:
     logs
         Logarithms of the parameters (p).
     predicted
-        Noise-free prediction and sensitivities, the states in SI divided by the model's scale.
+        Noise-free prediction, the states in SI divided by the model's scale.
     residual
         Measured minus predicted (times x channels), NaN where missing.
     counts, size
@@ -38,16 +38,19 @@ class Fit:
     triangles
         Of each channel, over its RMS, a triangle of derivatives by the initial state (scaled) and by the
         logarithms, and residuals, side by side (channels x n + p + 1 x n + p + 1). Whatever the channels are
-        to count by, these few rows tell what all values tell. None where the values themselves are used.
+        to count by, these few rows tell what all values tell. None where `by_parameter` is used.
+    by_parameter
+        Derivatives of the prediction by the logarithms (times x channels x p), where there are no triangles.
     """
 
     logs: Array
-    predicted: Prediction
+    predicted: Trajectory
     residual: Array
     counts: NDArray[np.int_]
     size: Array
     noise: Array
     triangles: Array | None = None
+    by_parameter: Array | None = None
 
 
 class Observed(ABC):
@@ -80,6 +83,14 @@ class Observed(ABC):
 
         Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
         """
+
+    def residual(self, logs: Array) -> Array:
+        """Return what the fit at exp(logs) leaves of the record (rows x channels), NaN where missing."""
+        return self.fit(logs, self.data.values).residual
+
+    @abstractmethod
+    def slopes(self, fit: Fit, noise: Array) -> Array:
+        """Return the derivatives by the logarithms over noise (… x p), or few rows with the same products."""
 
     @abstractmethod
     def on(self, data: Data) -> Self:

@@ -24,6 +24,7 @@ from dynid.identification.record_results import (
 )
 from dynid.identification.residuals import Consistency, consistency
 from dynid.identification.states import state_deviations
+from dynid.identification.thinning import kept
 from dynid.identification.verdict import Sensor
 from dynid.result import Result
 from dynid.structure.matrices import Label
@@ -94,7 +95,7 @@ class Outcome(Findings):
 
     @cached_property
     def _state_deviations(self) -> list[Array]:
-        """Deviations of the states (times x n, scaled) of each record, given all records."""
+        """Deviations of the states (rows that are kept x n, scaled) of each record, given all records."""
         known = self.information.root()
         each = zip(self.ensemble.records, self._final.parts, self._noise, strict=True)
         return [state_deviations(record, part, noise, known) for record, part, noise in each]
@@ -133,8 +134,8 @@ class Outcome(Findings):
         """Return the history of an estimator of whole records: it knows as much at any time."""
         sweep, deviations = [], self.information.deviations()
         for part, bands in zip(self._final.parts, self._state_deviations, strict=True):
-            every = np.ones((len(part.residual), 1))
-            states, root = part.predicted.states, np.diag(deviations)
+            states, root = part.predicted.states[kept(len(part.residual))], np.diag(deviations)
+            every = np.ones((len(states), 1))
             sweep.append(Pass(every * part.logs, every * deviations, states, bands, root))
         return sweep
 
@@ -152,8 +153,10 @@ class Outcome(Findings):
         """Add what is found of a record beside its prediction: states, residuals, innovations."""
         model, part = self.ensemble.records[k].model, self._final.parts[k]
         measurement = self.experiments[k].measurement
+        rows = kept(len(part.residual))
+        states = (part.predicted.states[rows] * model.scale, self._state_deviations[k] * model.scale)
+        true = None if true is None else true[rows]
         add_truth(result, self._group("identification/history", k), model, true)
-        states = (part.predicted.states * model.scale, self._state_deviations[k] * model.scale)
         add_states(result, self._group("identification/states", k), measurement, self.dofs, states, true)
         add_spectrum(result, self._group("identification/residual_spectrum", k), measurement, part)
         if self.innovations is not None:

@@ -34,6 +34,13 @@ class Free(NamedTuple):
     by_state: Array
 
 
+class Trajectory(NamedTuple):
+    """A noise-free prediction: `outputs` (times x channels), `states` (times x n, scaled)."""
+
+    outputs: Array
+    states: Array
+
+
 class Prediction(NamedTuple):
     """Prediction at given parameters and initial state, with sensitivities.
 
@@ -68,7 +75,7 @@ def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, Steps]:
     # Of the response to the state only what the channels see is kept: all of it would be n times as much.
     by_state = np.empty((len(line.wanted), len(C), n))
     by_state[sample_of[:1]] = C
-    for first, last, k in _runs(line.which):
+    for first, last, k in runs(line.which):
         Phi = transitions[k].step[:, :n]
         after = slice(first + 1, last + 1)
         forced[after] = recurrence(Phi, forcing[first:last, None], forced[first, None])[:, 0]
@@ -108,7 +115,7 @@ def prediction(model: AugmentedModel, logs: Array, x0: Array, free: Free, steps:
     drift = _forcing(model, [transition.derivatives[:, :, n:] for transition in transitions])
     states, slopes = np.empty((nodes, 1, n)), np.empty((nodes, p, n))
     states[0], slopes[0] = x0, 0.0
-    for first, last, k in _runs(model.line.which):
+    for first, last, k in runs(model.line.which):
         Phi, by_parameter = transitions[k].step[:, :n], transitions[k].derivatives[:, :, :n]
         after = slice(first + 1, last + 1)
         states[after] = recurrence(Phi, forcing[first:last, None], states[first])
@@ -134,7 +141,7 @@ def _compiled(model: AugmentedModel, logs: Array, x0: Array, free: Free, at: Lin
     return Prediction(outputs, states, by_parameter, free.by_state)
 
 
-def _runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
+def runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
     """Return first and last node, and index of the length, of runs of intervals of one length."""
     changes = np.flatnonzero(np.diff(which)) + 1
     for begin, end in pairwise([0, *changes.tolist(), len(which)]):

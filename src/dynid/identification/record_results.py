@@ -13,6 +13,7 @@ from dynid.identification.fit import Fitter
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.observed import Fit
 from dynid.identification.residuals import consistency, spectrum
+from dynid.identification.thinning import kept
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.motion import inputs_of
@@ -32,7 +33,7 @@ def add_history(
     """Add the histories of parameters and states over a record."""
     estimate = np.exp(history.logs)
     dims = ("time", "parameter")
-    result.add_axis(f"{group}/time", _times(measurement), "s")
+    _add_kept_times(result, group, measurement)
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
     unit = common_unit(unknown.unit for unknown in model.unknowns)
     result.add(f"{group}/estimate", estimate, dims, unit)
@@ -64,7 +65,7 @@ def add_states(
 ) -> None:
     """Add states and their deviations (times x n), measured or not, and the truth (Yang, Fig. 9)."""
     dims = ("time", "component")
-    result.add_axis(f"{group}/time", _times(measurement), "s")
+    _add_kept_times(result, group, measurement)
     _add_components(result, group, dofs)
     result.add(f"{group}/estimate", states[0], dims)
     result.add(f"{group}/standard_deviation", states[1], dims)
@@ -125,6 +126,14 @@ def add_measurement(result: Result, group: str, record: Fitter, experiment: Expe
         result.add(f"{group}/noise", data.noise, ("channel",), unit)
     if data.given is not None:
         result.add(f"{group}/given_noise", data.given, ("channel",), unit)
+
+
+def _add_kept_times(result: Result, group: str, measurement: Measurement) -> None:
+    """Add the times of a history, and say where these are not those of all samples."""
+    rows = kept(measurement.samples)
+    result.add_axis(f"{group}/time", _times(measurement)[rows], "s")
+    if rows.step > 1:
+        result.annotate(group, samples=measurement.samples, stored_every=rows.step)
 
 
 def _times(measurement: Measurement) -> Array:

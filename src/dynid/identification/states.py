@@ -11,6 +11,9 @@ from dynid.identification.fit import Fitter
 from dynid.identification.information import thin_svd
 from dynid.identification.measurement import Measurement, Simulation, simulated
 from dynid.identification.observed import Fit
+from dynid.identification.prediction import runs
+from dynid.identification.thinning import kept
+from dynid.lti.recurrence import recurrence
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Load
@@ -19,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def state_deviations(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array:
-    """Return the standard deviations of the states (times x n, scaled), given all records as a whole.
+    """Return the standard deviations of the states (rows that are kept x n, scaled), given all records.
 
     The covariance of initial state and parameters, carried along exactly. Initial states that the record
     does not show keep the deviation of the wide prior.
@@ -37,25 +40,29 @@ def state_deviations(record: Fitter, fit: Fit, noise: Array, known: Array) -> Ar
     """
     model, n = record.model, record.model.states
     transitions = [model.transition(fit.logs, h) for h in model.line.lengths]
-    wanted = np.zeros(len(model.line.nodes), dtype=bool)
-    wanted[model.line.wanted] = True
-    S = _initial_root(record, fit, noise, known)
+    shown = np.zeros(len(model.line.nodes), dtype=bool)
+    shown[model.line.wanted[kept(len(model.line.wanted))]] = True
+    root = _initial_root(record, fit, noise, known)
+    by_logs, columns = root[n:].T, root[:n].T
     x = fit.predicted.states[0]
-    out = [_sizes(S[:n])] if wanted[0] else []
-    for node, k in enumerate(model.line.which.tolist()):
-        driven = np.concatenate([x, model.W[node]])
+    out = [_sizes(columns[None])] if shown[0] else []
+    for first, last, k in runs(model.line.which):
         step, slopes = transitions[k]
-        x = step @ driven
-        S[:n] = step[:, :n] @ S[:n] + (slopes @ driven).T @ S[n:]
-        if wanted[node + 1]:
-            out.append(_sizes(S[:n]))
-    return np.array(out)
+        Phi, W = step[:, :n], model.W[first:last]
+        path = recurrence(Phi, (W @ step[:, n:].T)[:, None], x[None])[:, 0]
+        driven = np.concatenate([np.concatenate([x[None], path[:-1]]), W], axis=1)
+        moved = (driven @ slopes.swapaxes(1, 2)).swapaxes(0, 1)  # steps x p x n
+        spread = recurrence(Phi, by_logs @ moved, columns)
+        x, columns = path[-1], spread[-1]
+        out.append(_sizes(spread[shown[first + 1 : last + 1]]))
+    return np.concatenate(out)
 
 
-def _sizes(rows: Array) -> Array:
-    unit = np.abs(rows).max(axis=1)  # squares of large units overflow
-    shares = rows / np.where(unit > 0, unit, 1.0)[:, None]
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", shares, shares)) * unit)
+def _sizes(columns: Array) -> Array:
+    """Return the lengths of states (steps x columns x n) over the columns, however large or small."""
+    unit = np.abs(columns).max(axis=1)  # squares of large units overflow
+    shares = columns / np.where(unit > 0, unit, 1.0)[:, None]
+    return np.asarray(np.sqrt(np.einsum("ijk,ijk->ik", shares, shares)) * unit)
 
 
 def _initial_root(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array:
@@ -63,10 +70,8 @@ def _initial_root(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array
 
     Given the logarithms, the state is what a regression on them leaves, with the covariance that it then has.
     """
-    p, n = fit.predicted, record.model.states
-    weight = np.where(np.isnan(fit.residual), 0.0, 1 / noise)[..., None]
-    by_state = (p.by_state @ record.root * weight).reshape(-1, n)
-    by_parameter = (p.by_parameter * weight).reshape(len(by_state), -1)
+    n = record.model.states
+    by_state, by_parameter = record.by_start(fit, noise), record.slopes(fit, noise)
     U, s, Vt = thin_svd(by_state)
     kept = np.zeros(n)
     kept[: len(s)] = s

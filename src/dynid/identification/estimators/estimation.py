@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeAlias
+from typing import Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.ensemble import Ensemble, JointFit
+from dynid.identification.ensemble import Ensemble, JointFit, Likelihood
 from dynid.identification.filtering.filter import Pass
 
 Array = NDArray[np.float64]
@@ -20,23 +20,32 @@ Sweep: TypeAlias = Sequence[Pass]
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One attempt of an estimator.
+    """One attempt of an estimator, without what is as long as the records.
 
     Attributes
     ----------
     name
         What was done.
-    fits
-        The fits on the way, the last one its result.
+    logs
+        The logarithms that it came to (p).
+    residual_ratio
+        RMS of the residuals there over that of the measured values (channels of all records).
+    misfit
+        Minus the logarithm of the likelihood there, up to a constant.
+    iterations
+        Steps of a search.
     """
 
     name: str
-    fits: Sequence[JointFit]
+    logs: Array
+    residual_ratio: Array
+    misfit: float
+    iterations: int
 
-    @property
-    def fit(self) -> JointFit:
-        """Its result."""
-        return self.fits[-1]
+    @classmethod
+    def at(cls, name: str, ensemble: Likelihood, fit: JointFit, iterations: int = 0) -> Self:
+        """Return the attempt that ended with a fit."""
+        return cls(name, fit.logs, ensemble.residual_ratio(fit), ensemble.misfit(fit), iterations)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,7 @@ class InvariantImbedding:
 
         sweep = chained(ensemble, [record.wide_prior(origin) for record in ensemble.records], passed)
         fit = ensemble.fit(last(ensemble, [sweep]))
-        return Estimation(fit, [sweep], [Stage("invariant imbedding", [fit])], facts)
+        return Estimation(fit, [sweep], [Stage.at("invariant imbedding", ensemble, fit)], facts)
 
     def _integrated(self, record: Fitter, prior: Prior, origin: Array) -> tuple[Pass, int, int]:
         """Return the pass over one record, its number of equations, and that of their evaluations."""

@@ -32,16 +32,11 @@ _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
 _PART, _SIZE = 1e-3, 1e-11
 
 
-class Iterations(NamedTuple):
-    """The way to an optimum.
+class Way(NamedTuple):
+    """Where a search for the greatest likelihood ends (`fit`), after how many `steps`."""
 
-    `fits`: one an iteration, the start first; `damping`: that of the step to each (0: the start); `finished`:
-    whether what is left is as small as it has to be.
-    """
-
-    fits: list[JointFit]
-    damping: list[float]
-    finished: bool
+    fit: JointFit
+    steps: int
 
 
 @dataclass(frozen=True)
@@ -69,11 +64,11 @@ class OutputError:
         Diverged
             If the parameters run away.
         """
-        fits = refine(ensemble, origin, self.iterations).fits
-        return Estimation(fits[-1], [], [Stage("output error", fits)])
+        way = refine(ensemble, origin, self.iterations)
+        return Estimation(way.fit, [], [Stage.at("output error", ensemble, way.fit, way.steps)])
 
 
-def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iterations:
+def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Way:
     """Go to the nearest maximum of the likelihood.
 
     Parameters
@@ -92,7 +87,6 @@ def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iteration
     """
     fit = ensemble.fit(logs)
     misfit = ensemble.misfit(fit)
-    way = Iterations([fit], [0.0], finished=False)
     damping, before = _DAMPING, 0.0
     for number in range(1, iterations + 1):
         tell(f"maximum likelihood, step {number}")
@@ -107,16 +101,14 @@ def refine(ensemble: Likelihood, logs: Array, iterations: int = 50) -> Iteration
             better, step = _improved(ensemble, target, noise, misfit), target - fit.logs
             damping *= 1.0 if better else 10.0
         if better is None:  # no step improves: rounding is all that is left
-            return way._replace(finished=True)
+            return Way(fit, number - 1)
         fit, misfit = better
-        way.fits.append(fit)
-        way.damping.append(damping)
         check_run_away(ensemble.unknowns, fit.logs, logs)
         size = float(np.max(np.abs(step) / np.maximum(_PART * information.deviations(), _SIZE)))
         if _left(size, before) <= 1.0:
-            return way._replace(finished=True)
+            return Way(fit, number)
         damping, before = max(damping / 10, _LEAST), size
-    return way
+    return Way(fit, iterations)
 
 
 def _left(size: float, before: float) -> float:

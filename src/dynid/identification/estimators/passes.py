@@ -20,6 +20,7 @@ from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimators.estimation import Estimation, Stage, Sweep
 from dynid.identification.filtering.filter import Pass, Prior, filter_pass
 from dynid.identification.fit import Fitter
+from dynid.identification.thinning import thinned
 from dynid.progress import counted, tell
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ class Filter:
         """
         histories = run_passes(ensemble, self.passes, origin)
         fit = ensemble.fit(last(ensemble, histories))
-        return Estimation(fit, histories, [Stage("filter", [fit])])
+        return Estimation(fit, histories, [Stage.at("filter", ensemble, fit)])
 
 
 def last(ensemble: Ensemble, sweeps: Sequence[Sweep]) -> Array:
@@ -151,7 +152,7 @@ def chained(
     first = ensemble.knowledge.informed(priors[0])
     for k, (record, prior) in enumerate(zip(ensemble.records, priors, strict=True)):
         before = record.continued(prior, sweep[-1].logs[-1], sweep[-1].root) if sweep else first
-        sweep.append(passed(k, record, before))
+        sweep.append(thinned(passed(k, record, before)))
     return sweep
 
 

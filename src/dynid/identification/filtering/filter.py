@@ -53,7 +53,8 @@ class Pass(NamedTuple):
     `logs` and `deviations`: logarithms and their standard deviations (times x p); `states` and
     `state_deviations`: physical states and theirs (times x n, scaled); `root`: a root of the logarithms'
     covariance after the last sample (p x any); `innovations`: what each value had that was not foreseen, over
-    its deviation (times x channels; NaN where a sample is missing), if known.
+    its deviation (times x channels; NaN where a sample is missing), if known; `whole`: a root of the
+    covariance of state (scaled) and logarithms after the last sample (n + p x any), if known.
     """
 
     logs: Array
@@ -62,6 +63,7 @@ class Pass(NamedTuple):
     state_deviations: Array
     root: Array
     innovations: Array | None = None
+    whole: Array | None = None
 
 
 def filter_pass(
@@ -102,7 +104,7 @@ def filter_pass(
     weight = np.broadcast_to(1 / deviation, measured.shape)
     run = _walk_compiled if compiled(len(model.line.nodes), n + len(model.line.G), p) else _walk
     root = run(model, measured, weight, z, S, origin, history, part)
-    return Pass(logs, deviations, states, bands, root[n:], history.innovations)
+    return Pass(logs, deviations, states, bands, root[n:], history.innovations, root)
 
 
 class _History(NamedTuple):

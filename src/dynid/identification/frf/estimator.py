@@ -76,4 +76,4 @@ class FrfAuto:
 
 def _led(magnitudes: Likelihood, logs: Array) -> Begun:
     """Begin where the magnitudes lead."""
-    return refine(magnitudes, logs, _STEPS).fits[-1].logs, []
+    return refine(magnitudes, logs, _STEPS).fit.logs, []

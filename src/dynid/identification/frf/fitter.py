@@ -16,7 +16,7 @@ from dynid.identification.frf.measurement import FrfMeasurement, responses, stac
 from dynid.identification.information import Information, information
 from dynid.identification.measurement import Data
 from dynid.identification.observed import Fit, Observed, weights
-from dynid.identification.prediction import Prediction
+from dynid.identification.prediction import Trajectory
 from dynid.structure.joints import Unknown
 from dynid.structure.model import StructuralModel
 
@@ -68,10 +68,17 @@ class FrfFitter(Observed):
             outputs = stacked(found.values / profile)
             by_parameter = stacked(found.slopes / profile[..., None])
         none = np.zeros((len(outputs), 0))
-        predicted = Prediction(outputs, none, by_parameter, np.zeros((*outputs.shape, 0)))
         residual = values - outputs
+        predicted = Trajectory(outputs, none)
         counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
-        return Fit(logs, predicted, residual, counts, size, self.noise_in(counts, size))
+        seen = self.noise_in(counts, size)
+        return Fit(logs, predicted, residual, counts, size, seen, by_parameter=by_parameter)
+
+    def slopes(self, fit: Fit, noise: Array) -> Array:
+        """Return the derivatives by the logarithms over noise (values x p), 0 where a value is missing."""
+        assert fit.by_parameter is not None
+        weight = weights(noise, fit.residual)
+        return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
 
     def on(self, data: Data) -> Self:
         """Return the fitter of other values of the same responses."""
@@ -79,11 +86,10 @@ class FrfFitter(Observed):
 
     def information(self, fit: Fit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
-        p = fit.predicted
         names = tuple(unknown.name for unknown in self.unknowns)
         weight = weights(noise, fit.residual)
-        slopes = (np.nan_to_num(p.by_parameter) * weight[..., None]).reshape(-1, len(names))
-        signal = float(np.linalg.norm(np.nan_to_num(p.outputs) * weight))
+        slopes = self.slopes(fit, noise)
+        signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
         found = information(names, slopes, np.zeros((len(slopes), 0)), signal, int(np.count_nonzero(weight)))
         return replace(found, values=np.exp(fit.logs))
 
