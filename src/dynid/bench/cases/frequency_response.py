@@ -7,6 +7,7 @@ from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.cases.chain import exact_response, matrices, reduced
+from dynid.bondgraph.chains import distinct
 
 _POINTS = 1000
 #: Responses below this are next to what floating point holds, and left out.
@@ -51,6 +52,24 @@ def _sparse(stages: int) -> Callable[[], Any]:
     return lambda: np.array([solve(w) for w in _omega()])
 
 
+def _nodal(stages: int) -> Callable[[], Any]:
+    """Factorise the masses' impedances at every frequency, sparse."""
+    import numpy as np
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    m, k, b = (np.array([complex(stage[place]) for stage in distinct(stages)]) for place in range(3))
+    joints = np.eye(stages) - np.eye(stages, k=1)  # elongations by displacements
+    M, K, B = csc_array(np.diag(m)), csc_array(joints.T * k @ joints), csc_array(joints.T * b @ joints)
+    force = np.zeros(stages, dtype=complex)
+    force[0] = 1.0
+
+    def solve(w: float) -> complex:
+        return complex(splu(1j * w * M + B + K / (1j * w)).solve(force)[-1])
+
+    return lambda: np.array([solve(w) for w in _omega()])
+
+
 def _control(stages: int) -> Callable[[], Any]:
     import control
 
@@ -91,6 +110,7 @@ BENCHMARK = Benchmark(
         Alternative("reduction", _program),
         Alternative("state-space", _solved, most=10, peer=True),
         Alternative("sparse-lu", _sparse, most=1000, peer=True),
+        Alternative("sparse-nodal", _nodal, most=1000, peer=True),
         Alternative("polynomials", _polynomials, most=100, peer=True),
         Alternative("control", _control, needs=("control",), most=10, peer=True),
     ),

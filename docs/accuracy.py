@@ -1,0 +1,155 @@
+"""Write docs/accuracy.md, speed against error of all benchmarks: `python docs/accuracy.py [FILE.h5]…`.
+
+Without files it measures all benchmarks at their default sizes, by the processor's clock (some minutes); with
+files it writes what `dynid bench -o FILE.h5` wrote. The plots go to docs/accuracy/.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from dynid.bench import BENCHMARKS, run_benchmarks  # noqa: E402
+from dynid.choices import CHOICES  # noqa: E402
+from dynid.numerals import memory_text, time_text  # noqa: E402
+from dynid.report import figures  # noqa: E402
+from dynid.report.answers.bench import Row, notes, rows_of  # noqa: E402
+from dynid.result import Result  # noqa: E402
+from dynid.store import read_result  # noqa: E402
+from tests.hard.catalogue import HALVES, cases  # noqa: E402
+
+PAGE = """\
+# Speed against error
+
+Made by `python docs/accuracy.py`, every number measured by `dynid bench` in one go, or counted. Alternatives
+of a benchmark do the same work, in turns, each in a process and a thread of its own; times are medians of the
+{clock} clock, memory is the rise of the peak, errors are against exact or high-precision references.
+● nothing of the same size is both faster and more accurate; › what the suite takes by default.
+
+Measured on {machine}, with load {load} on {cores} cores at the end.
+
+## In short
+
+{short}
+
+## What the suite chooses, and the table that says why
+
+{choices}
+
+## Hard cases
+
+{hard}; each with its source, bound and error in [hard_cases.md](hard_cases.md).
+
+{benchmarks}
+"""
+
+
+def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [list(heads), *(list(row) for row in rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in lines)
+
+
+def names_of(result: Result, group: str) -> list[str]:
+    """Return the alternatives that have figures."""
+    return list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
+
+
+def by_size(result: Result, group: str) -> list[Row]:
+    """Return all rows of a benchmark, by size."""
+    every = [row for name in names_of(result, group) for row in rows_of(result, group, name)]
+    return sorted(every, key=lambda row: row.size)
+
+
+def summary(result: Result, group: str) -> list[str]:
+    """Return benchmark, how the default's time grows, whether it is on the front, and who beats it."""
+    about, rows = result.group_attrs[group], by_size(result, group)
+    chosen = [row for row in rows if row.default]
+    off = [f"{row.size:,}" for row in chosen if not row.best]
+    last = chosen[-1].name if chosen else names_of(result, group)[0]
+    grows = result.group_attrs[f"{group}/{last}"].get("exponent")
+    name = group.partition("/")[2]
+    return [
+        f"[{name}](#{name})",
+        ", ".join(dict.fromkeys(row.name for row in chosen)) or "-",
+        f"{about['size']}^{grows:.2f}" if grows is not None else "-",
+        ("always" if not off else f"not at {', '.join(off)}") if chosen else "-",
+        str(about["beaten"] or "none") if "beaten" in about else "-",
+    ]
+
+
+def section(result: Result, group: str) -> Iterator[str]:
+    """Yield the part of a benchmark."""
+    about, name = result.group_attrs[group], group.partition("/")[2]
+    yield f"## {name}\n\n{about['title']}.\n"
+    for figure in figures(result):
+        if figure.name.startswith(f"bench-{name}-"):
+            (HERE / "accuracy" / f"{figure.name}.svg").write_text(figure.svg, encoding="utf-8")
+            yield f"![{figure.title}](accuracy/{figure.name}.svg)\n"
+    rows = []
+    for size, some in groupby(by_size(result, group), key=lambda row: row.size):
+        for place, row in enumerate(some):
+            figures = (time_text(row.time), memory_text(row.memory), f"{row.error:.1e}", row.marks)
+            rows.append((f"{size:,}" if place == 0 else "", row.name, *figures))
+    yield table((str(about["size"]), "", "time", "memory", "error", ""), rows) + "\n"
+    yield "\n".join(f"- {said}: {text}" for said, text in notes(result, group)) + "\n"
+
+
+def machine() -> str:
+    """Return what the machine is, as it says itself."""
+    info = Path("/proc/cpuinfo")
+    text = info.read_text(encoding="utf-8") if info.exists() else ""
+    models = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
+    chip = next(iter(models), platform.processor())
+    return f"{chip}, {platform.system()}, Python {platform.python_version()}"
+
+
+def main() -> None:
+    """Measure or read, and write the page."""
+    files = sys.argv[1:]
+    results = [read_result(file) for file in files] or [
+        run_benchmarks(BENCHMARKS, clock="processor", tell=print)
+    ]
+    (HERE / "accuracy").mkdir(exist_ok=True)
+    found = {
+        f"bench/{name}": each
+        for name in BENCHMARKS
+        for each in results
+        if f"bench/{name}" in each.group_attrs
+    }
+    heads = ("benchmark", "default", "its time grows as", "on the front", "peers faster and more accurate")
+    counts = [f"{sum(case.half == half for case in cases())} of the {half} half" for half in HALVES]
+    page = PAGE.format(
+        clock=results[0].group_attrs["bench"]["clock"],
+        machine=machine(),
+        load=f"{os.getloadavg()[1]:.1f}",
+        cores=os.cpu_count(),
+        short=table(heads, (summary(result, group) for group, result in found.items())),
+        choices=table(
+            ("choice", "value", "in words", "benchmark"),
+            (
+                (
+                    f"`{name}`",
+                    str(c.value),
+                    c.sentence.format(value=c.value),
+                    f"[{c.benchmark}](#{c.benchmark})",
+                )
+                for name, c in CHOICES.items()
+            ),
+        ),
+        hard=f"There are {len(cases())}: {', '.join(counts)}",
+        benchmarks="\n".join(part for group, result in found.items() for part in section(result, group)),
+    )
+    (HERE / "accuracy.md").write_text(page.rstrip() + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
