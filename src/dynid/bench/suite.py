@@ -64,7 +64,7 @@ def run_benchmarks(
     result.annotate("bench", clock=clock)
     for name in names:
         case = benchmark(name)
-        own = (*case.sizes, *case.full) if full else case.sizes
+        own = sorted((*case.sizes, *case.full)) if full else case.sizes
         _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), tell, clock))
     return result
 
