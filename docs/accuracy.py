@@ -97,8 +97,8 @@ def section(result: Result, group: str) -> Iterator[str]:
     rows = []
     for size, some in groupby(by_size(result, group), key=lambda row: row.size):
         for place, row in enumerate(some):
-            figures = (time_text(row.time), memory_text(row.memory), f"{row.error:.1e}", row.marks)
-            rows.append((f"{size:,}" if place == 0 else "", row.name, *figures))
+            measured = (time_text(row.time), memory_text(row.memory), f"{row.error:.1e}", row.marks)
+            rows.append((f"{size:,}" if place == 0 else "", row.name, *measured))
     yield table((str(about["size"]), "", "time", "memory", "error", ""), rows) + "\n"
     yield "\n".join(f"- {said}: {text}" for said, text in notes(result, group)) + "\n"
 
