@@ -4,6 +4,7 @@ import doctest
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dynid
@@ -18,6 +19,7 @@ EXAMPLES = sorted(
 def test_the_examples_of_a_module(path, monkeypatch):
     monkeypatch.chdir(Path(__file__).parents[1])  # examples name the scenes in configs/
     name = ".".join(["dynid", *path.relative_to(ROOT).with_suffix("").parts]).removesuffix(".__init__")
-    failed, tried = doctest.testmod(import_module(name))
+    with np.printoptions(legacy=False, sign="-"):  # whatever a library has set
+        failed, tried = doctest.testmod(import_module(name))
     assert tried > 0
     assert failed == 0
