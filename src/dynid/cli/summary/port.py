@@ -55,11 +55,7 @@ def _side(result: Result, side: str) -> Iterable[str]:
 
 
 def _operating(result: Result) -> Iterable[str]:
-    group = f"{_GROUP}/performance"
-    if f"{group}/input" in result:
-        for place, name in enumerate(result[f"{group}/input"].data):
-            effort, flow = (result[f"{group}/operating_{key}"].data[place] for key in ("effort", "flow"))
-            yield f"      {'at rest':<{_WIDTH}}{name} = 1 gives e = {effort:.4g}, f = {flow:.4g}"
-    note = result.group_attrs.get(group, {}).get("note")
-    if note:
-        yield f"      {'at rest':<{_WIDTH}}{note}"
+    from dynid.report.answers.bond_graph import operating_points
+
+    for line in operating_points(result):
+        yield f"      {'at rest':<{_WIDTH}}{line}"

@@ -87,7 +87,7 @@ def _port(result: Result) -> Iterator[Part]:
         modes, power = (result[f"{_PORT}/{name}"].data for name in ("natural_modes", "net_power"))
         net = (f"net power over the port {power.max():.1g} (eq 9)",) if len(power) else ()
         items.append(("natural modes", (roots_text(modes), *net)))
-    items.append(("at rest", tuple(_operating(result))))
+    items.append(("at rest", tuple(operating_points(result))))
     yield Part(f"Port {result.group_attrs[_PORT]['bond']}", (facts(*items),))
 
 
@@ -113,7 +113,8 @@ def _side(result: Result, side: str) -> Iterator[str]:
         yield str(attrs["form"])
 
 
-def _operating(result: Result) -> Iterator[str]:
+def operating_points(result: Result) -> Iterator[str]:
+    """Yield effort and flow at the port at rest, for every input, or why there are none."""
     group = f"{_PORT}/performance"
     if f"{group}/input" in result:
         for place, name in enumerate(result[f"{group}/input"].data):
