@@ -69,6 +69,11 @@ def by_size(result: Result, group: str) -> list[Row]:
     return sorted(every, key=lambda row: row.size)
 
 
+def link(benchmark: str) -> str:
+    """Return a link to the part of a benchmark."""
+    return f"[{benchmark}](#{benchmark})"
+
+
 def summary(result: Result, group: str) -> list[str]:
     """Return benchmark, how the default's time grows, whether it is on the front, and who beats it."""
     about, rows = result.group_attrs[group], by_size(result, group)
@@ -78,7 +83,7 @@ def summary(result: Result, group: str) -> list[str]:
     grows = result.group_attrs[f"{group}/{last}"].get("exponent")
     name = group.partition("/")[2]
     return [
-        f"[{name}](#{name})",
+        link(name),
         ", ".join(dict.fromkeys(row.name for row in chosen)) or "-",
         f"{about['size']}^{grows:.2f}" if grows is not None else "-",
         ("always" if not off else f"not at {', '.join(off)}") if chosen else "-",
@@ -140,7 +145,7 @@ def main() -> None:
                     f"`{name}`",
                     str(c.value),
                     c.sentence.format(value=c.value),
-                    f"[{c.benchmark}](#{c.benchmark})",
+                    link(c.benchmark) if f"bench/{c.benchmark}" in found else c.benchmark,
                 )
                 for name, c in CHOICES.items()
             ),
