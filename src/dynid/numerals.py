@@ -87,10 +87,11 @@ def roots_text(roots: NDArray[np.complex128]) -> str:
 
 
 def percent(value: float) -> str:
-    """Write a relative size with two significant digits, from a hundred on in whole per cents."""
+    """Write per cents with two significant digits, from a hundred on whole."""
     if not math.isfinite(value):
         return "-"
-    return f"{value:.0f} %" if 100 <= value < 1e6 else f"{value:.2g} %"
+    value += 0.0  # no minus zero
+    return f"{value:.0f} %" if 100 <= abs(value) < 1e6 else f"{value:.2g} %"
 
 
 def time_text(seconds: float) -> str:

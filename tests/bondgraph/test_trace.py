@@ -235,3 +235,11 @@ def test_what_a_constraint_states_is_true():
         known = {**values, **common, "u": Fraction(source == "u"), "w": Fraction(source == "w"), "s": S}
         known = {name: Rational(v.numerator, v.denominator) for name, v in known.items()}
         assert sympify(right, known) == known[left]
+
+
+def test_a_node_called_s_is_not_taken_for_the_laplace_variable():
+    graph = written("Se F, 1 one, I s 2, R b 3", "F -> one -> s, one -> b", "s.f")
+    steps = trace(graph)
+    assert "Y_B = 1/(s*s_value)" in steps[-1][2]
+    known = evaluate(steps, {"s": S, "s_value": Fraction(2), "b": Fraction(3), "F": Fraction(1)})
+    assert known["f_s"] == Rational(1) / (2 * Rational(S.numerator, S.denominator) + 3)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.estimate import Experiment, identify_all
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.output_error import OutputError
 from dynid.identification.estimators.passes import Filter
-from dynid.identification.measurement import Measurement, Simulation
+from dynid.identification.measurement import Measurement, Simulation, simulated
 from dynid.lti.propagate import response
 from dynid.lti.signals import Multisine
 from dynid.structure.response import Channel, Load, ports
@@ -54,6 +55,18 @@ def test_a_record_twice_halves_the_variance_and_changes_no_estimate():
     np.testing.assert_allclose(
         parameter(twice, "cramer_rao"), parameter(once, "cramer_rao") / np.sqrt(2), rtol=1e-9
     )
+
+
+def test_a_simulated_ring_down_starts_from_its_initial_motion():
+    model = suspension()
+    source = Simulation(0.0, 1, 0.004, displacement={5: 0.01}, velocity={1: -0.3, 2: 0.2})
+    found = simulated(model, (), Measurement(0.002, 200, VELOCITIES, source)).outputs
+    M, C, K = model.dense(model.true_values())
+    zero, one = np.zeros((5, 5)), np.eye(5)
+    A = np.block([[zero, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    x0 = np.array([0, 0, 0, 0, 0.01, -0.3, 0.2, 0, 0, 0])
+    expected = [(expm(A * (0.004 + 0.002 * k)) @ x0)[[6, 7]] for k in range(200)]
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("estimator", [None, OutputError(), Filter(2)], ids=lambda e: e and e.name)

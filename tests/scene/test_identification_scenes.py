@@ -129,13 +129,15 @@ def test_a_scene_without_a_question_is_told_so():
 
 
 @pytest.mark.parametrize("analysis", ["", "analysis: {frequency: {start: 1, stop: 2}}\n"])
-def test_an_initial_motion_without_a_time_response_is_a_fault(analysis):
-    found = faults_of(SCENE + analysis + "initial: {1: {x: 1}}\n")
+def test_an_initial_motion_that_nothing_shows_is_a_fault(analysis):
+    measured = SCENE.replace("simulate: {noise_ratio: 0.05, seed: 1}", "file: {path: record.csv}")
+    found = faults_of(measured + analysis + "initial: {1: {x: 1}}\n")
     line = 13 + bool(analysis)
     assert found == [
-        f"{line}:1: the initial state shows in a time response only; it needs the block 'analysis.time'"
+        f"{line}:1: the initial state shows in a time response or a simulated record only; "
+        "it needs the block 'analysis.time'"
     ]
-    assert faults_of(SCENE + "analysis: {time: {stop: 1, step: 0.1}}\ninitial: {1: {x: 1}}\n") == []
+    assert faults_of(measured + "analysis: {time: {stop: 1, step: 0.1}}\ninitial: {1: {x: 1}}\n") == []
 
 
 def test_known_and_unknown_parameters_stand_side_by_side():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,8 +15,9 @@ from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.diagnostics import root_mean_square
 from dynid.lti.propagate import Response, response
 from dynid.lti.signals import Random, Record, White
+from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.motion import drive, prescribed_state, signals_of
+from dynid.structure.motion import drive, signals_of, starting_state
 from dynid.structure.response import Channel, Load
 
 Array = NDArray[np.float64]
@@ -34,16 +35,20 @@ class Simulation:
     seed
         Seed of the noise (PCG64).
     settle
-        Time from rest at t = 0 to the first sample, s.
+        Time from t = 0 to the first sample, s.
     noise
         Standard deviation of the noise instead of the ratio, in the channel's unit; one number, or one a
         channel.
+    displacement, velocity
+        Initial displacement, m, and velocity, m/s, by DOF; absent: at rest.
     """
 
     noise_ratio: float | Sequence[float] = 0.0
     seed: int = 0
     settle: float = 0.0
     noise: float | Sequence[float] | None = None
+    displacement: Mapping[Label, float] = field(default_factory=dict)
+    velocity: Mapping[Label, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, level in (("noise_ratio", self.noise_ratio), ("noise", self.noise)):
@@ -192,7 +197,7 @@ def data(
 ) -> Data:
     """Return the measured values, simulated with `model` where they are to be simulated.
 
-    Simulated values are exact for the continuous loads, from rest at t = 0, the unknown joint parameters at
+    Simulated values are exact for the continuous loads, the unknown joint parameters at
     their true values; the noise of each channel then has the standard deviation noise ratio x RMS. `clean`
     are the values without noise, where somebody has simulated them already.
 
@@ -223,12 +228,11 @@ def data(
 
 
 def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Response:
-    """Return the exact, noise-free response at the sampling times, from rest at t = 0.
-
-    What moves by a prescribed displacement or velocity starts as that does.
-    """
+    """Return the exact, noise-free response at the sampling times, from the initial motion at t = 0."""
     system = drive(model, loads, measurement.channels).system(*model.dense(model.true_values()))
-    start = prescribed_state(model, loads, 0.0)[0]
+    source = measurement.source
+    motions = (source.displacement, source.velocity) if isinstance(source, Simulation) else ()
+    start = starting_state(model, loads, *motions)
     return response(system, signals_of(loads), measurement.record.times, start)
 
 

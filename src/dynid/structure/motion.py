@@ -8,7 +8,7 @@ A displacement or a velocity that is prescribed acts by its derivative, with the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from dynid.lti.frequency import QUANTITIES
 from dynid.lti.model import StateSpace
 from dynid.lti.signals import Signal
 from dynid.structure import labels
-from dynid.structure.matrices import Array, as_array
+from dynid.structure.matrices import Array, Label, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel, Load, ports
 from dynid.structure.state_space import state_space
@@ -146,6 +146,44 @@ def prescribed_state(model: StructuralModel, loads: Sequence[Load], time: float)
             state[place + n * quantity] = float(signal.value(time))
             known[place + n * quantity] = True
     return state, known
+
+
+def starting_state(
+    model: StructuralModel,
+    loads: Sequence[Load],
+    displacement: Mapping[Label, float] | None = None,
+    velocity: Mapping[Label, float] | None = None,
+) -> Array:
+    """Return the state [x, x'] (2 n) at t = 0.
+
+    Parameters
+    ----------
+    model
+        The structure; of a reduced one the nearest motion, by kinetic energy.
+    loads
+        What is prescribed starts as that does.
+    displacement, velocity
+        Initial displacement, m, and velocity, m/s, by DOF; absent: 0.
+
+    Raises
+    ------
+    UsageError
+        If a DOF does not exist.
+    """
+    given = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
+    prescribed, known = prescribed_state(model, loads, 0.0)
+    return np.where(known, prescribed, given)
+
+
+def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Array:
+    if model.basis is not None:
+        M, full = as_array(model.M), _initial(model.basis.parent, given)
+        momentum = model.basis.T.T @ np.asarray(model.basis.parent.M @ full)
+        return np.asarray(np.linalg.lstsq(M, momentum, rcond=None)[0])
+    start = np.zeros(model.size)
+    for dof, value in (given or {}).items():
+        start += value * model.row(dof)
+    return start
 
 
 def _coordinate(model: StructuralModel, load: Load) -> int:

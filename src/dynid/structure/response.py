@@ -11,9 +11,9 @@ from dynid.lti.floating import guarded
 from dynid.lti.propagate import response
 from dynid.result import Result
 from dynid.structure.frf import Ports, frequency_response_functions
-from dynid.structure.matrices import Label, as_array
+from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.motion import drive, inputs_of, prescribed_state, signals_of
+from dynid.structure.motion import drive, inputs_of, signals_of, starting_state
 from dynid.structure.ports import UNITS, Channel, Load, common_unit, ports, source_names
 
 __all__ = [
@@ -131,11 +131,10 @@ def time_response(
     NumericalError
         If the response overflows.
     """
-    x0 = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
-    prescribed, known = prescribed_state(model, loads, 0.0)
+    start = starting_state(model, loads, displacement, velocity)
     t = np.asarray(times, dtype=float)
     system = drive(model, loads, outputs).system(*model.dense(values))
-    y = response(system, signals_of(loads), t, np.where(known, prescribed, x0))
+    y = response(system, signals_of(loads), t, start)
     result = Result("structure")
     group = "structure/time_response"
     result.add_axis(f"{group}/time", t, "s")
@@ -149,14 +148,3 @@ def time_response(
     result.add(f"{group}/input_unit", units, ("source",))
     result.add(f"{group}/input", inputs, ("time", "source"), common_unit(units))
     return result
-
-
-def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Array:
-    if model.basis is not None:  # the nearest motion of the reduced model, by kinetic energy
-        M, full = as_array(model.M), _initial(model.basis.parent, given)
-        momentum = model.basis.T.T @ np.asarray(model.basis.parent.M @ full)
-        return np.asarray(np.linalg.lstsq(M, momentum, rcond=None)[0])
-    start = np.zeros(model.size)
-    for dof, value in (given or {}).items():
-        start += value * model.row(dof)
-    return start

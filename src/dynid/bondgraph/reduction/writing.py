@@ -67,9 +67,13 @@ class Hand(ABC):
     def value(self, node: Node) -> Over:
         """Write the value of a node: by the expression it was given, else by the node's name."""
         if node.formula is None or not node.formula.names:
-            return Over(self.name(node.name))
+            return Over(self.given(node.name))
         written: Over = node.formula.fold(self._leaf, self._apply)
         return written
+
+    def given(self, name: str) -> Written:
+        """Write a name of the scene; `s` is the Laplace variable's, so that a value called so is `s_value`."""
+        return self.name("s_value" if name == "s" else name)
 
     def whole(self, fraction: Over) -> Written:
         """Write a fraction."""
@@ -108,7 +112,7 @@ class Hand(ABC):
         return self.power(a, self.integer(2)) if a == b else self.product(a, b)
 
     def _leaf(self, item: Fraction | str) -> Over:
-        return Over(self.name(item)) if isinstance(item, str) else self.number(item)
+        return Over(self.given(item)) if isinstance(item, str) else self.number(item)
 
     def _apply(self, operation: str, operands: list[Over]) -> Over:
         match operation, operands:

@@ -10,7 +10,7 @@ from dynid.progress import tell
 from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies, record_of
 from dynid.scene.kinds.needs import tell_identification
-from dynid.scene.kinds.records import channel_of, experiments, loads_of
+from dynid.scene.kinds.records import channel_of, experiments, initial_motion, loads_of
 from dynid.scene.kinds.structures import build_structure, number
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ModesModel
@@ -311,8 +311,7 @@ def time_question(scene: Scene) -> dict[str, Any]:
         "loads": _response_loads(scene, model, wanted.time, record),
         "outputs": _outputs(model),
         "times": record.times,
-        "displacement": {dof: number(motion.x) for dof, motion in model.initial.items()},
-        "velocity": {dof: number(motion.v) for dof, motion in model.initial.items()},
+        **initial_motion(model),
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import FileError, UsageError
 from dynid.scene.kinds.grids import build_signals, layout_of
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from dynid.lti.generator import Record
     from dynid.scene.load import Scene
     from dynid.scene.schema.common import SignalPart
+    from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import (
         ChannelModel,
         MeasuredFileModel,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         RecordModel,
     )
     from dynid.scene.schema.quantities import Quantity
+    from dynid.scene.schema.common import Dof
 
 
 def experiments(scene: Scene, excitation: Sequence[SignalPart], given: MeasurementModel) -> list[Experiment]:
@@ -85,11 +87,20 @@ def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
             simulate.seed,
             number(simulate.settle),
             levels(simulate.noise),
+            **initial_motion(cast("IdentificationScene", scene.model)),
         )
     else:
         assert given.file is not None
         source = _measured(scene, given.file, (samples, len(channels)), step, place)
     return Measurement(step, samples, channels, source, levels(given.noise))
+
+
+def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
+    """Return the displacements and velocities at t = 0, by DOF."""
+    return {
+        "displacement": {dof: number(motion.x) for dof, motion in model.initial.items()},
+        "velocity": {dof: number(motion.v) for dof, motion in model.initial.items()},
+    }
 
 
 def channel_of(given: ChannelModel) -> Channel:

@@ -6,6 +6,9 @@ scene that has others as well.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from dynid.errors import Fault
 from dynid.scene.arithmetic.expression import resolve_parameters
 from dynid.scene.schema.accuracy import accuracy_faults
@@ -60,10 +63,20 @@ def _motionless_faults(source: Source) -> list[Fault]:
         return []
     if source.data.get("kind") == "bond-graph":
         return unseen_energy_faults(source, analysis)
-    place, message = ("initial",), "the initial state shows in a time response only; "
+    if _simulates(mapping(source.data, "measurement")):
+        return []
+    place = ("initial",)
+    message = "the initial state shows in a time response or a simulated record only; "
     if not any(did_you_mean(str(key), ["time"]) for key in analysis):
         return [source.fault(place, f"{message}it needs the block 'analysis.time'", key=True)]
     results = analysis.get("results")
     if isinstance(results, list) and not any(did_you_mean(str(name), ["time_response"]) for name in results):
         return [source.fault(place, f"{message}'results' does not list 'time_response'", key=True)]
     return []
+
+
+def _simulates(measurement: Mapping[Any, Any]) -> bool:
+    """Tell whether a record is simulated: it starts with the initial motion."""
+    records = measurement.get("records")
+    each = [one for one in records if isinstance(one, dict)] if isinstance(records, list) else []
+    return any("simulate" in record for record in (measurement, *each))
