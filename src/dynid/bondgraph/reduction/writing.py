@@ -72,7 +72,7 @@ class Hand(ABC):
         return written
 
     def given(self, name: str) -> Written:
-        """Write a name of the scene; `s` is the Laplace variable's, so that a value called so is `s_value`."""
+        """Write a name of the scene; `s` is the Laplace variable's, so that a value called so is s_value."""
         return self.name("s_value" if name == "s" else name)
 
     def whole(self, fraction: Over) -> Written:

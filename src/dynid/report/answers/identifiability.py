@@ -89,7 +89,7 @@ def shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
             _shift(by_omega[k, j]) if str(name).endswith(".k") else _shift(by_zeta[k, j], "ζ ")
             for j, name in enumerate(names)
         ]
-        rows.append((f"{k + 1}", f"{get['omega'][k]:.5g}", f"{100 * get['zeta'][k]:.3g} %", *moved))
+        rows.append((f"{k + 1}", f"{get['omega'][k]:.5g}", f"{100 * get['zeta'][k] + 0.0:.3g} %", *moved))
     return ("mode", "rad/s", "damping", *map(str, names)), rows
 
 

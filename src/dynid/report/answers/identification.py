@@ -67,7 +67,13 @@ def _modes(result: Result) -> Iterator[Block]:
     count, size = len(get["omega"]), len(result[f"{group}/dof"].data)
     without = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
     rows = tuple(
-        (str(k + 1), f"{omega:.5g}", f"{omega / (2 * math.pi):.5g}", f"{100 * damping:.3g} %", str(name))
+        (
+            str(k + 1),
+            f"{omega:.5g}",
+            f"{omega / (2 * math.pi):.5g}",
+            f"{100 * damping + 0.0:.3g} %",
+            str(name),
+        )
         for k, (omega, damping, name) in enumerate(zip(*get.values(), strict=True))
         if k < _MOST_MODES
     )

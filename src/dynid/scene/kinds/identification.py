@@ -11,7 +11,7 @@ from dynid.result import Result
 from dynid.scene.kinds.grids import angular_frequencies, record_of
 from dynid.scene.kinds.needs import tell_identification
 from dynid.scene.kinds.records import channel_of, experiments, initial_motion, loads_of
-from dynid.scene.kinds.structures import build_structure, number
+from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ModesModel
 from dynid.structure.model import StructuralModel

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dynid.identification.preparation import Preparation
     from dynid.lti.generator import Record
     from dynid.scene.load import Scene
-    from dynid.scene.schema.common import SignalPart
+    from dynid.scene.schema.common import Dof, SignalPart
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import (
         ChannelModel,
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         RecordModel,
     )
     from dynid.scene.schema.quantities import Quantity
-    from dynid.scene.schema.common import Dof
 
 
 def experiments(scene: Scene, excitation: Sequence[SignalPart], given: MeasurementModel) -> list[Experiment]:
