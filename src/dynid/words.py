@@ -23,6 +23,13 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     return f"; did you mean '{closest}'?" if closest else ""
 
 
+def did_you_mean_path(path: str, candidates: Iterable[str]) -> str:
+    """Say the same of a path into a result: for paths, and for groups as deep as it is."""
+    depth = path.count("/") + 1
+    near = ("/".join(candidate.split("/")[:depth]) for candidate in candidates)
+    return did_you_mean(path, dict.fromkeys(near))
+
+
 #: Last parts of dotted paths that say nothing by themselves.
 _BARE = frozenset({"value", "start", "true", "min", "max"})
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dynid.errors import FileError, SceneError
 from dynid.scene.yaml.dump import dump
 from dynid.scene.yaml.source import apply_overrides, parse_source, read_source
-from dynid.words import did_you_mean, short_paths
+from dynid.words import did_you_mean, did_you_mean_path, short_paths
 
 
 def faults_of(text):
@@ -290,3 +290,21 @@ def test_reading_scenes_imports_nothing_heavy():
 )
 def test_short_names_of_paths_still_say_what_they_are(paths, short):
     assert short_paths(paths) == short
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("bond_graph/propertys", "bond_graph/properties"),
+        ("bond_graph/properties/m.f/u/dc_gian", "bond_graph/properties/m.f/u/dc_gain"),
+        ("bond_graph/properties/m.e/u", "bond_graph/properties/m.f/u"),
+        ("study/sample", ""),
+    ],
+)
+def test_a_path_is_compared_with_paths_and_with_groups_as_deep_as_itself(path, expected):
+    known = [
+        "bond_graph/properties/m.f/u/dc_gain",
+        "bond_graph/properties/m.f/u/order",
+        "bond_graph/need/part",
+    ]
+    assert did_you_mean_path(path, known) == (f"; did you mean '{expected}'?" if expected else "")

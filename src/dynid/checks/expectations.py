@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.checks.axes import Axis, axis_of
 from dynid.checks.comparison import RTOL, as_array, close, word, words_of
 from dynid.result import Result, Scalar, Variable
-from dynid.words import did_you_mean
+from dynid.words import did_you_mean, did_you_mean_path
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _lookup(result: Result, path: str) -> Variable:
     for name, variable in result.items():
         known |= {f"{name}/{attr}": value for attr, value in variable.attrs.items()}
     if path not in known:
-        raise _Unmet(f"is not in the result: no '{path}'{did_you_mean(path, [*result, *known])}")
+        raise _Unmet(f"is not in the result: no '{path}'{did_you_mean_path(path, [*result, *known])}")
     value = known[path]
     return Variable((), as_array(value))
 

@@ -13,7 +13,7 @@ from dynid.scene.dispatch import RUNNERS, run_scene
 from dynid.scene.load import check_source
 from dynid.scene.outcomes import Block, Outcome, Outcomes
 from dynid.scene.yaml.source import set_values
-from dynid.words import did_you_mean
+from dynid.words import did_you_mean_path
 
 if TYPE_CHECKING:
     import numpy as np
@@ -206,7 +206,7 @@ def selected(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterat
             if (path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)) and not variable.data.dtype.names
         ]
         if not below:
-            raise UsageError(f"there is nothing to collect at '{wanted}'{did_you_mean(wanted, result)}")
+            raise UsageError(f"there is nothing to collect at '{wanted}'{did_you_mean_path(wanted, result)}")
         yield from below
 
 

@@ -19,7 +19,7 @@ from dynid.checks.axes import Axis, axis_of
 from dynid.checks.comparison import word
 from dynid.errors import UsageError
 from dynid.result import Result, Variable
-from dynid.words import did_you_mean
+from dynid.words import did_you_mean, did_you_mean_path
 
 SAMPLES, RESULTS, STATISTICS = "study/samples", "study/results", "study/statistics"
 
@@ -153,7 +153,8 @@ class StudyTable:
         match = _ENTRY.fullmatch(name)
         path = match["path"] if match and name not in self.paths else name
         if path not in self.paths:
-            raise UsageError(f"the study has gathered nothing at '{path}'{did_you_mean(path, self.paths)}")
+            hint = did_you_mean_path(path, self.paths)
+            raise UsageError(f"the study has gathered nothing at '{path}'{hint}")
         if not self.is_number(path):
             raise UsageError(f"'{path}' is a text, which has no worst")
         if path == name:
