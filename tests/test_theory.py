@@ -25,7 +25,7 @@ def named(page):
 
 def place(path):
     """Return where a name stands: beside the sources, or in the project."""
-    own = ("tests/", "configs/", "docs/")
+    own = ("src/", "tests/", "configs/", "docs/")
     return ROOT / path if path.startswith(own) else ROOT / "src/dynid" / path
 
 

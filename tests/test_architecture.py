@@ -1,0 +1,50 @@
+"""The page on architecture, and its picture, are those of the packages as they are."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+from tests.test_floors import MODULES, package_of
+from tests.test_theory import named, place
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = DOCS / "architecture.md"
+_spec = importlib.util.spec_from_file_location("architecture", DOCS / "architecture.py")
+architecture = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(architecture)
+
+AGAIN = "run `python docs/architecture.py`"
+PACKAGES = {package_of(module) for module in MODULES}
+
+
+def test_the_page_names_every_package_and_no_other():
+    rows = re.findall(r"^\| (?:top|ground)? ?\| (.*?) \|", PAGE.read_text(), re.MULTILINE)
+    assert set(re.findall(r"`(\w+)`", " ".join(rows))) == PACKAGES
+
+
+def test_what_the_page_names_exists():
+    folders = re.findall(r"`([a-z_]+/(?:\w+/)*)`", PAGE.read_text())
+    for path in [*(path for path, _ in named(PAGE)), *folders]:
+        assert place(path).exists(), path
+
+
+def test_the_picture_has_the_packages_and_imports_of_now():
+    drawn = architecture.PICTURE.read_text()
+    assert set(re.findall(r'data-package="(\w+)"', drawn)) == PACKAGES
+    edges = {tuple(edge.split()) for edge in re.findall(r'data-edge="([\w ]+)"', drawn)}
+    assert edges == set(architecture.IMPORTS), AGAIN
+
+
+def test_the_picture_has_about_the_sizes_of_now():
+    sizes = dict(re.findall(r'data-package="(\w+)" data-lines="(\d+)"', architecture.PICTURE.read_text()))
+    for package, lines in sizes.items():
+        now = architecture.LINES[package]
+        assert abs(int(lines) - now) <= 100 + 0.25 * now, f"{package}: {AGAIN}"
+
+
+def test_no_line_of_the_picture_ends_beside_its_box():
+    boxes, lanes = architecture.boxes(), architecture.lanes(architecture.boxes())
+    assert set(lanes) == set(architecture.IMPORTS)
+    for (package, other), x in lanes.items():
+        assert boxes[other].x < x < boxes[other].x + boxes[other].width
+        assert boxes[package].y + boxes[package].height < boxes[other].y
