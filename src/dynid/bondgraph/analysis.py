@@ -45,17 +45,9 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     """
     if analysis.reading == "binary":
         graph = graph.rounded()
-    asked = analysis.results
-    result = Result("bond-graph", title)
-    result.annotate(
-        "bond_graph",
-        nodes=len(graph.nodes),
-        bonds=len(graph.bonds),
-        inputs=listed_names(analysis.inputs),
-        outputs=listed_names([str(port) for port in analysis.outputs]),
-    )
+    result = _described(graph, analysis, title)
     causality = None
-    if "causality" in asked:
+    if "causality" in analysis.results:
         from dynid.bondgraph.results.causality import add_causality
 
         causality = add_causality(result, graph)
@@ -64,7 +56,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         told = bool(analysis.results & {"reduction", "prototype"})
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=told)
     except Singular:
-        if asked == {"causality"}:
+        if analysis.results == {"causality"}:
             tell_need(result, None, analysis)
             return result
         raise
@@ -72,6 +64,29 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         from dynid.bondgraph.results.zero_dynamics import add_zero_dynamics
 
         add_zero_dynamics(result, reduced, causality)
+    _add_dynamics(result, reduced, analysis)
+    _add_reduction(result, reduced, analysis)
+    _add_responses(result, reduced, analysis)
+    tell_need(result, reduced, analysis)
+    return result
+
+
+def _described(graph: BondGraph, analysis: Analysis, title: str) -> Result:
+    """Return a result that says what it is of."""
+    result = Result("bond-graph", title)
+    result.annotate(
+        "bond_graph",
+        nodes=len(graph.nodes),
+        bonds=len(graph.bonds),
+        inputs=listed_names(analysis.inputs),
+        outputs=listed_names([str(port) for port in analysis.outputs]),
+    )
+    return result
+
+
+def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Add what the channels are, how it hangs on the parameters, and what stored energy does."""
+    asked = analysis.results
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
     if "sensitivities" in asked:
@@ -81,6 +96,11 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         add_sensitivities(result, reduced, analysis)
     if "transfer_function" in asked and analysis.initial:
         add_zero_input(result, reduced, analysis.initial)
+
+
+def _add_reduction(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Add the steps, the prototypes, and the graph cut at a port."""
+    asked = analysis.results
     if "reduction" in asked:
         add_steps(result, reduced)
     if asked & {"reduction", "prototype"}:
@@ -89,6 +109,11 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         add_output_dynamics(result, reduced, analysis.engine)
     if analysis.port is not None:
         _add_port(result, reduced, analysis, analysis.port)
+
+
+def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Add the state equations, and responses over frequency and time."""
+    asked = analysis.results
     if "state_space" in asked:
         tell("state equations")
         add_state_space(result, reduced)
@@ -98,8 +123,6 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if "time_response" in asked and analysis.times is not None:
         tell("time response")
         add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)
-    tell_need(result, reduced, analysis)
-    return result
 
 
 def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: Bond) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 import click
 
@@ -12,6 +12,7 @@ from dynid.errors import UsageError
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
+    from dynid.study.executors import Crew
     from dynid.study.plan import Plan
 
 
@@ -89,7 +90,8 @@ def study(
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan
 
-    if junit and shard is not None and shard[1] > 1:
+    part = shard is not None and shard[1] > 1
+    if junit and part:
         raise UsageError(
             "the expectations of a study are of all its samples, not of a shard",
             remedy="Merge the shards, and run the study again on that file: nothing is computed then.",
@@ -97,42 +99,50 @@ def study(
     loaded = load_scene(study, overrides)
     plan = make_plan(loaded)
     target = output or default_target(study, shard)
-    refuse_overwriting(study, target, junit, report)
-    refuse_overwriting(plan.base.source.file, target, junit, report)
+    for scene in (study, plan.base.source.file):
+        refuse_overwriting(scene, target, junit, report)
     refuse_missing_folders(target, junit, report)
     if dry_run:
         _show_plan(plan, target, shard)
         return 0
-    from dynid.cli.study_progress import showing
-    from dynid.store.interrupts import Terminated, terminations
-    from dynid.study.execute import run_study
     from dynid.study.executors import hire
 
     started = time.perf_counter()
     crew = hire(executor, workers, scheduler, scheduler_file)
-    try:
-        with terminations(), showing(quiet) as progress:
-            run_study(
-                plan,
-                target,
-                crew,
-                shard=shard,
-                max_failures=max_failures,
-                retry_failed=retry_failed,
-                report=progress,
-            )
-    except KeyboardInterrupt as end:
+    limits: Limits = {"shard": shard, "max_failures": max_failures, "retry_failed": retry_failed}
+    ended = _run(plan, target, crew, quiet, limits)
+    if ended:
         again = f"dynid study {study}{f' -o {output}' if output else ''}"
         again += f" --shard {shard[0]}/{shard[1]}" if shard else ""
         click.echo(f"interrupted; what is finished is safe. Go on with: {again}", err=True)
-        return 143 if isinstance(end, Terminated) else 130
+        return ended
     if report:
         _write_page(target, report)
     if not quiet:
         _show_end(plan, target, started)
-    if shard is not None and shard[1] > 1:
-        return 0  # the expectations are of all samples
-    return _check(loaded, target, junit, quiet)
+    return 0 if part else _check(loaded, target, junit, quiet)
+
+
+class Limits(TypedDict):
+    """Which samples are run, and when it is enough."""
+
+    shard: tuple[int, int] | None
+    max_failures: int | None
+    retry_failed: bool
+
+
+def _run(plan: Plan, target: str, crew: Crew, quiet: bool, limits: Limits) -> int:
+    """Run the samples; return the exit code of an interruption, or 0."""
+    from dynid.cli.study_progress import showing
+    from dynid.store.interrupts import Terminated, terminations
+    from dynid.study.execute import run_study
+
+    try:
+        with terminations(), showing(quiet) as progress:
+            run_study(plan, target, crew, report=progress, **limits)
+    except KeyboardInterrupt as end:
+        return 143 if isinstance(end, Terminated) else 130
+    return 0
 
 
 def _check(study: Scene, target: str, junit: str | None, quiet: bool) -> int:
