@@ -27,8 +27,9 @@ def schema(kind: str | None) -> int:
 def schema_text(kind: str | None = None) -> str:
     """Return the JSON Schema of the scenes of a kind, or of all kinds, in the words of draft 7."""
     from dynid.scene.load import KINDS, kind_model
+    from dynid.scene.schema.described import scene_schema
 
-    schemas = [kind_model(name).model_json_schema() for name in ([kind] if kind else KINDS)]
+    schemas = [scene_schema(kind_model(name)) for name in ([kind] if kind else KINDS)]
     if len(schemas) == 1:
         document = schemas[0]
     else:

@@ -13,7 +13,7 @@ from dynid.scene.kinds.needs import tell_identification
 from dynid.scene.kinds.records import channel_of, experiments, initial_motion, loads_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ModesModel
+from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load, frequency_response, time_response
 
@@ -315,7 +315,7 @@ def time_question(scene: Scene) -> dict[str, Any]:
     }
 
 
-def which_modes(asked: ModesModel) -> tuple[int | None, float | None]:
+def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
     """Return how many modes are asked for, and below what frequency, rad/s."""
     factor = 2 * math.pi if asked.unit == "Hz" else 1.0
     return asked.count, None if asked.below is None else factor * float(asked.below)

@@ -55,7 +55,7 @@ class OutputModel(ChannelModel):
     quantity: MotionQuantity = "displacement"
 
 
-class ModesModel(Part):
+class ResponseModes(Part):
     """Which modes: so many, or all below a frequency; with neither all of a small structure."""
 
     count: int | None = Field(default=None, ge=1, le=10_000, strict=True)
@@ -70,7 +70,7 @@ class ResponseModel(Part):
     outputs: list[OutputModel] | None = None
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
-    modes: ModesModel | None = None
+    modes: ResponseModes | None = None
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:

@@ -121,10 +121,14 @@ def _where(condition: Callable[[Number], bool], message: str) -> Callable[[Any, 
     return check
 
 
-_SCHEMA = WithJsonSchema(
-    {"type": ["number", "string"], "description": "a number, a parameter or an expression"}
-)
+def _schema(**bounds: int) -> WithJsonSchema:
+    return WithJsonSchema(
+        {"type": ["number", "string"], **bounds, "description": "a number, a parameter or an expression"}
+    )
 
-Value = Annotated[Quantity, PlainValidator(resolve), _SCHEMA]
-Positive = Annotated[Quantity, PlainValidator(_where(lambda v: v > 0, "is not positive")), _SCHEMA]
-NotNegative = Annotated[Quantity, PlainValidator(_where(lambda v: v >= 0, "is negative")), _SCHEMA]
+
+Value = Annotated[Quantity, PlainValidator(resolve), _schema()]
+Positive = Annotated[
+    Quantity, PlainValidator(_where(lambda v: v > 0, "is not positive")), _schema(exclusiveMinimum=0)
+]
+NotNegative = Annotated[Quantity, PlainValidator(_where(lambda v: v >= 0, "is negative")), _schema(minimum=0)]
