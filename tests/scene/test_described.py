@@ -38,6 +38,12 @@ def test_a_description_keeps_what_is_said_of_the_form():
     assert value["exclusiveMinimum"] == 0
 
 
+def test_a_default_is_written_as_in_a_scene():
+    schema = described.scene_schema(kind_model("bond-graph"))
+    assert schema["$defs"]["StepSignal"]["properties"]["amplitude"]["default"] == 1
+    assert schema["$defs"]["FrequencyGrid"]["properties"]["points"]["default"] == 200
+
+
 def test_no_sentence_is_left_from_a_key_that_went():
     for kind in KINDS:
         kind_model(kind)  # is imported

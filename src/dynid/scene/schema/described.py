@@ -43,7 +43,9 @@ def _texts() -> dict[str, dict[str, str]]:
 
 def _described(wanted: dict[str, Any], text: str) -> dict[str, Any]:
     """Describe a key; what it says of its form already stands behind; draft 7 wants a reference alone."""
-    form = wanted.get("description", "")
+    form, default = wanted.get("description", ""), wanted.get("default")
+    if isinstance(default, dict) and default.keys() == {"value", "expression"}:
+        wanted = {**wanted, "default": default["value"]}  # a quantity, as a scene writes it
     said = f"{text.removesuffix('.')} ({form})." if form else text
     if "$ref" in wanted:
         others = {name: value for name, value in wanted.items() if name != "$ref"}

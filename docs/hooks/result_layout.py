@@ -1,0 +1,101 @@
+"""What results hold, from results: the scenes that a page names are run while it is built.
+
+A page names scenes, and what to set in them, `<!-- layout of: SCENE.yaml PATH=VALUE … -->`, several
+with `;` between. Names that a scene gives stand as `<output>` and the like; every group has its sentence in
+`result_groups.yaml`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import yaml
+from mkdocs.exceptions import PluginError
+
+import dynid
+from dynid.cli import cli
+from dynid.scene.kinds.planning import run_plan
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+
+    from dynid.result import Result, Variable
+
+_MARK = re.compile(r"<!-- layout of: (?P<runs>.+?) -->", re.DOTALL)
+
+_SENTENCES: dict[str, str] = yaml.safe_load(
+    Path(__file__).with_name("result_groups.yaml").read_text(encoding="utf-8")
+)
+
+
+def _results(runs: str, root: Path) -> Iterator[Result]:
+    for run in runs.split(";"):
+        words = run.split()
+        planned, words = words[0] == "plan", [word for word in words if word != "plan"]
+        scene, overrides = root / words[0], words[1:]
+        if "/studies/" in words[0]:
+            yield _studied(scene, overrides)
+        else:
+            loaded = dynid.load_scene(scene, overrides)
+            yield run_plan(loaded) if planned else dynid.run(loaded)
+
+
+def _studied(scene: Path, overrides: list[str]) -> Result:
+    with TemporaryDirectory() as folder:
+        file = f"{folder}/study.h5"
+        options = [option for text in overrides for option in ("--set", text)]
+        cli.main(
+            ["study", str(scene), "-q", "--executor", "serial", "-o", file, *options], standalone_mode=False
+        )
+        return dynid.open_result(file)
+
+
+def _general(path: str, result: Result) -> str:
+    """Return a path with what the scene names replaced by what it stands for."""
+    channels = [group.split("/")[2:] for group in result.group_attrs if "transfer_function/" in group]
+    for output, given in channels:
+        path = path.replace(f"/{output}/{given}", "/<output>/<input>").replace(f"/{output}", "/<output>")
+        path = re.sub(rf"/{re.escape(given)}(?=/|$)", "/<input>", path)
+    if "reduction/method" in result:
+        for method in result["reduction/method"].data:
+            path = re.sub(rf"^reduction/{re.escape(method)}/", "reduction/<method>/", path)
+    path = re.sub(r"/port/(source|load)/[efYZ]_eq(/.*)?/(?=[^/]+$)", "/port/<side>/<equivalent>/", path)
+    path = re.sub(r"^study/(results|statistics)/.*/(?=[^/]+$)", r"study/\1/<path>/", path)
+    return re.sub(r"^[a-z_]+/need/", "<kind>/need/", path)
+
+
+def _type(variable: Variable) -> str:
+    if variable.dtype.names:
+        return f"table of {', '.join(variable.dtype.names)}"
+    return "text" if variable.dtype.kind in "OU" else str(variable.dtype)
+
+
+def _layout(runs: str, root: Path) -> str:
+    found: dict[str, tuple[str, str, str]] = {}
+    for result in _results(runs, root):
+        for path, variable in result.items():
+            axes = " × ".join(variable.dims)
+            found.setdefault(_general(path, result), (axes, _type(variable), variable.units))
+    groups = dict.fromkeys(path.rpartition("/")[0] for path in found)
+    unknown = [group for group in groups if group not in _SENTENCES]
+    if unknown:
+        raise PluginError(f"result_groups.yaml has no sentence for {', '.join(unknown)}")
+    lines = []
+    for group in groups:
+        lines += [f"### `{group}`", "", _SENTENCES[group], ""]
+        lines += ["| array | axes | type | unit |", "| --- | --- | --- | --- |"]
+        for path, cells in found.items():
+            if path.rpartition("/")[0] == group:
+                lines.append(f"| `{path.rpartition('/')[2]}` | {' | '.join(cells)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def on_page_markdown(markdown: str, config: MkDocsConfig, **_: object) -> str:
+    """Put the layouts in their places."""
+    root = Path(config.config_file_path).parent
+    return _MARK.sub(lambda mark: _layout(mark["runs"], root), markdown)
