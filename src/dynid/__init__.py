@@ -1,5 +1,7 @@
 """dynid: bond graphs in the frequency domain, and joint identification on reduced FE models.
 
+Examples
+--------
 >>> import dynid
 >>> scene = dynid.load_scene("configs/isolator.yaml")
 >>> result = dynid.run(scene)

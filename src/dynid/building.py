@@ -1,5 +1,7 @@
 """Scenes built in code: the same words as in YAML, checked by the same rules.
 
+Examples
+--------
 >>> import dynid
 >>> graph = dynid.GraphBuilder("Mass on a damper").node("F", "Se").node("body", 1)
 >>> graph = graph.node("m", "I", 2).node("b", "R", 4).bond("F -> body -> m").bond("body -> b")
