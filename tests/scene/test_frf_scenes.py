@@ -274,12 +274,35 @@ def test_faults_of_files(tmp_path, frf, said):
         (", true: 1}", "}", "needs the 'true' value"),
         ("  frf: {", "  frf: {band: [1, 2], ", "'band' and 'unit' are those of a 'file'"),
         ("  frf: {", "  records: [{samples: 4}]\n  frf: {", "stand alone"),
+        ("start: 0.5, stop: 5", "start: 5, stop: 5", "the lines are all one frequency"),
+        ("acceleration, ref", "acceleration, frame: absolute, ref", "a frequency response has no 'frame'"),
         ("scale: linear", "scale: wide", "scale"),
     ],
 )
 def test_faults_of_scenes(old, new, said):
     assert old in SIMULATED
     assert said in " ".join(faults_of(SIMULATED.replace(old, new)))
+
+
+MEASURED = f"{HEAD}{MEASUREMENT}  frf: {{file: {{path: a.h5}}}}\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("a.h5", "a.h5, deviation: [a], coherence: [b]", "11:15: the noise by line has either its 'deviation'"),
+        ("a.h5", "a.h5, averages: 3", "11:15: 'averages' are those of a 'coherence'"),
+        ("file: {path: a.h5}", "band: [1, 2]", "11:8: frequency responses are either 'simulate'd or read"),
+        ("a.h5}", "a.h5}, band: [2, 1]", "11:8: a band is [low, high], and low is not below high"),
+        ("a.h5", "a.h5, columns: [1, 2, 3]", "8:3: 'columns' names 3, but 'channels' has 2"),
+        ("a.h5}}", "a.h5, deviation: [a, b]}}\n  noise: 3", "8:3: the noise is given by line already"),
+        (MEASUREMENT, "measurement:\n", "8:3: a measurement needs the key 'channels'"),
+    ],
+)
+def test_faults_of_responses_in_files_have_their_place(old, new, fault):
+    assert old in MEASURED
+    (found,) = faults_of(MEASURED.replace(old, new))
+    assert found.startswith(fault)
 
 
 def test_a_reference_belongs_to_a_frequency_response():

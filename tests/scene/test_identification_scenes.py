@@ -111,6 +111,27 @@ def test_the_scene_of_these_tests_is_valid():
         ),
         (
             "measurement:",
+            "estimator: {method: output-error, passes: 3}\nmeasurement:",
+            "8:12: 'passes' belongs to the method 'filter', not to 'output-error'",
+        ),
+        ("measurement:", "analysis: {inputs: [1]}\nmeasurement:", "8:11: an analysis needs a 'frequency', a"),
+        (
+            "measurement:",
+            "plan: {candidates: [{dof: 1, quantity: velocity}], quantities: [velocity]}\nmeasurement:",
+            "8:7: 'candidates' name their quantities; 'quantities' are for every DOF without them",
+        ),
+        (
+            "quantity: velocity",
+            "quantity: velocity, frame: absolute",
+            "11:14: only the acceleration of one DOF is measured absolutely",
+        ),
+        (
+            "measurement:",
+            "accuracy: {alternatives: {hold: all}}\nmeasurement:",
+            "8:27: nothing in this scene is held: no force is known by samples alone",
+        ),
+        (
+            "measurement:",
             "analysis: {time: {stop: 1, step: 0.1}}\ninitial: {3: {v: 1}}\nmeasurement:",
             "9:11: there is no DOF 3; the structure has 2",
         ),
@@ -138,6 +159,60 @@ def test_an_initial_motion_that_nothing_shows_is_a_fault(analysis):
         "it needs the block 'analysis.time'"
     ]
     assert faults_of(measured + "analysis: {time: {stop: 1, step: 0.1}}\ninitial: {1: {x: 1}}\n") == []
+
+
+RESPONDS = SCENE[: SCENE.index("excitation:")]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        (
+            "identifiability: true\nanalysis: {modes: {count: 1}}\n",
+            "1:1: 'identifiability' is that of a record; there is no 'measurement'",
+        ),
+        (
+            "analysis: {frequency: {start: 1, stop: 2}, inputs: [1]}\n",
+            "1:1: the analysis needs its 'outputs'; there are no channels to take them from",
+        ),
+        (
+            "analysis: {frequency: {start: 1, stop: 2}, outputs: [{dof: 1}]}\n",
+            "1:1: the analysis needs its 'inputs'; there is no excitation to take them from",
+        ),
+    ],
+)
+def test_what_an_analysis_takes_from_nowhere_is_asked_for(text, fault):
+    assert faults_of(RESPONDS + text) == [fault]
+
+
+def test_records_of_one_identification_are_of_one_model():
+    records = "  records: [{simulate: {model: full}}, {simulate: {model: reduced}}]\n"
+    text = SCENE.replace("  step: 0.01\n", f"  step: 0.01\n{records}")
+    reduced = "reduction: {method: serep, modes: [1]}\n"
+    assert faults_of(text + reduced) == ["1:1: all records are simulated with one 'model': full or reduced"]
+
+
+@pytest.mark.parametrize(("signal", "propagated"), [("step", True), ("impulse", False)])
+def test_the_excitation_of_an_analysis_without_inputs_is_what_is_propagated(signal, propagated):
+    further = f"""\
+excitation: {{dof: 2, kind: {signal}}}
+analysis: {{time: {{stop: 1, step: 0.1}}, outputs: [{{dof: 1}}]}}
+accuracy: {{alternatives: {{propagation: all}}}}
+"""
+    found = faults_of(RESPONDS + further)
+    assert len(found) == (not propagated)
+    assert all(fault.startswith("9:27: nothing in this scene is propagated") for fault in found)
+
+
+def test_nothing_is_held_where_nothing_is_measured():
+    further = """\
+excitation: {dof: 2, kind: random, seed: 1}
+analysis: {time: {stop: 1, step: 0.1}, outputs: [{dof: 1}]}
+accuracy: {alternatives: {hold: all}}
+"""
+    assert faults_of(RESPONDS + further) == [
+        "9:27: nothing in this scene is held: no force is known by samples alone"
+    ]
 
 
 def test_known_and_unknown_parameters_stand_side_by_side():

@@ -174,6 +174,10 @@ def test_derived_quantities_follow_from_others_and_from_the_scene(tmp_path):
     np.testing.assert_allclose(plan.arrays["twice"], 6 * np.sqrt([1, 2, 4]), rtol=1e-15)
 
 
+ONE = "vary: {parameters.m: [1, 2]}\n"
+TWO = "vary: {parameters.m: [1, 2], parameters.b: [1, 2]}\n"
+RANGES = "vary: {parameters.m: {start: 1, stop: 2}, parameters.b: {start: 1, stop: 2}}\n"
+RELATED = "correlation: [{between: [parameters.m, parameters.b], value: 0.5}]"
 FAULTS = [
     ("vary: {parameters.mm: [1]}", ":4:8: mass.yaml has no parameter 'mm'; did you mean 'm'?"),
     ("vary: {parameters.m: [x, y]}", ":4:8: no parameter 'x'"),
@@ -193,6 +197,46 @@ FAULTS = [
     ("vary: {'parameters.m, parameters.b': [[1]]}", "this entry takes a list of 2 values"),
     ("vary: {parameters.m: {start: 1, stop: 2, points: 9999999}, parameters.b: [1, 2]}",
      "samples are too many for one study"),
+    # paths
+    ("vary: {parameters..m: [1]}", ":4:23: 'parameters..m' is no dotted path into the scene, such as"),
+    ("vary: {parameters/m: [1]}", ":4:22: 'parameters/m' is no dotted path into the scene, such as"),
+    (f"{ONE}derive: {{parameters.m: '2'}}", ":4:22: parameters.m is set twice"),
+    ("vary: {'parameters.m, parameters.b': {start: 1, stop: 2, points: 3}}", ":4:38: several paths together"),
+    ("vary: {'parameters.m, parameters.b': {values: [[1, 2]], name: 'x, y, z'}}",
+     ":4:63: 'name' has not the 2 names of parameters.m, parameters.b"),
+    # groups
+    (f"{TWO}zip: [[parameters.m, parameters.b, parameters.m]]", ":5:36: 'parameters.m' is in 'zip' twice"),
+    (f"{TWO}zip: [[parameters.m, parameters.b]]\nsampling: {{method: list}}",
+     ":5:6: 'zip' joins values of a grid; 'list' has none"),
+    # sampling
+    (f"{ONE}sampling: {{indices: true}}", ":5:21: Sobol indices need 'method: sobol'"),
+    (f"{RANGES}sampling: {{method: sobol, samples: 8, indices: true, {RELATED}}}",
+     ":5:48: Sobol indices are of values that are drawn independently"),
+    (f"{RANGES}sampling: {{method: sobol, samples: 4194304, indices: true}}",
+     ":5:36: indices of 2 values take too many samples"),
+    (f"{RANGES}sampling: {{{RELATED}}}", ":5:25: the values of a grid are not drawn"),
+    (f"{RANGES}sampling: {{method: random, samples: 4, {RELATED.replace('.b]', '.bb]')}}}",
+     ":5:79: 'parameters.bb' is not in 'vary'; did you mean 'parameters.b'?"),
+    (f"{TWO}sampling: {{method: random, samples: 4, {RELATED}}}",
+     ":5:79: 'parameters.b' is a choice of values, which has no correlation"),
+    (f"{RANGES}sampling: {{method: random, samples: 4, {RELATED.replace('.b]', '.m]')}}}",
+     ":5:54: a value is not correlated with itself"),
+    # what is derived
+    (f"{ONE}derive: {{x: 2 +}}", ":5:13: this is not arithmetic; an operand or operator is missing"),
+    (f"{ONE}derive: {{parameters..b: '2'}}", ":5:25: 'parameters..b' is neither a name nor a dotted path"),
+    # factors
+    ("vary: {parameters.m: [null]}", ":4:23: a value is a number, a text, true, false, or a list or"),
+    ("vary: {parameters.m: {start: 1, stop: 2, points: 1}}", ":4:22: one point cannot be at both"),
+    ("vary: {parameters.m: {distribution: uniform, low: 2, high: 1}}", ":4:22: 'low' is not below 'high'"),
+    ("vary: {parameters.m: {distribution: loguniform, low: -1, high: 1}}", ":4:22: 'low' of a log-uniform"),
+    ("vary: {parameters.m: {distribution: integer, low: 0.5, high: 3}}", ":4:22: 'low' and 'high' of whole"),
+    ("vary: {parameters.m: {distribution: lognormal, mean: -1, std: 1}}", ":4:22: 'mean' of a lognormal"),
+    ("vary: {parameters.m: {distribution: normal, mean: 1, std: 1, low: 2, high: 1}}",
+     ":4:22: 'low' is not below 'high'"),
+    ("vary: {parameters.m: {distribution: lognormal, mean: 1, std: 1, high: -1}}",
+     ":4:22: 'high' of a lognormal distribution is above 0"),
+    ("vary: {parameters.m: {distribution: triangular, low: 1, mode: 3, high: 2}}",
+     ":4:22: 'low', 'mode' and 'high' do not follow each other"),
 ]  # fmt: skip
 
 

@@ -46,12 +46,9 @@ def aspects_of(data: dict[str, Any]) -> list[str]:
     Parameters
     ----------
     data
-        The scene.
+        The scene, of a kind in which something is chosen.
     """
-    kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in ASPECTS:
-        return []
-    return [name for name in ASPECTS[kind] if _PRESENT[name](data)]
+    return [name for name in ASPECTS[data["kind"]] if _PRESENT[name](data)]
 
 
 def accuracy_faults(source: Source) -> list[Fault]:

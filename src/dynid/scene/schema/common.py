@@ -78,8 +78,9 @@ class SignalPart(Part):
         """Return the signal's own parameters as floats, frequencies in rad/s."""
         skipped = {"unit", "source", "dof", "motion", "base", "kind"}
         given = {name: getattr(self, name) for name in type(self).model_fields if name not in skipped}
+        factor = self.factor
         return {
-            name: _as_float(value, self.factor if name in _FREQUENCIES else 1.0)
+            name: _as_float(value, factor if name in _FREQUENCIES else 1.0)
             for name, value in given.items()
             if value is not None
         }

@@ -196,10 +196,8 @@ def _is_model(option: Any) -> bool:
     return isinstance(option, type) and issubclass(option, BaseModel)
 
 
-def _is_tagged(option: Any, tag: Any) -> bool:
-    """Tell whether an option is the member of a discriminated union that this tag selects."""
-    if not _is_model(option):
-        return False
+def _is_tagged(option: type[BaseModel], tag: Any) -> bool:
+    """Tell whether a model is the member of a discriminated union that this tag selects."""
     fields = (option.model_fields.get(key) for key in ("kind", "method"))
     annotations = (field.annotation for field in fields if field is not None)
     return any(get_origin(one) is Literal and tag in get_args(one) for one in annotations)

@@ -59,8 +59,6 @@ class ParameterModel(Part):
         low, high = (None if bound is None else float(bound) for bound in (self.min, self.max))
         if self.start is not None and not (low or 0.0) <= float(self.start) <= (high or math.inf):
             raise fault("'start' does not lie between 'min' and 'max'")
-        if self.start is not None and self.value is not None:
-            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
         return self
 
 

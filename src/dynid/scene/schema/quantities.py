@@ -74,8 +74,6 @@ def names_of(info: ValidationInfo) -> Names:
 
 def resolve(raw: Any, info: ValidationInfo) -> Quantity:
     """Resolve a quantity: a number, a parameter's name, or an expression of both."""
-    if isinstance(raw, Quantity):
-        return raw
     if isinstance(raw, bool) or not isinstance(raw, int | float | str):
         raise fault(f"{_kind(raw)} where a number, a parameter or an expression belongs")
     if isinstance(raw, int | float):
