@@ -10,7 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dynid
-from dynid.scene.batch import run_alone, run_batch
+from dynid.errors import UsageError
+from dynid.result import Result
+from dynid.scene.batch import gather, run_alone, run_batch, why_alone
+from dynid.scene.collected import Collected
 from dynid.scene.dispatch import RUNNERS
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -34,6 +37,7 @@ def assert_same(template, overrides, collect=(), *, together=True):
     """Check samples against each alone, and that the batched route takes them or not."""
     route = import_module(RUNNERS[template.kind]).batched
     assert (route(template, overrides, collect or ("",), 1) is not None) == together
+    assert (why_alone(template, tuple(overrides[0]), collect, len(overrides)) == "") == together
     outcomes = run_batch(template, overrides, collect)
     assert len(outcomes) == len(overrides)
     for override, outcome in zip(overrides, outcomes, strict=True):
@@ -93,6 +97,79 @@ def test_a_failing_sample_is_a_row_with_the_error_that_it_has_alone(isolator):
     assert outcomes[1].exit_code == 2
 
 
+@pytest.mark.parametrize("overrides", [[{"parameters.b": 40}, {"parameters.m_s": 5}], [{}, {}]])
+def test_samples_that_differ_in_other_places_each_are_run_one_by_one(isolator, overrides):
+    outcomes = run_batch(isolator, overrides, ())
+    for override, outcome in zip(overrides, outcomes, strict=True):
+        alone = run_alone(isolator, override, ())
+        assert not alone.error
+        assert all(outcome.values[path].equals(variable) for path, variable in alone.values.items())
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (MemoryError(), 3, "this needs more memory than there is"),
+        (FileNotFoundError(2, "No such file", "k.mtx"), 4, "k.mtx cannot be read or written: No such file"),
+        (OSError("gone"), 4, "a file cannot be read or written: gone"),
+        (KeyError("k"), 3, "this is a fault of dynid itself (KeyError 'k'). Please report it"),
+    ],
+    ids=lambda part: type(part).__name__,
+)
+def test_whatever_a_sample_fails_of_is_its_outcome(isolator, monkeypatch, error, code, said):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("dynid.scene.batch.run_scene", fail)
+    outcome = run_alone(isolator, {"parameters.b": 40}, ())
+    assert (outcome.exit_code, outcome.error) == (code, said)
+
+
+def test_outcomes_are_a_sequence(isolator):
+    outcomes = run_batch(isolator, [{"parameters.b": b} for b in (40, 0, 50)], ())
+    assert [one.values.keys() for one in outcomes[::-2]] == [
+        outcomes[2].values.keys(),
+        outcomes[0].values.keys(),
+    ]
+    assert outcomes[3:] == []
+
+
+def test_why_samples_share_nothing_is_said(isolator):
+    assert why_alone(isolator, ("expect.0.value",), (), 2) == "what is expected varies"
+    reduction = dynid.load_scene(CONFIGS / "beam_reduction.yaml")
+    said = why_alone(reduction, ("structure.beam.EI",), (), 2)
+    assert said == "scenes of kind reduction share nothing"
+
+
+def test_what_is_collected_comes_with_the_coordinates_of_its_axes():
+    result = Result("bond-graph")
+    result.add_axis("a/time", np.arange(3.0), "s")
+    result.add("a/mode", np.zeros(()))
+    result.add("a/b/x", np.zeros((3, 2)), ("time", "mode"))  # 'mode' above is no coordinate of two modes
+    result.add("y", np.zeros(3), ("time",))  # and above 'y' there is no time
+    assert set(gather(result, ("a/b/x",))) == {"a/b/x", "a/time"}
+    assert set(gather(result, ("y",))) == {"y"}
+
+
+def test_a_table_has_no_place_in_a_study():
+    result = Result("bond-graph")
+    result.add("a/steps", np.zeros(2, [("rule", object), ("place", int)]), ("step",))
+    result.add("a/x", np.zeros(2), ("step",))
+    with pytest.raises(UsageError, match="a/steps is a table"):
+        gather(result, ("a/steps",))
+    assert set(gather(result, ("a",))) == {"a/x"}
+
+
+def test_only_what_is_wanted_is_kept():
+    kept, source = Collected("bond-graph", ("a/*",)), Result("bond-graph")
+    source.add_axis("b/time", np.arange(2.0), "s")
+    source.add("a/x", np.ones(2), ("time",))
+    source.add("b/x", np.ones(2), ("time",))
+    for path, variable in source.items():
+        kept.put(path, variable)
+    assert set(kept) == {"a/x", "b/time"}
+
+
 def test_the_chunks_do_not_matter(isolator):
     overrides = [{"parameters.m_s": 5 + 0.1 * k, "parameters.b": 20.0 + k} for k in range(12)]
     whole = run_batch(isolator, overrides, ())
@@ -124,6 +201,12 @@ def test_a_domain_error_is_that_of_its_sample_alone():
     assert [bool(outcome.error) for outcome in outcomes] == [False, False, True, False]
 
 
+def test_what_depends_on_a_value_that_does_not_exist_fails_alike():
+    text = FUNCTIONS.replace("r: 2*z*sqrt(k*m)", "half: sqrt(z), r: 2*half + m")
+    outcomes = assert_same(scene(text), [{"parameters.z": z} for z in (4, -1, 9)])
+    assert [bool(outcome.error) for outcome in outcomes] == [False, True, False]
+
+
 RESPONSES = """
 parameters: {c: 0.25}
 graph:
@@ -144,6 +227,18 @@ def test_values_of_elements_stored_energies_and_responses():
         for r, f, c in ((0.4, 1, 0.1), (1, 0, 0.2), (0, 2.5, 1 / 3))
     ]
     assert_same(scene(RESPONSES), overrides, ("bond_graph/*_response/response",))
+
+
+def test_stored_energy_that_varies_itself_is_not_what_its_expression_says():
+    overrides = [{"parameters.c": c, "initial.k.e": e} for c, e in ((0.1, 3), (0.5, 0))]
+    assert_same(scene(RESPONSES), overrides, ("bond_graph/time_response/response",))
+
+
+@pytest.mark.parametrize("w", [1e-200, 1e200])
+def test_a_value_that_leaves_double_precision_is_an_error_of_its_sample(w):
+    """Parameters are exact; it is a node that cannot hold the reciprocal of m w^2."""
+    outcomes = assert_same(scene(FUNCTIONS), [{"parameters.w": one} for one in (2, w)])
+    assert [bool(outcome.error) for outcome in outcomes] == [False, True]
 
 
 @pytest.mark.parametrize("reading", ["binary", "decimal"])
@@ -192,9 +287,10 @@ def suspension():
             for ratio in (0.02, 0, -1, "0.1")
         ],
         [{"joints.upper.k.start": start, "joints.lower.c.start": 15} for start in (8e3, 0, 1e-310)],
+        [{"joints.upper.k.start": start} for start in (8e3, None, [1], 10**400, "8e3")],
         [{"joints.upper.k.true": 2.1e4, "measurement.simulate.seed": 4}],
     ],
-    ids=["seed", "noise", "start", "true"],
+    ids=["seed", "noise", "start", "odd", "true"],
 )
 def test_identifications_are_those_of_each_sample(suspension, overrides):
     outcomes = assert_same(suspension, overrides)
@@ -229,3 +325,46 @@ def test_of_an_identification_any_part_can_be_collected(suspension):
 )
 def test_identifications_of_other_records_are_run_one_by_one(suspension, override):
     assert_same(suspension, [override], together=False)
+
+
+NODE = """\
+dynid: 1
+kind: identification
+structure:
+  lumped:
+    masses: [1, 1, 1]
+    links: [{dofs: [1], k: 1}, {dofs: [1, 2], k: 1}, {dofs: [3], k: 1}]
+joints:
+  j: {dofs: [2, 3], k: {start: 1, true: 1}}
+reduction: {method: serep, masters: [2], modes: [2]}
+excitation: {dof: 2, kind: sine, frequency: 1}
+measurement:
+  step: 0.1
+  samples: 20
+  channels: [{dof: 2, quantity: velocity}]
+  simulate: {seed: 1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("path", "change", "said"),
+    [
+        ("measurement.samples", "seed=1", "measurement.samples is no seed, noise, start or true value"),
+        ("joints.upper.m.start", "seed=1", "joints.upper.m.start is no seed, noise, start or true value"),
+        ("measurement.simulate.seed", "identifiability=true", "more than an identification from records"),
+    ],
+)
+def test_why_identifications_are_run_one_by_one_is_said(path, change, said):
+    settings_ = ["measurement.samples=150", change.replace("seed", "measurement.simulate.seed")]
+    template = dynid.load_scene(CONFIGS / "table2.yaml", settings_)
+    assert why_alone(template, (path,), (), 2).startswith(said)
+
+
+def test_a_scene_that_cannot_be_run_says_so_of_each_sample(tmp_path):
+    """Mode 2 of three equal masses between walls has a node at the master: the reduction is singular."""
+    (tmp_path / "node.yaml").write_text(NODE)
+    template = dynid.load_scene(tmp_path / "node.yaml")
+    paths = ("measurement.simulate.seed",)
+    assert why_alone(template, paths, (), 2) == "the scene as it stands cannot be run"
+    outcomes = assert_same(template, [{paths[0]: seed} for seed in (1, 2)], together=False)
+    assert [outcome.exit_code for outcome in outcomes] == [3, 3]

@@ -29,6 +29,10 @@ text: |
   lines
 shared: &s {x: 1}
 again: *s
+about:
+  note: |
+    three
+nothing:
 empty: {}
 """
 
@@ -75,7 +79,9 @@ def test_several_values_with_notes_at_the_ends_of_their_lines():
     assert parse_source(text).data["list"][1] == [7, 2, 9]
 
 
-@pytest.mark.parametrize("dotted", ["text", "shared.x", "again.x", "parameters", "list"])
+@pytest.mark.parametrize(
+    "dotted", ["text", "shared.x", "again.x", "parameters", "list", "about.x", "nothing.x"]
+)
 def test_what_cannot_be_edited_is_written_anew(dotted):
     text, whole = change({dotted: {"y": 2} if dotted in ("parameters", "list") else 2})
     assert text == dump(whole)

@@ -38,6 +38,7 @@ def test_exact_values(text, value):
         ("2*pi", 2 * math.pi), ("sqrt(2)", math.sqrt(2)), ("exp(1) + 1", math.e + 1), ("log(2)", math.log(2)),
         ("sin(1)*cos(1)/tan(1)", math.sin(1) * math.cos(1) / math.tan(1)), ("2**0.5", 2**0.5), ("x*2", 0.5),
         ("exp(0)**3", 1.0), ("(-exp(0))**3", -1.0), ("max(1/3, pi)", math.pi),
+        ("sqrt(pi)", math.sqrt(math.pi)),
     ],
 )  # fmt: skip
 def test_float_values(text, value):
@@ -175,6 +176,12 @@ def test_parameters_refer_to_each_other_in_any_order():
     values, faults = resolve_parameters({"m_e": "A**2 * I", "I": 2.0e4, "A": "a/10", "a": 0.1})
     assert not faults
     assert values == {"a": Fraction(1, 10), "A": Fraction(1, 100), "I": 20000, "m_e": 2}
+
+
+def test_a_parameter_waits_for_all_that_it_refers_to():
+    values, faults = resolve_parameters({"sum": "a + b + c", "a": "1 + 1", "b": "a + 1", "c": "b * a"})
+    assert not faults
+    assert values == {"a": 2, "b": 3, "c": 6, "sum": 11}
 
 
 def test_long_chains_of_parameters_do_not_recurse():

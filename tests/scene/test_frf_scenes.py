@@ -290,7 +290,11 @@ MEASURED = f"{HEAD}{MEASUREMENT}  frf: {{file: {{path: a.h5}}}}\n"
 @pytest.mark.parametrize(
     ("old", "new", "fault"),
     [
-        ("a.h5", "a.h5, deviation: [a], coherence: [b]", "11:15: the noise by line has either its 'deviation'"),
+        (
+            "a.h5",
+            "a.h5, deviation: [a], coherence: [b]",
+            "11:15: the noise by line has either its 'deviation'",
+        ),
         ("a.h5", "a.h5, averages: 3", "11:15: 'averages' are those of a 'coherence'"),
         ("file: {path: a.h5}", "band: [1, 2]", "11:8: frequency responses are either 'simulate'd or read"),
         ("a.h5}", "a.h5}, band: [2, 1]", "11:8: a band is [low, high], and low is not below high"),

@@ -193,6 +193,31 @@ def test_a_random_network_has_the_transfer_functions_of_its_own_equations(tmp_pa
         assert found == pytest.approx(sign * expected[name], rel=1e-9)
 
 
+def test_the_order_of_wires_names_the_ports_of_a_transformer(tmp_path):
+    named = SERIES.replace("C1  base/C   4, ", "t base/TF 3, ").replace(
+        "C1 kvl.inverting", "kvl.inverting t.0"
+    )
+    named = named.replace("L1  base/I   1", "L1  base/I   1, out base/1").replace("L1 kvl.inverting", "{}")
+    numbered = named.format("t.1 out.non_inverting, L1 out.inverting")
+    ordered = numbered.replace("t.0", "t").replace("t.1", "t")
+    swapped = numbered.replace("t.0", "t.x").replace("t.1", "t.0").replace("t.x", "t.1")
+    found = [coefficients(transfer(tmp_path, text), "L1.f/Se") for text in (numbered, ordered, swapped)]
+    assert found[0] == found[1] != found[2]
+
+
+def test_a_new_junction_takes_no_name_that_is_taken(tmp_path):
+    """Between two inverting ports a junction is put in; a component has its name already."""
+    text = """\
+root: x
+models:
+  x:
+    components: [s base/Se, u base/1, v base/1, m base/I 3, u_v base/R 5]
+    netlist: [s u.non_inverting, u.inverting v.inverting, m v.non_inverting, u_v v.inverting]
+"""
+    found = [coefficients(transfer(tmp_path, one), "m.f/s") for one in (text, text.replace("u_v", "w"))]
+    assert found[0] == found[1]
+
+
 # --- refusals --------------------------------------------------------------------------------------
 
 
@@ -208,6 +233,21 @@ def test_a_random_network_has_the_transfer_functions_of_its_own_equations(tmp_pa
         ("version: 0.1", "version: 7", "version 7 of netlists is not known"),
         ("R1 base/R 1", "R1 base/R r=x", "'x' is no number"),
         ("root: system", "root: sistem", "no model 'sistem'; did you mean 'system'?"),
+        ("models:", "modles:", "this is no netlist of BondGraphTools: it has the keys 'root' and 'models'"),
+        ("  load:\n", "  load: 3\n  other:\n", "model 'load' has the keys 'components' and 'netlist'"),
+        ("Z load", "Z", "'Z' is no component; write 'name base/R 10'"),
+        ("Z load", "Vs load", "two components are called 'Vs'"),
+        ("R1 base/R 1", "R1 base/R 1 2", "a component of type R takes one value, not 2"),
+        ("[Vs.A kvl, Z kvl]", "Z kvl", "'netlist' is a list"),
+        ("[Vs.A kvl, Z kvl]", "[Vs.A kvl, 5]", "an entry of 'netlist' is a text"),
+        ("Vs.A kvl", "Vs.A", "'Vs.A' is no wire; write 'a b', or 'a.port b'"),
+        ("[pout A]", "[kvl A]", "'kvl A' is no port; write 'a B', where a is a component base/SS"),
+        ("kvl pout]", "kvl pout, Sf pout]", "'Vs_pout' (base/SS) is no port between two models"),
+        (
+            "[Vs source, Z load, kvl base/0]\n",
+            "[Vs source, Z load, kvl base/0, x base/SS]\n    ports: [x A]\n",
+            "the root model is the whole; it has no ports outside",
+        ),
     ],
 )
 def test_what_cannot_be_understood_is_located(tmp_path, old, new, said):
@@ -219,3 +259,10 @@ def test_what_cannot_be_understood_is_located(tmp_path, old, new, said):
     assert (file, said in str(caught.value)) == (str(tmp_path / "bad.bg"), True)
     assert int(line) >= 1
     assert int(column) >= 1
+
+
+def test_models_that_multiply_at_every_level_end_at_a_bound(tmp_path):
+    levels = [f"  m{k}: {{components: [a m{k + 1}, b m{k + 1}]}}" for k in range(40)]
+    (tmp_path / "bomb.bg").write_text("\n".join(["root: m0", "models:", *levels, "  m40: {components: []}"]))
+    with pytest.raises(SceneError, match="more than 100,000 components"):
+        read_netlist(tmp_path / "bomb.bg")

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.errors import FileError, SceneError
+from dynid.scene.yaml.core import MAX_CHARACTERS
 from dynid.scene.yaml.dump import dump
 from dynid.scene.yaml.source import apply_overrides, parse_source, read_source
 from dynid.words import did_you_mean, did_you_mean_path, short_paths
@@ -147,6 +148,20 @@ def test_aliases_share_values_and_are_reported_where_they_stand():
     assert apply_overrides(source, ["b.k=2"]).data == {"a": {"k": 1}, "b": {"k": 2}}
 
 
+def test_a_word_repeats_as_a_mapping_does():
+    assert parse_source("a: &x 5\nb: *x\nc: [*x, *x]\n").data == {"a": 5, "b": 5, "c": [5, 5]}
+
+
+def test_very_many_faults_end_at_a_number():
+    found = faults_of("".join(f"k{n}: !what 1\n" for n in range(150)))
+    assert [place[0] for place in found] == list(range(1, 101))
+
+
+def test_of_characters_that_cannot_be_typed_the_first_ten_are_named():
+    found = faults_of("a: " + "\x01x" * 30)
+    assert [place[:2] for place in found] == [(1, 4 + 2 * k) for k in range(10)]
+
+
 def test_bytes_that_are_not_utf8_have_a_place(tmp_path):
     path = tmp_path / "s.yaml"
     path.write_bytes("title: ü\nname: ".encode() + b"caf\xe9")
@@ -166,7 +181,11 @@ def test_what_cannot_be_read_is_a_file_error(tmp_path):
         "": "directory",
         "scenee.yaml": "did you mean 'scene.yaml'",
         "a\0b": "cannot be read",
+        "nowhere/scene.yaml": "no such file$",
+        "large.yaml": "too large for a scene; put large data in files of their own",
     }
+    with (tmp_path / "large.yaml").open("wb") as file:
+        file.truncate(4 * MAX_CHARACTERS + 1)
     for name, words in cases.items():
         with pytest.raises(FileError, match=words):
             read_source(f"{tmp_path}/{name}")
@@ -228,6 +247,7 @@ def test_the_text_as_run_is_the_original_unless_changed():
         ("blank.x=1", ("blank", "x"), 1),
         ("vary.parameters.m.values=[2]", ("vary", "parameters.m", "values"), [2]),
         ("title=", ("title",), None),
+        (f"new.{'9' * 401}=1", ("new", "9" * 401), 1),
     ],
 )
 def test_overrides_set_values(assignment, path, value):
@@ -252,6 +272,12 @@ def test_faults_of_overrides_name_the_option():
     assert [fault.file for fault in caught.value.faults] == sorted(
         ["--set a.b", "--set a..b", "--set ", "--set mass.x", "--set a.b", "--set a.b.c.d"]
     )
+
+
+@pytest.mark.parametrize(("text", "said"), [("5", "a number"), ("word", "a text"), ("true", "a truth value")])
+def test_a_scene_that_is_no_mapping_has_nothing_to_set(text, said):
+    with pytest.raises(SceneError, match=f"the scene is {said}, not a mapping; it has no 'a'"):
+        apply_overrides(parse_source(text), ["a=1"])
 
 
 @pytest.mark.parametrize(

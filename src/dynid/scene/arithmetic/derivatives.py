@@ -101,10 +101,9 @@ def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:
             return [1 + value * value]
         case "abs":
             return [_ONE if x[0] >= 0 else -_ONE]
-        case "min" | "max":
+        case _:  # min and max
             chosen = x.index(value)
             return [_ONE if place == chosen else Fraction(0) for place in range(len(x))]
-    raise OutOfRangeError(f"{operation} has no derivative")
 
 
 def _power_rates(operands: list[Dual], value: Number) -> list[Number]:

@@ -220,6 +220,4 @@ def _named_in(part: Any) -> set[str]:
         return set(part.expression.names) if part.expression is not None else set()
     if isinstance(part, list | tuple):
         return set().union(*map(_named_in, part))
-    if isinstance(part, dict):
-        return set().union(*map(_named_in, part.values()))
     return set().union(*(_named_in(value) for _, value in part)) if isinstance(part, BaseModel) else set()

@@ -73,7 +73,7 @@ def _edit(text: str, root: Any, path: Path, value: Any, note: str, shared: set[i
 
 def _below(node: Any, key: Key) -> Any:
     if isinstance(node, yaml.SequenceNode):
-        return node.value[key] if isinstance(key, int) and key < len(node.value) else None
+        return node.value[key]
     if not isinstance(node, yaml.MappingNode):
         raise _BeyondEditing
     return next((value for name, value in node.value if name.value == str(key)), None)
@@ -87,8 +87,6 @@ def _is_inline(node: Any) -> bool:
 
 def _insertion(text: str, node: Any, path: Sequence[Key], value: Any, note: str) -> _Edit:
     """Put a new key behind a mapping's last."""
-    if not isinstance(node, yaml.MappingNode):
-        raise _BeyondEditing
     for key in reversed(path[1:]):
         value = {key: value}
     entry = f"{flow(path[0])}: {flow(value)}"
