@@ -1,14 +1,18 @@
 """`dynid check --explain` tells before a run what the run will say, and about what it costs."""
 
 import math
+import sys
 import time
 
 import numpy as np
 import pytest
 
+from dynid.bondgraph.question import RESULTS
 from dynid.cli.summary.explanation import seconds_text, size_text
+from dynid.identification.kernels.compiled import VARIABLE
 from dynid.scene.dispatch import run_scene
 from dynid.scene.explanations import explain
+from dynid.scene.explanations.explanation import peak_megabytes
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.yaml.source import parse_source
 from dynid.store import write_result
@@ -134,11 +138,147 @@ def test_bases_are_those_of_the_run(request):
     assert told["modes"].startswith("the lowest 4, by dense matrices")
 
 
+def test_a_basis_of_modes_alone_has_no_masters():
+    modal = LARGE.replace("elements: 300", "elements: 5")
+    modal = f"{modal[: modal.index('  - {method: craig')]}  - {{method: modal, modes: [1, 2]}}\n"
+    assert facts(explain(scene_of(modal)))["bases"] == "modal: 2 coordinates; 2 modes (those named are kept)"
+
+
+NODE = """
+dynid: 1
+kind: reduction
+structure:
+  lumped: {masses: [1, 1, 1], links: [{dofs: [1], k: 1}, {dofs: [1, 2], k: 1}, {dofs: [2, 3], k: 1},
+                                      {dofs: [3], k: 1}]}
+reduction:
+  - {method: serep, masters: [2], modes: [2]}
+"""
+
+
+def test_a_basis_that_does_not_exist_is_foretold(dynid, folder):
+    """The second mode of three equal masses between walls has a node at its only master."""
+    (folder / "node.yaml").write_text(NODE)
+    code, out, _ = dynid("check", "--explain", "node.yaml")
+    assert code == 0
+    failed, _, said = dynid("run", "node.yaml")
+    assert failed == 3
+    assert said.strip() in out
+
+
+def test_a_structure_that_does_not_exist_is_foretold(dynid, folder):
+    block = "joints: {j: {dofs: [1, 2], k: [[1, 2], [2, 1]]}}\n"
+    (folder / "block.yaml").write_text(NODE + block)
+    _, out, _ = dynid("check", "--explain", "block.yaml")
+    failed, _, said = dynid("run", "block.yaml")
+    assert failed != 0
+    assert said.strip() in out
+
+
+RESPONDING = """
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1, 1], links: [{dofs: [1], k: 50, c: 1}, {dofs: [1, 2], k: 20}]}}
+"""
+PARTS = {
+    "modes": ("modes: {count: 2}", "modes", "modes"),
+    "frequency": (
+        "frequency: {start: 1, stop: 9, points: 700}, inputs: [1]",
+        "frequency response at 700 frequencies",
+        "frequency response",
+    ),
+    "time": (
+        "time: {stop: 40, step: 0.1, input: {dof: 1, kind: step}}",
+        "time response at 401 instants",
+        "time response",
+    ),
+}
+
+
+@pytest.mark.parametrize("asked", [["modes"], ["frequency"], ["time"], ["modes", "frequency", "time"]])
+def test_the_responses_of_a_structure_are_told_as_they_are_run(asked, tmp_path):
+    blocks, said, costs = zip(*(PARTS[name] for name in asked), strict=True)
+    scene = scene_of(f"{RESPONDING}analysis: {{outputs: [{{dof: 2}}], {', '.join(blocks)}}}\n")
+    explained = explain(scene)
+    assert facts(explained)["responses"] == ", ".join(said)
+    assert [*explained.cost.parts] == [*costs]
+    write_result(run_scene(scene), tmp_path / "x.h5")
+    size = (tmp_path / "x.h5").stat().st_size / 1000
+    assert size / 3 <= explained.cost.kilobytes <= 3 * size
+
+
+SEEN = DEAF.replace("  idle: {dofs: [2], k: {start: 100, true: 100}}\n", "")
+
+
+def test_sampling_is_told_where_the_excitation_has_a_band():
+    assert facts(explain(scene_of(SEEN)))["sampling"].startswith("excited up to 8 rad/s")
+    coarse = facts(explain(scene_of(SEEN.replace("step: 0.05", "step: 0.5"))))
+    assert coarse["sampling"] == "excited up to half the sampling rate, 6.283 rad/s, and beyond"
+    edge = facts(explain(scene_of(SEEN.replace("sine, amplitude: 1, frequency: 8", "step"))))
+    assert edge["sampling"] == "excited up to half the sampling rate, 62.83 rad/s, and beyond"
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_compiled_passes_are_announced_where_they_are(monkeypatch, compiled):
+    monkeypatch.setenv(VARIABLE, str(int(compiled)))
+    told = facts(explain(scene_of(f"{SEEN}estimator: {{method: filter}}\n")))
+    assert told["estimator"] == "filter: 2 passes over the record"
+    assert told.get("", "").endswith("they are here") == compiled
+
+
+def test_a_record_of_a_structure_that_was_condensed():
+    text = SEEN.replace("masses: [1, 1]", "masses: [1, 1, 1]").replace(
+        "[{dofs: [2], k: 50}]", "[{dofs: [1, 2], k: 50}, {dofs: [2, 3], k: 30}, {dofs: [3], k: 20}]"
+    )
+    told = facts(explain(scene_of(f"{text}reduction: {{method: guyan, masters: [1, 3]}}\n")))
+    assert told["model"].startswith("3 DOFs reduced by guyan to 2: 4 physical states; 2 unknown of 2")
+    assert told["basis"] == "2 masters"
+
+
+def test_where_nothing_tells_the_memory_it_is_guessed(monkeypatch):
+    assert 10 < peak_megabytes() < 100_000
+    monkeypatch.setitem(sys.modules, "resource", None)
+    assert peak_megabytes() == 100
+
+
 def test_a_cut_and_alternatives_are_announced():
     asked = "results: [poles, zeros], port: x -> m}\naccuracy: {budget: 7}\n"
     told = facts(explain(scene_of(OSCILLATOR.replace("results: [poles, zeros]}", asked))))
     assert told["port"].startswith("cut at x -> m")
     assert told["accuracy"] == "alternatives of engine are tried after it, for at most 7 s"
+
+
+RATIOS = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Sf, a: 0, n: {type: TF, value: 0.3}, p: {type: TF, value: 3}, c: 0, q: {type: TF, value: 0.1},
+          b: 0, m: {type: I, value: 2}, r: {type: R, value: 1}}
+  bonds: [F -> a, a -> n -> b, a -> p -> c -> q -> b, b -> m, b -> r]
+analysis: {inputs: [F], outputs: [m.f], results: [poles]}
+"""
+
+
+def test_numbers_are_read_as_the_run_reads_them():
+    """In decimals 3 times 0.1 is 0.3, so that one of two paths is redundant; in doubles it is not."""
+    assert "drop one of the parallel paths" in str(explain(scene_of(RATIOS)).obstacle)
+    explained = explain(scene_of(RATIOS.replace("[poles]", "[poles], reading: binary")))
+    assert explained.obstacle is None
+
+
+def test_formulas_are_announced_with_their_limits():
+    explained = explain(
+        scene_of(OSCILLATOR.replace("[poles, zeros]", "[transfer_function], engine: symbolic"))
+    )
+    assert facts(explained)["engine"].startswith("symbolic: ")
+    assert explained.cost.seconds < 5
+
+
+def test_everything_that_can_be_asked_is_asked():
+    grids = "frequency: {start: 1, stop: 2, points: 5}, time: {stop: 1, step: 0.1}"
+    every = scene_of(OSCILLATOR.replace("[poles, zeros]", f"[{', '.join(RESULTS)}], {grids}"))
+    told = facts(explain(every))
+    assert "not asked" not in told
+    assert told["computes"] == ", ".join(RESULTS).replace("_", " ")
 
 
 def test_the_float_engine_says_why_and_what_it_cannot():

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import Any
 
 from dynid.scene.arithmetic.expression import Expression, parse, resolve_parameters
-from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply
+from dynid.scene.arithmetic.numbers import Number, apply
 
 _ONE, _TWO = Fraction(1), Fraction(2)
 

@@ -134,6 +134,7 @@ def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     band = interest_of(scene).band
+    assert band is not None  # a record has its excitation, or that of a white one
     records = likelihood.records
     count = sum(int(np.count_nonzero(~np.isnan(record.data.values))) for record in records)
     channels = records[0].data.values.shape[1]
@@ -148,8 +149,6 @@ def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
         "record",
         f"{lengths} samples of {counted(channels, 'channel')} every {step:.4g} s{several}: {count:,} values",
     )
-    if band is None or not math.isfinite(step):
-        return
     nyquist = math.pi / step
     if band >= nyquist:
         yield Fact("sampling", f"excited up to half the sampling rate, {nyquist:.4g} rad/s, and beyond")
