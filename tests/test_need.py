@@ -158,6 +158,28 @@ def test_an_identification_says_what_was_left_out_of_it(seed):
         assert found["modes shown"][:2] == (2, size - 2)
 
 
+def test_a_response_by_modes_says_how_many():
+    beam = {"elements": 300, "length": 10, "EI": 150, "rhoA": 0.8}
+    found = said(
+        run(
+            {
+                "dynid": 1,
+                "kind": "identification",
+                "structure": {"beam": {**beam, "supports": [{"node": 1, "fix": ["w", "theta"]}]}},
+                "analysis": {
+                    "inputs": ["w_301"],
+                    "outputs": [{"dof": "w_301"}],
+                    "frequency": {"start": 0.1, "stop": 30, "points": 50},
+                },
+            }
+        ),
+        "identification",
+    )
+    kept, left_out, *_ = found["modes of the frequency response"]
+    assert 0 < kept < 20  # a cantilever has five modes up to 30 rad/s
+    assert kept + left_out == 600
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_reduction_says_what_was_left_out_of_it(seed):
     rng = random.Random(seed)

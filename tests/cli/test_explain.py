@@ -211,6 +211,9 @@ SEEN = DEAF.replace("  idle: {dofs: [2], k: {start: 100, true: 100}}\n", "")
 
 def test_sampling_is_told_where_the_excitation_has_a_band():
     assert facts(explain(scene_of(SEEN)))["sampling"].startswith("excited up to 8 rad/s")
+    swept = "chirp, amplitude: 1, start: 9, stop: 2"
+    told = facts(explain(scene_of(SEEN.replace("sine, amplitude: 1, frequency: 8", swept))))
+    assert told["sampling"].startswith("excited up to 9 rad/s")
     coarse = facts(explain(scene_of(SEEN.replace("step: 0.05", "step: 0.5"))))
     assert coarse["sampling"] == "excited up to half the sampling rate, 6.283 rad/s, and beyond"
     edge = facts(explain(scene_of(SEEN.replace("sine, amplitude: 1, frequency: 8", "step"))))

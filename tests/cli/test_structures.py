@@ -96,6 +96,19 @@ def test_bad_matrices_are_one_sentence_at_their_place(dynid, folder, mass, stiff
     assert not (folder / "s.h5").exists()
 
 
+def test_labels_may_stand_in_a_file(dynid, folder):
+    savemat(folder / "model.mat", {"M": np.eye(2), "K": np.diag([1.0, 9.0])})
+    (folder / "names.txt").write_text("left\n\n  right\n")
+    files = "matrices: {mass: model.mat, stiffness: model.mat, labels: names.txt}"
+    code, _, err = dynid("run", written(folder, files, "{j: {dofs: [right], k: 7.0}}"))
+    assert (code, err) == (0, "")
+    np.testing.assert_allclose(read_result("s.h5")["structure/modes/omega"].data, [1, 4])
+    code, _, err = dynid("run", written(folder, files.replace("names", "nams")))
+    assert code == 4
+    assert err.startswith("s.yaml:4:")
+    assert "nams.txt" in err
+
+
 def test_dofs_that_a_file_does_not_have_are_all_found(dynid, folder):
     savemat(folder / "model.mat", {"M": np.eye(2), "K": np.eye(2)})
     joints = "{a: {dofs: [3], k: 1}, b: {dofs: [left, rihgt], k: 1}}"

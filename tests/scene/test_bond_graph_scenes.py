@@ -43,6 +43,9 @@ def test_the_scene_of_these_tests_is_valid():
         ("one: 1", "one: 1, 7: 0, '7': 1", "4:107: the key '7' is given twice, first on line 4"),
         ("value: 3", "value: 3, domain: thermal", "4:71: a TF joins two domains; give 'domain' to the nodes"),
         ("F: Se", "F: {type: Se, domain: hydraulics}", "4:33: 'domain' cannot be 'hydraulics'; it is one of"),
+        # what drives
+        ("{kind: step}", "{kind: step, motion: velocity}", "9:50: 'motion' belongs to structures; a flow"),
+        ("{kind: step}", "{kind: step, base: velocity}", "9:50: 'base' belongs to structures; a flow"),
         # bonds
         ("z -> k", "z -> K", "5:41: bond 'z -> K': no node 'K'; did you mean 'k'?"),
         ("z -> k", "z > k", "5:41: 'z > k' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"),

@@ -47,6 +47,12 @@ def test_matlab_variables_are_columns(mat):
     np.testing.assert_array_equal(timed, Y[10:])
 
 
+def test_a_vector_is_a_table_of_one_column_and_the_only_variable_needs_no_name(mat, tmp_path):
+    np.testing.assert_array_equal(read_columns(mat, [1], layout=Layout("t")), T[:, None])
+    savemat(tmp_path / "one.mat", {"only": Y})
+    np.testing.assert_array_equal(read_columns(tmp_path / "one.mat", None), Y)
+
+
 @pytest.mark.parametrize("row", [1, 2])
 def test_a_row_of_cells_is_a_table(mat, row):
     found = read_columns(mat, [2], step=0.01, layout=Layout("runs", row, time=1))
@@ -71,6 +77,7 @@ def test_other_readers_see_no_cells(mat):
         ([2], Layout("table", time=3), "the time goes on by"),
         ([2], Layout("table", first=60), "has 50 rows; none is number 60"),
         (["y"], Layout("table"), "takes no 'variable'"),
+        (["table"], Layout(), "has 50 x 3 numbers in 'table', not a column of them"),
     ],
 )
 def test_what_a_matlab_file_has_not_is_said(mat, columns, layout, said):
@@ -169,6 +176,33 @@ def test_time_histories_of_a_universal_file(tmp_path, binary):
 def test_records_of_different_sampling_are_refused(tmp_path):
     path = stored(tmp_path / "x.unv", 0, [(T, Y[:, 0], 1), (2 * T, Y[:, 1], 1)])
     assert "function 2 (sensor 2) has other times than the first" in refusal(path, None)
+
+
+def test_a_record_is_real(tmp_path):
+    path = stored(tmp_path / "x.unv", 0, [(T, Y[:, 0], 1), (T, Y[:, 0] + 1j, 1)])
+    assert "function 2 (sensor 2) is complex; a record is real" in refusal(path, None)
+
+
+def test_more_bytes_than_are_read_are_refused_before_they_are(tmp_path, monkeypatch):
+    path = stored(tmp_path / "x.unv", 0, [(T, Y[:, 0], 1)])
+    monkeypatch.setattr("dynid.scene.kinds.uff_table.MOST_NUMBERS", 10)
+    assert "is larger than the 80 bytes that are read" in refusal(path, None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("        50         1", "        60         1", "function 1 claims 60 points, but 50 can be read"),
+        ("        50         1", "        5x         1", "cannot be read as a Universal File"),
+    ],
+)
+def test_what_a_universal_file_claims_is_checked(tmp_path, old, new, said):
+    path = stored(tmp_path / "x.unv", 0, [(T, Y[:, 0], 1)])
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    message = refusal(path, None, place="measurement.file")
+    assert said in message
 
 
 @needs_data

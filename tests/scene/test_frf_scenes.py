@@ -174,6 +174,44 @@ def test_a_universal_file_says_what_its_functions_are(tmp_path):
     assert "Write quantity: displacement" in said
 
 
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        (
+            "{path: h.uff, deviation: [1, 2]}",
+            "h.uff holds functions, no deviations. Give their coherence",
+        ),
+        ("{path: h.uff, columns: [[1, 2]]}", "holds complex functions, no pairs of columns"),
+        (
+            "{path: h.uff, columns: [a function, 2]}",
+            "has 2 frequency response 'a function'; there are 2. Give",
+        ),
+        ("{path: h.uff, columns: [1, 3]}", "has no frequency response '3'; there are 2. Give its number"),
+        ("{path: time.uff}", "holds no frequency response. Data sets 58 of function type 4 are read"),
+        ("{path: mixed.uff}", "the function a function has other lines than the first"),
+    ],
+)
+def test_functions_that_a_universal_file_has_not_are_named(tmp_path, file, said):
+    written(tmp_path / "h.uff", 0)
+    written(tmp_path / "mixed.uff", 0)
+    written(tmp_path / "mixed.uff", 0, hertz=HERTZ + 1)
+    text = (tmp_path / "h.uff").read_text()
+    sets = text.split("    -1\n    -1\n")
+    (tmp_path / "time.uff").write_text(f"{sets[0]}    -1\n")
+    assert said in refusal(tmp_path, f"{{file: {file}}}")
+
+
+def test_functions_are_chosen_by_their_numbers(tmp_path):
+    """In another order than the sensors they are those of the other sensors."""
+    written(tmp_path / "h.uff", 0)
+    head = HEAD.replace(", true: 200", "").replace(", true: 1", "")
+    swapped = (
+        MEASUREMENT.replace("{dof: 1", "{dof: x").replace("{dof: 2, q", "{dof: 1, q").replace("x, q", "2, q")
+    )
+    found = run(tmp_path, f"{head}{swapped}  frf: {{file: {{path: h.uff, columns: [2, 1]}}}}\n")
+    assert found["identification/parameters/estimate"].data == pytest.approx([200, 1], rel=1e-4)
+
+
 def written(path, binary, ordinate=12, hertz=HERTZ, spacing=1):
     """Write both responses and their coherences as a Universal File, between data of other types."""
     pyuff = pytest.importorskip("pyuff", reason="pyuff is an extra")
@@ -245,13 +283,32 @@ def test_the_deviation_of_a_coherence_is_that_of_the_estimate(tmp_path):
         ("{file: {path: h.h5, frequency: falling}}", "do not increase"),
         ("{file: {path: h.h5, coherence: [falling, falling]}}", "not above 0 and at most 1"),
         ("{file: {path: h.h5, deviation: [first, first]}}", "deviation must be real"),
+        (
+            "{file: {path: h.h5, columns: [endless]}}",
+            "line 3: the response is infinite. Leave a line out, or",
+        ),
+        ("{file: {path: h.h5, columns: [measured], frequency: few}}", "has columns of different lengths"),
+        ("{file: {path: h.h5, columns: [first, few]}}", "has columns of different lengths"),
+        ("{file: {path: text.h5}}", "text.h5 cannot be read as HDF5"),
+        (
+            "{file: {path: h.mat}}",
+            "has variables; none of them is known to be a response. Name them: columns",
+        ),
+        ("{file: {path: h.mat, columns: [g]}}", "has no variable 'g'; it has H, omega"),
+        ("{file: {path: under.csv}}", "under.csv:2: '1_0i' is not a number"),
         ("{file: {path: h.csv}, unit: Hz}", "Real and imaginary parts stand by turns"),
         ("{file: {path: named.csv}, unit: Hz}", "no column of frequencies; it has a, b, c"),
         ("{file: {path: bad.csv}, unit: Hz}", "bad.csv:2: '1+' is not a number"),
     ],
 )
 def test_faults_of_files(tmp_path, frf, said):
-    hdf5(tmp_path, first=accelerances()[:, 0], falling=1.0 + HERTZ[::-1])
+    endless = accelerances()
+    endless[2, 1] = np.inf
+    falling = 1.0 + HERTZ[::-1]
+    hdf5(tmp_path, first=accelerances()[:, 0], falling=falling, endless=endless, few=HERTZ[:9])
+    savemat(tmp_path / "h.mat", {"H": accelerances(), "omega": HERTZ})
+    (tmp_path / "under.csv").write_text("f,a,b\n1,1_0i,1\n")
+    (tmp_path / "text.h5").write_text("f,a\n1,1\n")
     (tmp_path / "h.csv").write_text("f,a,b,c\n1,1,1,1\n2,2,2,2\n")
     (tmp_path / "named.csv").write_text("a,b,c\n1,1,1\n2,2,2\n")
     (tmp_path / "bad.csv").write_text("f,a,b\n1,1+,1\n")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.cli.summary.identification import lines
-from dynid.errors import Diverged, DynidError
+from dynid.errors import Diverged, DynidError, UsageError
 from dynid.identification.measurement import Measurement, Simulation, data, simulated
 from dynid.lti.signals import Sampled
 from dynid.scene.dispatch import run_scene
@@ -329,3 +329,52 @@ def test_a_preparation_that_the_record_does_not_allow_is_placed(drifting, right,
         run_scene(scene)
     fault = scene.locate(caught.value)
     assert f"{fault.line}:{fault.column}" == place, str(fault)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("columns: [motion]}", "columns: [force, motion]}", "'columns' names 2, but 'channels' has 1"),
+        (", columns: [motion]}", "}", "a.csv has 2 columns of numbers, 'channels' has 1. Name the columns"),
+    ],
+)
+def test_columns_and_channels_go_together(drifting, right, wrong, said):
+    assert right in PREPARED
+    (drifting / "x.yaml").write_text(PREPARED.replace(right, wrong))
+    with pytest.raises(DynidError) as caught:
+        run_scene(load_scene(drifting / "x.yaml"))
+    assert said in str(caught.value)
+
+
+DRIVEN = (
+    HEAD
+    + """\
+excitation: [{dof: 1, kind: step}, {dof: 2, kind: random, band: [50, 50.01]}]
+measurement:
+  step: 0.01
+  samples: 100
+  channels: [{dof: 2, quantity: velocity}]
+  simulate: {seed: 1}
+"""
+)
+
+
+def test_a_signal_that_its_record_does_not_allow_is_placed(tmp_path):
+    (tmp_path / "x.yaml").write_text(DRIVEN)
+    scene = load_scene(tmp_path / "x.yaml")
+    with pytest.raises(UsageError, match="band holds no Fourier line of the record") as caught:
+        run_scene(scene)
+    fault = scene.locate(caught.value)
+    assert (fault.line, fault.column) == (7, 36)
+
+
+def test_the_samples_of_a_random_force_are_held_for_an_estimator_only(tmp_path):
+    drive = "input: {dof: 2, kind: random, hold: linear}"
+    asked = f"analysis: {{time: {{stop: 1, step: 0.01, {drive}}}, outputs: [{{dof: 1}}]}}\n"
+    (tmp_path / "x.yaml").write_text(HEAD + asked)
+    scene = load_scene(tmp_path / "x.yaml")
+    with pytest.raises(UsageError, match="a response is computed for the continuous") as caught:
+        run_scene(scene)
+    fault = scene.locate(caught.value)
+    text = asked.splitlines()[0]
+    assert (fault.line, fault.column) == (7, text.index("hold") + 1)

@@ -6,6 +6,7 @@ import pytest
 
 from dynid.errors import FileError
 from dynid.scene.dispatch import run_scene
+from dynid.scene.kinds.table import Layout
 from dynid.scene.kinds.tables import read_columns, read_signal
 from dynid.scene.load import load_scene
 
@@ -108,6 +109,30 @@ def test_what_is_no_text_or_no_hdf5_is_told_so(written, tmp_path):
     assert "is not a text in UTF-8" in refusal(read_columns, tmp_path / "x.txt", None)[0]
     assert "cannot be read as HDF5" in refusal(read_columns, written("1\n2\n", "x.h5"), None)[0]
     assert "is no file" in refusal(read_columns, tmp_path, None)[0]
+
+
+def test_a_file_that_fails_while_it_is_read_is_told_so(written, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(5, "Input/output error")
+
+    path = written("1\n2\n")
+    monkeypatch.setattr("pathlib.Path.read_text", fail)
+    said, names = refusal(read_columns, path, None, place="measurement.file")
+    assert said.endswith("x.csv cannot be read: Input/output error")
+    assert names == ("measurement.file.path",)
+
+
+def test_datasets_of_a_record_are_of_one_length(stored):
+    path = stored(a=[1.0, 2, 3], b=[1.0, 2], c=np.ones((3, 2)))
+    for names in (["a", "b"], ["a", "c"]):
+        said = f"has no columns of one length in {', '.join(names)}"
+        assert said in refusal(read_columns, path, names)[0]
+
+
+def test_datasets_have_no_numbered_times(stored):
+    said, names = refusal(read_columns, stored(measured=[1.0, 2]), None, layout=Layout(time=1), place="file")
+    assert "has datasets, no numbered columns of times. Give its name." in said
+    assert names == ("file.time",)
 
 
 def test_infinite_values_of_other_columns_do_no_harm(written):
@@ -230,6 +255,19 @@ def test_missing_times_and_single_precision_do_no_harm(written, stored):
     times = np.float32(0.002) * np.arange(5000, dtype=np.float32)
     assert len(read_columns(stored(time=times, measured=np.ones(5000)), None, step=0.002)) == 5000
     assert "infinite" in refusal(read_columns, written("time,v\n0,1\ninf,2\n"), None, step=0.1)[0]
+
+
+def test_one_time_alone_tells_no_step(written):
+    assert len(read_columns(written("time,v\n,1\n0.7,2\n,3\n"), None, step=0.1)) == 3
+
+
+def test_the_dataset_of_the_times_may_be_named_wherever_it_is(stored):
+    path = stored(measured=[1.0, 2, 3], daq__clock=[0, 0.2, 0.4], daq__short=[0, 0.2])
+    clock = Layout(time="daq/clock")
+    assert len(read_columns(path, None, step=0.2, layout=clock)) == 3
+    assert "0.2 s apart, but 'step' is 1 s" in refusal(read_columns, path, None, step=1, layout=clock)[0]
+    said = refusal(read_columns, path, None, step=0.2, layout=Layout(time="daq/short"))[0]
+    assert "has 3 rows of data, but another number of times in 'daq/short'" in said
 
 
 def test_the_times_of_a_result_are_those_beside_its_data(stored):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,25 +26,32 @@ def read_datasets(
 
     `time` is the dataset of the times; absent: `time` or `t` beside the first one.
     """
+    with _opened(file) as store:
+        named = columns is not None and not are_numbers(columns)
+        if columns is not None and named:
+            names = [str(name) for name in columns]
+        elif single and columns is None:
+            names = [_only_dataset(file, store)]
+        else:
+            names = [next((name for name in _MEASURED if name in store), _MEASURED[0])]
+        key = "column" if single else "columns"
+        parts = [_dataset(file, store, name, key) for name in names]
+        if any(len(part) != len(parts[0]) for part in parts) or (
+            len(parts) > 1 and any(part.ndim != 1 for part in parts)
+        ):
+            file.refuse(f"has no columns of one length in {', '.join(names)}", key=key)
+        if single and (named or columns is None) and parts[0][:1].size > 1:
+            file.refuse(f"has {parts[0].shape[1]} columns in '{names[0]}'", "Give a number.", key=key)
+        values = np.column_stack(parts)
+        return Table(file, [], values, None, *_times(file, store, names, len(values), time))
+
+
+@contextmanager
+def _opened(file: DataFile) -> Iterator[Any]:
+    """Open a file, and say of this file whatever goes wrong with reading it."""
     try:
         with open_hdf5(file.path) as store:
-            named = columns is not None and not are_numbers(columns)
-            if columns is not None and named:
-                names = [str(name) for name in columns]
-            elif single and columns is None:
-                names = [_only_dataset(file, store)]
-            else:
-                names = [next((name for name in _MEASURED if name in store), _MEASURED[0])]
-            key = "column" if single else "columns"
-            parts = [_dataset(file, store, name, key) for name in names]
-            if any(len(part) != len(parts[0]) for part in parts) or (
-                len(parts) > 1 and any(part.ndim != 1 for part in parts)
-            ):
-                file.refuse(f"has no columns of one length in {', '.join(names)}", key=key)
-            if single and (named or columns is None) and parts[0][:1].size > 1:
-                file.refuse(f"has {parts[0].shape[1]} columns in '{names[0]}'", "Give a number.", key=key)
-            values = np.column_stack(parts)
-            return Table(file, [], values, None, *_times(file, store, names, len(values), time))
+            yield store
     except (OSError, RuntimeError, ValueError) as error:
         file.refuse(f"cannot be read as HDF5: {error}")
 
@@ -94,24 +102,14 @@ def _dataset(file: DataFile, store: Any, name: str, key: str) -> NDArray[np.floa
 
 def present(file: DataFile, names: Sequence[str]) -> list[str]:
     """Return which of these names a file has."""
-    import h5py
-
-    try:
-        with h5py.File(file.path, "r") as store:
-            return [name for name in names if name in store]
-    except (OSError, RuntimeError, ValueError) as error:
-        file.refuse(f"cannot be read as HDF5: {error}")
+    with _opened(file) as store:
+        return [name for name in names if name in store]
 
 
 def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
     """Return a dataset of real or complex numbers as columns."""
-    import h5py
-
-    try:
-        with h5py.File(file.path, "r") as store:
-            found = _numbers(file, store, name, key, "iufc")
-    except (OSError, RuntimeError, ValueError) as error:
-        file.refuse(f"cannot be read as HDF5: {error}")
+    with _opened(file) as store:
+        found = _numbers(file, store, name, key, "iufc")
     return found.reshape(len(found), -1)
 
 
