@@ -251,6 +251,24 @@ def test_what_is_not_a_result_cannot_be_read(tmp_path):
             read_result(f"{tmp_path}/{name}")
 
 
+def test_a_file_that_may_not_be_read_is_told_so(tmp_path, monkeypatch):
+    def refuse(_):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("dynid.store.files.open_hdf5", refuse)
+    with pytest.raises(FileError, match=r"r\.h5 cannot be read: permission denied"):
+        read_result(tmp_path / "r.h5")
+
+
+def test_a_result_may_have_lost_its_scene(tmp_path):
+    write_result(make(), tmp_path / "r.h5")
+    with h5py.File(tmp_path / "r.h5", "a") as file:
+        del file["scene"]
+    found = read_result(tmp_path / "r.h5")
+    assert "scene" not in found.attrs
+    assert found[f"{RESPONSE}/omega"].equals(make()[f"{RESPONSE}/omega"])
+
+
 def test_a_truncated_file_is_told(tmp_path):
     write_result(make(), tmp_path / "r.h5")
     content = (tmp_path / "r.h5").read_bytes()

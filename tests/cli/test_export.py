@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 import pytest
 from pyarrow import parquet
 
@@ -147,6 +148,18 @@ def test_any_result_is_a_table_for_each_group_and_its_axes(dynid, result, tmp_pa
     assert read_csv("r/f.csv") == {"order": ["3"]}
 
 
+def test_an_axis_of_another_length_labels_nothing(dynid, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = Result("bond-graph")
+    result.add_axis("a/time", [0.0, 0.5, 1.0], "s")
+    result.add("a/x", [1.0, 2.0, 3.0], ("time",))
+    result.add("a/b/y", [7.0, 8.0], ("time",))
+    write_result(result, "r.h5")
+    assert dynid("export", "r.h5", "--csv")[0] == 0
+    assert read_csv("r/a.csv") == {"time [s]": ["0.0", "0.5", "1.0"], "x": ["1.0", "2.0", "3.0"]}
+    assert read_csv("r/a.b.csv") == {"time": ["1", "2"], "y": ["7.0", "8.0"]}
+
+
 def test_rows_of_long_arrays_come_in_batches(dynid, result, monkeypatch):
     dynid("export", result, "--parquet", "-o", "whole")
     monkeypatch.setattr("dynid.store.tables.grouped._VALUES", 1)
@@ -211,3 +224,16 @@ def test_a_failing_disk_leaves_the_old_file(dynid, study, monkeypatch):
     assert code == 4
     assert "No space left" in err
     assert Path("s.csv").read_text() == before
+
+
+def test_what_the_format_cannot_hold_leaves_the_old_file(dynid, study, monkeypatch):
+    dynid("export", study, "--parquet")
+    before = Path("s.parquet").read_bytes()
+
+    def refuse(*_):
+        raise pyarrow.ArrowInvalid("a column is too long")
+
+    monkeypatch.setattr(parquet.ParquetWriter, "write_batch", refuse)
+    code, _, err = dynid("export", study, "--parquet")
+    assert (code, err) == (4, "s.parquet cannot be written: a column is too long\n")
+    assert Path("s.parquet").read_bytes() == before

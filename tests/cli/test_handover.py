@@ -8,6 +8,7 @@ import pytest
 from scipy.io import loadmat, mmread
 
 import dynid as package
+from dynid.result import Result
 from dynid.store import write_result
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -80,6 +81,22 @@ def test_reduced_models_as_matrices(dynid, folder, beam):
     assert np.array_equal(
         loadmat(folder / "beam.mat")["serep"]["mass"][0, 0], beam["reduction/serep/mass"].data
     )
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--json", "no transfer functions. Add transfer_function to analysis.results."),
+        ("--mat", "no state equations and no reduced model. Add state_space to analysis.results of a bond"),
+    ],
+)
+def test_what_was_not_computed_cannot_be_handed_over(dynid, folder, option, said):
+    result = Result("bond-graph")
+    result.add("bond_graph/poles", [-1.0, -2.0], ("pole",))
+    write_result(result, folder / "poles.h5")
+    code, _, err = dynid("export", "poles.h5", option)
+    assert code == 2
+    assert said in err
 
 
 @pytest.mark.parametrize(
