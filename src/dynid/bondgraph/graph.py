@@ -59,12 +59,15 @@ class Node:
     formula
         The expression behind the value, where formulas are to be written in its names; absent: the node's
         own name stands for its value.
+    domain
+        Its physical domain, where it is told: one of `dynid.bondgraph.domains`.
     """
 
     name: str
     type: NodeType
     value: Fraction | None = None
     formula: Expression | None = None
+    domain: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from fractions import Fraction
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from dynid.bondgraph.algebra.modular import axis_point, numeric_point, prime_for, random_point
+from dynid.bondgraph.domains import Units
 from dynid.bondgraph.graph import STORAGES, BondGraph, Port
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.network import STORED
@@ -57,6 +58,11 @@ class Planned(ABC):
         self._plan(random_point(self.valued, self._prime))
         if not self._holds_with_numbers():
             self._plan(numeric_point(self._values, self._prime))
+
+    @cached_property
+    def units(self) -> Units:
+        """The units of the graph's variables."""
+        return Units(self.graph)
 
     def _plan(self, point: Point) -> None:
         self.program = Program(point)

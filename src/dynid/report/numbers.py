@@ -21,8 +21,14 @@ def unit(text: str) -> str:
 
 
 def labelled(name: str, units: str = "") -> str:
-    """Return what an axis or a column is called: its name with its units."""
-    return f"{name} ({unit(units)})" if units else name
+    """Return what an axis or a column is called: its name with its units, if it has any (not so `1`)."""
+    return f"{name} ({unit(units)})" if units not in ("", "1") else name
+
+
+def in_decibels(name: str, units: str = "") -> str:
+    """Return what an axis in dB is called, with the unit that 0 dB stands for where it is known."""
+    known = {"": "dB, of SI units", "1": "dB"}.get(units, f"dB re {unit(units)}")
+    return f"{name} ({known})"
 
 
 def short(value: float, digits: int = 4) -> str:

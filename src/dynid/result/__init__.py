@@ -7,7 +7,7 @@ coordinate of that dimension within its group.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -292,3 +292,9 @@ class Selection(Result):
         """Store a variable as it is under `path` if it is wanted."""
         if path in self._wanted:
             super().put(path, variable)
+
+
+def common_unit(units: Iterable[str]) -> str:
+    """Return the unit that all share, or nothing."""
+    different = set(units)
+    return different.pop() if len(different) == 1 else ""

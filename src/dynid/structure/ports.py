@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,9 +102,3 @@ def ports(
     forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
     rows = np.array([channel.row(model) for channel in outputs]).reshape(len(outputs), model.size)
     return forces, rows, [channel.order for channel in outputs]
-
-
-def common_unit(units: Iterable[str]) -> str:
-    """Return the unit that all share, or nothing."""
-    different = set(units)
-    return different.pop() if len(different) == 1 else ""

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.lti.floating import guarded
 from dynid.lti.propagate import response
-from dynid.result import Result
+from dynid.result import Result, common_unit
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.motion import drive, inputs_of, signals_of, starting_state
-from dynid.structure.ports import UNITS, Channel, Load, common_unit, ports, source_names
+from dynid.structure.ports import UNITS, Channel, Load, ports, source_names
 
 __all__ = [
     "UNITS",

@@ -11,7 +11,6 @@ from dynid.bondgraph.engines import Choice, choose
 from dynid.bondgraph.exact import ExactEngine
 from dynid.bondgraph.question import Analysis, Formulas
 from dynid.bondgraph.reduced import Channel, ReducedGraph
-from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.results.roots import add_roots, each
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.errors import Undecided
@@ -35,6 +34,8 @@ _PROPERTIES = (
     "order",
     "zero_stability",
 )
+#: Those that have the unit of the channel.
+_GAINS = frozenset({"dc_gain", "high_frequency_gain"})
 
 
 def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
@@ -60,7 +61,8 @@ def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> N
 def _channels(reduced: ReducedGraph, analysis: Analysis, choice: Choice) -> Result:
     result = Result("bond-graph")
     for channel in reduced.channels():
-        result.annotate(_group(channel), engine=choice.engine, reading=analysis.reading)
+        own = {"unit": unit} if (unit := reduced.units.of_channel(*channel)) else {}
+        result.annotate(_group(channel), engine=choice.engine, reading=analysis.reading, **own)
     if "transfer_function" in analysis.results:
         from dynid.bondgraph.results.formulas import add_formulas
 
@@ -102,7 +104,7 @@ def add_channel(
             estimated = not isinstance(transfer, TransferFunction)
             add_roots(result, group, name, roots, estimated=estimated)
     if "properties" in asked:
-        _add_properties(result, channel, transfer, engine.reduced.reductions[channel[0]])
+        _add_properties(result, channel, transfer, engine.reduced)
     if asked & {"properties", "hidden_modes"}:
         _add_hidden_modes(result, engine, channel, explained="hidden_modes" in asked)
 
@@ -114,13 +116,14 @@ def _add_coefficients(result: Result, group: str, transfer: TransferFunction) ->
         result.add(f"{group}/{name}", coefficients, (axis,))
 
 
-def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduction: Reduction) -> None:
+def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduced: ReducedGraph) -> None:
     """Add the properties; a truth value that is undecided is left out, and its verdict says so."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
+    units = reduced.units.of_channel(*channel)
     for path, name in ((f"{group}/{name}", name) for name in _PROPERTIES):
         if result.wants(path) and (value := getattr(transfer, name)) is not None:
-            result.add(path, value)
-    result.add(f"{group}/prototype", reduction.prototype.letter)
+            result.add(path, value, units=units if name in _GAINS else "")
+    result.add(f"{group}/prototype", reduced.reductions[channel[0]].prototype.letter)
     if any(result.wants(f"{group}/{name}") for name in ("natural_frequency", "damping_ratio")):
         _add_natural_frequencies(result, group, each(transfer.poles, "value", np.complex128))
 

@@ -11,6 +11,7 @@ import numpy as np
 from dynid.bondgraph.decomposition.dynamics import dynamics_of
 from dynid.bondgraph.decomposition.equivalents import Decomposition, Side
 from dynid.bondgraph.decomposition.performance import static_characteristics
+from dynid.bondgraph.domains import quotient
 from dynid.bondgraph.formula import readable_registers
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
@@ -83,12 +84,18 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
     from dynid.bondgraph.frequency import on_axis
 
     group, zero = f"{_GROUP}/frequency_response", parts.program.zero
+    units = _units(parts)
     result.add_axis(f"{group}/omega", omega, "rad/s")
     result.add_axis(f"{group}/input", list(parts.sources))
     for side in (parts.source, parts.load):
         for name, register in (("Z_eq", side.impedance), ("Y_eq", side.admittance)):
             if register is not None:
-                result.add(f"{group}/{side.name}_{name}", on_axis(parts, [register], omega)[:, 0], ("omega",))
+                result.add(
+                    f"{group}/{side.name}_{name}",
+                    on_axis(parts, [register], omega)[:, 0],
+                    ("omega",),
+                    units[name],
+                )
         for name, given in (("e_eq", side.effort), ("f_eq", side.flow)):
             if given is not None:
                 registers = [given.get(source, zero) for source in parts.sources]
@@ -97,6 +104,18 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
     for name, answers in (("effort", parts.effort), ("flow", parts.flow)):
         values = on_axis(parts, [answers[source] for source in parts.sources], omega)
         result.add(f"{group}/{name}", values, ("omega", "input"))
+
+
+def _units(parts: Decomposition) -> dict[str, str]:
+    """Return the units of effort, flow and immittances at the port; empty where no domain tells them."""
+    at = next((end for end in (parts.port.tail, parts.port.head) if parts.units.of(end, "e")), "")
+    effort, flow = (parts.units.of(at, quantity) for quantity in "ef")
+    return {
+        "effort": effort,
+        "flow": flow,
+        "Z_eq": quotient(effort, flow) if at else "",
+        "Y_eq": quotient(flow, effort) if at else "",
+    }
 
 
 def _add_sides(result: Result, parts: Decomposition, initial: Mapping[str, float | Fraction]) -> None:
@@ -135,7 +154,7 @@ def _form(side: Side) -> str:
 
 def _add_performance(result: Result, parts: Decomposition) -> None:
     """Add the static characteristic for every input that has one, at an input of 1."""
-    group, found = f"{_GROUP}/performance", static_characteristics(parts)
+    group, found, units = f"{_GROUP}/performance", static_characteristics(parts), _units(parts)
     missing = [name for name in parts.sources if name not in found]
     if missing:
         reason = "no static characteristic: a side has no finite line at s -> 0, or both lines are parallel"
@@ -147,6 +166,6 @@ def _add_performance(result: Result, parts: Decomposition) -> None:
     for place, name in enumerate(("flow", "effort")):
         for side in ("source", "load"):
             ends = [[float(point[place]) for point in getattr(line, side)] for line in found.values()]
-            result.add(f"{group}/{side}_{name}", ends, ("input", "end"))
+            result.add(f"{group}/{side}_{name}", ends, ("input", "end"), units[name])
         operating = [float(line.operating[place]) for line in found.values()]
-        result.add(f"{group}/operating_{name}", operating, ("input",))
+        result.add(f"{group}/operating_{name}", operating, ("input",), units[name])

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
-from dynid.result import Result
+from dynid.result import Result, common_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,7 +71,12 @@ def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray
     result.add_axis(f"{group}/omega", omega, "rad/s")
     result.add_axis(f"{group}/output", [str(port) for port in reduced.outputs])
     result.add_axis(f"{group}/input", list(reduced.inputs))
-    result.add(f"{group}/response", frequency_response(reduced, omega), ("omega", "output", "input"))
+    units = reduced.units
+    each = [[units.of_channel(port, source) for source in reduced.inputs] for port in reduced.outputs]
+    response, unit = frequency_response(reduced, omega), common_unit(chain.from_iterable(each))
+    result.add(f"{group}/response", response, ("omega", "output", "input"), unit)
+    if any(map(any, each)):
+        result.add(f"{group}/unit", np.array(each, dtype=object), ("output", "input"))
 
 
 def _driven_by(system: StateSpace, columns: list[int]) -> StateSpace:
@@ -125,15 +131,21 @@ def add_time_response(
     sources = np.zeros((len(times), len(reduced.inputs)))
     for place, (name, _) in enumerate(signals):
         sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, place]
-    group = "bond_graph/time_response"
+    group, units = "bond_graph/time_response", reduced.units
+    own = [units.of_output(port) for port in reduced.outputs]
+    driving = [units.of_input(name) for name in reduced.inputs]
     result.add_axis(f"{group}/time", times, "s")
     result.add_axis(f"{group}/output", list(system.outputs))
     result.add_axis(f"{group}/source", list(reduced.inputs))
-    result.add(f"{group}/response", sum(part.outputs for part in solved.values()), ("time", "output"))
-    if len(solved) > 1:
-        for part, alone in solved.items():
-            result.add(f"{group}/{part}", alone.outputs, ("time", "output"))
-    result.add(f"{group}/input", sources, ("time", "source"))
+    added = {"response": sum(part.outputs for part in solved.values())}
+    added |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
+    for name, values in added.items():
+        result.add(f"{group}/{name}", values, ("time", "output"), common_unit(own))
+    result.add(f"{group}/input", sources, ("time", "source"), common_unit(driving))
+    if any(own):
+        result.add(f"{group}/unit", own, ("output",))
+    if any(driving):
+        result.add(f"{group}/input_unit", driving, ("source",))
     result.annotate(group, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
     impulses = any(signal.jump for _, signal in driven)

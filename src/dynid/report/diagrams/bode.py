@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from dynid.report.diagrams.frequencies import Frequencies, bode_panels, decibels, degrees, frequencies
 from dynid.report.figure import Figure, Picture
-from dynid.report.numbers import labelled, short
+from dynid.report.numbers import in_decibels, labelled, short
 from dynid.report.plot import Axis, Line, Marks, Panel, chart, listed
+from dynid.result import common_unit
 
 if TYPE_CHECKING:
     from dynid.report.plot.layers import Layer
@@ -38,40 +39,42 @@ def _responses(result: Result, group: str) -> Iterator[Figure]:
     at = frequencies(result, f"{group}/omega")
     response = result[f"{group}/response"]
     outputs, inputs = (list(map(str, result[f"{group}/{axis}"].data)) for axis in ("output", "input"))
-    units = _units(result, group, len(outputs))
+    units = _units(result, group, len(outputs), len(inputs))
     curves = [
         (f"{output} / {source}", response.data[:, row, column])
         for row, output in enumerate(outputs)
         for column, source in enumerate(inputs)
     ]
-    owners = [unit for unit in units for _ in inputs]
     pieces = [curves[start : start + CURVES] for start in range(0, len(curves), CURVES)]
     for number, piece in enumerate(pieces, 1):
         suffix = f"-{number}" if len(pieces) > 1 else ""
-        same = set(owners[(number - 1) * CURVES : number * CURVES])
+        same = common_unit(units[(number - 1) * CURVES : number * CURVES])
         yield Figure(
             f"bode{suffix}",
             f"Frequency response{suffix.replace('-', ', part ')}",
-            partial(_bode, f"bode{suffix}", at, piece, same.pop() if len(same) == 1 else ""),
+            partial(_bode, f"bode{suffix}", at, piece, same, group.startswith("structure") and bool(same)),
         )
-    yield Figure("nyquist", "Nyquist diagram", partial(_nyquist, at, curves, owners, len(inputs)))
+    yield Figure("nyquist", "Nyquist diagram", partial(_nyquist, at, curves, units, len(inputs)))
 
 
-def _units(result: Result, group: str, count: int) -> list[str]:
-    if f"{group}/unit" in result:
-        return list(map(str, result[f"{group}/unit"].data))
-    return [result[f"{group}/response"].units] * count
+def _units(result: Result, group: str, outputs: int, inputs: int) -> list[str]:
+    """Return the unit of every response, input by input of each output; empty where none is known."""
+    path = f"{group}/unit"
+    if path not in result:
+        return [result[f"{group}/response"].units] * (outputs * inputs)
+    given = result[path].data.reshape(outputs, -1)  # of a structure one for all forces
+    return np.broadcast_to(given, (outputs, inputs)).ravel().tolist()
 
 
-def _bode(name: str, at: Frequencies, curves: Sequence[Curve], units: str) -> Picture:
-    absolute = bool(units)
-    label = labelled("magnitude", units) if absolute else "magnitude (dB, of SI units)"
+def _bode(name: str, at: Frequencies, curves: Sequence[Curve], units: str, absolute: bool) -> Picture:
+    label = labelled("magnitude", units) if absolute else in_decibels("magnitude", units)
     panels = bode_panels(at, curves, label, absolute=absolute)
     svg = chart(name, "Frequency response", [[panel] for panel in panels], _peaks(at, curves), shared=True)
     columns = dict(at.columns)
     for curve, values in curves:
         own = f"|{curve}|"
-        columns[labelled(own, units if absolute else "dB")] = np.abs(values) if absolute else decibels(values)
+        title = labelled(own, units) if absolute else in_decibels(own, units or "1")
+        columns[title] = np.abs(values) if absolute else decibels(values)
         columns[f"∠ {curve} (°)"] = degrees(values)
     return Picture(svg, _peaks(at, curves), listed(columns))
 
@@ -117,8 +120,8 @@ def _locus(at: Frequencies, name: str, values: Complex, units: str) -> Panel:
         first = known[0]
         tip = f"{short(at.shown[first])} {unit}"
         layers.append(Marks([values.real[first]], [values.imag[first]], "", "s1", "o", 4, [tip]))
-    label = f" ({units})" if units else ""
-    return Panel(Axis(f"real part{label}"), Axis(f"imaginary part{label}"), layers, name, square=True)
+    real, imaginary = (Axis(labelled(f"{part} part", units)) for part in ("real", "imaginary"))
+    return Panel(real, imaginary, layers, name, square=True)
 
 
 def _near(values: Complex) -> bool:
@@ -130,19 +133,22 @@ def _near(values: Complex) -> bool:
 def _port(result: Result, group: str) -> Iterator[Figure]:
     at = frequencies(result, f"{group}/omega")
     curves = [
-        (f"Z_eq of the {side}", result[f"{group}/{side}_Z_eq"].data)
+        (f"Z_eq of the {side}", result[f"{group}/{side}_Z_eq"])
         for side in ("source", "load")
         if f"{group}/{side}_Z_eq" in result
     ]
     if curves:
-        yield Figure("port-impedances", "Impedances at the port", partial(_impedances, at, curves))
+        units = curves[0][1].units
+        drawn = [(name, variable.data) for name, variable in curves]
+        yield Figure("port-impedances", "Impedances at the port", partial(_impedances, at, drawn, units))
 
 
-def _impedances(at: Frequencies, curves: Sequence[Curve]) -> Picture:
-    panels = bode_panels(at, curves, "impedance (dB, of SI units)")
+def _impedances(at: Frequencies, curves: Sequence[Curve], units: str) -> Picture:
+    panels = bode_panels(at, curves, in_decibels("impedance", units))
     about = "Source and load as seen from the port; where they meet, they exchange most."
     svg = chart("port-impedances", "Impedances at the port", [[p] for p in panels], about, shared=True)
     columns = dict(at.columns)
     for name, values in curves:
-        columns |= {f"|{name}| (dB)": decibels(values), f"∠ {name} (°)": degrees(values)}
+        columns[in_decibels(f"|{name}|", units or "1")] = decibels(values)
+        columns[f"∠ {name} (°)"] = degrees(values)
     return Picture(svg, about, listed(columns))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.report.figure import Cell, Figure, Picture, Table
-from dynid.report.numbers import short
+from dynid.report.numbers import labelled, short
 from dynid.report.plot import Axis, Line, Marks, Panel, chart
 
 if TYPE_CHECKING:
@@ -30,10 +30,11 @@ def _picture(result: Result) -> Picture:
         for name in ("source_flow", "source_effort", "load_flow", "load_effort")
     }
     at = [result[f"{GROUP}/operating_{name}"].data for name in ("flow", "effort")]
+    axes = [labelled(name, result[f"{GROUP}/source_{name}"].units or "SI") for name in ("flow", "effort")]
     panels, rows = [], list[tuple[Cell, ...]]()
     for place, source in enumerate(map(str, result[f"{GROUP}/input"].data)):
         points = {name: values[place] for name, values in data.items()}
-        panels.append(_panel(source, points, (float(at[0][place]), float(at[1][place]))))
+        panels.append(_panel(source, points, (float(at[0][place]), float(at[1][place])), axes))
         for side in ("source", "load"):
             rows += [
                 (source, side, float(f), float(e))
@@ -49,14 +50,14 @@ def _picture(result: Result) -> Picture:
         height=300.0,
         width=480.0 if len(panels) == 1 else 760.0,
     )
-    return Picture(svg, about, Table(("input", "what", "flow (SI)", "effort (SI)"), tuple(rows)))
+    return Picture(svg, about, Table(("input", "what", *axes), tuple(rows)))
 
 
-def _panel(source: str, points: dict[str, np.ndarray], at: tuple[float, float]) -> Panel:
+def _panel(source: str, points: dict[str, np.ndarray], at: tuple[float, float], axes: list[str]) -> Panel:
     layers = [
         Line(points[f"{side}_flow"], points[f"{side}_effort"], f"{side}", cls)
         for side, cls in (("source", "s1"), ("load", "s2"))
     ]
     tip = f"flow {short(at[0])}, effort {short(at[1])}"
     mark = Marks([at[0]], [at[1]], "operating point", "s3", "o", 5, [tip])
-    return Panel(Axis("flow (SI)"), Axis("effort (SI)"), [*layers, mark], source)
+    return Panel(Axis(axes[0]), Axis(axes[1]), [*layers, mark], source)

@@ -50,11 +50,8 @@ def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Map
     """Return the columns of an array over time, each under its name with its units."""
     variable = result[f"{group}/{name}"]
     names = list(map(str, result[f"{group}/{axis}"].data))
-    units = (
-        list(map(str, result[f"{group}/{unit}"].data))
-        if f"{group}/{unit}" in result
-        else [variable.units or "SI"] * len(names)
-    )
+    given = result[f"{group}/{unit}"].data if f"{group}/{unit}" in result else [variable.units] * len(names)
+    units = [str(own) or "SI" for own in given]
     return {
         labelled(own, its): variable.data[:, k] for k, (own, its) in enumerate(zip(names, units, strict=True))
     }

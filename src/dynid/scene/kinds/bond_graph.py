@@ -82,6 +82,7 @@ def build_graph(model: BondGraphScene) -> BondGraph:
             cast("NodeType", node.type),
             node.value.exact if node.value is not None else None,
             node.value.expression if node.value is not None else None,
+            node.domain or "",
         )
         for name, node in model.graph.nodes.items()
     ]
