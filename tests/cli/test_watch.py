@@ -15,6 +15,7 @@ from dynid.cli.watching.files import files_of, stamp
 from dynid.cli.watching.loop import Watch
 from dynid.cli.watching.server import serving
 from dynid.errors import UsageError
+from dynid.store import read_result as open_result
 
 
 def ask(server, path="/", method="GET", **headers):
@@ -130,6 +131,36 @@ def test_faults_are_shown_and_the_last_good_page_stays(folder, capsys):
     assert (board.now.version, board.now.fault) == (2, "")
     assert "The mass on a damper" in board.now.page
     assert "done in" in capsys.readouterr().err
+
+
+STUDY = """
+dynid: 1
+kind: study
+scene: small.yaml
+vary: {parameters.m: {start: 1, stop: 2, points: POINTS}}
+collect: [bond_graph/properties/m.f/F/dc_gain, bond_graph/transfer_function/m.f/F/poles]
+"""
+
+
+@pytest.mark.parametrize(("points", "looks", "said"), [(5, 1, ""), (40, 2, ""), (100_000, 2, "of 100,000")])
+def test_of_a_study_so_many_samples_are_shown_as_a_short_wait_allows(
+    folder, points, looks, said, monkeypatch
+):
+    monkeypatch.setattr("dynid.cli.watching.sample.SECONDS", 60.0)  # however slow the machine is
+    monkeypatch.setattr("dynid.cli.watching.sample.MOST", 50)
+    (folder / "study.yaml").write_text(STUDY.replace("POINTS", str(points)))
+    board = Board()
+    Watch("study.yaml", (), "live.h5", board).show()
+    assert (board.now.fault, board.now.version) == ("", looks)
+    assert said in board.now.page
+    assert ("A first look" in board.now.page) == bool(said)
+    assert 'id="figure-course"' in board.now.page
+    shown = open_result(folder / "live.h5")["study/samples/parameters.m"].data
+    assert len(shown) == min(points, 50)
+    assert (shown.min(), shown.max()) == pytest.approx((1, 2), abs=0.03)  # evenly over the plan
+    (folder / "study.yaml").write_text(STUDY.replace("POINTS", "-1"))
+    Watch("study.yaml", (), None, board).show()
+    assert "study.yaml:5:" in board.now.fault
 
 
 @pytest.mark.usefixtures("folder")

@@ -25,7 +25,8 @@ def watch(scene: str, port: int, no_browser: bool, overrides: tuple[str, ...], o
     """Run a scene whenever it or a file that it reads changes, and show its page in the browser.
 
     The page is served on this machine only, until Ctrl-C. A scene with faults leaves the last good result on
-    the page, with the faults and their places above it.
+    the page, with the faults and their places above it. Of a study some samples are run, evenly over its
+    plan, as many as a few seconds allow.
     """
     from dynid.cli.run import refuse_missing_folders, refuse_overwriting
     from dynid.cli.watching.loop import Watch

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import click
@@ -14,6 +15,8 @@ from dynid.errors import DynidError
 
 if TYPE_CHECKING:
     from dynid.cli.watching.board import Board
+    from dynid.result import Result
+    from dynid.scene.load import Scene
 
 #: Seconds between two looks; a file counts as saved when two looks in a row see the same.
 _LOOK = 0.15
@@ -69,17 +72,40 @@ class Watch:
         return ""
 
     def _compute(self) -> None:
-        from dynid.cli.run import compute
-        from dynid.report.page import page
         from dynid.scene.load import load_scene
 
-        result = compute(load_scene(self.scene, self.overrides), lambda _: None, accuracy=False)
+        scene = load_scene(self.scene, self.overrides)
+        if scene.kind == "study":
+            self._look_at(scene)
+            return
+        from dynid.cli.run import compute
+
+        result = compute(scene, lambda _: None, accuracy=False)
         if self.output:
             from dynid.store import write_result
 
             write_result(result, self.output)
+        self._publish(result)
+
+    def _look_at(self, study: Scene) -> None:
+        """Run some of a study's samples, and show what they tell; more of them where they are quick."""
+        from dynid.atomic import replace_file
+        from dynid.cli.watching.sample import looks
+        from dynid.store import open_stored
+
+        with TemporaryDirectory() as folder:
+            target = Path(folder) / "study.h5"
+            for note in looks(study, target):
+                with open_stored(target) as result:
+                    self._publish(result, note)
+            if self.output:
+                replace_file(self.output, target.read_bytes())
+
+    def _publish(self, result: Result, note: str = "") -> None:
+        from dynid.report.page import page
+
         version = self.board.now.version + 1
-        self.board.put(page=page(result, live=version), version=version, fault="")
+        self.board.put(page=page(result, live=version, note=note), version=version, fault="")
 
     def _wait(self, before: Stamp) -> None:
         """Return when a file has changed, and no longer does."""

@@ -20,7 +20,7 @@ from dynid.result import Result
 _TOOLS = (("in", "+", "Zoom in"), ("out", "−", "Zoom out"), ("all", "Whole", "Show the whole figure"))
 
 
-def page(result: Result, *, live: int | None = None) -> str:
+def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     """Return the page of a result.
 
     Parameters
@@ -29,6 +29,8 @@ def page(result: Result, *, live: int | None = None) -> str:
         In memory, or stored in an open file.
     live
         The number of this page, where it listens to the server that it came from and shows itself anew.
+    note
+        What is to be said before anything else.
 
     Returns
     -------
@@ -38,7 +40,8 @@ def page(result: Result, *, live: int | None = None) -> str:
     found = answer(result)
     scripts = ["samples.js"] if result.kind == "study" else []
     scripts += ["watch.js"] if live is not None else []
-    sections = list(_sections(result, join(*map(part, found.parts))))
+    first = tag("p", note, class_="note") if note else ""
+    sections = list(_sections(result, join(first, *map(part, found.parts))))
     return shell(result.title or "A result of dynid", found.method, sections, scripts, live)
 
 
