@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from dynid.numerals import quantity
-from dynid.report.answers.identifiability import GROUP, bound_text, groups, shifts
+from dynid.report.answers.identifiability import GROUP, bounds, groups, shifts
 from dynid.result import Result
 
 #: The most modes on the screen.
@@ -29,25 +28,12 @@ def identifiability_lines(result: Result) -> list[str]:
 
 
 def _bounds(result: Result) -> Iterable[str]:
-    get = {name: result[f"{GROUP}/{name}"].data for name in ("parameter", "unit", "value", "relative_bound")}
-    known = result[f"{GROUP}/relative_bound_known_state"].data
-    attrs = result.group_attrs[GROUP]
-    place = "true values" if attrs["at"] == "true" else "start values"
-    noise = "" if attrs["noise"] == "known" else "; noise assumed, 1 % of each channel"
-    of_time = "identification/measurement/omega" not in result  # a frequency response has no initial state
-    what = "record" if of_time else "frequency responses"
-    state = ", initial state unknown" if of_time else ""
+    found = bounds(result)
+    place, noise = found.where
+    what = "record" if found.of_time else "frequency responses"
+    state = ", initial state unknown" if found.of_time else ""
     yield f"  what the {what} can tell (Cramér–Rao bound at the {place}{state}{noise})"
-    rows = [
-        (
-            f"{name} [{unit}]".removesuffix(" []"),
-            quantity(value),
-            bound_text(bound),
-            *([bound_text(least)] if of_time else []),
-        )
-        for name, unit, value, bound, least in zip(*get.values(), known, strict=True)
-    ]
-    yield from table(("", "value", "bound", *(["state known"] if of_time else [])), rows)
+    yield from table(("", "value", "bound", *(["state known"] if found.of_time else [])), found.rows)
 
 
 def _modes(result: Result) -> Iterable[str]:

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from dynid.numerals import counted
 from dynid.report.answers.study import (
     COLUMNS,
-    different,
-    expected,
-    influence_parts,
+    first_samples,
+    met_expectations,
     range_text,
+    ranked,
     shown_numbers,
     split,
+    state,
     statistics_row,
     text_shares,
     written,
 )
 from dynid.result import Result
 from dynid.study.analysis.failures import failures
-from dynid.study.analysis.ranking import Influences
 from dynid.study.analysis.table import Column, StudyTable
 
 _RANKED = 12  # numbers whose inputs are ranked
@@ -44,8 +42,7 @@ def lines(result: Result) -> list[str]:
 
 
 def _state(table: StudyTable) -> Iterator[str]:
-    parts = {"done": int(table.done.sum()), "failed": len(table.failed), "pending": len(table.pending)}
-    yield "  " + " · ".join(f"{count:,} {what}" for what, count in parts.items() if count or what == "done")
+    yield f"  {state(table)}"
     width = max((len(name) for name in table.inputs), default=0)
     for name, column in table.inputs.items():
         yield f"    {name:<{width}}  {range_text(column)}"
@@ -58,9 +55,8 @@ def _failures(table: StudyTable) -> Iterator[str]:
     if found:
         yield "  failed"
     for failure in found[:_REASONS]:
-        first = ", ".join(map(str, failure.samples[:3])) + (", …" if len(failure.samples) > 3 else "")
         which = "sample" if len(failure.samples) == 1 else "samples"
-        yield f"    {len(failure.samples):>7,}  {failure.error}  ({which} {first})"
+        yield f"    {len(failure.samples):>7,}  {failure.error}  ({which} {first_samples(failure)})"
     if len(found) > _REASONS:
         yield f"    … and {counted(len(found) - _REASONS, 'other reason')}"
 
@@ -99,41 +95,25 @@ def _texts(table: StudyTable) -> Iterator[str]:
 
 def _expectations(table: StudyTable) -> Iterator[str]:
     """Say which share of the samples meets each expectation of the scene."""
-    count = sum(path.startswith("study/expect/") for path in table.result)
-    wanted = expected(table.result, count)
-    done = int(table.done.sum())
-    if count and done:
+    rows = list(met_expectations(table))
+    if rows:
         yield "  expectations of the scene, and the share of the samples that meet them"
-    for number in range(count if done else 0):
-        met = int((table.result[f"study/expect/{number}"].data & table.done).sum())
-        share = "all" if met == done else f"{100 * met / done:.4g} %"
-        yield f"    {share:>8}  {wanted[number]}"
+    yield from (f"    {share:>8}  {text}" for text, share in rows)
 
 
 def _influences(table: StudyTable, shown: list[tuple[str, Column]]) -> Iterator[str]:
     """Say for each number which inputs its variance comes from."""
-    influences = Influences(table)
-    found: list[tuple[str, str, list[str]]] = []
-    estimator, seen = "", np.empty(0)
-    for path, column in shown:
-        indices = influences.of(column.values) if len(found) < _RANKED else None
-        if indices is None or not different(column, seen):
-            continue
-        estimator, seen = indices.estimator, column.values
-        found.append(
-            (*split(written(table, path, column)), list(influence_parts(influences, indices, column)))
-        )
-    if not found:
+    rows, notes = ranked(table, shown, _RANKED)
+    if not rows:
         return
     yield "  where the variance comes from"
-    width = max(len(name) for _, name, _ in found)
+    names = [split(name) for name, _ in rows]
+    width = max(len(name) for _, name in names)
     group = None
-    for own, name, parts in found:
+    for (own, name), (_, said) in zip(names, rows, strict=True):
         if own != group:
             yield f"  {own}" if own else ""
             group = own
-        yield f"    {name:<{width}}  {', '.join(parts) or 'no input alone'}"
-    yield f"    ({estimator}; ± is the standard error)"
-    if influences.correlated is not None:
-        first, second, value = influences.correlated
-        yield f"    {first} and {second} go together (correlation {value:.2g}): their parts overlap"
+        yield f"    {name:<{width}}  {said}"
+    yield f"    ({notes[0]})"
+    yield from (f"    {note}" for note in notes[1:])

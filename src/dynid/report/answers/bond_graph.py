@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
-from dynid.numerals import counted, roots_text
+from dynid.numerals import counted
 from dynid.report.answers.blocks import Block, Facts, Note, Part, Steps, facts
 from dynid.report.answers.channels import channel_parts
 from dynid.report.answers.common import listed, more
+from dynid.report.answers.port import PORT, port_items
 from dynid.result import Result
 
 #: Most steps, prototypes, states and remarks that are listed.
 _STEPS, _OUTPUTS, _STATES, _REMARKS = 60, 12, 12, 12
-_PORT, _REDUCTION, _CAUSALITY = "bond_graph/port", "bond_graph/reduction", "bond_graph/causality"
+_REDUCTION, _CAUSALITY = "bond_graph/reduction", "bond_graph/causality"
 #: Longest formula that is shown.
 _LONGEST = 400
 
@@ -70,59 +70,9 @@ def _reduction(result: Result) -> Iterator[Block]:
 
 
 def _port(result: Result) -> Iterator[Part]:
-    if f"{_PORT}/prototype" not in result:
-        return
-    letter, equation = (result.value(f"{_PORT}/{name}") for name in ("prototype", "prototype_equation"))
-    items: list[tuple[str, Any]] = [
-        ("prototype", f"{letter}:  {equation}"),
-        ("type", str(result.value(f"{_PORT}/type"))),
-    ]
-    items += [(side, tuple(_side(result, side))) for side in ("source", "load")]
-    for name in ("zero dynamics", "pole dynamics"):
-        group = f"{_PORT}/{name.replace(' ', '_')}"
-        found, missed = (result[f"{group}/{key}"].data for key in ("roots", "missed_roots"))
-        lines = [f"{result.value(f'{group}/equation')}:  {roots_text(found)}"]
-        items.append((name, tuple(lines + ([f"missed: at {roots_text(missed)}"] if len(missed) else []))))
-    if f"{_PORT}/natural_modes" in result:
-        modes, power = (result[f"{_PORT}/{name}"].data for name in ("natural_modes", "net_power"))
-        net = (f"net power over the port {power.max():.1g} (eq 9)",) if len(power) else ()
-        items.append(("natural modes", (roots_text(modes), *net)))
-    items.append(("at rest", tuple(operating_points(result))))
-    yield Part(f"Port {result.group_attrs[_PORT]['bond']}", (facts(*items),))
-
-
-def _side(result: Result, side: str) -> Iterator[str]:
-    group = f"{_PORT}/{side}"
-    attrs = result.group_attrs[group]
-    yield str(attrs["nodes"])
-    exact = [
-        path[len(group) + 1 : -len("/exact")]
-        for path in result
-        if path.startswith(f"{group}/") and path.endswith("/exact")
-    ]
-    form = "Z_eq" if "Z_eq" in exact else "Y_eq"
-    letter = "e" if form == "Z_eq" else "f"
-    for name in [form, *(name for name in exact if name.startswith(f"{letter}_eq/"))]:
-        if name in exact:
-            formula = str(result.group_attrs.get(f"{group}/{name}", {}).get("symbolic", ""))
-            said = formula or str(result.value(f"{group}/{name}/exact"))
-            variable, _, source = name.partition("/")
-            driven = f" of {source}" if source else ""
-            yield f"{variable}{driven} = {said if len(said) < _LONGEST else '(in the file)'}"
-    if str(attrs["form"]).startswith("an ideal"):
-        yield str(attrs["form"])
-
-
-def operating_points(result: Result) -> Iterator[str]:
-    """Yield effort and flow at the port at rest, for every input, or why there are none."""
-    group = f"{_PORT}/performance"
-    if f"{group}/input" in result:
-        for place, name in enumerate(result[f"{group}/input"].data):
-            effort, flow = (result[f"{group}/operating_{key}"].data[place] for key in ("effort", "flow"))
-            yield f"{name} = 1 gives e = {effort:.4g}, f = {flow:.4g}"
-    note = result.group_attrs.get(group, {}).get("note")
-    if note:
-        yield str(note)
+    items = list(port_items(result, _LONGEST))
+    if items:
+        yield Part(f"Port {result.group_attrs[PORT]['bond']}", (facts(*items),))
 
 
 def _causality(result: Result) -> Iterator[Block]:

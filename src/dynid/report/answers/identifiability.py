@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +34,32 @@ def identifiability_parts(result: Result) -> Iterator[Part]:
         yield Part("Parameters and modes", tuple(_shifts(result)))
 
 
-def _bounds(result: Result) -> Iterator[Block]:
+class Bounds(NamedTuple):
+    """The bounds of a record.
+
+    Parameters
+    ----------
+    where
+        At which values of the parameters, and of what noise.
+    of_time
+        Whether the record is one of time, with an initial state; else of frequency responses.
+    rows
+        Parameter with unit, value, bound, and of a record of time the bound with the state known.
+    """
+
+    where: tuple[str, str]
+    of_time: bool
+    rows: tuple[tuple[str, ...], ...]
+
+
+def bounds(result: Result) -> Bounds:
+    """Return how well the record can tell each parameter."""
     get = {name: result[f"{GROUP}/{name}"].data for name in ("parameter", "unit", "value", "relative_bound")}
     known = result[f"{GROUP}/relative_bound_known_state"].data
     attrs = result.group_attrs[GROUP]
     place = "true values" if attrs["at"] == "true" else "start values"
     noise = "" if attrs["noise"] == "known" else "; noise assumed, 1 % of each channel"
-    of_time = "identification/measurement/omega" not in result  # a frequency response has no initial state
+    of_time = "identification/measurement/omega" not in result
     rows = tuple(
         (
             f"{name} [{unit}]".removesuffix(" []"),
@@ -49,8 +69,13 @@ def _bounds(result: Result) -> Iterator[Block]:
         )
         for name, unit, value, bound, least in zip(*get.values(), known, strict=True)
     )
-    heads = ("", "value", "bound", *(["bound, initial state known"] if of_time else []))
-    yield Grid(heads, rows, caption=f"Cramér–Rao bound at the {place}{noise}")
+    return Bounds((place, noise), of_time, rows)
+
+
+def _bounds(result: Result) -> Iterator[Block]:
+    found = bounds(result)
+    heads = ("", "value", "bound", *(["bound, initial state known"] if found.of_time else []))
+    yield Grid(heads, found.rows, caption=f"Cramér–Rao bound at the {''.join(found.where)}")
 
 
 def groups(result: Result) -> Iterator[str]:

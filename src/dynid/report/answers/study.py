@@ -11,8 +11,9 @@ from dynid.checks.expectations import expected_words
 from dynid.numerals import counted, quantity
 from dynid.report.answers.blocks import Block, Grid, Note, Part, facts
 from dynid.report.answers.common import more
+from dynid.report.scenes import plain_data
 from dynid.result import Result
-from dynid.study.analysis.failures import failures
+from dynid.study.analysis.failures import Failure, failures
 from dynid.study.analysis.influence import Indices
 from dynid.study.analysis.moments import statistics
 from dynid.study.analysis.ranking import Influences
@@ -49,26 +50,28 @@ def parts(result: Result) -> Iterator[Part]:
 
 
 def _state(table: StudyTable) -> Iterator[Block]:
-    counts = {"done": int(table.done.sum()), "failed": len(table.failed), "pending": len(table.pending)}
-    said = " · ".join(f"{count:,} {what}" for what, count in counts.items() if count or what == "done")
-    yield Note(said, "bad" if counts["failed"] or counts["pending"] else "good")
-    if counts["pending"]:
+    yield Note(state(table), "bad" if len(table.failed) or len(table.pending) else "good")
+    if len(table.pending):
         yield Note("Interrupted: run the study again to go on.", "bad")
     yield Grid(
         ("varied", "range"), tuple((name, range_text(column)) for name, column in table.inputs.items())
     )
     found = failures(table)
-    rows = tuple(
-        (
-            f"{len(one.samples):,}",
-            one.error,
-            ", ".join(map(str, one.samples[:3])) + (", …" if len(one.samples) > 3 else ""),
-        )
-        for one in found[:_REASONS]
-    )
+    rows = tuple((f"{len(one.samples):,}", one.error, first_samples(one)) for one in found[:_REASONS])
     if rows:
         yield Grid(("samples", "failed with", "numbers"), rows, caption="Why samples failed")
         yield from more(len(found), _REASONS, "reason")
+
+
+def state(table: StudyTable) -> str:
+    """Say what became of the samples."""
+    counts = {"done": int(table.done.sum()), "failed": len(table.failed), "pending": len(table.pending)}
+    return " · ".join(f"{count:,} {what}" for what, count in counts.items() if count or what == "done")
+
+
+def first_samples(failure: Failure) -> str:
+    """List the first samples that failed in one way."""
+    return ", ".join(map(str, failure.samples[:3])) + (", …" if len(failure.samples) > 3 else "")
 
 
 def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list[str]) -> Iterator[Part]:
@@ -92,44 +95,56 @@ def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list
 
 
 def _expectations(table: StudyTable) -> Iterator[Part]:
+    rows = tuple(met_expectations(table))
+    if rows:
+        yield Part("Expectations of the scene", (Grid(("", "share of the samples that meet it"), rows),))
+
+
+def met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
+    """Yield the words of each expectation of the scene, and which share of the samples meets it."""
     count = sum(path.startswith("study/expect/") for path in table.result)
     done = int(table.done.sum())
-    if not (count and done):
-        return
-    wanted = expected(table.result, count)
-    shares = [int((table.result[f"study/expect/{k}"].data & table.done).sum()) for k in range(count)]
-    rows = tuple(
-        (text, "all" if met == done else f"{100 * met / done:.4g} %")
-        for text, met in zip(wanted, shares, strict=True)
-    )
-    yield Part("Expectations of the scene", (Grid(("", "share of the samples that meet it"), rows),))
+    for number, text in enumerate(_expected(table.result, count) if done else ()):
+        met = int((table.result[f"study/expect/{number}"].data & table.done).sum())
+        yield text, "all" if met == done else f"{100 * met / done:.4g} %"
 
 
 def _influences(table: StudyTable, shown: list[tuple[str, Column]]) -> Iterator[Part]:
+    rows, notes = ranked(table, shown, _RANKED)
+    if rows:
+        yield Part("Where the variance comes from", (facts(*rows), *map(Note, notes)))
+
+
+def ranked(
+    table: StudyTable, shown: list[tuple[str, Column]], most: int
+) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return which inputs the variance of each number comes from, and what is to be known of that.
+
+    Parameters
+    ----------
+    table, shown
+        The study, and its numbers with their paths.
+    most
+        How many numbers are looked at.
+    """
     influences = Influences(table)
-    found: list[tuple[str, str]] = []
+    rows: list[tuple[str, str]] = []
     estimator, seen = "", np.empty(0)
     for path, column in shown:
-        indices = influences.of(column.values) if len(found) < _RANKED else None
-        if indices is None or not different(column, seen):
+        indices = influences.of(column.values) if len(rows) < most else None
+        # The magnitudes of a conjugate pair are the same.
+        if indices is None or np.array_equal(column.values, seen, equal_nan=True):
             continue
         estimator, seen = indices.estimator, column.values
-        said = ", ".join(influence_parts(influences, indices, column)) or "no input alone"
-        found.append((written(table, path, column), said))
-    if not found:
-        return
-    blocks: list[Block] = [facts(*found), Note(f"{estimator}; ± is the standard error")]
+        said = ", ".join(_influence_parts(influences, indices, column)) or "no input alone"
+        rows.append((written(table, path, column), said))
+    if not rows:
+        return [], []
+    notes = [f"{estimator}; ± is the standard error"]
     if influences.correlated is not None:
         first, second, value = influences.correlated
-        blocks.append(
-            Note(f"{first} and {second} go together (correlation {value:.2g}): their parts overlap")
-        )
-    yield Part("Where the variance comes from", tuple(blocks))
-
-
-def different(column: Column, seen: np.ndarray) -> bool:
-    """Tell a number from the one before it: the magnitudes of a conjugate pair are the same."""
-    return not np.array_equal(column.values, seen, equal_nan=True)
+        notes.append(f"{first} and {second} go together (correlation {value:.2g}): their parts overlap")
+    return rows, notes
 
 
 def text_shares(table: StudyTable) -> Iterator[tuple[str, str]]:
@@ -207,19 +222,16 @@ def short_text(text: str) -> str:
     return text if len(text) <= 40 else f"{text[:39]}…"
 
 
-def expected(result: Result, count: int) -> list[str]:
+def _expected(result: Result, count: int) -> list[str]:
     """Return the words of the scene's expectations."""
-    from dynid.errors import SceneError
-    from dynid.scene.yaml.source import parse_source
-
     try:
-        data = parse_source(str(result.value("study/scene"))).data
+        data = plain_data(str(result.value("study/scene")))
         return [f"{one['path']} {expected_words(one)}" for one in data["expect"]][:count]
-    except (SceneError, LookupError, TypeError):
+    except (LookupError, TypeError):
         return [f"expectation {number + 1}" for number in range(count)]
 
 
-def influence_parts(influences: Influences, indices: Indices, column: Column) -> Iterator[str]:
+def _influence_parts(influences: Influences, indices: Indices, column: Column) -> Iterator[str]:
     """Yield which inputs the variance of a number comes from, the largest part first."""
     names = short_paths(influences.factors)
     largest = indices.first if indices.total is None else np.maximum(indices.first, indices.total)
