@@ -159,5 +159,76 @@ def test_modes_swing_only_where_motion_is_wanted():
     assert np.abs(points[:, 1] - points[0, 1] - slope * (points[:, 0] - points[0, 0])).max() < 0.02
 
 
+FRAME = """
+dynid: 1
+kind: identification
+structure:
+  frame:
+    nodes: [[0, 0], [0, 2], [3, 2], [3, 0]]
+    members:
+      - {nodes: [1, 2], EA: 1.0e7, EI: 1.0e4, rhoA: 1, elements: 2}
+      - {nodes: [2, 3], EA: 1.0e7, EI: 1.0e4, rhoA: 1, elements: 2}
+      - {nodes: [3, 4], EA: 1.0e7, EI: 1.0e4, rhoA: 1, elements: 2}
+    supports: [{node: 1, fix: [u, w, theta]}, {node: 4, fix: [u, w, theta]}]
+joints: {}
+analysis: {modes: {count: 3}}
+"""
+CHAIN = """
+dynid: 1
+kind: identification
+structure:
+  lumped:
+    masses: [1, 2, 1]
+    links: [{dofs: [1], k: 10}, {dofs: [1, 2], k: 20}, {dofs: [2, 3], k: 5}]
+joints: {}
+analysis: {modes: {count: 2}}
+"""
+
+
+def shapes(text):
+    """Return the result, the still figure's lines at rest and moved, as arrays, and the figures."""
+    from tests.report.pages import run
+
+    found = run(text)
+    made = {figure.name: figure for figure in figures(found)}
+    elements = list(ET.fromstring(made["modes"].svg).iter())
+    lines = {
+        cls: [
+            np.array([tuple(map(float, pair.split())) for pair in e.get("d")[1:].split(" L")])
+            for e in elements
+            if e.get("class") == cls and e.get("d")
+        ]
+        for cls in ("hair", "s1")
+    }
+    return found, lines["hair"], lines["s1"], made
+
+
+def test_a_frame_sways_as_its_first_mode_says():
+    found, rest, moved, made = shapes(FRAME)
+    assert len(rest) == len(moved) == 9  # three members in each of three modes
+    labels = list(found["structure/modes/dof"].data)
+    shape = found["structure/modes/shape"].data[:, 0]
+    # Where the girder meets the columns: both ends move sideways alike, as the mode shape has it, px right.
+    left, right = moved[1][0] - rest[1][0], moved[1][-1] - rest[1][-1]
+    assert left == pytest.approx(right, abs=0.07)
+    assert abs(left[0]) > 20 * abs(left[1])
+    half = moved[0][8] - rest[0][8]  # the node within the left column
+    ratio = shape[labels.index("u_5")] / shape[labels.index("u_2")]
+    assert half[0] / left[0] == pytest.approx(ratio, abs=0.002)  # two decimals of a px
+    assert np.abs(moved[0][0] - rest[0][0]).max() == 0  # clamped
+    assert moved[0][-1] == pytest.approx(moved[1][0], abs=0.011)  # the corner holds together
+    omega = found["structure/modes/omega"].data[0]
+    assert f"mode 1: {omega:.4g} rad/s" in made["modes"].svg
+    assert made["modes-animated"].svg.count("--there:") == 9
+
+
+def test_masses_of_a_chain_move_as_their_modes_say():
+    found, rest, moved, made = shapes(CHAIN)
+    for mode, shape in enumerate(found["structure/modes/shape"].data.T):
+        up = -(moved[mode] - rest[mode])[:, 1]
+        assert up / np.abs(up).max() == pytest.approx(shape / np.abs(shape).max(), abs=0.001)
+    assert column(made["modes"].table, "mode 2") == found["structure/modes/shape"].data[:, 1].tolist()
+
+
 def test_a_family_is_imported_only_for_results_it_shows_something_of():
     assert not any(family.when(Result("other")) for family in FAMILIES)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from dynid.errors import UsageError
 from dynid.report.drawing.structure import figures
 from dynid.report.metrics import text_width
 from dynid.report.style import SIZE, SMALL
@@ -114,3 +115,38 @@ def test_numbers_of_dofs_are_their_labels_of_a_beam():
 def test_matrices_have_no_shape_to_draw():
     file = next(file for file in CONFIGS if file.stem == "table3")
     assert list(figures(Result(kind="", attrs={"scene": file.read_text(encoding="utf-8")}))) == []
+
+
+def test_a_scene_that_was_changed_in_its_file_is_not_drawn_and_that_is_said():
+    for text in (
+        "",
+        "[",
+        CHAIN.replace("dofs: [1, 2]", "dofs: 3"),
+        CHAIN.replace("masses: [2, 3, 4]", "masses: 2"),
+    ):
+        with pytest.raises(UsageError, match="Run the scene again"):
+            drawn(text)
+
+
+def test_values_may_be_parameters_and_expressions():
+    text = CHAIN.replace("masses: [2, 3, 4]", "masses: [m, 2*m, m**2]") + "parameters: {m: 1.5, half: m/2}\n"
+    figure = drawn(text.replace("k: 6", "k: 8*half"))
+    texts = {text for text, *_ in text_boxes(figure.svg)}
+    assert {"1.5 kg", "3 kg", "2.25 kg", "k = 6"} <= texts
+
+
+def test_records_with_sensors_of_their_own_show_them_all():
+    text = (
+        CHAIN[: CHAIN.index("measurement:")]
+        + """
+measurement:
+  step: 0.1
+  samples: 10
+  simulate: {noise_ratio: 0}
+  channels: [{dof: 1, quantity: velocity}]
+  records: [{}, {channels: [{dofs: [2, 3], quantity: displacement}]}]
+"""
+    )
+    rows = drawn(text).table.rows
+    assert {row[:2] for row in rows if row[1] == "sensor"} == {(n, "sensor") for n in "123"}
+    assert ("2", "sensor", "displacement") in rows

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from dynid.checks.expectations import CheckOutcome
 
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
 
 def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:

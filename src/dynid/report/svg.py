@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from xml.sax.saxutils import escape, quoteattr
+from html import escape
+from itertools import chain
 
 from dynid.report.style import css
 
 Point = tuple[float, float]
 
 # Characters that no XML document can hold.
-_ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_ILLEGAL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+# Blanks that a reader of XML would turn into spaces.
+_SPACE = re.compile("[\t\n\r]")
+# The last zero of 1.50 among numbers with two decimals.
+_TRAILING = re.compile(r"(?<=\.\d)0(?= )")
 
 
 def number(value: float) -> str:
@@ -22,13 +27,20 @@ def number(value: float) -> str:
 
 def plain(text: str) -> str:
     """Escape a text for XML, without the characters that XML cannot hold."""
-    return escape(_ILLEGAL.sub("\N{REPLACEMENT CHARACTER}", text))
+    return escape(_ILLEGAL.sub("\N{REPLACEMENT CHARACTER}", text), quote=False)
+
+
+def quoted(text: str) -> str:
+    """Return a text as the value of an attribute, with its quotes."""
+    return f'"{_SPACE.sub(lambda found: f"&#{ord(found[0])};", escape(text))}"'
 
 
 def path_of(points: Iterable[Point], *, closed: bool = False) -> str:
-    """Return the path data of a polyline."""
-    pairs = [f"{number(x)} {number(y)}" for x, y in points]
-    return "M" + " L".join(pairs) + ("Z" if closed else "")
+    """Return the path data of a polyline, its numbers as `number` writes them."""
+    flat = tuple(chain.from_iterable(points))
+    text = "L%.2f %.2f " * (len(flat) // 2) % flat
+    text = _TRAILING.sub("", text.replace(".00 ", " ")).replace("-0 ", "0 ")
+    return "M" + text[1:-1] + ("Z" if closed else "")
 
 
 class Svg:
@@ -102,7 +114,7 @@ class Svg:
         """Return the figure as an SVG document that may also stand within a page."""
         box = " ".join(map(number, (x, y, width, height)))
         head = (
-            f'<svg xmlns="http://www.w3.org/2000/svg" class="fig" id={quoteattr(self.name)} viewBox="{box}" '
+            f'<svg xmlns="http://www.w3.org/2000/svg" class="fig" id={quoted(self.name)} viewBox="{box}" '
             f'width="{number(width)}" height="{number(height)}" role="img" '
             f'aria-labelledby="{self.name}-title {self.name}-desc">'
         )
@@ -113,8 +125,8 @@ class Svg:
 
 
 def _opening(tag: str, cls: str, attrs: dict[str, str | float]) -> str:
-    texts = [tag, *([f"class={quoteattr(cls)}"] if cls else [])]
+    texts = [tag, *([f"class={quoted(cls)}"] if cls else [])]
     for name, value in attrs.items():
         text = _ILLEGAL.sub("", value) if isinstance(value, str) else number(value)
-        texts.append(f"{name.rstrip('_').replace('_', '-')}={quoteattr(text)}")
+        texts.append(f"{name.rstrip('_').replace('_', '-')}={quoted(text)}")
     return " ".join(texts)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -187,6 +185,8 @@ def _image(result: Result, scene_text: str) -> bytes:
 
 
 def _write_root(file: Any, result: Result, scene_text: str, complete: bool = True) -> None:
+    import platform
+
     import h5py
 
     stamps: dict[str, Scalar] = {
@@ -210,6 +210,8 @@ def _write_root(file: Any, result: Result, scene_text: str, complete: bool = Tru
 
 
 def _package_versions() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
     found = []
     for package in _PACKAGES:
         try:

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynid.numerals import counted, memory_text, time_text
 from dynid.report.answers.blocks import Block, Grid, Note, Part
+from dynid.report.scenes import plain_data
 from dynid.result import Result
 
 #: Most channels and outputs that are listed.
@@ -80,22 +81,12 @@ def expectations(result: Result) -> Iterator[Part]:
 
 def _expected(result: Result) -> list[dict[str, Any]]:
     """Return the `expect` of the scene that a result bears; nothing where it bears none that can be read."""
-    from dynid.errors import SceneError
-    from dynid.scene.yaml.source import parse_source
-
     text = str(result.attrs.get("scene", ""))
     if "expect" not in text or result.attrs.get("status") == "interrupted":
         return []
-    try:
-        data = parse_source(text).data
-    except SceneError:
-        return []
-    items = data.get("expect") if isinstance(data, dict) else None
-    return (
-        [item for item in items if isinstance(item, dict) and "path" in item]
-        if isinstance(items, list)
-        else []
-    )
+    items = plain_data(text).get("expect")
+    given = items if isinstance(items, list) else []
+    return [item for item in given if isinstance(item, dict) and "path" in item]
 
 
 def need(result: Result) -> Iterator[Part]:

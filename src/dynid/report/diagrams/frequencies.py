@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import UsageError
 from dynid.report.plot import Axis, Line, Panel
 from dynid.report.plot.layers import hue
+from dynid.report.scenes import plain_data
 
 if TYPE_CHECKING:
     from dynid.report.plot.layers import Layer
@@ -68,13 +68,7 @@ def _in_hertz(scene: str) -> bool:
     """Tell whether the text of a scene gives the frequencies of its responses in Hz."""
     if "Hz" not in scene:
         return False
-    from dynid.errors import SceneError
-    from dynid.scene.yaml.source import parse_source
-
-    try:
-        return _named_hertz(parse_source(scene, "<scene of the result>").data)
-    except (SceneError, UsageError):
-        return False
+    return _named_hertz(plain_data(scene))
 
 
 def _named_hertz(data: Any) -> bool:

@@ -75,9 +75,8 @@ def _history(result: Result, record: Record, name: str, title: str) -> Picture:
 
 def _seen(own: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of a band, no further off than makes the line itself hard to see."""
-    span = max(
-        float(np.ptp(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0, float(np.median(half)) * 4
-    )
+    span = float(np.ptp(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0
+    span = max(span, 4 * float(np.sort(half)[len(half) // 2]))
     low, high = float(np.nanmin(own)) - 0.6 * span, float(np.nanmax(own)) + 0.6 * span
     return np.maximum(own - half, low), np.minimum(own + half, high)
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import UsageError
-from dynid.report.drawing.scenes import scene_of
-from dynid.report.drawing.structure import beam_places, frame_places
+from dynid.report.drawing.shape import Shape, shape_of
 from dynid.report.figure import Cell, Figure, Picture, Table
 from dynid.report.numbers import short
+from dynid.report.scenes import scene_of
 from dynid.report.style import TITLE
 from dynid.report.svg import Point, Svg, path_of
 
@@ -30,56 +28,24 @@ _WIDTH, _PAD, _SPAN = 250.0, 16.0, 34.0
 _LABEL = re.compile(r"(u|w|theta)_(\d+)")
 
 
-@dataclass(frozen=True)
-class Geometry:
-    """Where the nodes of a structure are, m, y up, and which nodes are along each member."""
-
-    points: Mapping[int, Point]
-    members: Sequence[Sequence[int]]
-
-
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the shapes, still and swinging."""
-    geometry = _geometry(result)
-    if geometry is None or not result[f"{GROUP}/shape"].data.size:
+    shape = shape_of(scene_of(result))
+    if shape is None or not result[f"{GROUP}/shape"].data.size:
         return
     for name, title, moving in (
         ("modes", "Mode shapes", False),
         ("modes-animated", "Mode shapes, swinging", True),
     ):
-        yield Figure(name, title, partial(_picture, result, geometry, name, title, moving))
+        yield Figure(name, title, partial(_picture, result, shape, name, title, moving))
 
 
-def _geometry(result: Result) -> Geometry | None:
-    """Return the places of the nodes, where the scene tells the shape of its structure."""
-    try:
-        model: Any = scene_of(result).model
-    except UsageError:
-        return None
-    structure = model.structure
-    if structure.lumped is not None:
-        count = len(structure.lumped.masses)
-        return Geometry({n: (float(n), 0.0) for n in range(1, count + 1)}, [])
-    if structure.beam is not None:
-        points, members = beam_places(structure.beam)
-        total = structure.beam.length
-        length = sum(map(float, total)) if isinstance(total, list) else float(total)
-        scale = length / max(x for x, _ in points.values())
-    elif structure.frame is not None:
-        points, members = frame_places(structure.frame)
-        xs, ys = zip(*((float(x), float(y)) for x, y in structure.frame.nodes), strict=True)
-        scale = max(max(xs) - min(xs), max(ys) - min(ys)) / 640.0
-    else:
-        return None
-    return Geometry({n: (scale * x, -scale * y) for n, (x, y) in points.items()}, members)
-
-
-def _picture(result: Result, geometry: Geometry, name: str, title: str, moving: bool) -> Picture:
+def _picture(result: Result, shape: Shape, name: str, title: str, moving: bool) -> Picture:
     omega, shapes = result[f"{GROUP}/omega"].data, result[f"{GROUP}/shape"].data
     damping = result[f"{GROUP}/damping"].data if f"{GROUP}/damping" in result else np.full(len(omega), np.nan)
     labels = [str(label) for label in result[f"{GROUP}/dof"].data]
     count = min(len(omega), MODES)
-    xs, ys = zip(*geometry.points.values(), strict=True)
+    xs, ys = zip(*shape.points.values(), strict=True)
     left, width = min(xs), (max(xs) - min(xs)) or 1.0
     scale = _WIDTH / max(width, max(ys) - min(ys))
     tall = scale * (max(ys) - min(ys)) + 2 * _SPAN + 34
@@ -97,7 +63,7 @@ def _picture(result: Result, geometry: Geometry, name: str, title: str, moving: 
         corner = (x - scale * left, y + 14 + _SPAN + scale * max(ys))
         _shape(
             svg,
-            geometry,
+            shape,
             _displacements(labels, shapes[:, mode]),
             scale,
             corner,
@@ -132,7 +98,7 @@ def _displacements(labels: Sequence[str], shape: NDArray[np.float64]) -> dict[in
 
 def _shape(
     svg: Svg,
-    geometry: Geometry,
+    shape: Shape,
     moved: Mapping[int, Mapping[str, float]],
     scale: float,
     corner: Point,
@@ -143,10 +109,10 @@ def _shape(
     def place(point: Point) -> Point:
         return corner[0] + scale * point[0], corner[1] - scale * point[1]
 
-    lines = [_moved_line(geometry, nodes, moved) for nodes in geometry.members]
+    lines = [_moved_line(shape, nodes, moved) for nodes in shape.members]
     if not lines:  # masses of a chain, each moved across it to be seen
-        nodes = sorted(geometry.points)
-        rest = np.array([geometry.points[n] for n in nodes])
+        nodes = sorted(shape.points)
+        rest = np.array([shape.points[n] for n in nodes])
         lines = [(rest, np.array([[0.0, moved.get(n, {}).get("w", 0.0)] for n in nodes]))]
     largest = max(float(np.abs(by).max()) for _, by in lines) or 1.0
     reach = _SPAN / scale / largest
@@ -160,19 +126,19 @@ def _shape(
             svg.element("path", f"s1 {svg.name}-{swing}", d=there, style=style)
         else:
             svg.element("path", "s1", d=there)
-            if not geometry.members:
+            if not shape.members:
                 for point in map(place, map(tuple, (rest + reach * by).tolist())):
                     svg.circle(*point, 3.5, "s1 dot")
 
 
 def _moved_line(
-    geometry: Geometry, nodes: Sequence[int], moved: Mapping[int, Mapping[str, float]]
+    shape: Shape, nodes: Sequence[int], moved: Mapping[int, Mapping[str, float]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return points along a member and their displacements: cubic across it, linear along it (Hermite)."""
     rest, by = [], []
     t = np.linspace(0, 1, FINE + 1)
     for a, b in pairwise(nodes):
-        start, end = np.array(geometry.points[a]), np.array(geometry.points[b])
+        start, end = np.array(shape.points[a]), np.array(shape.points[b])
         length = float(np.linalg.norm(end - start))
         along = (end - start) / length
         across = np.array([-along[1], along[0]])

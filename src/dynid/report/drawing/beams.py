@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dynid.report.drawing.mounting import Fastening, Label, Mounted
+from dynid.report.drawing.mounting import Fastening, Mounted
+from dynid.report.drawing.shape import Label
 from dynid.report.drawing.symbols import (
     clamp,
     damper,

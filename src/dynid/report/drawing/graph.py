@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.causality.assign import assign_causality
+from dynid.bondgraph.domains import Units
 from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, Bond, BondGraph, Node, Port
-from dynid.report.drawing.domains import UNITS, spread
+from dynid.report.drawing.domains import ELEMENT_UNITS
 from dynid.report.drawing.render import render_sketch
-from dynid.report.drawing.scenes import scene_of
 from dynid.report.drawing.sketch import Line, Link, Sketch, Vertex
 from dynid.report.figure import Figure, Picture, Table
 from dynid.report.numbers import short
+from dynid.report.scenes import readable, scene_of
+from dynid.scene.schema.chains import chain_ends
 
 if TYPE_CHECKING:
+    from dynid.bondgraph.graph import NodeType, Quantity
+    from dynid.report.scenes import PlainScene
     from dynid.result import Result
-    from dynid.scene.schema.bond_graph import BondGraphScene
 
 #: Nodes of the largest graph that is drawn: a larger one shows nothing to anybody.
 LARGEST = 300
@@ -47,22 +51,51 @@ class Question:
 
 
 def question_of(result: Result) -> Question:
-    """Read the graph of a result, and what was asked of it."""
-    from dynid.scene.kinds.bond_graph import build_graph
+    """Read the graph of a result, and what was asked of it.
 
-    model = cast("BondGraphScene", scene_of(result).model)
-    graph = build_graph(model)
-    if model.analysis.reading == "binary":
+    Raises
+    ------
+    UsageError
+        Where the result does not bear its scene, or the scene cannot be read.
+    """
+    scene = scene_of(result)
+    with readable():
+        return _read(scene)
+
+
+def _read(scene: PlainScene) -> Question:
+    analysis = scene.data["analysis"]
+    written = {str(name): node for name, node in scene.data["graph"]["nodes"].items()}
+    given = {name: node if isinstance(node, dict) else {"type": node} for name, node in written.items()}
+    chains = map(chain_ends, scene.data["graph"]["bonds"])
+    graph = BondGraph(
+        [_node(scene, name, node) for name, node in given.items()],
+        [Bond(*ends) for chain in chains for ends in pairwise(chain)],
+    )
+    if analysis.get("reading") == "binary":
         graph = graph.rounded()
     sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
-    given = {name: node.domain for name, node in model.graph.nodes.items() if node.domain}
+    port = analysis.get("port")
     return Question(
         graph,
-        tuple(model.analysis.inputs or sources),
-        tuple(model.analysis.outputs),
-        model.analysis.port,
-        spread(graph, given),
+        tuple(map(str, analysis.get("inputs") or sources)),
+        tuple(_port(output) for output in analysis["outputs"]),
+        None if port is None else Bond(*chain_ends(port)),
+        Units(graph).domains,
     )
+
+
+def _port(text: str) -> Port:
+    node, _, quantity = text.rpartition(".")
+    return Port(node, cast("Quantity", quantity))
+
+
+def _node(scene: PlainScene, name: str, given: dict[str, Any]) -> Node:
+    kind, value = cast("NodeType", str(given["type"])), given.get("value")
+    domain = str(given.get("domain") or "")
+    if value is None:
+        return Node(name, kind, domain=domain)
+    return Node(name, kind, scene.exact(value), scene.expression(value), domain)
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -135,5 +168,5 @@ def value_text(node: Node, domain: str) -> str:
     number = short(float(node.value))
     if node.type in TWO_PORTS:
         return f"{'n' if node.type == 'TF' else 'r'} = {number}"
-    unit = UNITS.get(domain, {}).get(node.type, "")
+    unit = ELEMENT_UNITS.get(domain, {}).get(node.type, "")
     return f"{number} {unit}".rstrip()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
+from dynid.report.drawing.shape import Label
 from dynid.report.numbers import short
+from dynid.report.scenes import listed, readable
 
-Label = int | str
+if TYPE_CHECKING:
+    from dynid.report.scenes import PlainScene
 
 
 @dataclass(frozen=True)
@@ -44,70 +47,73 @@ class Mounted:
     masters: tuple[Label, ...]
 
 
-def mounted_on(model: Any) -> Mounted:
-    """Read what a scene of a structure fixes to it."""
-    labels = model.structure.labels()
+def mounted_on(scene: PlainScene, labels: Sequence[Label]) -> Mounted:
+    """Read what a scene fixes to its structure.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    labels
+        The labels of the structure's DOFs, in their order.
+
+    Raises
+    ------
+    UsageError
+        Where the scene cannot be read.
+    """
 
     def named(dof: Label) -> Label:
         return labels[dof - 1] if isinstance(dof, int) and 0 < dof <= len(labels) else dof
 
-    fastenings = [*_links(model.structure), *_joints(model.joints)]
-    placed = tuple(
-        Fastening(tuple(map(named, f.dofs)), f.texts, f.stiff, f.damped, f.joint) for f in fastenings
+    with readable():
+        data = scene.data
+        driven = [signal["dof"] for signal in listed(data.get("excitation")) if "dof" in signal]
+        driven += listed(data.get("inputs"))
+        given = [reduction.get("masters") for reduction in listed(data.get("reduction"))]
+        masters = [dof for dofs in given if isinstance(dofs, list) for dof in dofs]
+        return Mounted(
+            tuple(replace(f, dofs=tuple(map(named, f.dofs))) for f in _fastenings(scene)),
+            tuple(dict.fromkeys(map(named, driven))),
+            tuple(dict.fromkeys((named(dof), quantity) for dof, quantity in _sensors(data))),
+            tuple(dict.fromkeys(map(named, masters))),
+        )
+
+
+def _sensors(data: dict[str, Any]) -> Iterator[tuple[Label, str]]:
+    """Yield where motion is measured or asked for, and which."""
+    measurement = data.get("measurement") or {}
+    shared = listed(measurement.get("channels"))
+    for record in listed(measurement.get("records")) or [{}]:
+        for channel in [*(listed(record.get("channels")) or shared), *listed(data.get("outputs"))]:
+            for dof in channel.get("dofs") or [channel["dof"]]:
+                yield dof, channel.get("quantity", "displacement")
+
+
+def _fastenings(scene: PlainScene) -> Iterator[Fastening]:
+    """Yield what is tied to DOFs: links, springs to ground, then joints."""
+    structure = scene.data["structure"]
+    for link in listed((structure.get("lumped") or {}).get("links")):
+        yield _fastening(scene, link, link["dofs"])
+    for kind in ("beam", "frame"):
+        for item in listed((structure.get(kind) or {}).get("springs")):
+            yield _fastening(scene, item, [f"{item['direction']}_{item['node']}"])
+    for name, joint in (scene.data.get("joints") or {}).items():
+        yield _fastening(scene, joint, joint["dofs"], str(name))
+
+
+def _fastening(scene: PlainScene, tie: dict[str, Any], dofs: Sequence[Label], joint: str = "") -> Fastening:
+    given = {letter: tie[letter] for letter in "kc" if tie.get(letter) is not None}
+    texts = [f"{letter}{_worth(scene, value)}" for letter, value in given.items()]
+    return Fastening(
+        tuple(dofs), (joint, *texts) if joint else tuple(texts), "k" in given, "c" in given, bool(joint)
     )
-    signals = getattr(model, "excitation", None) or []
-    driven = [signal.dof for signal in signals if getattr(signal, "dof", None) is not None]
-    driven += getattr(model, "inputs", None) or []
-    masters: dict[Label, None] = {}
-    reductions = getattr(model, "reduction", None) or []
-    for reduction in reductions if isinstance(reductions, Sequence) else [reductions]:
-        given = getattr(reduction, "masters", None)
-        masters |= dict.fromkeys(map(named, given)) if isinstance(given, list) else {}
-    return Mounted(
-        placed,
-        tuple(dict.fromkeys(map(named, driven))),
-        tuple(dict.fromkeys((named(dof), letter) for dof, letter in _sensors(model))),
-        tuple(masters),
-    )
 
 
-def _sensors(model: Any) -> Iterator[tuple[Label, str]]:
-    measurement = getattr(model, "measurement", None)
-    channels = measurement.sensors if measurement else []
-    outputs = getattr(model, "outputs", None) or []
-    for channel in [*channels, *outputs]:
-        for dof in channel.ends:
-            yield dof, channel.quantity
-
-
-def _links(structure: Any) -> Iterator[Fastening]:
-    for link in structure.lumped.links if structure.lumped else ():
-        yield _fastening(link, "", False)
-    for part in (structure.beam, structure.frame):
-        for item in part.springs if part else ():
-            dof = f"{item.direction}_{item.node}"
-            yield Fastening((dof,), _texts(item), item.k is not None, item.c is not None, False)
-
-
-def _joints(joints: Any) -> Iterator[Fastening]:
-    for name, joint in joints.items():
-        yield _fastening(joint, name, True)
-
-
-def _fastening(link: Any, name: str, joint: bool) -> Fastening:
-    texts = (name, *_texts(link)) if name else _texts(link)
-    return Fastening(tuple(link.dofs), texts, link.k is not None, link.c is not None, joint)
-
-
-def _texts(link: Any) -> tuple[str, ...]:
-    texts = []
-    for letter in "kc":
-        given = getattr(link, letter)
-        value = getattr(given, "value", given) if hasattr(given, "start") else given
-        if given is not None:
-            unknown = getattr(given, "start", None) is not None
-            known = None if value is None or unknown else float(value)
-            texts.append(
-                f"{letter} = ?" if unknown else letter if known is None else f"{letter} = {short(known)}"
-            )
-    return tuple(texts)
+def _worth(scene: PlainScene, given: Any) -> str:
+    """Write a stiffness or damping: its value where it is one number and known."""
+    if isinstance(given, dict):
+        if given.get("start") is not None:
+            return " = ?"
+        given = given.get("value")
+    return "" if given is None or isinstance(given, list) else f" = {short(scene.number(given))}"

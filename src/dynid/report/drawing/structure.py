@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynid.report.drawing.beams import draw_members
 from dynid.report.drawing.lumped import draw_lumped
 from dynid.report.drawing.mounting import Mounted, mounted_on
-from dynid.report.drawing.scenes import scene_of
+from dynid.report.drawing.shape import Shape, shape_of
 from dynid.report.figure import Figure, Picture, Table
+from dynid.report.scenes import scene_of
 from dynid.report.svg import Point, Svg
 
 if TYPE_CHECKING:
@@ -22,29 +22,19 @@ MASSES, NODES = 40, 2000
 
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the schematic of a result's structure, where the scene tells its shape."""
-    model: Any = scene_of(result).model
-    structure = model.structure
-    if structure.lumped is not None:
-        drawable = len(structure.lumped.masses) <= MASSES
-    elif structure.beam is not None:
-        drawable = structure.beam.elements < NODES
-    else:
-        members = structure.frame.members if structure.frame is not None else ()
-        drawable = 0 < sum(member.elements for member in members) < NODES
-    if drawable:
-        yield Figure("structure", "Structure", lambda: _picture(result.title, model))
+    scene = scene_of(result)
+    shape = shape_of(scene)
+    if shape is not None and len(shape.points) <= (MASSES if shape.masses else NODES):
+        mounted = mounted_on(scene, shape.labels)
+        yield Figure("structure", "Structure", lambda: _picture(result.title, shape, mounted))
 
 
-def _picture(title: str, model: Any) -> Picture:
-    mounted, structure = mounted_on(model), model.structure
+def _picture(title: str, shape: Shape, mounted: Mounted) -> Picture:
     svg = Svg("structure", f"Structure of {title}", _about(mounted))
-    if structure.lumped is not None:
-        text = draw_lumped(svg, [float(mass) for mass in structure.lumped.masses], mounted)
+    if shape.masses:
+        text = draw_lumped(svg, shape.masses, mounted)
     else:
-        part = structure.beam or structure.frame
-        points, members = beam_places(part) if structure.beam is not None else frame_places(part)
-        supports = {support.node: tuple(support.fix) for support in part.supports}
-        text = draw_members(svg, points, members, supports, [mass.node for mass in part.masses], mounted)
+        text = draw_members(svg, _placed(shape), shape.members, shape.supports, shape.carrying, mounted)
     rows = [
         (", ".join(map(str, f.dofs)), "joint" if f.joint else "link", ", ".join(f.texts))
         for f in mounted.fastenings
@@ -71,34 +61,11 @@ def _about(mounted: Mounted) -> str:
     return f"The structure with {', '.join(parts)}." if parts else "The structure."
 
 
-def beam_places(part: Any) -> tuple[dict[int, Point], list[list[int]]]:
-    """Place the nodes of a beam from left to right."""
-    given = part.length
-    lengths = (
-        [float(x) for x in given]
-        if isinstance(given, list)
-        else [float(given) / part.elements] * part.elements
-    )
-    width = min(max(90.0 * part.elements, 480.0), 1100.0)
-    total = sum(lengths)
-    places = [0.0, *accumulate(lengths)]
-    points = {node: (width * place / total, 0.0) for node, place in enumerate(places, 1)}
-    return points, [list(points)]
-
-
-def frame_places(part: Any) -> tuple[dict[int, Point], list[list[int]]]:
-    """Place the nodes of a frame by their coordinates, inner nodes of members after the given ones."""
-    given = [(float(x), float(y)) for x, y in part.nodes]
-    (left, right), (low, high) = ((min(axis), max(axis)) for axis in zip(*given, strict=True))
-    scale = 640.0 / max(right - left, high - low, 1e-12)
-    points = {n: (scale * (x - left), scale * (high - y)) for n, (x, y) in enumerate(given, 1)}
-    members = []
-    for member in part.members:
-        a, b = (points[node] for node in member.nodes)
-        inner = []
-        for step in range(1, member.elements):
-            share = step / member.elements
-            inner.append(len(points) + 1)
-            points[inner[-1]] = (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
-        members.append([member.nodes[0], *inner, member.nodes[1]])
-    return points, members
+def _placed(shape: Shape) -> dict[int, Point]:
+    """Place the nodes on paper, px: a beam as long as its elements need, a frame within a square."""
+    width, height = shape.extent
+    beam = not height and len(shape.members) == 1
+    paper = min(max(90.0 * (len(shape.points) - 1), 480.0), 1100.0) if beam else 640.0
+    scale = paper / max(width, height, 1e-12)
+    left, top = min(x for x, _ in shape.points.values()), max(y for _, y in shape.points.values())
+    return {node: (scale * (x - left), scale * (top - y)) for node, (x, y) in shape.points.items()}

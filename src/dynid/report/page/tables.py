@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from dynid.report.figure import Cell, Table
-from dynid.report.page.html import Markup, join, tag
+from dynid.report.page.html import Markup, tag, text
 
 #: Most rows, and most cells, of a table on a page.
 ROWS, CELLS = 200, 3000
@@ -44,21 +44,18 @@ def figure_table(table: Table, title: str) -> Markup:
         count = f"{len(shown):,} of {total:,} rows, evenly spaced; the file has all"
     rows = [table.rows[place] for place in shown]
     numeric = [all(not isinstance(row[k], str) for row in rows) for k in range(len(table.columns))]
-    body = join(
-        *(
-            tag(
-                "tr",
-                *(
-                    tag("td", cell(value), class_="n" if right else None)
-                    for value, right in zip(row, numeric, strict=True)
-                ),
-            )
-            for row in rows
-        )
-    )
+    opening = ['<td class="n">' if right else "<td>" for right in numeric]
+    body = Markup("".join(f"<tr>{_cells(opening, row)}</tr>" for row in rows))
     inside = grid(table.columns, body, numeric)
     summary = tag("summary", "Table ", tag("span", f"({count})", class_="quiet"))
     return tag("details", summary, scrolling(inside, f"Table: {title}"), class_="table")
+
+
+def _cells(opening: Iterable[str], row: Iterable[Cell]) -> str:
+    return "".join(
+        f"{start}{text(value) if isinstance(value, str) else cell(value)}</td>"
+        for start, value in zip(opening, row, strict=True)
+    )
 
 
 def grid(columns: Sequence[str], body: Markup, numeric: Sequence[bool]) -> Markup:

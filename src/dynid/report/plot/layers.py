@@ -170,9 +170,9 @@ class Marks(_Gridded):
         shown = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         cls = mark_class(self.symbol, self.cls)
         if not (len(self.tips) or len(self.opacity)):
-            seen = np.unique(np.round(np.column_stack([x[shown], y[shown]]), 1), axis=0)
-            if len(seen):
-                d = "".join(mark_path(self.symbol, a, b, self.size) for a, b in seen.tolist())
+            seen = set(zip(np.round(x[shown], 1).tolist(), np.round(y[shown], 1).tolist(), strict=True))
+            if seen:
+                d = "".join(mark_path(self.symbol, a, b, self.size) for a, b in sorted(seen))
                 named = {"data_name": self.label} if self.label else {}
                 svg.element("path", cls, d=d, **named)
             return

@@ -18,7 +18,7 @@ def thinned(count: int, most: int = MOST_ROWS) -> NDArray[np.intp]:
     """Return which of a number of rows are shown: the first, the last, and others evenly between them."""
     if count <= most:
         return np.arange(count)
-    return np.unique(np.linspace(0, count - 1, most).round().astype(np.intp))
+    return np.linspace(0, count - 1, most).round().astype(np.intp)
 
 
 def listed(columns: Mapping[str, ArrayLike], most: int = MOST_ROWS) -> Table:

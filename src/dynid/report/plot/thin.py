@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -38,14 +39,18 @@ def by_column(x: Floats, y: Floats) -> NDArray[np.intp]:
     if 4 * len(starts) >= len(x):
         return np.arange(len(x))
     stops = np.append(starts[1:], len(x))
-    lengths = stops - starts
-    owner = np.repeat(np.arange(len(starts)), lengths)
-    lowest, highest = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
-    kept = [starts, stops - 1]
-    for extreme in (lowest, highest):
-        hits = np.flatnonzero(y == extreme[owner])
-        kept.append(hits[np.unique(owner[hits], return_index=True)[1]])
-    return np.unique(np.concatenate(kept))
+    owner = np.repeat(np.arange(len(starts)), stops - starts)
+    kept = np.zeros(len(x), dtype=bool)
+    kept[starts] = kept[stops - 1] = True
+    for extreme in (np.minimum, np.maximum):
+        hits = np.flatnonzero(y == extreme.reduceat(y, starts)[owner])
+        kept[hits[_firsts(owner[hits])]] = True
+    return np.flatnonzero(kept)
+
+
+def _firsts(ascending: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return where each value of an ascending array first stands."""
+    return np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
 
 
 def straightened(x: Floats, y: Floats, near: float = NEAR) -> NDArray[np.intp]:
@@ -57,19 +62,21 @@ def straightened(x: Floats, y: Floats, near: float = NEAR) -> NDArray[np.intp]:
     if count < 3:
         return np.arange(count)
     # From a point that is kept, the directions that pass all later ones closely enough are a cone.
-    kept, at = [0], 0
-    xs, ys = x.tolist(), y.tolist()
-    low, high = -np.inf, np.inf
+    kept, xs, ys = [0], x.tolist(), y.tolist()
+    at_x, at_y, before = xs[0], ys[0], ys[0]
+    low, high = -math.inf, math.inf
     for place in range(1, count - 1):
-        dx, dy = xs[place] - xs[at], ys[place] - ys[at]
-        turns = (ys[place] - ys[place - 1]) * (ys[place + 1] - ys[place]) <= 0 and ys[place] != ys[at]
+        here, after = ys[place], ys[place + 1]
+        dx, dy, ahead = xs[place] - at_x, here - at_y, xs[place + 1] - at_x
         if dx > 0:
-            low, high = max(low, (dy - near) / dx), min(high, (dy + near) / dx)
-        ahead = xs[place + 1] - xs[at]
-        slope = (ys[place + 1] - ys[at]) / ahead if ahead > 0 else np.inf
+            low = max(low, (dy - near) / dx)
+            high = min(high, (dy + near) / dx)
+        turns = dy != 0 and (here - before) * (after - here) <= 0
+        slope = (after - at_y) / ahead if ahead > 0 else math.inf
         if turns or dx <= 0 or not low <= slope <= high:
             kept.append(place)
-            at, low, high = place, -np.inf, np.inf
+            at_x, at_y, low, high = xs[place], here, -math.inf, math.inf
+        before = here
     return np.array([*kept, count - 1])
 
 
@@ -82,5 +89,7 @@ def thin(x: Floats, y: Floats, near: float = NEAR) -> tuple[Floats, Floats]:
         return x[kept], y[kept]
     moved = np.hypot(np.diff(x), np.diff(y))
     place = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / 0.5).astype(np.int64)
-    kept = np.unique(np.concatenate([np.unique(place, return_index=True)[1], [len(x) - 1]]))
+    kept = _firsts(place)
+    if kept[-1] != len(x) - 1:
+        kept = np.append(kept, len(x) - 1)
     return x[kept], y[kept]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
 from dynid.scene.schema.common import Part
+from dynid.scene.schema.freedoms import Freedom, beam_labels, frame_labels
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 
 #: The most elements and nodes that a scene may ask for.
@@ -119,10 +120,7 @@ class BeamModel(Part):
 
     def labels(self) -> list[int | str]:
         """Return the labels of the free degrees of freedom."""
-        fixed: set[tuple[str, int]] = {
-            (along, support.node) for support in self.supports for along in support.fix
-        }
-        return _free(self.elements + 1, ("w", "theta"), fixed)
+        return beam_labels(self.elements, _held(self.supports))
 
     def faults(self) -> Iterable[tuple[Path, str]]:
         """Yield what is wrong with nodes, each with its place in the beam."""
@@ -160,21 +158,10 @@ class FrameModel(Part):
 
     def labels(self) -> list[int | str]:
         """Return the labels of the free degrees of freedom, those at nodes within members last."""
-        given = len(self.nodes)
-        inner = sum(member.elements - 1 for member in self.members)
-        fixed: set[tuple[str, int]] = {
-            (along, support.node) for support in self.supports for along in support.fix
-        }
-        carried = {
-            node
-            for member in self.members
-            for end, node in enumerate(member.nodes, 1)
-            if end not in member.hinges
-        }
-        carried |= {mass.node for mass in self.masses if mass.J and float(mass.J)}
-        carried |= {spring.node for spring in self.springs if spring.direction == "theta"}
-        fixed |= {("theta", node) for node in range(1, given + 1) if node not in carried}
-        return _free(given + inner, ("u", "w", "theta"), fixed)
+        members = ((member.nodes, member.hinges, member.elements) for member in self.members)
+        turning = {mass.node for mass in self.masses if mass.J and float(mass.J)}
+        turning |= {spring.node for spring in self.springs if spring.direction == "theta"}
+        return frame_labels(len(self.nodes), members, _held(self.supports), turning)
 
     def faults(self) -> Iterable[tuple[Path, str]]:
         """Yield what is wrong with nodes, each with its place in the frame."""
@@ -192,8 +179,8 @@ class FrameModel(Part):
         yield from _node_faults(self, count)
 
 
-def _free(nodes: int, directions: Sequence[str], fixed: Set[tuple[str, int]]) -> list[int | str]:
-    return [f"{d}_{node}" for node in range(1, nodes + 1) for d in directions if (d, node) not in fixed]
+def _held(supports: Iterable[BeamSupport | FrameSupport]) -> Iterable[Freedom]:
+    return ((along, support.node) for support in supports for along in support.fix)
 
 
 def _node_faults(holder: BeamModel | FrameModel, count: int) -> Iterable[tuple[Path, str]]:

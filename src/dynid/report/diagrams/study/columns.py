@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,8 +17,9 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 Floats = NDArray[np.float64]
-#: Most numbers of one array, and of all, that are shown one by one.
-ENTRIES, COLUMNS = 8, 24
+#: Most entries of an array that are shown one by one, those of the longest array that has any shown, and
+#: most numbers of all.
+ENTRIES, LONGEST, COLUMNS = 8, 64, 24
 #: Relative differences that are rounding.
 _ROUNDING = 1e-12
 
@@ -65,9 +67,9 @@ class StudyNumbers:
         found: list[Number] = []
         magnitudes = set()
         for path in sorted(filter(self.table.is_number, self.table.paths)):
-            if self.table.size(path) > ENTRIES or len(found) >= COLUMNS:
+            if self.table.size(path) > LONGEST or len(found) >= COLUMNS:
                 continue
-            for column in self.table.columns(path):
+            for column in islice(self.table.columns(path), ENTRIES):
                 known = column.values[np.isfinite(column.values)]
                 if known.size > 1 and np.ptp(known) > _ROUNDING * np.abs(known).max():
                     found.append(Number(column.name, column.name, column.units, column.values))
