@@ -15,6 +15,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 COMPARISON, LIMITS, ACCURACY = (
     (DOCS / f"{page}.md").read_text() for page in ("comparison", "limits", "accuracy")
 )
+_ROW = re.compile(r"^\| ([\d,]*) \| ([\w-]+) \| ([\d.]+) (\S+) \| .*? \| (\S+) \|", re.MULTILINE)
 UNITS = {"µs": 1e-6, "ms": 1e-3, "s": 1.0}
 
 
