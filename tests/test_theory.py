@@ -1,4 +1,4 @@
-"""The pages on theory name what exists, and say what is printed."""
+"""The pages on theory and limits name what exists, and say what is printed."""
 
 import ast
 import importlib.util
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted((ROOT / "docs/theory").glob("*.md"))
+PAGES = [*sorted((ROOT / "docs/theory").glob("*.md")), ROOT / "docs/limits.md"]
 _spec = importlib.util.spec_from_file_location("replay", ROOT / "docs/replay.py")
 replay = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(replay)
