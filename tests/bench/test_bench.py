@@ -20,6 +20,7 @@ from dynid.store import read_result
 #: A small size of each, and the largest error of the house's own (first) alternative there.
 SMALL = {
     "frequency-response": (6, 1e-13),
+    "frequency-response-on-loops": (6, 1e-13),
     "zeros-poles": (4, 1e-13),
     "symbolic": (3, 0),
     "loops": (2, 0),

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynid.bench.cases import ladder
 from dynid.bondgraph.frequency import frequency_response
 from dynid.errors import Singular
-from tests.bondgraph.graphs import ISOLATOR, polynomial_at, reduced, transfers, written
+from tests.bondgraph.graphs import ISOLATOR, at, polynomial_at, reduced, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 
 
@@ -178,3 +179,27 @@ def test_a_long_chain_at_its_own_resonances(damping):
     graph = written(nodes, bonds, f"m{stages - 1}.f")
     resonances = [2 * np.sin((2 * k + 1) * np.pi / (4 * stages + 2)) for k in range(stages)]
     assert_exact(graph, [*resonances, 1.0, np.sqrt(2.0), 2.0, 30.0])
+
+
+@pytest.mark.parametrize("stages", [30, 300])
+def test_a_long_ladder_full_of_loops(stages):
+    """Error bounds, which grow with every step on a loop, must not keep the response from an answer."""
+    omega = np.array([0.1, 0.7, 5.0, 60.0])
+    found = frequency_response(ladder.reduced(stages), np.repeat(omega, 20))[::20, 0, 0]
+    assert np.allclose(found, ladder.exact_response(stages, omega), rtol=1e-12, atol=0.0)
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(), loops=st.sampled_from([1, 3, 5]))
+def test_a_balanced_plan_gives_the_same_channels(seed, loops):
+    rng = random.Random(seed)
+    types, values, bonds, inputs, (node, quantity) = random_graph(rng, rng.randint(3, 9), loops)
+    try:
+        graph = reduced(types, values, bonds, inputs, f"{node}.{quantity}")
+    except Singular:
+        return
+    one, other = (
+        {name: at(channel, Fraction(7, 3)) for name, channel in transfers(plan).items()}
+        for plan in (graph.balanced(), graph)
+    )
+    assert one == other

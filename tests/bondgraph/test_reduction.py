@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.graph import Bond, BondGraph, Node, graph_faults
+from dynid.bondgraph.reduction.junctions import Names
 from dynid.errors import Singular, UsageError
 from tests.bondgraph.graphs import at, parse, reduced, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
@@ -303,3 +304,9 @@ def test_a_ladder_of_a_thousand_nodes_needs_no_recursion():
     for _ in range(2 * stages - 1):
         a, b = b, a + b
     assert at(channel, S) == Fraction(a, b)
+
+
+def test_fresh_names_are_numbered_past_those_that_are_taken():
+    names = Names(["a", "a_3"])
+    assert [names.fresh("a") for _ in range(3)] == ["a_2", "a_4", "a_5"]
+    assert [names.fresh("b"), names.fresh("a_2"), names.fresh("b")] == ["b", "a_2_2", "b_2"]

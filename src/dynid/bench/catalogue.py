@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 #: Names, and the module that holds each.
 BENCHMARKS = {
     "frequency-response": "frequency_response",
+    "frequency-response-on-loops": "frequency_response_on_loops",
     "zeros-poles": "zeros_poles",
     "loops": "loops",
     "symbolic": "symbolic",

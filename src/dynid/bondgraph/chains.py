@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+from dynid.bondgraph.garbage import no_collection
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 
 #: The force on the first mass.
@@ -43,6 +44,7 @@ def distinct(stages: int) -> list[Stage]:
     ]
 
 
+@no_collection()
 def chain(stages: Sequence[Stage]) -> BondGraph:
     """Build the bond graph of a chain.
 

@@ -3,7 +3,8 @@
 The reduction runs on complex arrays that carry their error bounds: in double precision where the graph is
 small, in doubled precision, compiled, where it is large and roundings could add up. Where a pivot (nearly)
 vanishes at a frequency the bound says so, and that point is run again in ball arithmetic with as many bits
-as it takes. A large graph is planned again for that frequency, with pivots that do not vanish there. At a
+as it takes. A large graph is planned again for that frequency, with pivots that do not vanish there; one
+whose bounds grow along its loops (a ladder, a ring) is planned again with short ways through them. At a
 point exactly on a natural mode of the graph, or of a part of it, the order of the response there is counted
 exactly: it is infinite, zero, or finite, and then taken from beside it. At rest it is an exact limit.
 """
@@ -29,12 +30,14 @@ _TOLERANCE = 1e-12
 _LONG = 2000
 #: Responses smaller than this are near the end of the range of doubles: 1e-12 of this is their error bound.
 _SMALLEST = 1e-290
+#: Operations in ball arithmetic, over all points, that take as long as planning a graph anew.
+_ANEW = 100_000
 _PRECISIONS = (128, 256, 512)
 #: How many bits beside a natural mode what is finite there is taken.
 _BESIDE = 150
 
-#: Plans registers anew for one frequency.
-Again = Callable[[float], tuple[Planned, list[int]]]
+#: Finds the same registers in a plan made anew.
+Again = Callable[[Any], list[int]]
 
 
 def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -56,11 +59,7 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
     def channels(planned: ReducedGraph) -> list[int]:
         return list(planned.channels().values())
 
-    def again(point: float) -> tuple[Planned, list[int]]:
-        planned = reduced.on_axis(Fraction(point))
-        return planned, channels(planned)
-
-    response = on_axis(reduced, channels(reduced), omega, again)
+    response = on_axis(reduced, channels(reduced), omega, channels)
     return response.reshape(len(omega), len(reduced.outputs), len(reduced.inputs))
 
 
@@ -69,12 +68,17 @@ def on_axis(
 ) -> NDArray[np.complex128]:
     """Return registers at s = j omega, shape (omega, register); a pole on the axis gives inf.
 
-    `again` plans the same registers for one frequency, where that is possible.
+    `again` finds the same registers where the graph is planned anew; absent: it is not.
     """
     evaluate = _doubled if len(planned.program.ops) > _LONG else _double
     response, trusted = evaluate(planned, registers, omega)
-    trusted &= np.isfinite(response)
-    for point in np.flatnonzero(~trusted.all(axis=1)):
+    unsure = np.flatnonzero(~trusted)
+    if again is not None and len(unsure) * len(planned.program.ops) > _ANEW:
+        planned = planned.balanced()
+        registers = again(planned)
+        response[unsure], trusted = _doubled(planned, registers, omega[unsure])
+        unsure = unsure[~trusted]
+    for point in unsure:
         response[point] = _certified(planned, registers, float(omega[point]), again)
     return response
 
@@ -82,18 +86,19 @@ def on_axis(
 def _doubled(
     planned: Planned, registers: list[int], omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
-    """Return the registers from doubled precision, and where they can be trusted."""
+    """Return the registers from doubled precision, and at which points all can be trusted."""
     from dynid.bondgraph.algebra.sweep import sweep
 
     response, bounds = sweep(planned.program, registers, planned.graph.value, omega)
     with np.errstate(all="ignore"):
-        return response, bounds <= _TOLERANCE * np.maximum(np.abs(response), _SMALLEST)
+        trusted = bounds <= _TOLERANCE * np.maximum(np.abs(response), _SMALLEST)
+    return response, np.all(trusted & np.isfinite(response), axis=1)
 
 
 def _double(
     planned: Planned, registers: list[int], omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
-    """Return the registers from double precision, and where they can be trusted."""
+    """Return the registers from double precision, and at which points all can be trusted."""
     values = {name: Bounded.rounded(float(planned.graph.value(name))) for name in planned.valued}
     s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
     with np.errstate(all="ignore"):
@@ -102,7 +107,8 @@ def _double(
         bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
         response = np.stack(columns, axis=-1)
         tolerance = _TOLERANCE * max(1.0, len(planned.program.ops) / 10)
-        return response, np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
+        trusted = np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
+    return response, np.all(trusted & np.isfinite(response), axis=1)
 
 
 def _certified(planned: Planned, registers: list[int], omega: float, again: Again | None) -> list[complex]:
@@ -112,7 +118,7 @@ def _certified(planned: Planned, registers: list[int], omega: float, again: Agai
 
         limits = limits_at_rest(planned, registers)
         return [complex(limits[register]) for register in registers]
-    found = _planned_again(again, omega) if len(planned.program.ops) > _LONG else None
+    found = _planned_again(planned, omega, again) if len(planned.program.ops) > _LONG else None
     found = found or _in_balls(planned, registers, omega) or _on_a_mode(planned, registers, omega)
     if found is None:
         raise NumericalError(
@@ -123,16 +129,17 @@ def _certified(planned: Planned, registers: list[int], omega: float, again: Agai
     return found
 
 
-def _planned_again(again: Again | None, omega: float) -> list[complex] | None:
+def _planned_again(planned: Planned, omega: float, again: Again | None) -> list[complex] | None:
     """Return registers at one frequency from a plan for it, or none where that does not help."""
     if again is None:
         return None
     try:
-        planned, registers = again(omega)
+        planned = planned.on_axis(Fraction(omega))
     except (Singular, ZeroDivisionError):
         return None
+    registers = again(planned)
     response, trusted = _doubled(planned, registers, np.array([omega]))
-    return response[0].tolist() if trusted.all() else _in_balls(planned, registers, omega)
+    return response[0].tolist() if trusted[0] else _in_balls(planned, registers, omega)
 
 
 def _in_balls(

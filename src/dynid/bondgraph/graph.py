@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal, Protocol, get_args
 
+from dynid.bondgraph.garbage import no_collection
 from dynid.errors import UsageError
 
 NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1"]
@@ -117,6 +118,7 @@ class BondGraph:
         Where `graph_faults` finds anything, or a value is missing.
     """
 
+    @no_collection()
     def __init__(self, nodes: Iterable[Node], bonds: Iterable[Bond]) -> None:
         self.nodes: dict[str, Node] = {node.name: node for node in nodes}
         self.bonds: tuple[Bond, ...] = tuple(bonds)

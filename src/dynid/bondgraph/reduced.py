@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from fractions import Fraction
 from functools import cache, cached_property
@@ -13,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from dynid.bondgraph.algebra.modular import axis_point, numeric_point, prime_for, random_point
 from dynid.bondgraph.domains import Units
+from dynid.bondgraph.garbage import no_collection
 from dynid.bondgraph.graph import STORAGES, BondGraph, Port
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.network import STORED
@@ -23,18 +22,6 @@ if TYPE_CHECKING:
     from dynid.bondgraph.algebra.rational import Ratio
 
 Channel = tuple[Port, str]
-
-
-@contextmanager
-def no_collection() -> Iterator[None]:
-    """Look for no garbage in circles meanwhile: a plan makes millions of small objects and none."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()
 
 
 class Planned(ABC):
@@ -48,6 +35,8 @@ class Planned(ABC):
     graph
         The bond graph.
     """
+
+    _balanced = False  # whether reductions are
 
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
@@ -86,6 +75,17 @@ class Planned(ABC):
         """
         other = copy(self)
         other._plan(axis_point(self._values, omega))
+        return other
+
+    def balanced(self) -> Self:
+        """Return it planned, with its numbers, for short ways through its loops (`Reducer`).
+
+        Bounds on rounding errors, which grow with each step on a loop, stay small in long ladders and rings.
+        """
+        other = copy(self)
+        other._balanced = True
+        with no_collection():
+            other._plan(numeric_point(self._values, self._prime))
         return other
 
     @abstractmethod
@@ -163,7 +163,14 @@ class ReducedGraph(Planned):
 
     def _write(self) -> None:
         self.reductions: dict[Port, Reduction] = {
-            port: reduce_graph(self.structure, self.program, port, self.inputs, traced=self._traced)
+            port: reduce_graph(
+                self.structure,
+                self.program,
+                port,
+                self.inputs,
+                traced=self._traced and not self._balanced,
+                balanced=self._balanced,
+            )
             for port in self.outputs
         }
 

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.cases.chain import exact_response, matrices, reduced
 from dynid.bondgraph.chains import distinct
 
-_POINTS = 1000
+POINTS = 1000
 #: Responses below this are next to what floating point holds, and left out.
 _LEAST = 1e-280
 
 
-def _omega() -> Any:
+def frequencies() -> Any:
+    """Return the angular frequencies that responses are asked at, rad/s."""
     import numpy as np
 
-    return np.geomspace(0.1, 60.0, _POINTS)
+    return np.geomspace(0.1, 60.0, POINTS)
 
 
 def _program(stages: int) -> Callable[[], Any]:
     from dynid.bondgraph.frequency import frequency_response
 
-    omega = _omega()
+    omega = frequencies()
     return lambda: frequency_response(reduced(stages), omega)[:, 0, 0]
 
 
@@ -33,7 +35,7 @@ def _solved(stages: int) -> Callable[[], Any]:
 
     A, B, C, _ = matrices(stages)
     unit = np.eye(len(A))
-    return lambda: np.array([(C @ np.linalg.solve(1j * w * unit - A, B))[0, 0] for w in _omega()])
+    return lambda: np.array([(C @ np.linalg.solve(1j * w * unit - A, B))[0, 0] for w in frequencies()])
 
 
 def _sparse(stages: int) -> Callable[[], Any]:
@@ -49,7 +51,7 @@ def _sparse(stages: int) -> Callable[[], Any]:
     def solve(w: float) -> complex:
         return complex(C[0] @ splu(csc_array(1j * w * unit - state)).solve(force))
 
-    return lambda: np.array([solve(w) for w in _omega()])
+    return lambda: np.array([solve(w) for w in frequencies()])
 
 
 def _nodal(stages: int) -> Callable[[], Any]:
@@ -67,14 +69,14 @@ def _nodal(stages: int) -> Callable[[], Any]:
     def solve(w: float) -> complex:
         return complex(splu(1j * w * M + B + K / (1j * w)).solve(force)[-1])
 
-    return lambda: np.array([solve(w) for w in _omega()])
+    return lambda: np.array([solve(w) for w in frequencies()])
 
 
 def _control(stages: int) -> Callable[[], Any]:
     import control
 
     def work() -> Any:
-        return control.ss(*matrices(stages))(1j * _omega())
+        return control.ss(*matrices(stages))(1j * frequencies())
 
     return work
 
@@ -87,16 +89,17 @@ def _polynomials(stages: int) -> Callable[[], Any]:
     def work() -> Any:
         numerator, denominator = ss2tf(*matrices(stages))
         with np.errstate(all="ignore"):
-            return np.polyval(numerator[0], 1j * _omega()) / np.polyval(denominator, 1j * _omega())
+            return np.polyval(numerator[0], 1j * frequencies()) / np.polyval(denominator, 1j * frequencies())
 
     return work
 
 
-def _error(stages: int, found: Any) -> float:
+def distance(found: Any, exact: Callable[[Any], list[complex]]) -> float:
+    """Return the largest relative error of a response, looked at in some places."""
     import numpy as np
 
-    places = np.linspace(0, _POINTS - 1, 25).astype(int)
-    true = np.array(exact_response(stages, _omega()[places]))
+    places = np.linspace(0, POINTS - 1, 25).astype(int)
+    true = np.array(exact(frequencies()[places]))
     places, true = places[abs(true) > _LEAST], true[abs(true) > _LEAST]
     with np.errstate(all="ignore"):
         return float(np.nan_to_num(np.max(np.abs(found[places] - true) / np.abs(true)), nan=np.inf))
@@ -114,7 +117,7 @@ BENCHMARK = Benchmark(
         Alternative("polynomials", _polynomials, most=100, peer=True),
         Alternative("control", _control, needs=("control",), most=10, peer=True),
     ),
-    error=_error,
+    error=lambda stages, found: distance(found, partial(exact_response, stages)),
     default=lambda _: "reduction",
-    full=(10_000, 100_000),
+    full=(4000, 10_000, 100_000),
 )

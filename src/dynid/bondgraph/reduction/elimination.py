@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from dynid.bondgraph.reduction.junctions import Coupling, unique
+from dynid.bondgraph.reduction.junctions import Coupling, Names
 from dynid.bondgraph.reduction.network import Network, Term
 from dynid.bondgraph.reduction.program import Op, Program, Register
 from dynid.bondgraph.reduction.steps import Definition, Step, listed
@@ -47,7 +47,7 @@ class Elimination:
         self.held: dict[str, Register] | None = None  # the root's unknown, where a bare neighbour fixes it
         self.held_by: tuple[tuple[Register, str], ...] = ()  # the same in terms of equivalent sources
         self.labels: dict[Register, str] = {}
-        self._taken = _taken_names(network)
+        self._names = Names(_taken_names(network))
 
     def eliminate(self, name: str, own: Register) -> list[str]:
         """Eliminate a junction on which something stands, in all `own`; return its former neighbours."""
@@ -76,9 +76,7 @@ class Elimination:
 
     def _fresh(self, wanted: str) -> str:
         """Return a name for something new, so that no two things in a trace are called the same."""
-        name = unique(wanted, self._taken)
-        self._taken.add(name)
-        return name
+        return self._names.fresh(wanted)
 
     def superpose(self, junction: str, terms: list[Term], name: str | None) -> Register:
         """Series on a 1-junction, parallel on a 0-junction (eqs 1, 2)."""

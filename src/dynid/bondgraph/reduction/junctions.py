@@ -11,7 +11,7 @@ user did not draw, a bare one is put in. Neither changes the physics.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from itertools import count
 from typing import NamedTuple
@@ -86,7 +86,7 @@ class JunctionStructure:
         self.junctions: dict[str, Junction] = {}
         self.couplings: list[Coupling] = []
         self.place: dict[str, str] = {}
-        self._taken = set(graph.nodes)
+        self._names = Names(graph.nodes)
         self._merged = _merge_like_junctions(graph)
         self._between: dict[tuple[str, str], str] = {}  # bare junction of a bond at a two-port
         for name, root in self._merged.items():
@@ -167,8 +167,7 @@ class JunctionStructure:
         return self._between[bond]
 
     def _bare(self, between: tuple[str, str], kind: str) -> str:
-        name = unique("_".join(between), self._taken)
-        self._taken.add(name)
+        name = self._names.fresh("_".join(between))
         self.junctions[name] = Junction(name, kind, between=between)
         return name
 
@@ -178,6 +177,23 @@ def unique(name: str, taken: Collection[str]) -> str:
     if name not in taken:
         return name
     return next(other for number in count(2) if (other := f"{name}_{number}") not in taken)
+
+
+class Names:
+    """Names that are taken, and how far each is numbered: one wanted often takes no longer every time."""
+
+    def __init__(self, taken: Iterable[str]) -> None:
+        self._taken = set(taken)
+        self._number: dict[str, int] = {}
+
+    def fresh(self, wanted: str) -> str:
+        """Return a name that is not taken, and take it: itself, or with a number behind."""
+        name = wanted
+        while name in self._taken:
+            self._number[wanted] = self._number.get(wanted, 1) + 1
+            name = f"{wanted}_{self._number[wanted]}"
+        self._taken.add(name)
+        return name
 
 
 def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:

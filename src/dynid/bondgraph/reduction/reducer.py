@@ -105,6 +105,7 @@ def reduce_graph(
     inputs: Iterable[str],
     *,
     traced: bool = True,
+    balanced: bool = False,
 ) -> Reduction:
     """Reduce a graph to a prototype at the junction that carries an output.
 
@@ -120,6 +121,8 @@ def reduce_graph(
         The sources to keep; all others are zero.
     traced
         Whether the steps are told; without them a large graph is planned in half the time.
+    balanced
+        Whether loops are opened everywhere at once rather than from the far end on (`Reducer`).
 
     Raises
     ------
@@ -127,7 +130,7 @@ def reduce_graph(
         Where the equations have no solution or more than one; it names the junctions and sources.
     """
     network = Network(structure, program, structure.place[port.node], inputs)
-    return Reducer(network, traced=traced).run(port)
+    return Reducer(network, traced=traced, balanced=balanced).run(port)
 
 
 class Reducer:
@@ -141,6 +144,11 @@ class Reducer:
         Called whenever the network is whole, if somebody wants to look at it on the way.
     traced
         Whether the steps are told.
+    balanced
+        Whether loops are opened in rounds, of junctions that do not touch each other (cyclic reduction):
+        results then depend on one another over as many steps as the logarithm of the graph's length, where
+        one end after the other takes as many as the length, and error bounds grow with each. It takes up to
+        twice the steps.
 
     Attributes
     ----------
@@ -149,8 +157,14 @@ class Reducer:
     """
 
     def __init__(
-        self, network: Network, watch: Callable[[], None] = lambda: None, *, traced: bool = True
+        self,
+        network: Network,
+        watch: Callable[[], None] = lambda: None,
+        *,
+        traced: bool = True,
+        balanced: bool = False,
     ) -> None:
+        self._balanced = balanced
         self.net, self.program, self.root = network, network.program, network.root
         self.work = Elimination(network, watch, traced=traced)
         self._driving = frozenset(name for row in network.sources.values() for name in row)
@@ -238,20 +252,29 @@ class Reducer:
         return self.work.held is not None or self.net.structure.junctions[self.root].fixing is not None
 
     def _eliminate_all(self) -> None:
-        """Eliminate by (number of neighbours, distance from the root): leaves first, fill low."""
+        """Eliminate by (round, number of neighbours, distance from the root): leaves first, fill low."""
         matrix, depth = self.net.matrix, self.net.depth
         names = sorted(depth, key=depth.__getitem__, reverse=True)[:-1]  # the root is nearest to itself
         rank, size = {name: index for index, name in enumerate(names)}, len(names)
-        heap = [len(matrix[name]) * size + index for name, index in rank.items()]
+        rounds = dict.fromkeys(depth, 0)  # how many steps on loops follow one another up to a junction
+
+        def turn(name: str) -> int:
+            degree = len(matrix[name])
+            return ((rounds[name] if degree > 1 else 0) * (size + 1) + degree) * size + rank[name]
+
+        heap = [turn(name) for name in names]
         heapq.heapify(heap)
         while heap:
-            degree, index = divmod(heapq.heappop(heap), size)
-            name = names[index]
-            if name not in matrix or degree != len(matrix[name]):
+            place = heapq.heappop(heap)
+            name = names[place % size]
+            if name not in matrix or place != turn(name):
                 continue  # eliminated already, or queued again with its new neighbours
-            for other in self._eliminate_next(name):
+            around = self._eliminate_next(name)
+            following = rounds[name] + 1 if self._balanced and len(around) > 1 else 0
+            for other in around:
+                rounds[other] = max(rounds[other], following)
                 if other != self.root:
-                    heapq.heappush(heap, len(matrix[other]) * size + rank[other])
+                    heapq.heappush(heap, turn(other))
         self._eliminate_bare([name for name in depth if name in matrix and name != self.root])
 
     def _eliminate_next(self, name: str) -> list[str]:

@@ -12,9 +12,10 @@ from fractions import Fraction
 import numpy as np
 
 from dynid.bondgraph.engines import choose
+from dynid.bondgraph.garbage import no_collection
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.question import Analysis
-from dynid.bondgraph.reduced import Channel, no_collection
+from dynid.bondgraph.reduced import Channel
 from dynid.bondgraph.results.channels import add_channels
 from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
 from dynid.bondgraph.sampling.columns import Column, columns

@@ -1,0 +1,84 @@
+"""A ladder of two rails with a loop at every rung, as graph and as exact numbers.
+
+On each rail masses (0-junctions with a C, by the mobility analogy) are joined by an I and an R; a rung joins
+the rails at every stage by an R and an I. The flow enters at one end, the effort is read at the other.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
+from dynid.bondgraph.reduced import ReducedGraph
+
+_RAILS = "ab"
+
+
+def _value(kind: str, place: int) -> Fraction:
+    """Return a value spread between 1 and 1.5 of its unit: mH, mF and Ohm, say, in ms."""
+    return (1 + Fraction(place * 7919 % 1000, 2000)) * (Fraction(1, 1000) if kind == "C" else 1)
+
+
+def _links(stages: int) -> list[tuple[str, str, Fraction, Fraction]]:
+    """Return the ends, inertia and resistance of all links of rails and rungs."""
+    ends = [(f"{rail}{k}", f"{rail}{k + 1}") for k in range(1, stages) for rail in _RAILS]
+    ends += [(f"a{k}", f"b{k}") for k in range(1, stages + 1)]
+    return [(*pair, _value("I", 2 * n + 1), _value("R", 2 * n + 2)) for n, pair in enumerate(ends)]
+
+
+def reduced(stages: int) -> ReducedGraph:
+    """Return a ladder, planned."""
+    nodes, bonds = [Node("u", "Sf")], [Bond("u", "a1")]
+    for place, (rail, k) in enumerate((rail, k) for k in range(1, stages + 1) for rail in _RAILS):
+        nodes += [Node(f"{rail}{k}", "0"), Node(f"C{rail}{k}", "C", _value("C", place))]
+        bonds.append(Bond(f"{rail}{k}", f"C{rail}{k}"))
+    for tail, head, inertia, resistance in _links(stages):
+        link = f"{tail}{head}"
+        nodes += [Node(link, "1"), Node(f"I{link}", "I", inertia), Node(f"R{link}", "R", resistance)]
+        bonds += [Bond(tail, link), Bond(link, head), Bond(link, f"I{link}"), Bond(link, f"R{link}")]
+    return ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port(f"b{stages}", "e")], traced=False)
+
+
+def nodal(stages: int) -> tuple[Any, Any, Any, Any]:
+    """Return compliances, the sparse incidence of links at rail nodes, inertias and resistances."""
+    import numpy as np
+    from scipy.sparse import csc_array
+
+    places = {f"{rail}{k + 1}": 2 * k + side for k in range(stages) for side, rail in enumerate(_RAILS)}
+    tails, heads, inertias, resistances = zip(*_links(stages), strict=True)
+    count = len(tails)
+    rows = [places[end] for end in (*tails, *heads)]
+    signs, columns = np.repeat([1.0, -1.0], count), [*range(count), *range(count)]
+    incidence = csc_array((signs, (rows, columns)), shape=(2 * stages, count))
+    compliances = [float(_value("C", place)) for place in range(2 * stages)]
+    return np.array(compliances), incidence, np.array(inertias, float), np.array(resistances, float)
+
+
+def exact_response(stages: int, omega: Any) -> list[complex]:
+    """Return the response in 60 digits and more, rung by rung: two rails are 2 x 2 blocks in a row."""
+    from flint import acb, acb_mat, arb, ctx, fmpq
+
+    def ball(value: Fraction) -> Any:
+        return acb(arb(fmpq(value.numerator, value.denominator)))
+
+    found = []
+    with ctx.workprec(400 + 20 * stages):
+        laws = [(ball(inertia), ball(resistance)) for _, _, inertia, resistance in _links(stages)]
+        stores = [ball(_value("C", place)) for place in range(2 * stages)]
+        for w in omega:
+            s = acb(0, float(w))
+            passes = [1 / (s * inertia + resistance) for inertia, resistance in laws]
+            rungs = passes[2 * (stages - 1) :]
+            drive, seen = acb_mat([[1], [0]]), acb_mat([[0, 0], [0, 0]])
+            for k in range(stages):
+                rung, (one, other) = rungs[k], (s * store for store in stores[2 * k : 2 * k + 2])
+                seen += acb_mat([[one + rung, -rung], [-rung, other + rung]])
+                if k + 1 == stages:
+                    break
+                across = acb_mat([[passes[2 * k], 0], [0, passes[2 * k + 1]]])
+                ahead = across * (seen + across).inv()  # the share of what is behind that passes on
+                drive, seen = ahead * drive, ahead * seen
+            effort = (seen.inv() * drive)[1, 0]
+            found.append(complex(float(effort.real.mid()), float(effort.imag.mid())))
+    return found
