@@ -105,6 +105,8 @@ def main(args: list[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ω still gets the rest
+    # pydantic looks for plugins in all that is installed: as long as it takes to check a scene, for nothing.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     sys.exit(_exit_code(args))
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Annotated, Any
 
-from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic import ValidationInfo
 from pydantic_core import PydanticCustomError
+from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
 from dynid.scene.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
 from dynid.words import did_you_mean
@@ -119,14 +120,28 @@ def _where(condition: Callable[[Number], bool], message: str) -> Callable[[Any, 
     return check
 
 
-def _schema(**bounds: int) -> WithJsonSchema:
-    return WithJsonSchema(
-        {"type": ["number", "string"], **bounds, "description": "a number, a parameter or an expression"}
-    )
+class _By:
+    """Says that a function validates; with pydantic's own word for it every use is analysed for dumping.
+
+    Parameters
+    ----------
+    check
+        The function.
+    bounds
+        What it holds values to, in the words of JSON Schema.
+    """
+
+    def __init__(self, check: Callable[[Any, ValidationInfo], Quantity], **bounds: int) -> None:
+        self._check, self._bounds = check, bounds
+
+    def __get_pydantic_core_schema__(self, _source: Any, _handler: Any) -> CoreSchema:
+        return with_info_plain_validator_function(self._check)
+
+    def __get_pydantic_json_schema__(self, _schema: CoreSchema, _handler: Any) -> dict[str, Any]:
+        text = "a number, a parameter or an expression"
+        return {"type": ["number", "string"], **self._bounds, "description": text}
 
 
-Value = Annotated[Quantity, PlainValidator(resolve), _schema()]
-Positive = Annotated[
-    Quantity, PlainValidator(_where(lambda v: v > 0, "is not positive")), _schema(exclusiveMinimum=0)
-]
-NotNegative = Annotated[Quantity, PlainValidator(_where(lambda v: v >= 0, "is negative")), _schema(minimum=0)]
+Value = Annotated[Quantity, _By(resolve)]
+Positive = Annotated[Quantity, _By(_where(lambda v: v > 0, "is not positive"), exclusiveMinimum=0)]
+NotNegative = Annotated[Quantity, _By(_where(lambda v: v >= 0, "is negative"), minimum=0)]
