@@ -1,7 +1,9 @@
-"""Write docs/accuracy.md, speed against error of all benchmarks: `python docs/accuracy.py [FILE.h5]…`.
+"""Write docs/accuracy.md, speed against error of all benchmarks: `accuracy.py [FOLDER | FILE.h5…]`.
 
-Without files it measures all benchmarks at their default sizes, by the processor's clock (some minutes); with
-files it writes what `dynid bench -o FILE.h5` wrote. The plots go to docs/accuracy/.
+It measures all benchmarks at all sizes, by the processor's clock, each into a file of its own in the folder,
+by default a new one. What a folder has already is not measured again: name it to go on after an interruption.
+With files it writes what `dynid bench -o FILE.h5` wrote. The plots go to docs/accuracy/. Exit code 1: not all
+benchmarks are on the page.
 """
 
 from __future__ import annotations
@@ -9,6 +11,8 @@ from __future__ import annotations
 import os
 import platform
 import sys
+import tempfile
+import traceback
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
@@ -20,16 +24,16 @@ from dynid.bench import BENCHMARKS, run_benchmarks  # noqa: E402
 from dynid.choices import CHOICES  # noqa: E402
 from dynid.numerals import memory_text, time_text  # noqa: E402
 from dynid.report import figures  # noqa: E402
-from dynid.report.answers.bench import Row, notes, rows_of  # noqa: E402
+from dynid.report.answers.bench import Row, notes, rows_of, verdict  # noqa: E402
 from dynid.result import Result  # noqa: E402
-from dynid.store import read_result  # noqa: E402
+from dynid.store import read_result, write_result  # noqa: E402
 from tests.hard.catalogue import HALVES, cases  # noqa: E402
 
 PAGE = """\
 # Speed against error
 
-Made by `python docs/accuracy.py`, every number measured by `dynid bench` in one go, or counted. Alternatives
-of a benchmark do the same work, in turns, each in a process and a thread of its own; times are medians of the
+Made by `python docs/accuracy.py`, every number measured by `dynid bench`, or counted. Alternatives of a
+benchmark do the same work, in turns, each in a process and a thread of its own; times are medians of the
 {clock} clock, memory is the rise of the peak, errors are against exact or high-precision references.
 ● nothing of the same size is both faster and more accurate; › what the suite takes by default.
 
@@ -87,7 +91,7 @@ def summary(result: Result, group: str) -> list[str]:
         ", ".join(dict.fromkeys(row.name for row in chosen)) or "-",
         f"{about['size']}^{grows:.2f}" if grows is not None else "-",
         ("always" if not off else f"not at {', '.join(off)}") if chosen else "-",
-        str(about["beaten"] or "none") if "beaten" in about else "-",
+        verdict(result, group) if "beaten" in about else "-",
     ]
 
 
@@ -117,12 +121,30 @@ def machine() -> str:
     return f"{chip}, {platform.system()}, Python {platform.python_version()}"
 
 
-def main() -> None:
+def measured(folder: Path) -> Iterator[Path]:
+    """Yield the files of all benchmarks, measured now where they are not there; one that fails is told."""
+    folder.mkdir(parents=True, exist_ok=True)
+    print(f"the figures go to {folder}")
+    for name in BENCHMARKS:
+        file = folder / f"{name}.h5"
+        try:
+            if not file.exists():
+                write_result(run_benchmarks([name], full=True, clock="processor", tell=print), file)
+            yield file
+        except Exception:
+            traceback.print_exc()
+
+
+def main() -> int:
     """Measure or read, and write the page."""
-    files = sys.argv[1:]
-    results = [read_result(file) for file in files] or [
-        run_benchmarks(BENCHMARKS, clock="processor", tell=print)
-    ]
+    given = [Path(name) for name in sys.argv[1:]]
+    if given and given[0].suffix == ".h5":
+        files = given
+    else:
+        files = list(measured(given[0] if given else Path(tempfile.mkdtemp(prefix="accuracy-"))))
+    results = [read_result(file) for file in files]
+    if not results:
+        return 1
     (HERE / "accuracy").mkdir(exist_ok=True)
     found = {
         f"bench/{name}": each
@@ -154,7 +176,11 @@ def main() -> None:
         benchmarks="\n".join(part for group, result in found.items() for part in section(result, group)),
     )
     (HERE / "accuracy.md").write_text(page.rstrip() + "\n", encoding="utf-8")
+    absent = [name for name in BENCHMARKS if f"bench/{name}" not in found]
+    if absent:
+        print(f"not on the page: {', '.join(absent)}", file=sys.stderr)
+    return 1 if absent else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -70,7 +70,9 @@ LINEARISED = Default(
     1.0, "filters", "steps are linearised anew where a logarithm has moved by {value:g} of its deviation"
 )
 COMPILED = Default(
-    10.0, "filters", "compiled kernels where a pass without them would take more than {value:g} s"
+    10.0,
+    "filters",
+    "compiled kernels where a pass linearised at every sample would take more than {value:g} s without",
 )
 
 #: All of them, by name.

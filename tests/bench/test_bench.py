@@ -10,8 +10,9 @@ from click.testing import CliRunner
 
 from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
 from dynid.bench.alternative import PEERS, Alternative
+from dynid.bench.catalogue import BUDGETS, DEFAULT_RUN
 from dynid.bench.suite import Figure, beaten, limits, pareto
-from dynid.bench.worker import measured, processor
+from dynid.bench.worker import _timed, measured, processor
 from dynid.cli import cli
 from dynid.errors import DynidError, Singular
 from dynid.report.page import page
@@ -70,11 +71,6 @@ def test_an_alternative_does_the_work(name, alternative, monkeypatch):
         assert error <= least
 
 
-@pytest.fixture(scope="module")
-def result():
-    return run_benchmarks(["propagation"], {"propagation": [100, 200]})
-
-
 def test_figures_stand_where_the_contract_says(result):
     group = "bench/propagation/exponential-spline"
     assert list(result[f"{group}/size"].data) == [100, 200]
@@ -91,9 +87,43 @@ def test_a_work_that_fails_is_named_and_the_others_stand():
     assert "two samples" in answer["failed"]
 
 
-def test_nothing_that_came_to_an_end_is_an_error():
+def test_nothing_that_came_to_an_end_is_an_error(monkeypatch):
+    case = benchmark("propagation")
+    monkeypatch.setattr(
+        "dynid.bench.suite.benchmark", lambda _: replace(case, alternatives=case.alternatives[:1])
+    )
     with pytest.raises(DynidError, match="no alternative"):
         run_benchmarks(["propagation"], {"propagation": [0]})
+
+
+def test_a_default_run_ends_within_three_minutes():
+    assert BUDGETS.keys() == BENCHMARKS.keys()
+    assert sum(BUDGETS.values()) <= 150 < DEFAULT_RUN < 180  # the last work that is begun takes its time, too
+
+
+def test_what_does_not_fit_into_the_time_is_left_out_and_named():
+    from dynid.cli.summary.bench import lines
+
+    told = []
+    found = run_benchmarks(["loops"], {"loops": [2, 3]}, told.append, seconds=0.0)
+    assert [list(found[f"bench/loops/{name}/size"].data) for name in ("exact", "float")] == [[2], [2]]
+    assert found.group_attrs["bench/loops"]["late"] == "side 3: exact, float"
+    assert "left out for time (--full measures it): side 3: exact, float" in "\n".join(lines(found))
+    assert lines(found)[-1].startswith("  measured in ")
+    assert told[0] == "1 of 1: loops, side 2, exact"
+
+
+@pytest.mark.parametrize(
+    ("duration", "runs"), [(0.001, 25), (0.02, 15), (0.2, 3), (0.6, 2), (2.0, 1)], ids=str
+)
+def test_long_works_are_repeated_less(duration, runs):
+    now = [0.0]
+
+    def work():
+        now[0] += duration
+
+    assert _timed(work, lambda: now[0]) == pytest.approx(duration)
+    assert round(now[0] / duration) == runs
 
 
 def test_the_front_is_what_no_other_beats():
@@ -129,15 +159,15 @@ def test_a_peer_may_live_in_another_interpreter(tmp_path, monkeypatch):
 
 def test_the_command_measures_writes_and_shows(tmp_path):
     runner, file, html = CliRunner(), tmp_path / "b.h5", tmp_path / "b.html"
-    arguments = ["bench", "propagation", "--size", "propagation=100", "-o", str(file), "--report", str(html)]
+    arguments = ["bench", "loops", "--size", "loops=2", "-o", str(file), "--report", str(html)]
     ran = runner.invoke(cli, arguments)
     assert ran.exit_code == 0, ran.output
-    assert "exponential-spline" in ran.output
+    assert "› exact" in ran.output
     assert "●" in ran.output
     assert html.read_text(encoding="utf-8").startswith("<!doctype html>")
     stored = read_result(file)
     assert stored.kind == "bench"
-    assert "exponential-spline" in runner.invoke(cli, ["show", str(file)]).output
+    assert "› exact" in runner.invoke(cli, ["show", str(file)]).output
 
 
 @pytest.mark.parametrize(
@@ -174,6 +204,22 @@ def test_a_peer_that_beats_the_default_is_named():
     slower = {**figures, "lsim": [Figure(5, 3.0, 0, 1e-7)]}
     assert beaten(case, slower) == []
     assert "no figures" in beaten(case, {"lsim": figures["lsim"]})[0]
+
+
+def test_peers_that_do_not_beat_the_default_are_named(result):
+    from dynid.report.answers.bench import verdict
+
+    assert verdict(result, "bench/propagation") == "none of dop853, lsim, newmark, rk4"
+    alone = run_benchmarks([], {})
+    alone.annotate("bench/x", beaten="")
+    assert verdict(alone, "bench/x") == "none; no peer took part"
+
+
+def test_records_are_filtered_with_kernels_where_there_are_enough_of_them():
+    """Four records of 8,000 samples are as much work as one of 32,000; loading kernels repays from 18,000."""
+    one, four = benchmark("filters").default, benchmark("estimators").default
+    assert [one(size) for size in (800, 8000, 80_000)] == ["square-root-numpy"] * 2 + ["square-root"]
+    assert [four(size) for size in (800, 8000, 80_000)] == ["auto-numpy", "auto", "auto"]
 
 
 def test_what_takes_longer_than_it_may_is_seen():

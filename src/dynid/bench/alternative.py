@@ -99,6 +99,8 @@ class Benchmark:
         Sizes that `--full` adds.
     limits
         What an alternative may take beside another.
+    remark
+        What the figures do not show.
     """
 
     title: str
@@ -110,3 +112,4 @@ class Benchmark:
     default: Callable[[int], str] | None = None
     full: tuple[int, ...] = ()
     limits: tuple[Limit, ...] = ()
+    remark: str = ""

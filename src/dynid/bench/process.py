@@ -14,6 +14,8 @@ from typing import Any, Self
 
 #: What numerical libraries read how many threads they may use from.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+#: Where the standard library looks for the folder of temporary files.
+_FOLDERS = ("TMPDIR", "TEMP", "TMP")
 
 
 class Process:
@@ -31,10 +33,17 @@ class Process:
         The interpreter that runs it.
     threads
         How many threads numerical libraries may use; absent: as they see fit, or the environment says.
+    folder
+        Where its temporary files go; absent: where those of this process do.
     """
 
     def __init__(
-        self, module: str, *arguments: str, python: str = sys.executable, threads: int | None = None
+        self,
+        module: str,
+        *arguments: str,
+        python: str = sys.executable,
+        threads: int | None = None,
+        folder: str | None = None,
     ) -> None:
         # Imported rather than run: what is pickled must not belong to a module called __main__.
         command = [python, "-c", f"from {module} import main; main(*{arguments!r})"]
@@ -44,7 +53,7 @@ class Process:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env={**limited, **os.environ},
+            env={**limited, **os.environ, **({} if folder is None else dict.fromkeys(_FOLDERS, folder))},
         )
 
     def ask(self, question: Any, seconds: float | None = None) -> Any:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.catalogue import benchmark
+from dynid.bench.catalogue import BUDGETS, benchmark
 from dynid.bench.process import Process
 from dynid.choices import of_benchmark
 from dynid.errors import NumericalError
@@ -18,13 +23,17 @@ from dynid.result import Result
 
 @dataclass(frozen=True)
 class Figure:
-    """What was measured of one alternative at one size; `failed` says why there are no numbers."""
+    """What was measured of one alternative at one size.
+
+    `failed` says why there are no numbers; `late`: it was not begun any more.
+    """
 
     size: int
     time: float = 0.0
     memory: float = 0.0
     error: float = 0.0
     failed: str = ""
+    late: bool = False
 
 
 def run_benchmarks(
@@ -34,6 +43,7 @@ def run_benchmarks(
     *,
     full: bool = False,
     clock: str = "wall",
+    seconds: float = math.inf,
 ) -> Result:
     """Run benchmarks.
 
@@ -49,6 +59,9 @@ def run_benchmarks(
         Whether to add the larger sizes that a benchmark names, which take minutes.
     clock
         What time is: ``wall``, or ``processor``, which other work on the machine changes little.
+    seconds
+        How long all may take together, s: each benchmark what those after it do not need (`BUDGETS`). Its
+        smallest size is always measured; of the others what does not fit is left out, and named.
 
     Returns
     -------
@@ -58,42 +71,61 @@ def run_benchmarks(
         `default` what the suite itself takes at that size. The attribute `exponent` says how its time grows
         between the two largest sizes, `peer` that it is another project's. Attributes of ``bench/<name>``
         say which peers beat the default in both (`beaten`), which alternatives are `missing` or `failed`,
-        and the choices that rest on the table (`chosen`).
+        what was left out for time (`late`), and the choices that rest on the table (`chosen`); the attribute
+        `seconds` of ``bench`` how long all took.
     """
-    result = Result("bench", "Speed against error")
-    result.annotate("bench", clock=clock)
-    for name in names:
+    result, began, chosen = Result("bench", "Speed against error"), time.monotonic(), list(names)
+    for place, name in enumerate(chosen):
         case = benchmark(name)
         own = sorted((*case.sizes, *case.full)) if full else case.sizes
-        _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), tell, clock))
+        until = began + seconds - sum(BUDGETS[later] for later in chosen[place + 1 :])
+        told = partial(_told, tell, f"{place + 1} of {len(chosen)}: {name}")
+        _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), told, clock, until))
+    result.annotate("bench", clock=clock, seconds=time.monotonic() - began)
     return result
 
 
+def _told(tell: Callable[[str], None], where: str, what: str) -> None:
+    tell(f"{where}, {what}")
+
+
 def _measured(
-    name: str, case: Benchmark, sizes: Sequence[int], tell: Callable[[str], None], clock: str
+    name: str,
+    case: Benchmark,
+    sizes: Sequence[int],
+    tell: Callable[[str], None],
+    clock: str,
+    until: float = math.inf,
 ) -> dict[str, list[Figure]]:
-    """Measure all alternatives, size by size in turns."""
+    """Measure all alternatives, size by size in turns; beyond the first size none is begun after `until`."""
     present = [each for each in case.alternatives if not each.missing()]
-    workers = {
-        each.name: Process("dynid.bench.worker", name, each.name, clock, python=each.interpreter, threads=1)
-        for each in present
-    }
     figures: dict[str, list[Figure]] = {each.name: [] for each in present}
-    try:
+    with TemporaryDirectory() as folder, ExitStack() as stack:
+        workers = {
+            each.name: stack.enter_context(
+                Process(
+                    "dynid.bench.worker",
+                    *(name, each.name, clock),
+                    python=each.interpreter,
+                    threads=1,
+                    folder=folder,
+                )
+            )
+            for each in present
+        }
         for size in sizes:
             for each in present:
                 if each.most is None or size <= each.most:
-                    tell(f"{name}: {each.name}, {case.size} {size:,}")
-                    answer = workers[each.name].ask(size) or {"failed": "it ended"}
-                    figures[each.name].append(Figure(size, **answer))
-    finally:
-        for worker in workers.values():
-            worker.close()
+                    tell(f"{case.size} {size:,}, {each.name}")
+                    late = size > sizes[0] and time.monotonic() > until
+                    answer = {"late": True} if late else workers[each.name].ask(size)
+                    figures[each.name].append(Figure(size, **(answer or {"failed": "it ended"})))
     return figures
 
 
 def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[Figure]]) -> None:
-    done = {key: kept for key, rows in figures.items() if (kept := [row for row in rows if not row.failed])}
+    numbers = {key: [row for row in rows if not (row.failed or row.late)] for key, rows in figures.items()}
+    done = {key: rows for key, rows in numbers.items() if rows}
     if not done:
         raise NumericalError(
             f"no alternative of the benchmark {name} came to an end",
@@ -103,9 +135,11 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
     missing = (f"{each.name} ({each.missing()})" for each in case.alternatives if each.missing())
     said = {
         "failed": _said(case, figures),
+        "late": _late(case, figures),
         "missing": "; ".join(missing),
         "chosen": "; ".join(of_benchmark(name)),
         "limits": "; ".join(limits(case, done)),
+        "remark": case.remark,
     }
     if case.default is not None:
         said["beaten"] = "; ".join(beaten(case, done))
@@ -139,6 +173,13 @@ def _said(case: Benchmark, figures: Mapping[str, list[Figure]]) -> str:
         for row in rows
         if row.failed
     )
+
+
+def _late(case: Benchmark, figures: Mapping[str, list[Figure]]) -> str:
+    """Say what was left out for time, size by size."""
+    late = sorted((row.size, name) for name, rows in figures.items() for row in rows if row.late)
+    sizes = groupby(late, key=lambda each: each[0])
+    return "; ".join(f"{case.size} {size:,}: {', '.join(name for _, name in some)}" for size, some in sizes)
 
 
 def pareto(figures: Iterable[Figure]) -> list[Figure]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -23,7 +24,7 @@ from dynid.errors import UsageError
     default="wall",
     help="What time is; other work on the machine changes processor time little.",
 )
-@click.option("--full", is_flag=True, help="Larger sizes too: minutes instead of at most three.")
+@click.option("--full", is_flag=True, help="Larger sizes too, however long they take.")
 @click.option("--list", "listing", is_flag=True, help="List the benchmarks.")
 def bench(
     names: tuple[str, ...],
@@ -38,14 +39,15 @@ def bench(
 
     Each NAME runs its alternatives on the same work in one go: median time, peak memory, and error against an
     exact or high-precision reference; what no other beats in both time and error is marked. Without a NAME
-    all of them run, which takes minutes.
+    all of them run, for at most three minutes: what does not fit is left out, and named. With --full, or with
+    sizes of your own, they take the time they need.
 
     \b
     Examples:
       dynid bench --list
       dynid bench zeros-poles --size zeros-poles=20,100
     """  # noqa: D301 - click's mark against wrapping
-    from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
+    from dynid.bench import BENCHMARKS, DEFAULT_RUN, benchmark, run_benchmarks
     from dynid.cli.summary import summary
 
     if listing:
@@ -54,10 +56,9 @@ def bench(
             click.echo(f"  {name:{width}}  {benchmark(name).title}")
         return 0
     chosen = [_known(name, BENCHMARKS) for name in names] or list(BENCHMARKS)
+    own, seconds = _sizes(sizes, BENCHMARKS), math.inf if full or sizes else DEFAULT_RUN
     with showing() as tell:
-        result = run_benchmarks(
-            dict.fromkeys(chosen), _sizes(sizes, BENCHMARKS), tell, full=full, clock=clock
-        )
+        result = run_benchmarks(dict.fromkeys(chosen), own, tell, full=full, clock=clock, seconds=seconds)
     click.echo(summary(result, ""))
     if output:
         from dynid.store import write_result

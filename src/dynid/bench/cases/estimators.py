@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.cases.suspension import Case, by_dynamax, by_filterpy, case, compiles, kernels
+from dynid.bench.cases.suspension import REMARK, Case, by_dynamax, by_filterpy, case, compiles, kernels
 from dynid.choices import ESTIMATOR
 
 #: Noises of the records that a work goes over.
@@ -86,12 +86,13 @@ BENCHMARK = Benchmark(
         *(Alternative(f"filter-{k}", _house(f"filter-{k}")) for k in (1, 2, 3)),
         Alternative("output-error", _house("output-error")),
         Alternative("invariant-imbedding", _house("invariant-imbedding"), most=200),
-        Alternative("least-squares", _each(_least_squares), most=8000, peer=True),
-        Alternative("filterpy", _each(by_filterpy), needs=("filterpy",), most=8000, peer=True),
+        Alternative("least-squares", _each(_least_squares), peer=True),
+        Alternative("filterpy", _each(by_filterpy), needs=("filterpy",), peer=True),
         Alternative("dynamax", _each(by_dynamax), needs=("dynamax",), peer=True),
     ),
     error=_error,
     measure="RMS of the errors over the Cramér-Rao bound",
-    default=lambda samples: ESTIMATOR.value if compiles(samples) else f"{ESTIMATOR.value}-numpy",
+    default=lambda samples: ESTIMATOR.value if compiles(samples, len(_SEEDS)) else f"{ESTIMATOR.value}-numpy",
     full=(8000, 80_000),
+    remark=REMARK,
 )

@@ -8,6 +8,7 @@ from typing import Any
 
 from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.cases.suspension import (
+    REMARK,
     STEP,
     assumed_noise,
     by_dynamax,
@@ -139,11 +140,12 @@ BENCHMARK = Benchmark(
         Alternative("joseph-float32", _joseph("float32"), most=8000),
         Alternative("imbedding-1", _imbedding(1), most=800),
         Alternative("imbedding-4", _imbedding(4), most=800),
-        Alternative("filterpy", _peer(by_filterpy), needs=("filterpy",), most=8000, peer=True),
+        Alternative("filterpy", _peer(by_filterpy), needs=("filterpy",), peer=True),
         Alternative("dynamax", _peer(by_dynamax), needs=("dynamax",), peer=True),
     ),
     error=_error,
     measure="largest distance from the filter linearised at every sample, in its deviations; inf: no number",
     default=lambda samples: "square-root" if compiles(samples) else "square-root-numpy",
     full=(80_000,),
+    remark=REMARK,
 )

@@ -157,12 +157,13 @@ BENCHMARK = Benchmark(
     size="samples",
     sizes=(3, 100, 1000, 10_000),
     alternatives=(
-        Alternative("together", _together),
-        Alternative("study-serial", _as_study("serial")),
         Alternative("study-processes", _as_study("processes")),
+        Alternative("study-serial", _as_study("serial")),
+        Alternative("together", _together),
         Alternative("run", _alone, most=100),
         Alternative("process-each", _processes, most=3),
     ),
     error=_error,
     measure="largest relative distance of poles from eq 21 in 50 digits",
+    full=(100_000,),
 )

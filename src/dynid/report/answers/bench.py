@@ -12,8 +12,10 @@ from dynid.result import Result
 _SAID = {
     "limits": "held to",
     "failed": "failed",
+    "late": "left out for time (--full measures it)",
     "missing": "missing",
     "chosen": "chosen by default",
+    "remark": "not shown",
 }
 
 
@@ -76,6 +78,14 @@ def rows_of(result: Result, group: str, name: str) -> Iterator[Row]:
         yield Row(int(size), name, float(time), float(memory), float(error), bool(best), bool(default))
 
 
+def verdict(result: Result, group: str) -> str:
+    """Say which peers are faster and more accurate than the default, at which size, or which ones are not."""
+    names = sorted({path.split("/")[2] for path in result if path.startswith(f"{group}/")})
+    peers = [name for name in names if result.group_attrs[f"{group}/{name}"].get("peer")]
+    none = f"none of {', '.join(peers)}" if peers else "none; no peer took part"
+    return str(result.group_attrs[group]["beaten"] or none)
+
+
 def notes(result: Result, group: str) -> Iterator[tuple[str, str]]:
     """Yield what is to be said of a benchmark beside its table: about what, and the text."""
     about = result.group_attrs[group]
@@ -86,7 +96,7 @@ def notes(result: Result, group: str) -> Iterator[tuple[str, str]]:
     if powers:
         yield f"time grows with {about['size']} to the power of", ", ".join(powers)
     if "beaten" in about:
-        yield "peers faster and more accurate than the default", str(about["beaten"] or "none")
+        yield "peers faster and more accurate than the default", verdict(result, group)
     for word, said in _SAID.items():
         if about.get(word):
             yield said, str(about[word])
