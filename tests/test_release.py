@@ -1,0 +1,44 @@
+"""What a release says of itself agrees everywhere that it is said."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import yaml
+
+import dynid
+from dynid.cli.citation import citation
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def test_the_version_is_the_same_everywhere():
+    version = dynid.__version__
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    changes = re.findall(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    said = subprocess.run(
+        [sys.executable, "-m", "dynid", "--version"], check=True, capture_output=True, text=True
+    )
+    assert cited["version"] == version
+    assert changes[0] == version
+    assert said.stdout == f"dynid {version}\n"
+    assert f"version = {{{version}}}" in citation()
+
+
+def test_the_citation_names_licence_and_papers():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert cited["license"] == PROJECT["license"]
+    assert cited["title"] == f"dynid: {PROJECT['description'][0].lower()}{PROJECT['description'][1:]}"
+    for paper in cited["references"]:
+        assert f"{{{paper['title']}}}" in re.sub(r"\s+", " ", citation())
+
+
+def test_the_pythons_that_are_promised_are_those_of_ci():
+    promised = {text.split(" :: ")[-1] for text in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", text)}
+    run = re.findall(r"\.ci/environment (3\.\d+)", (ROOT / ".ci/run").read_text())
+    assert promised == set(run)
+    assert PROJECT["requires-python"] == f">={min(run)}"  # the oldest, with the oldest dependencies
+    assert f".ci/environment {min(run)} lowest-direct" in (ROOT / ".ci/run").read_text()
