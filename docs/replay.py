@@ -1,6 +1,6 @@
 """Replay pages of docs/tutorials as a reader would: `python docs/replay.py PAGE…` writes the outputs anew.
 
-A page's YAML blocks with a title become files; `console` blocks hold commands after `$ `, each followed by
+A page's blocks with a title become files; `console` blocks hold commands after `$ `, each followed by
 what it prints; Python blocks are run in the same folder, and a `text` block right after one holds what it
 prints. All of a page happens in one empty folder, in order. In a printed output `…` stands for anything.
 """
@@ -60,9 +60,10 @@ def commands(code: str) -> Iterator[tuple[str, str]]:
 def matches(printed: str, said: str) -> bool:
     """Tell whether an output is what is printed on a page; `…` on a line of its own stands for any lines."""
     wanted, found = (TIME.sub(r"  \1§", text.strip("\n")) for text in (printed, said))
-    lines = [".*".join(map(re.escape, line.split("…"))) for line in wanted.split("\n")]
+    wanted = re.sub(r"^ +…$", "…", wanted, flags=re.MULTILINE)
+    lines = [".*".join(map(re.escape, line.split("…"))) for line in ["", *wanted.split("\n"), ""]]
     pattern = "\n".join(lines).replace("\n.*\n", "\n(?:.*\n)*?")
-    return re.fullmatch(pattern, found) is not None
+    return re.fullmatch(pattern, f"\n{found}\n") is not None
 
 
 class Replay:
@@ -81,7 +82,7 @@ class Replay:
 
     def _block(self, block: re.Match[str]) -> str:
         kind, code = block["kind"], block["code"]
-        if kind == "yaml" and block["title"]:
+        if block["title"]:
             (self._folder / block["title"]).write_text(code)
         elif kind == "python":
             self._printed = self._session.python(code)

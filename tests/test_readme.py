@@ -1,16 +1,19 @@
-"""The README says what is there: its Python runs, its commands and files exist."""
+"""The README says what is there: its Python runs, its outputs are printed, its files exist."""
 
+import importlib.util
 import re
 from pathlib import Path
 
 import numpy as np
 
 import dynid
-from dynid.cli import COMMANDS
 from dynid.store import write_result
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+_spec = importlib.util.spec_from_file_location("replay", ROOT / "docs/replay.py")
+replay = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(replay)
 
 
 def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
@@ -25,10 +28,17 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
     assert list(names["poles"]) == [-2]
 
 
-def test_commands_and_files_of_the_readme_exist():
-    for block in re.findall(r"```(?:sh|text)\n(.*?)```", README, re.DOTALL):
-        for command in re.findall(r"^(?:\$ )?dynid ([a-z-]+)", block, re.MULTILINE):
-            assert command in COMMANDS
+def test_the_readme_says_what_is_printed(tmp_path):
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    session, shown = replay.Session(tmp_path), re.findall(r"```text\n(\$ .*?)```", README, re.DOTALL)
+    assert len(shown) == 2
+    for code in shown:
+        for command, printed in replay.commands(code):
+            said = session.shell(command)
+            assert replay.matches(printed, said), f"$ {command}\n{said}"
+
+
+def test_files_of_the_readme_exist():
     for target in re.findall(r"\]\(([^)#:]+)\)", README):
         assert (ROOT / target).exists(), target
     for scene in re.findall(r"^\| (`.*?`) \|", README, re.MULTILINE):
