@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
+
+#: How close a candidate must be, and how many are compared in full: a scene may have thousands of names wrong.
+_CLOSE, _MOST = 0.7, 30
 
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:
@@ -11,15 +15,24 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     if len(word) > 100:
         return ""
     lowered = word.lower()
-    matcher = SequenceMatcher(None, "", lowered, autojunk=False)
-    best, closest = 0.7, ""
-    for candidate in candidates:
-        other = candidate.lower()
+
+    def bonus(other: str) -> float:
         # Short names (TF, GY, m_1) share few characters; their length and first letter tell more.
-        bonus = 0.2 * (other[:1] == lowered[:1]) + 0.1 * (len(other) == len(lowered))
+        return 0.2 * (other[:1] == lowered[:1]) + 0.1 * (len(other) == len(lowered))
+
+    def at_most(other: str) -> float:
+        return 2 * min(len(other), len(lowered)) / max(len(other) + len(lowered), 1) + bonus(other)
+
+    near = [name for name in candidates if at_most(name.lower()) > _CLOSE]
+    if len(near) > _MOST:
+        near = heapq.nlargest(_MOST, near, key=lambda name: at_most(name.lower()))
+    matcher = SequenceMatcher(None, "", lowered, autojunk=False)
+    best, closest = _CLOSE, ""
+    for name in near:
+        other = name.lower()
         matcher.set_seq1(other)
-        if matcher.real_quick_ratio() + bonus > best and matcher.ratio() + bonus > best:
-            best, closest = matcher.ratio() + bonus, candidate
+        if at_most(other) > best and matcher.ratio() + bonus(other) > best:
+            best, closest = matcher.ratio() + bonus(other), name
     return f"; did you mean '{closest}'?" if closest else ""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from copy import deepcopy
 from pathlib import Path
 
@@ -40,7 +39,7 @@ def paths(data, prefix=()):
         yield from paths(value, (*prefix, key))
 
 
-def _at(data, path):
+def at(data, path):
     for key in path:
         data = data[key]
     return data
@@ -66,14 +65,14 @@ def spoiled_data(chance, base):
         if not every:
             break
         path = chance.choice(every)
-        holder, key = _at(data, path[:-1]), path[-1]
+        holder, key = at(data, path[:-1]), path[-1]
         act = chance.randrange(7)
         if act == 0:
             del holder[key]
         elif act == 1 and isinstance(holder, dict):
             holder[_typo(chance, key)] = holder.pop(key)
         elif act == 2:
-            holder[key] = deepcopy(_at(data, chance.choice(every)))
+            holder[key] = deepcopy(at(data, chance.choice(every)))
         elif act == 3:
             holder[key] = _nested(chance, holder[key])
         elif act == 4 and isinstance(holder, dict):
@@ -123,12 +122,16 @@ def spoiled_text(chance, base):
     return text
 
 
-def hostile_scene(seed, base):
-    """Return a scene's text, spoiled by the chance of a seed."""
-    chance = random.Random(seed)
-    if chance.random() < 0.25:
-        return spoiled_text(chance, base)
-    try:
-        return dump(spoiled_data(chance, base))
-    except RecursionError:  # the writer's, not the reader's
-        return "a: " + "[" * 2000 + "]" * 2000
+_TYPES = [
+    *(None, True, 3, -1.5, "text", "2*3", [], [1, 2], ["a"], [[1]], [None], [{"a": 1}], {}, {"a": 1}),
+    {"value": 1},
+    {"start": 1, "true": 2},
+]
+
+
+def wrong_type(chance, base):
+    """Return a scene with another type at one place."""
+    data = deepcopy(base)
+    path = chance.choice(list(paths(data)))
+    at(data, path[:-1])[path[-1]] = deepcopy(chance.choice(_TYPES))
+    return dump(data)

@@ -1,44 +1,144 @@
-"""Fuzz on record: `python -m tests.fuzz.record [COUNT] [FIRST SEED] [run]`, by default 100,000 scenes.
+"""Fuzz on record: `python -m tests.fuzz.record [COUNT] [FIRST SEED] [run] [--keep]`, by default 100,000 scenes.
 
-Each is checked; with `run`, what is valid is run as well, which takes far longer. Prints counts, and
-every seed that broke something.
+Each is checked, or with `run` run, which takes far longer. Prints counts, and every seed that broke something;
+with `--keep` the counts are added to those in docs/quality/fuzz.json, from which `docs/quality.py` makes the page.
+A process of its own judges a thousand scenes, so that what ends or stops it is counted as well.
 """
 
 from __future__ import annotations
 
+import json
+import multiprocessing
 import resource
 import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
 
-from tests.fuzz.judge import verdict
-from tests.fuzz.mutation import bases, hostile_scene
+from tests.fuzz.judge import Sandbox
+from tests.fuzz.kinds import hostile_scene
+from tests.fuzz.mutation import bases
 
-_SECONDS = 60
+RECORD = Path(__file__).parents[2] / "docs" / "quality" / "fuzz.json"
+_SECONDS = {"check": 10, "run": 60}
 _BYTES = 6 * 2**30
+_CHUNK = 1000
+#: Seconds without a word from a process after which it is ended.
+_SILENT = 3600
 
 
-def main(count: int = 100_000, first: int = 0, *, run: bool = False) -> int:
-    """Judge so many scenes, and return how many broke something."""
+def _work(command, seeds, every, report):
     resource.setrlimit(resource.RLIMIT_AS, (_BYTES, _BYTES))
-    every, outcomes = bases(), Counter()
     with tempfile.TemporaryDirectory() as folder:
-        scene = Path(folder) / "scene.yaml"
-        for number, seed in enumerate(range(first, first + count), 1):
-            text = hostile_scene(seed, every[seed % len(every)])
-            wrong = verdict(text, scene, "check")
-            if run and not wrong:
-                output = str(scene.with_suffix(".h5"))
-                wrong = verdict(text, scene, "run", "-o", output, seconds=_SECONDS, codes=(0, 1, 2, 3, 4))
-            outcomes[bool(wrong)] += 1
-            if wrong:
-                print(f"seed {seed}: {wrong[:500]}", flush=True)
-            if number % 5000 == 0 or number == count:
-                print(f"{number} scenes, {outcomes[True]} broken", flush=True)
-    return outcomes[True]
+        sandbox = Sandbox(Path(folder))
+        for seed in seeds:
+            kind, text = hostile_scene(seed, every)
+            report.send((seed, kind, None, 0))
+            verdict = sandbox.judge(text, command, seconds=_SECONDS[command])
+            peak = max(
+                resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+            )
+            report.send((seed, kind, verdict, peak // 1024))
+
+
+def empty():
+    """Return a record of nothing."""
+    return {"scenes": 0, "kinds": {}, "codes": {}, "messages": 0, "broken": [], "slowest": [0, None], "peak_MB": 0,
+            "ranges": []}  # fmt: skip
+
+
+def judge(command, first, count, every):
+    """Judge so many scenes from a seed on; return the record of it."""
+    record, context, seed, last = empty(), multiprocessing.get_context("fork"), first, first + count
+    record["ranges"] = [[first, last]]
+    while seed < last:
+        receiver, sender = context.Pipe(duplex=False)
+        child = context.Process(
+            target=_work, args=(command, range(seed, min(last, seed + _CHUNK)), every, sender)
+        )
+        child.start()
+        sender.close()
+        began, end = None, min(last, seed + _CHUNK)
+        try:
+            while receiver.poll(_SILENT):
+                seed, kind, verdict, peak = receiver.recv()
+                began = None if verdict else (seed, kind)
+                if verdict:
+                    _count(record, seed, kind, verdict, peak)
+                    seed += 1
+            child.kill()
+        except EOFError:
+            pass
+        child.join()
+        if began:
+            _broken(record, *began, f"the process ended with {child.exitcode}")
+            record["scenes"] += 1
+            seed = began[0] + 1
+        elif seed < end:
+            raise RuntimeError(f"a judge left before seed {seed} with {child.exitcode}")
+    return record
+
+
+def _broken(record, seed, kind, wrong):
+    record["broken"].append([seed, kind, wrong[:300]])
+    print(f"seed {seed} ({kind}): {wrong[:500]}", flush=True)
+
+
+def _count(record, seed, kind, verdict, peak):
+    record["scenes"] += 1
+    record["messages"] += verdict.messages
+    codes = record["kinds"].setdefault(kind, {})
+    for counts in (record["codes"], codes):
+        counts[str(verdict.code)] = counts.get(str(verdict.code), 0) + 1
+    record["slowest"] = max(record["slowest"], [round(verdict.seconds, 2), seed], key=lambda slow: slow[0])
+    record["peak_MB"] = max(record["peak_MB"], peak)
+    if verdict.wrong:
+        _broken(record, seed, kind, verdict.wrong)
+
+
+def together(one, other):
+    """Return what two records say together."""
+    kinds = {
+        kind: dict(Counter(one["kinds"].get(kind, {})) + Counter(other["kinds"].get(kind, {})))
+        for kind in sorted({*one["kinds"], *other["kinds"]})
+    }
+    return {
+        "scenes": one["scenes"] + other["scenes"],
+        "kinds": kinds,
+        "codes": dict(sorted((Counter(one["codes"]) + Counter(other["codes"])).items())),
+        "messages": one["messages"] + other["messages"],
+        "broken": sorted(one["broken"] + other["broken"]),
+        "slowest": max(one["slowest"], other["slowest"], key=lambda slow: slow[0]),
+        "peak_MB": max(one["peak_MB"], other["peak_MB"]),
+        "ranges": sorted(one["ranges"] + other["ranges"]),
+    }
+
+
+def keep(name, record, path=RECORD):
+    """Add a record to those of the same name that are kept."""
+    kept = json.loads(path.read_text()) if path.exists() else {}
+    kept[name] = together(kept.get(name, empty()), record)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps(kept, indent=1) + "\n")
+
+
+def main(count: int = 100_000, first: int = 0, *, command: str = "check", kept: bool = False) -> int:
+    """Judge so many scenes, and return how many broke something."""
+    every, total = bases(), empty()
+    for start in range(first, first + count, _CHUNK):
+        record = judge(command, start, min(_CHUNK, first + count - start), every)
+        if kept:
+            keep(command, record)
+        total = together(total, record)
+        print(
+            f"{total['scenes']} scenes, {len(total['broken'])} broken; exit codes {total['codes']}, slowest "
+            f"{total['slowest'][0]} s of CPU, peak {total['peak_MB']} MB",
+            flush=True,
+        )
+    return len(total["broken"])
 
 
 if __name__ == "__main__":
-    arguments = [argument for argument in sys.argv[1:] if argument != "run"]
-    sys.exit(min(main(*map(int, arguments), run="run" in sys.argv), 1))
+    numbers = [int(argument) for argument in sys.argv[1:] if argument.isdigit()]
+    chosen = "run" if "run" in sys.argv else "check"
+    sys.exit(min(main(*numbers, command=chosen, kept="--keep" in sys.argv), 1))

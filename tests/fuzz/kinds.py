@@ -1,0 +1,40 @@
+"""The kinds of hostile scenes, and how many there are of each among a hundred."""
+
+from __future__ import annotations
+
+import random
+
+from dynid.scene.yaml.dump import dump
+from tests.fuzz import hostile
+from tests.fuzz.mutation import spoiled_data, spoiled_text, wrong_type
+
+
+def _changed(chance, base):
+    try:
+        return dump(spoiled_data(chance, base))
+    except RecursionError:  # the writer's, not the reader's
+        return "a: " + "[" * 2000 + "]" * 2000
+
+
+#: Name: what makes a scene out of a valid one, and how many of a hundred.
+KINDS = {
+    "changed values and keys": (_changed, 26),
+    "another type at a key": (wrong_type, 24),
+    "damaged text": (spoiled_text, 16),
+    "attribute names": (hostile.attribute_names, 7),
+    "numbers that are none": (hostile.bad_numbers, 6),
+    "huge counts and sizes": (hostile.huge_sizes, 5),
+    "devices, directories, pipes": (hostile.hostile_files, 5),
+    "cyclic and long parameters": (hostile.cyclic_parameters, 4),
+    "code": (hostile.code, 3),
+    "alias bombs": (hostile.alias_bomb, 2),
+    "deep nesting": (hostile.deep_nesting, 2),
+}
+_NAMES = [name for name, (_, share) in KINDS.items() for _ in range(share)]
+
+
+def hostile_scene(seed, bases):
+    """Return the kind and the text of a hostile scene: of all the bases and kinds in turn, by chance of a seed."""
+    chance = random.Random(seed)
+    name = chance.choice(_NAMES)
+    return name, KINDS[name][0](chance, bases[seed % len(bases)])
