@@ -6,7 +6,7 @@ import heapq
 from collections.abc import Iterable, Sequence
 from difflib import SequenceMatcher
 
-#: How close a candidate must be, and how many are compared in full: a scene may have thousands of names wrong.
+#: How close a candidate must be, and how many are compared in full: scenes may have thousands of wrong names.
 _CLOSE, _MOST = 0.7, 30
 
 

@@ -1,4 +1,5 @@
-"""Damaged files on record: `python -m tests.fuzz.files [TRIALS]`, by default 2,000 for every format.
+"""Damaged files on record: `python -m tests.fuzz.files [TRIALS]`, by default 2,000 for every format; `--keep`
+writes the counts to docs/quality/fuzz.json.
 
 Bytes are changed, or the end is cut off; each trial reads the file in a process of its own group, so that a
 library that crashes or hangs is counted instead of ending the run.
@@ -21,6 +22,7 @@ from dynid.errors import DynidError
 from dynid.scene.kinds.tables import read_columns
 from dynid.store import write_result
 from dynid.structure.readers.read import MatrixFile, read_matrix
+from tests.fuzz.record import RECORD, kept_records
 from tests.scene.test_formats import stored
 from tests.structure.test_readers import WRITERS
 
@@ -28,7 +30,7 @@ _SECONDS = 20
 _ROOT = Path(__file__).parents[2]
 
 
-def _sources(folder):
+def sources(folder):
     """Yield every format: its name, a good file, and what reads it."""
     for entry in WRITERS:
         (writer,) = getattr(entry, "values", (entry,))
@@ -113,16 +115,20 @@ def _judge(read, path, whole, count):
     return outcomes
 
 
-def main(count: int = 2000) -> int:
+def main(count: int = 2000, *, keep: bool = False) -> int:
     """Judge every format, and return how many trials broke something."""
-    broken = 0
+    broken, results = 0, {}
     with tempfile.TemporaryDirectory() as folder:
-        for name, path, read in _sources(Path(folder)):
+        for name, path, read in sources(Path(folder)):
             outcomes = _judge(read, path, path.read_bytes(), count)
             broken += sum(outcomes.values()) - outcomes["read"] - outcomes["refused"]
-            print(f"{name:16} {dict(sorted(outcomes.items()))}", flush=True)
+            results[name] = dict(sorted(outcomes.items()))
+            print(f"{name:22} {results[name]}", flush=True)
+    if keep:
+        kept_records(RECORD, files=results)
     return broken
 
 
 if __name__ == "__main__":
-    sys.exit(min(main(*map(int, sys.argv[1:])), 1))
+    numbers = [int(argument) for argument in sys.argv[1:] if argument.isdigit()]
+    sys.exit(min(main(*numbers, keep="--keep" in sys.argv), 1))

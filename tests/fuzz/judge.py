@@ -110,8 +110,8 @@ class Sandbox:
     def judge(self, text, command="check", *, seconds=10):
         """Give a scene to a command, and say what is wrong with what it does.
 
-        A scene may be refused with one of the exit codes; then every line of the message has its place. It may
-        not take more seconds of CPU time, leave with a traceback, be called a fault of dynid, or touch a file.
+        A scene may be refused with one of the exit codes; then every line of the message has its place. It
+        may not take more CPU seconds, end in a traceback, be called a fault of dynid, or touch a file.
         """
         self.scene.write_bytes(text.encode("utf-8", "surrogatepass"))
         arguments = [command, str(self.scene), "-q"]
@@ -120,9 +120,13 @@ class Sandbox:
             arguments += ["-o", str(self.output)]
         errors, began, code, wrong = io.StringIO(), time.process_time(), None, ""
         try:
-            with contextlib.chdir(self.folder), contextlib.redirect_stdout(io.StringIO()):
-                with contextlib.redirect_stderr(errors), _limited(seconds):
-                    main(arguments)
+            with (
+                contextlib.chdir(self.folder),
+                contextlib.redirect_stdout(io.StringIO()),
+                contextlib.redirect_stderr(errors),
+                _limited(seconds),
+            ):
+                main(arguments)
         except SystemExit as left:
             code = left.code
         except _TooLong:

@@ -34,7 +34,7 @@ _NAMES = [name for name, (_, share) in KINDS.items() for _ in range(share)]
 
 
 def hostile_scene(seed, bases):
-    """Return the kind and the text of a hostile scene: of all the bases and kinds in turn, by chance of a seed."""
+    """Return the kind and the text of a hostile scene, made of one of the bases by the chance of a seed."""
     chance = random.Random(seed)
     name = chance.choice(_NAMES)
     return name, KINDS[name][0](chance, bases[seed % len(bases)])

@@ -1,7 +1,7 @@
-"""Fuzz on record: `python -m tests.fuzz.record [COUNT] [FIRST SEED] [run] [--keep]`, by default 100,000 scenes.
+"""Fuzz on record: `python -m tests.fuzz.record [COUNT] [FIRST SEED] [run] [--keep]`, or 100,000 scenes.
 
-Each is checked, or with `run` run, which takes far longer. Prints counts, and every seed that broke something;
-with `--keep` the counts are added to those in docs/quality/fuzz.json, from which `docs/quality.py` makes the page.
+Each is checked, or with `run` run, which takes far longer. Prints counts, and every seed that broke
+something; `--keep` adds the counts to docs/quality/fuzz.json, from which `docs/quality.py` makes the page.
 A process of its own judges a thousand scenes, so that what ends or stops it is counted as well.
 """
 
@@ -20,7 +20,7 @@ from tests.fuzz.kinds import hostile_scene
 from tests.fuzz.mutation import bases
 
 RECORD = Path(__file__).parents[2] / "docs" / "quality" / "fuzz.json"
-_SECONDS = {"check": 10, "run": 60}
+SECONDS = {"check": 10, "run": 60}
 _BYTES = 6 * 2**30
 _CHUNK = 1000
 #: Seconds without a word from a process after which it is ended.
@@ -34,7 +34,7 @@ def _work(command, seeds, every, report):
         for seed in seeds:
             kind, text = hostile_scene(seed, every)
             report.send((seed, kind, None, 0))
-            verdict = sandbox.judge(text, command, seconds=_SECONDS[command])
+            verdict = sandbox.judge(text, command, seconds=SECONDS[command])
             peak = max(
                 resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
             )
@@ -43,8 +43,8 @@ def _work(command, seeds, every, report):
 
 def empty():
     """Return a record of nothing."""
-    return {"scenes": 0, "kinds": {}, "codes": {}, "messages": 0, "broken": [], "slowest": [0, None], "peak_MB": 0,
-            "ranges": []}  # fmt: skip
+    counts = {"scenes": 0, "messages": 0, "kinds": {}, "codes": {}}
+    return counts | {"broken": [], "slowest": [0, None], "peak_MB": 0, "ranges": []}
 
 
 def judge(command, first, count, every):
@@ -114,12 +114,12 @@ def together(one, other):
     }
 
 
-def keep(name, record, path=RECORD):
-    """Add a record to those of the same name that are kept."""
-    kept = json.loads(path.read_text()) if path.exists() else {}
-    kept[name] = together(kept.get(name, empty()), record)
+def kept_records(path=RECORD, **new):
+    """Write records to those that are kept, in place of those of the same name; return all."""
+    kept = (json.loads(path.read_text()) if path.exists() else {}) | new
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps(kept, indent=1) + "\n")
+    return kept
 
 
 def main(count: int = 100_000, first: int = 0, *, command: str = "check", kept: bool = False) -> int:
@@ -128,7 +128,8 @@ def main(count: int = 100_000, first: int = 0, *, command: str = "check", kept: 
     for start in range(first, first + count, _CHUNK):
         record = judge(command, start, min(_CHUNK, first + count - start), every)
         if kept:
-            keep(command, record)
+            so_far = kept_records().get(command, empty())
+            kept_records(**{command: together(so_far, record)})
         total = together(total, record)
         print(
             f"{total['scenes']} scenes, {len(total['broken'])} broken; exit codes {total['codes']}, slowest "

@@ -33,10 +33,12 @@ def shapes(path: Path) -> dict[str, tuple[int, ...]]:
                         raise FileError(f"{path}: {info.filename} claims {info.file_size} bytes")
                     with archive.open(info) as stream:
                         found[info.filename.removesuffix(".npy")] = _header(stream)[0]
-    if set(found) >= _SPARSE:
+            if not set(found) >= _SPARSE:
+                return found
+            with archive.open("shape.npy") as stream:
+                _check(path, stream, archive.getinfo("shape.npy").file_size)
         with np.load(path, allow_pickle=False) as stored:
             return {ONLY: tuple(int(number) for number in np.ravel(stored["shape"])[:2])}
-    return found
 
 
 def load(path: Path, name: str) -> Matrix:

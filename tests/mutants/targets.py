@@ -1,0 +1,40 @@
+"""What is mutated, and which tests hold it: the quick ones that say most about it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+_SOURCE = ROOT / "src" / "dynid"
+
+#: Modules of the reduction of bond graphs, and of the filter with the kernels of its steps.
+MODULES = {
+    ".".join(("dynid", *path.relative_to(_SOURCE).with_suffix("").parts)): path
+    for folder, pattern in [
+        ("bondgraph/reduction", "*.py"),
+        ("identification/filtering", "*.py"),
+        ("identification/kernels", "steps.py"),
+        ("identification/kernels", "walk.py"),
+    ]
+    for path in sorted((_SOURCE / folder).glob(pattern))
+    if path.stem != "__init__"
+}
+
+TESTS = [
+    f"tests/{folder}/test_{name}.py"
+    for folder, names in {
+        "bondgraph": "reduction trace transfer port corners published snapshots hidden formula need "
+        "sensitivity latex stored_energy equations bicausal",
+        "identification": "kernels estimators numbers extremes after",
+    }.items()
+    for name in names.split()
+]
+
+#: Tests that take long here, where kernels are run as Python, and hold nothing that others do not.
+LEFT_OUT = [
+    f"tests/identification/test_{name}"
+    for name in (
+        "kernels.py::test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample",
+        "extremes.py::test_coloured_residuals_void_the_channel_they_are_in_only",
+    )
+]
