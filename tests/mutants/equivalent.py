@@ -1,1 +1,20 @@
-EQUIVALENT: dict[str, str] = {}
+"""Mutants that no test can tell from the code, with the reason."""
+# ruff: noqa: E501
+
+_REDUCTION, _FILTERING = "dynid.bondgraph.reduction", "dynid.identification.filtering"
+
+EQUIVALENT: dict[str, str] = {
+    f"{_REDUCTION}.program:Program._last_uses: (max(last, default=-1), -1, -1): → (max(last, default=-1), 1, -1):": (
+        "registers 0 and 1 are the constants 0 and 1, which read no others"
+    ),
+    f"{_REDUCTION}.elimination:_dot: am.add(program.mul(left[0], right[0]), program.mul(left[1], right[1])) → "
+    "am.add(program.mul(left[1], right[1]), program.mul(left[0], right[0]))": "a sum in another order",
+    f"{_REDUCTION}.notation:_needed: ge(max(wanted, default=-1), -1, -1): → ge(max(wanted, default=-2), -1, -1):": (
+        "of nothing wanted, both ranges are empty"
+    ),
+    f"{_REDUCTION}.elimination:Elimination.paired: not zero(self.net.entry(b, a))) → not zero(self.net.entry(a, b)))": (
+        "the two entries of a pair are equal up to their sign, before and after every elimination"
+    ),
+    f"{_FILTERING}.filter:_lengths: if squares.min() > _SMALL and squares.max( → if squares.min() >= _SMALL and "
+    "squares.max(": "where the two ways meet they give the same number",
+}

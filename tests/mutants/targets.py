@@ -23,9 +23,9 @@ MODULES = {
 TESTS = [
     f"tests/{folder}/test_{name}.py"
     for folder, names in {
-        "bondgraph": "reduction trace transfer port corners published snapshots hidden formula need "
+        "bondgraph": "program reduction trace transfer port corners published snapshots hidden formula need "
         "sensitivity latex stored_energy equations bicausal",
-        "identification": "kernels estimators numbers extremes after",
+        "identification": "filter kernels estimators numbers extremes after",
     }.items()
     for name in names.split()
 ]

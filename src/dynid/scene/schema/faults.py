@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -46,7 +46,10 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
         What the validation found.
     """
     errors: list[dict[str, Any]] = [dict(item) for item in error.errors(include_url=False)]
-    strange = [item["loc"] for item in errors if item["type"] == "extra_forbidden"]
+    strange: dict[tuple[Any, ...], list[str]] = defaultdict(list)  # of each mapping
+    for item in errors:
+        if item["type"] == "extra_forbidden":
+            strange[tuple(item["loc"][:-1])].append(str(item["loc"][-1]))
     places: dict[tuple[Any, ...], list[dict[str, Any]]] = defaultdict(list)
     for item in errors:
         if not _is_misspelt(item, strange):
@@ -63,11 +66,12 @@ def _one_of_a_union(errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{**errors[0], "wanted": " or ".join(dict.fromkeys(wanted))}]
 
 
-def _is_misspelt(error: dict[str, Any], strange: list[tuple[Any, ...]]) -> bool:
+def _is_misspelt(error: dict[str, Any], strange: Mapping[tuple[Any, ...], list[str]]) -> bool:
     """Tell whether a missing key is there under a similar name, which is reported already."""
-    *holder, key = error["loc"] or ("",)
-    similar = (other[-1] for other in strange if list(other[:-1]) == holder)
-    return error["type"] == "missing" and any(did_you_mean(str(other), [key]) for other in similar)
+    if error["type"] != "missing":
+        return False
+    *holder, key = error["loc"]
+    return any(did_you_mean(other, [key]) for other in strange.get(tuple(holder), ()))
 
 
 def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:

@@ -1,0 +1,39 @@
+"""Programs: what is refused when they are written, and how their parts are named."""
+
+import pytest
+from flint import nmod
+
+from dynid.bondgraph.reduction.notation import shared
+from dynid.bondgraph.reduction.program import Point, Program
+from dynid.bondgraph.reduction.writing import SIGN, TEXT
+
+PRIME = 2**61 - 1
+
+
+@pytest.fixture
+def program():
+    values = {name: nmod(value, PRIME) for name, value in {"x": 3, "y": 5, "z": 7}.items()}
+    return Program(Point(PRIME, values, nmod(11, PRIME)))
+
+
+def test_a_division_by_what_is_identically_zero_is_refused(program):
+    x, y = program.parameter("x"), program.parameter("y")
+    nothing = program.sub(program.add(x, y), program.add(y, x))
+    for denominator in (program.zero, nothing):
+        with pytest.raises(ZeroDivisionError):
+            program.div(x, denominator)
+
+
+def test_a_named_part_counts_as_one_in_what_holds_it_and_a_parameter_needs_no_name(program):
+    x, y, z = (program.parameter(name) for name in "xyz")
+    total = program.add(x, y)
+    product, quotient = program.mul(total, z), program.div(total, program.mul(x, x))
+    whole = program.add(product, quotient)
+    assert shared(program, [whole], 100) == [total, whole]
+    assert product not in shared(program, [whole], 3)  # the product, the name of the sum, and z
+    assert product in shared(program, [whole], 2)
+
+
+def test_a_negative_unit_is_a_sign():
+    assert TEXT.scaled(("-1", SIGN), "e_1")[0] == "-e_1"
+    assert TEXT.scaled(("1", SIGN), "e_1")[0] == "e_1"
