@@ -5,6 +5,7 @@ from flint import nmod
 
 from dynid.bondgraph.reduction.notation import shared
 from dynid.bondgraph.reduction.program import Point, Program
+from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.writing import SIGN, TEXT
 
 PRIME = 2**61 - 1
@@ -19,9 +20,10 @@ def program():
 def test_a_division_by_what_is_identically_zero_is_refused(program):
     x, y = program.parameter("x"), program.parameter("y")
     nothing = program.sub(program.add(x, y), program.add(y, x))
-    for denominator in (program.zero, nothing):
-        with pytest.raises(ZeroDivisionError):
-            program.div(x, denominator)
+    for numerator in (x, program.zero, nothing):
+        for denominator in (program.zero, nothing):
+            with pytest.raises(ZeroDivisionError):
+                program.div(numerator, denominator)
 
 
 def test_a_named_part_counts_as_one_in_what_holds_it_and_a_parameter_needs_no_name(program):
@@ -32,6 +34,20 @@ def test_a_named_part_counts_as_one_in_what_holds_it_and_a_parameter_needs_no_na
     assert shared(program, [whole], 100) == [total, whole]
     assert product not in shared(program, [whole], 3)  # the product, the name of the sum, and z
     assert product in shared(program, [whole], 2)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fixed", "said"),
+    [
+        ("1", True, "dependent: the source sets the common flow, A and B answer with their efforts"),
+        ("0", True, "dependent: the source sets the common effort, A and B answer with their flows"),
+        ("1", False, "independent: B (b) sets the common flow, A (a) answers with its effort"),
+        ("0", False, "independent: B (b) sets the common effort, A (a) answers with its flow"),
+    ],
+)
+def test_a_prototype_says_what_depends_on_what(program, kind, fixed, said):
+    x, y = program.parameter("x"), program.parameter("y")
+    assert Prototype(program, kind, fixed, x, y, "a", "b").type == said
 
 
 def test_a_negative_unit_is_a_sign():
