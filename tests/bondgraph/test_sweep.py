@@ -23,6 +23,7 @@ from dynid.errors import Singular
 from tests.bondgraph.graphs import reduced, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.test_frequency import Gaussian, assert_exact, exact
+from tests.interpreted import interpreted_sweep
 
 
 def swept(graph, omega):
@@ -249,3 +250,33 @@ def test_the_oracles_agree():
     (channel,) = transfers(chain_of(distinct(5))).values()
     assert by_recursion(distinct(5), 7.0) == pytest.approx(exact(channel, 7.0), rel=1e-15)
     assert Gaussian(1).over(Gaussian(2)) == 0.5
+
+
+@pytest.mark.parametrize("make", [random_graph, coincident_graph])
+@pytest.mark.parametrize("seed", range(12))
+def test_machine_code_does_what_is_written_to_the_bit(make, seed):
+    """Interpreted, with every index checked and each multiply-add rounded once."""
+    rng = random.Random(seed)
+    arguments = (rng.choice([0, 1, 3]),) if make is random_graph else ()
+    types, values, bonds, inputs, (node, quantity) = make(rng, rng.randint(1, 7), *arguments)
+    try:
+        graph = reduced(types, values, bonds, inputs, f"{node}.{quantity}")
+    except Singular:
+        return
+    omega = [0, 1e-9, 0.3, 1, 17.5, 1e200]
+    found = swept(graph, omega)
+    with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
+        run = interpreted_sweep(patch)
+        written_ = run(graph.program, list(graph.channels().values()), graph.graph.value, np.array(omega))
+    for one, other in zip(found, written_, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_value_beyond_all_doubles_is_not_trusted():
+    graph = written("Se u, 1 j, I m 1, R r 1", "u -> j -> m, j -> r", "m.f")
+    registers = list(graph.channels().values())
+    exact_ = graph.graph.value
+    _, bounds = sweep(
+        graph.program, registers, lambda name: 10**400 if name == "m" else exact_(name), np.array([1.0])
+    )
+    assert not np.isfinite(bounds).any()

@@ -1,5 +1,6 @@
 """The compiled kernels give what NumPy gives, and are there only for those who gain by them."""
 
+import math
 import re
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import LOADS, VELOCITIES, simulated, suspension, unknown
+from tests.interpreted import interpreted_kernels
 
 
 def paths(monkeypatch, fits, origin, spread=2.0):
@@ -203,3 +205,73 @@ def test_no_folder_to_write_to_is_no_fault():
         "assert steps._degree(1.0) == 17, steps._degree(1.0)\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True, timeout=120)
+
+
+# --- the same source, interpreted: indices are checked, which machine code does not ----------------
+
+
+@pytest.fixture
+def plain_kernels(monkeypatch):
+    with np.errstate(all="ignore"):
+        yield interpreted_kernels(monkeypatch)
+
+
+@pytest.mark.usefixtures("plain_kernels")
+@pytest.mark.parametrize(
+    "channels",
+    [VELOCITIES, (Channel(2, "acceleration"), Channel(5, "displacement"), Channel(3, "velocity"))],
+)
+def test_kernels_stay_within_their_arrays(monkeypatch, channels):
+    model = suspension()
+    fits = fits_of(model, channels, samples=25, missing=[(0, 0), (5, 1), (6, 0), (6, 1)])
+    assert_same(*paths(monkeypatch, fits, origin_of(model)), 1e-11)
+    both = []
+    for wish in "01":
+        monkeypatch.setenv(VARIABLE, wish)
+        fit = fits.fit(origin_of(model), fits.data.values)
+        told = fits.information(fit, fit.noise)
+        both.append((*fit.predicted, fit.noise, told.covariance(), told.total))
+    assert_same(*both, 1e-10)
+
+
+@pytest.mark.usefixtures("plain_kernels")
+def test_kernels_stay_within_their_arrays_between_the_samples(monkeypatch):
+    """Several lengths of steps; and steps that the series does not reach, alone and among others."""
+    model = suspension()
+    fits = fits_of(
+        model, loads=(Load(5, Chirp(100.0, 20.0, 200.0, 0.4)), Load(1, Step(3.0, 0.0131))), samples=20
+    )
+    assert_same(*paths(monkeypatch, fits, origin_of(model)), 1e-10)
+    model = lumped([1.0], [], [Joint("j", (1,), unknown(4e6, 0.1), unknown(40.0, 0.5))])
+    fits = fits_of(model, (Channel(1, "velocity"),), (Load(1, Step(1.0)),), 2e-3, 40)
+    assert_same(*paths(monkeypatch, fits, origin_of(model)), 1e-9)
+    fit = fits.fit(origin_of(model), fits.data.values)
+    assert np.isfinite(fit.predicted[0]).all()
+
+
+@pytest.mark.usefixtures("plain_kernels")
+def test_a_run_away_ends_the_walk_where_it_happens(monkeypatch):
+    model = suspension()
+    fits = fits_of(model, samples=30)
+    monkeypatch.setattr(filtering, "RUNAWAY", 0.05)
+    said = []
+    for wish in "01":
+        monkeypatch.setenv(VARIABLE, wish)
+        with pytest.raises(Diverged, match="away from") as caught:
+            one_pass(fits, origin_of(model))
+        said.append(str(caught.value))
+    assert said[0] == said[1]
+
+
+def test_lengths_of_rows_neither_overflow_nor_vanish(plain_kernels):
+    """Squares of the ordinary; rows in their own units as soon as one is extreme."""
+    _, walk, _, triangle = plain_kernels
+    for rows in ([[3.0, 4.0], [5.0, 12.0]], [[3e200, 4e200], [0.0, 0.0]], [[3e-200, 4e-200], [1.0, 0.0]]):
+        S, lengths = walk.padded(np.array(rows)), np.zeros((2, 1))
+        walk._lengths(S, lengths)
+        np.testing.assert_allclose(lengths[:, 0], [math.hypot(*row) for row in rows], rtol=1e-15)
+    gaps = np.array([[1.0, np.nan], [np.nan, 2.0], [2.0, np.nan]])
+    found, counts = triangle.triangles(np.ones((3, 2, 1)), np.zeros((3, 2, 1)), gaps, np.ones(2))
+    assert counts.tolist() == [2, 1]
+    for factor, rows in zip(found, ([[1, 0, 1], [1, 0, 2]], [[1, 0, 2]]), strict=True):
+        np.testing.assert_allclose(factor.T @ factor, np.array(rows).T @ np.array(rows), atol=1e-14)
