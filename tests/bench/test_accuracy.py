@@ -9,7 +9,10 @@ import dynid
 from dynid.bench.scenes.measure import add_accuracy
 from dynid.bench.scenes.worker import aspect_of
 from dynid.checks import compare
+from dynid.cli.summary.accuracy import accuracy_lines
 from dynid.errors import SceneError
+from dynid.report.answers import answer
+from dynid.report.answers.blocks import Grid
 from dynid.result import Result
 from dynid.scene.dispatch import run_scene
 from dynid.scene.load import check_source
@@ -125,6 +128,22 @@ def test_only_what_a_run_gives_again_is_compared(mass):
     said = [str(each) for each in compare(again, alone, atol=1e-14)]
     assert [each for each in said if each.startswith("accuracy/engine/float/") or "/time" in each] == []
     assert compare(again, mass) != []
+
+
+def test_screen_and_page_name_every_alternative_and_the_choice(mass):
+    titles = [part.title for part in answer(mass).parts]
+    assert [title for title in titles if title.startswith("What else")] == [
+        "What else could have been chosen: engine",
+        "What else could have been chosen: propagation",
+    ]
+    rows = {row[0] for part in answer(mass).parts for block in part.blocks if isinstance(block, Grid)
+            for row in block.rows}  # fmt: skip
+    known = {name for names in ASPECTS["bond-graph"].values() for name in names}
+    assert known <= rows
+    said = "\n".join(accuracy_lines(mass))
+    assert said.count("→ exact") == 2  # the engine, and the way a motion is propagated
+    assert all(f"    {name}" in said or f"→ {name}" in said for name in known)
+    assert accuracy_lines(Result("bond-graph")) == []
 
 
 def test_what_the_budget_does_not_hold_is_named():
