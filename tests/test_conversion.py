@@ -8,6 +8,7 @@ import xarray
 
 import dynid
 from dynid.errors import UsageError
+from dynid.result import Result
 from dynid.store import write_result
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -37,3 +38,17 @@ def test_coordinates_come_from_the_groups_above(isolator):
 def test_a_group_that_is_not_there_is_named(isolator):
     with pytest.raises(UsageError, match=r"did you mean 'bond_graph/frequency_response'\?"):
         isolator.to_xarray("bond_graph/frequency_respnse")
+
+
+def test_coordinates_are_those_of_the_nearest_group_above_that_fit():
+    result = Result("bond-graph", "Made")
+    result.add_axis("a/time", [0.0, 0.5, 1.0], "s")
+    result.add("a/b/x", [1.0, 2.0, 3.0], ("time",), "m")
+    result.add("a/c/y", [7.0, 8.0], ("time",))  # another length
+    result.add("z", [1.0], ("time",))  # and nothing above
+    found = result.to_xarray("a/b")
+    assert found["time"].values.tolist() == [0.0, 0.5, 1.0]
+    assert (found["time"].attrs["units"], found["x"].attrs["units"]) == ("s", "m")
+    assert "time" not in result.to_xarray("a/c").coords
+    assert "time" not in result.to_xarray("").coords
+    assert repr(result) == "<Result of bond-graph 'Made': 4 arrays>"

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -462,3 +463,62 @@ def test_the_slicot_building_is_recovered_from_its_state_space():
         found = 1j * omega * np.linalg.solve(dynamic, model.row(1))[0]
         assert found == pytest.approx(exact, rel=1e-7)
     assert np.linalg.eigvalsh(model.M)[0] > 0.7 * np.linalg.eigvalsh(model.M)[-1]
+
+
+# --- what is no matrix, and what cannot be read -----------------------------------------------------
+
+
+def test_mat_files_and_hdf5_hold_other_things_too(tmp_path):
+    savemat(tmp_path / "k.mat", {"K": K, "z": 1j * K, "words": "abc", "cube": np.zeros((2, 2, 2))})
+    with h5py.File(tmp_path / "k.h5", "w") as store:
+        store["K"], store["z"], store["cube"], store["words"] = K, 1j * K, np.zeros((2, 2, 2)), "abc"
+        store.create_group("g")
+        empty = store.create_group("empty")
+        empty.attrs["MATLAB_sparse"] = 3
+        empty["jc"] = np.zeros(4, dtype=np.uint64)
+        shapeless = store.create_group("shapeless")
+        for name in ("data", "indices", "indptr"):
+            shapeless[name] = [0]
+    for name in ("z", "cube", "words", "g"):
+        for file in ("k.h5", "k.mat"):
+            with pytest.raises(FileError, match=re.escape(f"{file} has no matrix '{name}'; it has K")):
+                read_matrix(MatrixFile(tmp_path / file, name), "stiffness")
+    with pytest.raises(FileError, match="the sparse matrix '/shapeless' has no shape"):
+        read_matrix(MatrixFile(tmp_path / "k.h5", "shapeless"), "stiffness")
+    for values, said in (
+        (1j * K, "holds complex numbers; a structural matrix is real"),
+        (np.zeros((2, 2, 2)), "has 3 dimensions; a matrix has two"),
+        (np.array([["a"]]), "holds no plain numbers"),
+    ):
+        np.save(tmp_path / "k.npy", values)
+        with pytest.raises(FileError, match=said):
+            read_matrix(MatrixFile(tmp_path / "k.npy"), "stiffness")
+    np.testing.assert_array_equal(
+        read_matrix(MatrixFile(tmp_path / "k.h5", "empty"), "stiffness").matrix.toarray(), np.zeros((3, 3))
+    )
+
+
+def test_full_matrices_of_matrix_market_stand_column_by_column(tmp_path):
+    A = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    mmwrite(tmp_path / "a.mtx", A)
+    np.testing.assert_array_equal(read_matrix(MatrixFile(tmp_path / "a.mtx", None), "stiffness").matrix, A)
+
+
+def test_more_than_is_read_is_refused_before_it_is(tmp_path, monkeypatch):
+    savemat(tmp_path / "k.mat", {"K": K})
+    np.savez(tmp_path / "k.npz", K=K)
+    for module in ("matlab", "numpy_files"):
+        monkeypatch.setattr(f"dynid.structure.readers.{module}.MOST_NUMBERS", 5)
+    with pytest.raises(FileError, match="is larger than the 40 bytes that are read"):
+        read_matrix(MatrixFile(tmp_path / "k.mat", None), "stiffness")
+    with pytest.raises(FileError, match=r"K\.npy claims \d+ bytes"):
+        read_matrix(MatrixFile(tmp_path / "k.npz", None), "stiffness")
+
+
+def test_a_state_space_must_tell_a_structure(tmp_path):
+    (tmp_path / "k.mtx").write_text("%%MatrixMarket matrix array real general\n1 1\n1\n")
+    with pytest.raises(FileError, match="holds one matrix; a state space takes several"):
+        from_state_space(tmp_path / "k.mtx")
+    savemat(tmp_path / "s.mat", {"A": np.full((2, 2), np.nan)})
+    with pytest.raises(UsageError, match="entries that are no numbers"):
+        from_state_space(tmp_path / "s.mat")

@@ -178,6 +178,37 @@ ONE = "vary: {parameters.m: [1, 2]}\n"
 TWO = "vary: {parameters.m: [1, 2], parameters.b: [1, 2]}\n"
 RANGES = "vary: {parameters.m: {start: 1, stop: 2}, parameters.b: {start: 1, stop: 2}}\n"
 RELATED = "correlation: [{between: [parameters.m, parameters.b], value: 0.5}]"
+
+
+def test_a_distribution_on_a_grid_is_divided_into_equally_likely_values(tmp_path):
+    text = "vary: {parameters.m: {distribution: normal, mean: 3, std: 0.5, points: 4}}\n"
+    expected = stats.norm(3, 0.5).ppf([0.125, 0.375, 0.625, 0.875])
+    np.testing.assert_allclose(plan_of(tmp_path, text).arrays["parameters.m"], expected, rtol=1e-12)
+
+
+def test_ends_and_steps_that_are_no_whole_numbers(tmp_path):
+    plan = plan_of(tmp_path, "vary: {parameters.m: {start: 0.5, stop: 2.5, points: 3}}\n")
+    assert plan.arrays["parameters.m"].tolist() == [0.5, 1.5, 2.5]
+    plan = plan_of(tmp_path, "vary: {parameters.m: {start: 1, stop: 2, points: 3}}\n")
+    assert plan.arrays["parameters.m"].tolist() == [1.0, 1.5, 2.0]
+
+
+def test_a_lognormal_that_is_cut_off_keeps_its_shape_in_between(tmp_path):
+    values = column(tmp_path, "{distribution: lognormal, mean: 1, std: 1, low: 0.5, high: 2}")
+    assert 0.5 <= values.min() < 0.501 < 1.999 < values.max() <= 2
+    sigma = math.sqrt(math.log(2))
+    whole = stats.lognorm(sigma, scale=math.exp(-(sigma**2) / 2))
+    inside = whole.cdf(2) - whole.cdf(0.5)
+    assert stats.kstest(values, lambda x: (whole.cdf(x) - whole.cdf(0.5)) / inside).statistic < 1e-3
+
+
+def test_a_plan_for_indices_says_how_it_is_laid_out(tmp_path):
+    plan = plan_of(tmp_path, f"{RANGES}sampling: {{method: sobol, samples: 8, indices: true}}\n")
+    assert plan.size == 8 * (2 + 2)
+    assert (plan.attrs["design"], plan.attrs["base_samples"]) == ("saltelli", 8)
+    assert plan.attrs["factors"] == "parameters.m\nparameters.b"
+
+
 FAULTS = [
     ("vary: {parameters.mm: [1]}", ":4:8: mass.yaml has no parameter 'mm'; did you mean 'm'?"),
     ("vary: {parameters.m: [x, y]}", ":4:8: no parameter 'x'"),
@@ -224,6 +255,8 @@ FAULTS = [
     # what is derived
     (f"{ONE}derive: {{x: 2 +}}", ":5:13: this is not arithmetic; an operand or operator is missing"),
     (f"{ONE}derive: {{parameters..b: '2'}}", ":5:25: 'parameters..b' is neither a name nor a dotted path"),
+    (f"{ONE}derive: {{parameters.b: 2*b}}", ":5:24: 'parameters.b' is defined by itself"),
+    ("vary: {title: [a, b]}\nderive: {parameters.b: 2*title}", ":5:24: title is not a number in every"),
     # factors
     ("vary: {parameters.m: [null]}", ":4:23: a value is a number, a text, true, false, or a list or"),
     ("vary: {parameters.m: {start: 1, stop: 2, points: 1}}", ":4:22: one point cannot be at both"),
