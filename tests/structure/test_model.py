@@ -5,10 +5,12 @@ import pytest
 from scipy.sparse import csc_array
 
 from dynid.errors import UsageError
+from dynid.lti.signals import Step
+from dynid.structure.damping import Modal
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel
+from dynid.structure.response import Channel, Load, time_response
 
 
 def test_joint_pattern_between_dofs_and_to_ground():
@@ -231,6 +233,45 @@ def test_labels_that_are_texts_leave_numbers_for_the_places():
         model.row("w_3")
     with pytest.raises(UsageError, match="there is no DOF 4"):
         model.row(4)
+
+
+def test_the_labels_there_are_are_told_as_far_as_they_are_few():
+    def said(labels):
+        n = len(labels)
+        with pytest.raises(UsageError) as caught:
+            StructuralModel(np.eye(n), np.zeros((n, n)), np.eye(n), (), labels).row("zz")
+        return caught.value.remedy
+
+    assert said(("tip",)) == "The structure has DOF tip only."
+    assert said(("a", "b")) == "The structure has the DOFs a, b."
+    many = tuple(f"w_{k}" for k in range(1, 31))
+    assert said(many) == f"The structure has the DOFs {', '.join(many[:10])}, … w_30."
+
+
+def test_a_joint_names_a_dof_in_one_way():
+    with pytest.raises(UsageError, match="joint j names a DOF in two ways"):
+        StructuralModel(
+            np.eye(2), np.zeros((2, 2)), np.eye(2), (Joint("j", ("left", 1), 1.0),), ("left", "right")
+        )
+
+
+@pytest.mark.parametrize(
+    ("M", "said"),
+    [
+        (np.diag([1.0, 0.0]), r"1 of its 2 DOFs have no mass"),
+        (np.array([[1.0, 1.0], [1.0, 1.0]]), "some motion moves no mass"),
+    ],
+)
+def test_a_motion_in_time_needs_mass_everywhere(M, said):
+    model = StructuralModel(M, np.eye(2), 5 * np.eye(2))
+    with pytest.raises(UsageError, match=said):
+        time_response(model, [Load(1, Step(1.0))], [Channel(1, "displacement")], 0.1 * np.arange(5))
+
+
+def test_what_takes_dense_matrices_says_how_many_dofs_are_too_many(monkeypatch):
+    monkeypatch.setattr("dynid.structure.damping._MOST_MODAL", 1)
+    with pytest.raises(UsageError, match="modal damping takes all modes, which 2 DOFs are too many for"):
+        Modal(0.01).matrix(np.eye(2), np.eye(2))
 
 
 @pytest.mark.parametrize("labels", [("a",), ("a", "a"), ("a", "7"), ("a", "")])

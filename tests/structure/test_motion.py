@@ -130,6 +130,27 @@ def test_what_cannot_be_prescribed_is_refused(load, said):
         y(chain(), [load], [Channel(2, "velocity")])
 
 
+def test_a_motion_is_prescribed_once():
+    with pytest.raises(UsageError, match="the motion of a DOF is prescribed twice"):
+        y(chain(), [Load(2, sine(), "displacement"), Load(2, sine(1), "velocity")], [Channel(1, "velocity")])
+
+
+def test_a_motion_of_what_is_no_coordinate_cannot_be_prescribed():
+    small = chain().projected(np.array([[0.5], [1.0]]), ("q_1",))
+    found = y(small, [Load(2, sine(), "displacement")], [Channel(1, "displacement")])
+    np.testing.assert_allclose(found[:, 0], 0.5 * AMPLITUDE * np.sin(W * T + PHASE), atol=1e-12)
+    with pytest.raises(UsageError, match="the motion of DOF 1 cannot be prescribed: it is no coordinate"):
+        y(small, [Load(1, sine(), "displacement")], [Channel(1, "displacement")])
+
+
+def test_the_ground_moves_a_reduced_structure_too():
+    ground = [Load(None, sine(2), "acceleration")]
+    whole = y(chain(), ground, [Channel(2, "displacement")])
+    T = np.array([[1.0, 1.0], [-1.0, 2.0]])  # other coordinates, the same structure
+    small = y(chain().projected(T, ("q_1", "q_2")), ground, [Channel(2, "displacement")])
+    np.testing.assert_allclose(small, whole, rtol=1e-9, atol=1e-12)
+
+
 def test_absolute_channels_need_a_moving_ground():
     absolute = Channel(2, "acceleration", None, True)
     with pytest.raises(UsageError, match="only where the ground moves"):

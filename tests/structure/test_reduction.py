@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 from dynid.errors import Singular, UsageError
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.masters import Masters
+from dynid.structure.reduction.masters import Masters, chosen
 from dynid.structure.reduction.methods import METHODS, reduce
 from dynid.structure.reduction.selection import Interest, ModeRange
 from tests.structure.systems import FE, harwell_boeing, random_structure, yang_beam
@@ -392,6 +392,48 @@ def test_what_makes_no_sense_is_refused(options, error, said):
     with pytest.raises(error, match=said) as caught:
         reduce(yang_beam(), "serep", **options)
     assert caught.value.names[0] in ("masters", "modes")
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Masters(0), "at least one master is needed"),
+        (lambda: Masters(2, "luck"), "masters cannot be chosen by 'luck'. Use one of qr,"),
+        (ModeRange, "by their 'count' or as those 'below' a frequency"),
+        (lambda: ModeRange(2, 3.0), "by their 'count' or as those 'below' a frequency"),
+        (lambda: ModeRange(-1), "a number of modes is not negative"),
+        (lambda: ModeRange(below=0.0), "the frequency below which modes are kept must be positive"),
+        (lambda: ModeRange(below=np.inf), "the frequency below which modes are kept must be positive"),
+        (lambda: METHODS["irs"](iterations=0), "IRS takes at least one iteration"),
+        (
+            lambda: chosen("effective-independence", 1, np.eye(4)[:, :2], np.ones(4)),
+            "1 masters cannot tell 2",
+        ),
+        (lambda: reduce(unjoined(), "guyan"), "nothing says which DOFs are masters"),
+    ],
+)
+def test_masters_and_modes_that_say_nothing_are_refused(make, said):
+    with pytest.raises(UsageError, match=said):
+        make()
+
+
+def unjoined():
+    return StructuralModel(
+        np.diag([3.0, 1, 2]), np.zeros((3, 3)), 2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1)
+    )
+
+
+def test_the_largest_masses_need_no_modes_and_all_masters_leave_nothing_out():
+    made = METHODS["guyan"](masters=Masters(2, "mass")).reduce(unjoined())
+    assert list(made.masters) == [1, 3]
+    whole = reduce(unjoined(), "guyan", masters=[1, 2, 3])
+    np.testing.assert_array_equal(whole.K, unjoined().K)
+
+
+def test_the_middle_of_the_band_is_where_dynamic_condensation_is_exact():
+    band = METHODS["dynamic"](masters=[1, 3], interest=Interest(band=0.6)).reduce(unjoined())
+    given = METHODS["dynamic"](frequency=0.3, masters=[1, 3]).reduce(unjoined())
+    np.testing.assert_array_equal(band.model.K, given.model.K)
 
 
 def test_a_mode_invisible_at_the_masters_is_named():
