@@ -15,6 +15,7 @@ from dynid.report.answers import answer
 from dynid.report.answers.blocks import Grid
 from dynid.result import Result
 from dynid.scene.dispatch import run_scene
+from dynid.scene.kinds.reductions import read_reduction
 from dynid.scene.load import check_source
 from dynid.scene.schema.accuracy import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import parse_source
@@ -83,6 +84,11 @@ def test_a_scene_offers_the_alternatives_that_the_schema_knows(data):
         assert {each.name for each, _ in aspect.points} == set(known)
         assert aspect.chosen <= {(each.name, size) for each, size in aspect.points}
         assert aspect.chosen
+
+
+def test_a_basis_in_plain_words_is_that_of_a_scene():
+    for part, plain in zip(scene(BASES).model.reduction, BASES["reduction"], strict=True):
+        assert read_reduction(plain) == part
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
+from dynid.bondgraph.question import RESULTS
 from dynid.cli.summary import summary
 from dynid.report.answers import answer
 from dynid.report.answers.blocks import Facts, Grid, Note, Steps
@@ -87,6 +88,23 @@ def test_the_port_and_the_system_inside(everything):
     )
 
 
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("effort", "an ideal effort source: e = e_eq whatever the flow; it has no Y_eq and f_eq"),
+        ("flow", "an ideal flow source: f = f_eq whatever the effort; it has no Z_eq and e_eq"),
+    ],
+)
+def test_a_source_alone_behind_the_port_is_ideal(kind, said):
+    text = masses("prototype", "  port: F -> x\n")
+    if kind == "flow":
+        text = text.replace("F: Se", "F: Sf").replace("x: 1,", "x: 0,")
+        text = text.replace("x -> z, z", "x -> o -> z, z").replace("z: 0,", "o: 1, z: 0,")
+    result = run(text)
+    assert result.group_attrs["bond_graph/port/source"]["form"] == said
+    both_say(result, said)
+
+
 def test_causality_and_the_equations_of_state(everything):
     both_say(
         everything,
@@ -131,6 +149,14 @@ def test_sensitivities_are_what_one_percent_does(everything):
     np.testing.assert_allclose(shown, moved, rtol=5e-3)  # three digits are shown
     assert row[3] == "0"  # the zero lies behind k
     assert f"k {' '.join(row[1:])}" in screen(everything)
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_each_result_can_be_asked_for_alone(name):
+    result = run(masses(name))
+    assert screen(result).startswith("Two masses bond graph")
+    assert "10 nodes, 9 bonds" in screen(result)
+    assert "10 nodes, 9 bonds" in page(result)
 
 
 HIDDEN = """\

@@ -297,6 +297,14 @@ def test_identifications_are_those_of_each_sample(suspension, overrides):
     assert not outcomes[0].error
 
 
+def test_identifications_that_differ_in_other_places_each_are_run_one_by_one(suspension):
+    overrides = [{"measurement.simulate.seed": 2}, {"joints.upper.k.start": 9e3}]
+    for override, outcome in zip(overrides, run_batch(suspension, overrides, ()), strict=True):
+        alone = run_alone(suspension, override, ())
+        assert not alone.error
+        assert all(outcome.values[path].equals(variable) for path, variable in alone.values.items())
+
+
 def test_many_identifications_are_compiled_and_agree_with_each_alone(suspension):
     pytest.importorskip("numba")
     override = {"measurement.simulate.seed": 6}

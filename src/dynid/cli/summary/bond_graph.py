@@ -35,9 +35,10 @@ def lines(result: Result) -> list[str]:
 
 def _engine(attributes: Mapping[str, Any]) -> Iterable[str]:
     """Say why an engine other than the exact one answered, what it cannot do, and how numbers are read."""
-    if attributes.get("engine", "exact") != "exact" or "decides" in str(attributes["engine_reason"]):
-        yield f"  {attributes['engine']} engine: {attributes['engine_reason']}"
-        if attributes["engine"] != "exact":
+    engine, reason = (str(attributes.get(name, "")) for name in ("engine", "engine_reason"))
+    if engine not in ("", "exact") or "decides" in reason:
+        yield f"  {engine} engine: {reason}"
+        if engine != "exact":
             yield from (f"    {line}" for line in wrap(str(attributes["engine_limits"]), 100))
     if attributes.get("reading") == "binary":
         yield "  every value is read as the double nearest to it (reading: binary)"
