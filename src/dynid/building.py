@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
@@ -65,6 +64,8 @@ class _Builder:
         return self
 
     def _scene(self, folder: str | os.PathLike[str], **parts: Any) -> Scene:
+        from copy import deepcopy
+
         given = {name: part for name, part in parts.items() if part is not None}
         return scene_from(deepcopy({**self._data, **given}), folder)
 

@@ -3,49 +3,44 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from dynid.bench.alternative import Benchmark
 
-#: Names, and the module that holds each, in the order of a run.
-BENCHMARKS = {
-    "frequency-response": "frequency_response",
-    "frequency-response-on-loops": "frequency_response_on_loops",
-    "zeros-poles": "zeros_poles",
-    "loops": "loops",
-    "symbolic": "symbolic",
-    "propagation": "propagation",
-    "filters": "filters",
-    "estimators": "estimators",
-    "reduction": "reduction",
-    "basis": "basis",
-    "modes": "modes",
-    "startup": "startup",
-    "study": "study",
-}
-
-
-#: Longest default run, s, and what each benchmark needs of it on a machine of two quiet cores. Each may
-#: take what those after it do not need; on a slower machine its larger sizes are left out, and named.
+#: Longest default run, s.
 DEFAULT_RUN = 170.0
-BUDGETS = {
-    "frequency-response": 22.0,
-    "zeros-poles": 14.0,
-    "loops": 3.0,
-    "symbolic": 3.0,
-    "propagation": 8.0,
-    "filters": 20.0,
-    "estimators": 11.0,
-    "reduction": 9.0,
-    "basis": 5.0,
-    "modes": 14.0,
-    "startup": 16.0,
-    "study": 20.0,
+
+
+class Place(NamedTuple):
+    """The module that holds a benchmark, and what it needs of a default run on two quiet cores, s.
+
+    It may take what those after it do not need; on a slower machine its larger sizes are left out, and named.
+    """
+
+    module: str
+    seconds: float
+
+
+#: The benchmarks by name, in the order of a run.
+BENCHMARKS = {
+    "frequency-response": Place("frequency_response", 20),
+    "frequency-response-on-loops": Place("frequency_response_on_loops", 8),
+    "zeros-poles": Place("zeros_poles", 12),
+    "loops": Place("loops", 3),
+    "symbolic": Place("symbolic", 3),
+    "propagation": Place("propagation", 7),
+    "filters": Place("filters", 18),
+    "estimators": Place("estimators", 11),
+    "reduction": Place("reduction", 9),
+    "basis": Place("basis", 5),
+    "modes": Place("modes", 13),
+    "startup": Place("startup", 18),
+    "study": Place("study", 20),
 }
 
 
 def benchmark(name: str) -> Benchmark:
     """Load a benchmark."""
-    found: Benchmark = import_module(f"dynid.bench.cases.{BENCHMARKS[name]}").BENCHMARK
+    found: Benchmark = import_module(f"dynid.bench.cases.{BENCHMARKS[name].module}").BENCHMARK
     return found

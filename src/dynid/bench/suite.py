@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.catalogue import BUDGETS, benchmark
+from dynid.bench.catalogue import BENCHMARKS, benchmark
 from dynid.bench.process import Process
 from dynid.choices import of_benchmark
 from dynid.errors import NumericalError
@@ -60,7 +60,7 @@ def run_benchmarks(
     clock
         What time is: ``wall``, or ``processor``, which other work on the machine changes little.
     seconds
-        How long all may take together, s: each benchmark what those after it do not need (`BUDGETS`). Its
+        How long all may take together, s: each benchmark what those after it do not need (`BENCHMARKS`). Its
         smallest size is always measured; of the others what does not fit is left out, and named.
 
     Returns
@@ -78,7 +78,7 @@ def run_benchmarks(
     for place, name in enumerate(chosen):
         case = benchmark(name)
         own = sorted((*case.sizes, *case.full)) if full else case.sizes
-        until = began + seconds - sum(BUDGETS[later] for later in chosen[place + 1 :])
+        until = began + seconds - sum(BENCHMARKS[later].seconds for later in chosen[place + 1 :])
         told = partial(_told, tell, f"{place + 1} of {len(chosen)}: {name}")
         _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), told, clock, until))
     result.annotate("bench", clock=clock, seconds=time.monotonic() - began)

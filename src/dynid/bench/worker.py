@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from statistics import median
+from subprocess import SubprocessError
 from time import perf_counter, process_time
 from typing import Any
 
@@ -44,7 +45,7 @@ def measured(name: str, alternative: str, size: int, clock: str = "wall") -> dic
             "memory": memory,
             "error": float(case.error(size, result)),
         }
-    except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
+    except (DynidError, ArithmeticError, ValueError, MemoryError, SubprocessError) as error:
         return {"failed": f"{type(error).__name__}: {error}".splitlines()[0]}
 
 

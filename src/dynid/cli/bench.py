@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from pathlib import Path
 
 import click
@@ -73,7 +74,7 @@ def bench(
     return 0
 
 
-def _known(name: str, known: dict[str, str]) -> str:
+def _known(name: str, known: Collection[str]) -> str:
     if name not in known:
         from dynid.words import did_you_mean
 
@@ -84,7 +85,7 @@ def _known(name: str, known: dict[str, str]) -> str:
     return name
 
 
-def _sizes(given: tuple[str, ...], known: dict[str, str]) -> dict[str, list[int]]:
+def _sizes(given: tuple[str, ...], known: Collection[str]) -> dict[str, list[int]]:
     """Read NAME=N,N."""
     sizes: dict[str, list[int]] = {}
     for text in given:
