@@ -114,25 +114,25 @@ def table(kind: str, size: int, found: dict[str, dict]) -> None:
 
 def drawn(curves: dict[str, dict[str, list[tuple[int, float, float]]]], file: str) -> None:
     """Draw processor time against size: other work on the machine disturbs it least."""
-    from matplotlib.figure import Figure
+    from dynid.report.formats import as_file
+    from dynid.report.plot import Axis, Line, Marks, Panel, chart
+    from dynid.report.plot.layers import hue
 
-    colors = {"eigsh": "#888888", "splu": "#1f5fa8", "cholespy": "#2a9d5c", "pardiso": "#d1662a"}
+    order = list(dict.fromkeys(name for lines in curves.values() for name in lines))
     names = {"eigsh": "scipy eigsh, its default", "splu": "dynid, SuperLU (always there)"}
-    figure = Figure(figsize=(10, 4.4), layout="constrained")
-    for axes, (kind, lines) in zip(figure.subplots(1, 2, sharey=True), curves.items(), strict=True):
+    panels = []
+    for kind, lines in curves.items():
+        layers = []
         for name, points in lines.items():
             n, seconds, counting = np.array(points).T
-            label = names.get(name, f"dynid, {name}")
-            axes.loglog(n, seconds, "o-", color=colors[name], label=label, markersize=4)
+            cls = hue(order.index(name))
+            layers += [Line(n, seconds, names.get(name, f"dynid, {name}"), cls), Marks(n, seconds, cls=cls)]
             if name == "splu":
-                axes.loglog(n, counting, ":", color=colors[name], label="its inertia count, apart")
-        axes.set_title(f"{kind}: the lowest {COUNT} modes", fontsize=11)
-        axes.set_xlabel("DOFs")
-        axes.grid(alpha=0.3, which="both", linewidth=0.4)
-        axes.legend(fontsize=8)
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.axes[0].set_ylabel("processor time, s")
-    figure.savefig(file, dpi=130)
+                layers.append(Line(n, counting, "its inertia count, apart", f"{cls} dashed"))
+        x, y = Axis("DOFs", log=True), Axis("processor time (s)", log=True)
+        panels.append(Panel(x, y, layers, f"{kind}: the lowest {COUNT} modes"))
+    svg = chart("modes-cost", "Cost of the lowest modes", [panels], width=1000.0, height=300.0)
+    Path(file).write_bytes(as_file(svg, "png"))
 
 
 def main() -> None:

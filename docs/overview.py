@@ -3,53 +3,55 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 import dynid
+from dynid.report.formats import as_file
+from dynid.report.plot import Axis, Band, Line, Note, Panel, Rule, chart
+from dynid.report.plot.layers import hue
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
-BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"  # Okabe and Ito: safe for all eyes
 
 
-def isolator(axes) -> None:
+def isolator() -> Panel:
     """Show how much of the base's motion the mass sees."""
     result = dynid.run(CONFIGS / "isolator.yaml")
     group = "bond_graph/frequency_response"
     hertz = result[f"{group}/omega"].data / (2 * np.pi)
-    axes.loglog(hertz, np.abs(result[f"{group}/response"].data[:, 0, 0]), color=BLUE)
     zeros = result["bond_graph/transfer_function/m_s.f/v_in/zeros"].data
     notch = abs(zeros[0]) / (2 * np.pi)
-    axes.axvline(notch, color=ORANGE, linewidth=0.8, linestyle="--")
-    axes.text(notch * 1.06, 3, f"zero at\n{notch:.2f} Hz", color=ORANGE, va="top")
-    axes.set(xlabel="frequency (Hz)", ylabel="|v_s / v_in|", ylim=(1e-4, 20), xlim=(hertz[0], hertz[-1]))
-    axes.set_title("Passive tuned isolator, from its bond graph", fontsize=11)
+    layers = [
+        Line(hertz, np.abs(result[f"{group}/response"].data[:, 0, 0]), cls="s7"),
+        Rule(notch, cls="s2 dashed fine", upright=True),
+        Note(notch, 8, f"zero at {notch:.2f} Hz", cls="small s2", shift=(6, 0)),
+    ]
+    x, y = Axis("frequency (Hz)", log=True), Axis("|v_s / v_in|", log=True, low=1e-4, high=20)
+    return Panel(x, y, layers, "Passive tuned isolator, from its bond graph")
 
 
-def suspension(axes) -> None:
+def suspension() -> Panel:
     """Show the filter pass from half the true joint values, in percent of these."""
     result = dynid.run(CONFIGS / "suspension_noisy.yaml")
     group = "identification/history"
     time = result[f"{group}/time"].data
     truth = result["identification/parameters/true"].data
-    histories = result[f"{group}/estimate"].data / truth
-    bands = result[f"{group}/standard_deviation"].data / truth
-    names = result[f"{group}/parameter"].data
-    for k, (name, colour) in enumerate(zip(names, (BLUE, ORANGE, GREEN, PURPLE), strict=True)):
-        low, high = (100 * (histories[:, k] + sign * bands[:, k]) for sign in (-1, 1))
-        axes.fill_between(time, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(time, 100 * histories[:, k], color=colour, label=name)
-    axes.axhline(100, color="black", linewidth=0.8, linestyle="--")
-    axes.set(xlabel="time (s)", ylabel="estimate (% of the true value)", xlim=(0, time[-1]), ylim=(40, 140))
-    axes.legend(ncols=2, frameon=False)
-    axes.set_title("Joints of a suspension, from a record with 5 % noise", fontsize=11)
+    histories, bands = (
+        100 * result[f"{group}/{name}"].data / truth for name in ("estimate", "standard_deviation")
+    )
+    layers = [Rule(100.0, cls="line dashed")]
+    for k, name in enumerate(result[f"{group}/parameter"].data):
+        layers.append(Band(time, histories[:, k] - bands[:, k], histories[:, k] + bands[:, k], cls=hue(k)))
+        layers.append(Line(time, histories[:, k], name, hue(k)))
+    x, y = Axis("time (s)", low=0, high=time[-1]), Axis("estimate (% of the true value)", low=40, high=140)
+    return Panel(x, y, layers, "Joints of a suspension, from a record with 5 % noise")
 
 
 if __name__ == "__main__":
-    figure = Figure(figsize=(11, 3.6), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2)
-    isolator(left)
-    suspension(right)
-    figure.savefig(HERE / "overview.png", metadata={"Software": None})
+    svg = chart(
+        "overview",
+        "A bond graph in frequency, joints over time",
+        [[isolator(), suspension()]],
+        width=1100.0,
+        height=260.0,
+    )
+    (HERE / "overview.png").write_bytes(as_file(svg, "png"))

@@ -3,15 +3,14 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 import dynid
 from dynid.errors import NumericalError
+from dynid.report.formats import as_file
+from dynid.report.plot import Axis, Line, Marks, Panel, Rule, chart
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
-BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"  # Okabe and Ito: safe for all eyes
 DIRECT = "estimator={method: output-error}"
 # Of the RMS of three lines of amplitude 100.
 RANDOM = "excitation=[{{dof: {}, kind: random, amplitude: 122.5, seed: {}, band: [0, 300]}}]"
@@ -29,7 +28,12 @@ def bounds(result) -> dict[str, float]:
     return dict(zip(result[f"{group}/name"].data, share, strict=True))
 
 
-def damping(axes) -> None:
+def dotted(x, y, label: str, cls: str) -> list:
+    """Return a line with a dot at each of its points."""
+    return [Line(x, y, label, cls), Marks(x, y, cls=cls.partition(" ")[0], size=2.5)]
+
+
+def damping() -> Panel:
     """Show the bounds on stiffness and damping of the suspension's lower joint over its damping."""
     values = np.geomspace(2, 2000, 13)
     k, c = [], []
@@ -42,19 +46,20 @@ def damping(axes) -> None:
     print("damping: c, bound of c over bound of k, k/(c 110)")
     for row in zip(values, ratio, 2e4 / (110 * values), strict=True):
         print("  {:7.1f} {:8.3f} {:8.3f}".format(*row))
-    axes.loglog(values, ratio, "o-", color=BLUE, markersize=3, label="bound of c over bound of k, relative")
-    axes.loglog(values, 2e4 / (110 * values), "--", color=ORANGE, label="k / (c ω), ω = 110 rad/s")
-    axes.axhline(1, color="black", linewidth=0.8)
-    axes.axvline(20, color="gray", linewidth=0.8, linestyle=":")
-    axes.set(xlabel="damping of the joint (N s/m)", ylabel="ratio")
-    axes.legend(frameon=False, fontsize=8)
-    axes.set_title("Damping against stiffness (5 % noise)", fontsize=10)
+    layers = [
+        Rule(1.0, cls="hair"),
+        Rule(20.0, cls="hair dashed", upright=True),
+        Line(values, 2e4 / (110 * values), "k / (c ω), ω = 110 rad/s", "s2 dash"),
+        *dotted(values, ratio, "bound of c over bound of k, relative", "s1"),
+    ]
+    x, y = Axis("damping of the joint (N·s/m)", log=True), Axis("ratio", log=True)
+    return Panel(x, y, layers, "Damping against stiffness (5 % noise)")
 
 
-def excitation(axes) -> None:
+def excitation() -> Panel:
     """Show the largest bound over the length of the record, for lines and for random forces."""
-    lengths = [100, 200, 400, 800, 1600]
-    for name, dof, label, colour in (("table2", 5, "suspension", BLUE), ("table4", 2, "beam", ORANGE)):
+    lengths, layers = [100, 200, 400, 800, 1600], []
+    for name, dof, label, cls in (("table2", 5, "suspension", "s3"), ("table4", 2, "beam", "s4")):
         lines = [_largest(name, samples) for samples in lengths]
         noise = [
             [_largest(name, samples, RANDOM.format(dof, seed)) for samples in lengths]
@@ -65,13 +70,13 @@ def excitation(axes) -> None:
         for row in zip(lengths, lines, middle, strict=True):
             print("  {:5d} {:8.3f} {:8.3f}".format(*row))
         time = 0.002 * np.array(lengths)
-        axes.loglog(time, lines, "o--", color=colour, markersize=3, label=f"{label}, three lines")
-        axes.loglog(time, middle, "o-", color=colour, markersize=3, label=f"{label}, random")
-    axes.set_xticks(0.002 * np.array(lengths), [f"{0.002 * samples:g}" for samples in lengths])
-    axes.minorticks_off()
-    axes.set(xlabel="length of the record (s)", ylabel="bound of the least certain parameter (%)")
-    axes.legend(frameon=False, fontsize=8)
-    axes.set_title("Lines against random forces of the same RMS", fontsize=10)
+        layers += dotted(time, lines, f"{label}, three lines", f"{cls} dashed")
+        layers += dotted(time, middle, f"{label}, random", cls)
+    x, y = (
+        Axis("length of the record (s)", log=True),
+        Axis("bound of the least certain parameter (%)", log=True),
+    )
+    return Panel(x, y, layers, "Lines against random forces of the same RMS")
 
 
 def _largest(name: str, samples: int, *changes: str) -> float:
@@ -85,7 +90,7 @@ def _largest(name: str, samples: int, *changes: str) -> float:
     return max(bounds(result).values())
 
 
-def resonance(axes) -> None:
+def resonance() -> Panel:
     """Show what a basis of four modes does to the estimates, by the line that excites the beam."""
     frf = run("beam_reduction", "reduction=[{method: joint-aware, modes: {count: 4}}]", "expect=[]")
     omega, full, reduced = (frf[f"reduction/frf/{name}"].data for name in ("omega", "full", "joint-aware"))
@@ -110,20 +115,14 @@ def resonance(axes) -> None:
     print("resonance: line, largest error %, error of the FRF %, mobility over the largest")
     for row in zip(lines, errors, 100 * left / size, size / np.abs(full[:, 0, 0]).max(), strict=True):
         print("  {:5d} {:9.3f} {:9.3f} {:9.5f}".format(*row))
-    axes.semilogy(lines, errors, "o-", color=BLUE, markersize=3, label="largest error of the joints (%)")
-    axes.semilogy(
-        lines, 100 * left / size, "o-", color=ORANGE, markersize=3, label="error of the FRF there (%)"
-    )
-    for natural in (50.35, 96.15, 220.7):
-        axes.axvline(natural, color="gray", linewidth=0.8, linestyle=":")
-    axes.set(xlabel="line of the excitation (rad/s); dotted: resonances", ylabel="error (%)")
-    axes.legend(frameon=False, fontsize=8)
-    axes.set_title("Reduced beam, four modes, clean record", fontsize=10)
+    layers = [Rule(natural, cls="hair dashed", upright=True) for natural in (50.35, 96.15, 220.7)]
+    layers += dotted(lines, errors, "largest error of the joints (%)", "s6")
+    layers += dotted(lines, 100 * left / size, "error of the FRF there (%)", "s5")
+    x = Axis("line of the excitation (rad/s); dashed: resonances")
+    return Panel(x, Axis("error (%)", log=True), layers, "Reduced beam, four modes, clean record")
 
 
 if __name__ == "__main__":
-    figure = Figure(figsize=(13, 4), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    for draw, axes in zip((damping, excitation, resonance), figure.subplots(1, 3), strict=True):
-        draw(axes)
-    figure.savefig(HERE / "remarks.png", metadata={"Software": None})
+    row = [damping(), excitation(), resonance()]
+    svg = chart("remarks", "The paper's remarks put to the test", [row], width=1300.0, height=300.0)
+    (HERE / "remarks.png").write_bytes(as_file(svg, "png"))

@@ -1,20 +1,19 @@
-"""Write docs/tables.md and docs/tables.png from the scenes of the paper's tables: `python docs/tables.py`."""
+"""Write docs/tables.md and its figures from the scenes of the paper's tables: `python docs/tables.py`."""
 
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 import dynid
 from dynid.errors import NumericalError
+from dynid.report.formats import as_file
+from dynid.report.plot import Axis, Band, Line, Panel, Rule, chart
+from dynid.report.plot.layers import hue
 from dynid.scene.kinds.structures import build_structure
 from dynid.structure.response import Channel, frequency_response
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
-# Okabe and Ito: safe for all eyes.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 # The errors that the paper prints, %; 2 with its misprints put right.
 PAPER = {
     1: {"upper.k": 0.50, "lower.k": 0.45, "upper.c": 1.15, "lower.c": 0.90},
@@ -24,6 +23,7 @@ PAPER = {
     5: {"turn.k": 17.5, "link.k": 34.6, "link.c": 41.5},
     6: {"turn.k": 1.08, "link.k": 1.40, "link.c": 1.95},
 }
+RADIANS = Axis("angular frequency (rad/s)")
 PAPERS_BASIS = "reduction={method: serep, masters: [1, 6, 10], modes: [2, 3, 4]}"
 NOISE = "measurement.simulate.noise_ratio=0.05"
 HEADER = """\
@@ -37,7 +37,11 @@ the true values, with the initial state unknown. What the errors are over 2,000 
 has no bound: what is left is rounding.
 """
 FIGURES = """\
-![Histories, a state that is not measured, responses of reduced models.](tables.png)
+![Joints of the suspension over the first pass.](tables-suspension.svg)
+![Joints of the beam over the first pass.](tables-beam.svg)
+![The rotation at the pin, which is not measured.](tables-state.svg)
+![Responses of the full and of reduced beams.](tables-reduced.svg)
+![Responses of the suspension at its sensors.](tables-sensors.svg)
 
 The curves of the paper's figures: parameters over the filter's first pass (Figs 5, 8, 10; in the files
 `identification/history`, or `first_pass` where there are several), the rotation at the pin, which no sensor
@@ -99,7 +103,7 @@ def reduced(number: int, title: str, result) -> str:
     return "\n".join([table(number, title, result, others), said, f"The run says: *{warning}*.", ""])
 
 
-def history(axes, result, title: str) -> None:
+def history(result, title: str) -> Panel:
     """Show the parameters over the first pass, in percent of their true values."""
     group = "identification/first_pass"
     if f"{group}/estimate" not in result:
@@ -108,72 +112,72 @@ def history(axes, result, title: str) -> None:
     estimate, deviation = (
         100 * result[f"{group}/{name}"].data / true for name in ("estimate", "standard_deviation")
     )
+    layers = [Rule(100.0, cls="line dashed")]
     for k, name in enumerate(column(result, "name")):
-        low, high = estimate[:, k] - deviation[:, k], estimate[:, k] + deviation[:, k]
-        axes.fill_between(time, low, high, color=COLOURS[k], alpha=0.15, linewidth=0)
-        axes.plot(time, estimate[:, k], color=COLOURS[k], label=name)
-    axes.axhline(100, color="black", linewidth=0.8, linestyle="--")
-    axes.set(xlabel="time (s)", ylabel="estimate (% of the true value)", xlim=(0, time[-1]), ylim=(40, 140))
-    axes.legend(ncols=2, frameon=False, fontsize=8)
-    axes.set_title(title, fontsize=10)
+        layers.append(
+            Band(time, estimate[:, k] - deviation[:, k], estimate[:, k] + deviation[:, k], cls=hue(k))
+        )
+        layers.append(Line(time, estimate[:, k], name, hue(k)))
+    x, y = Axis("time (s)", low=0, high=time[-1]), Axis("estimate (% of the true value)", low=40, high=140)
+    return Panel(x, y, layers, title)
 
 
-def hidden_state(axes, result) -> None:
+def hidden_state(result) -> Panel:
     """Show the rotation at the pin as estimated in the pass, and as it was."""
     unseen = "measurement.channels=[{dof: 1, quantity: displacement}, {dof: 2, quantity: velocity}]"
     truth = run(3, unseen)["identification/measurement/measured"].data[:, 0]
     group = "identification/history"
     time, state = result[f"{group}/time"].data, result[f"{group}/state"].data[:, 0]
-    axes.plot(time, 1e3 * truth, color="black", linewidth=2.5, alpha=0.35, label="true")
-    axes.plot(time, 1e3 * state, color=COLOURS[0], linewidth=0.9, label="filter, 8 % noise")
+    layers = [
+        Line(time, 1e3 * truth, "true", hue(6)),
+        Line(time, 1e3 * state, "filter, 8 % noise", "s1 fine"),
+    ]
     size = 1.6e3 * np.abs(truth).max()
-    axes.set(xlabel="time (s)", ylabel="rotation at the pin (mrad)", xlim=(0, 1), ylim=(-size, size))
-    axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
-    axes.set_title("Fig. 9: a state that is not measured", fontsize=10)
+    return Panel(
+        Axis("time (s)", low=0, high=1), Axis("rotation at the pin (mrad)", low=-size, high=size), layers
+    )
 
 
-def suspension_responses(axes) -> None:
+def suspension_responses() -> Panel:
     """Show the mobilities between force and sensors, with the joints as they are and as they start."""
     scene = dynid.load_scene(CONFIGS / "table1.yaml")
     structure = build_structure(scene, scene.model.structure, scene.model.joints)
     omega = np.linspace(10, 300, 600)
     sensors = [Channel(2, "velocity"), Channel(3, "velocity")]
     starts = {unknown.name: unknown.start for unknown in structure.unknowns}
-    for values, style, words in ((structure.true_values(), "-", "true"), (starts, ":", "start")):
+    layers = [Rule(line, cls="hair dashed", upright=True) for line in (70, 110, 250)]
+    for values, style, words in ((structure.true_values(), "", "true"), (starts, " dashed", "start")):
         found = frequency_response(structure, [5], sensors, omega, values)
         response = np.abs(found["structure/frequency_response/response"].data[:, :, 0])
         for k, sensor in enumerate(sensors):
             label = f"DOF {sensor.dof}, joints at their {words} values"
-            axes.semilogy(omega, response[:, k], style, color=COLOURS[k], linewidth=1.2, label=label)
-    for line in (70, 110, 250):
-        axes.axvline(line, color="gray", linewidth=0.8, linestyle=":")
-    axes.set(xlabel="frequency (rad/s)", ylabel="mobility from DOF 5 (m/s/N)", xlim=(10, 300))
-    axes.legend(frameon=False, fontsize=7)
-    axes.set_title("Fig. 4: suspension, responses at the sensors; lines of the force", fontsize=10)
+            layers.append(Line(omega, response[:, k], label, f"{hue(k)}{style}"))
+    return Panel(RADIANS, Axis("mobility from DOF 5 (m/(s·N))", log=True), layers)
 
 
-def responses(axes) -> None:
+def responses() -> Panel:
     """Show the mobility at the force of the full beam with joints and of two reduced ones."""
     result = dynid.run(CONFIGS / "beam_reduction.yaml")
     omega = result["reduction/frf/omega"].data
-    styles = {
-        "full": ("black", 2.5, 0.35),
-        "serep": (COLOURS[1], 1.0, 1.0),
-        "joint-aware": (COLOURS[0], 1.0, 1.0),
+    labels = {
+        "full": ("full", hue(6)),
+        "serep": ("modes without joints (the paper)", "s2 fine"),
+        "joint-aware": ("modes with joints", "s1 fine"),
     }
-    labels = {"full": "full", "serep": "modes without joints (the paper)", "joint-aware": "modes with joints"}
-    for name, (colour, width, alpha) in styles.items():
-        response = np.abs(result[f"reduction/frf/{name}"].data[:, 0, 0])
-        axes.semilogy(omega, response, color=colour, linewidth=width, alpha=alpha, label=labels[name])
-    for line in (45, 250, 300):
-        axes.axvline(line, color="gray", linewidth=0.8, linestyle=":")
-    axes.set(xlabel="frequency (rad/s)", ylabel="mobility at the force (m/s/N)", xlim=(10, 400))
-    axes.legend(frameon=False, fontsize=8)
-    axes.set_title("Fig. 7: responses of full and reduced beam; lines of Table 5", fontsize=10)
+    layers = [Rule(line, cls="hair dashed", upright=True) for line in (45, 250, 300)]
+    for name, (label, cls) in labels.items():
+        layers.append(Line(omega, np.abs(result[f"reduction/frf/{name}"].data[:, 0, 0]), label, cls))
+    return Panel(RADIANS, Axis("mobility at the force (m/(s·N))", log=True), layers)
+
+
+def save(name: str, title: str, *row: Panel) -> None:
+    """Write one figure."""
+    svg = chart(f"tables-{name}", title, [row], width=1000.0 if len(row) > 1 else 760.0)
+    (HERE / f"tables-{name}.svg").write_bytes(as_file(svg, "svg"))
 
 
 def main() -> None:
-    """Run everything once; write the tables and draw the figure."""
+    """Run everything once; write the tables and draw the figures."""
     results = {number: run(number) for number in PAPER}
     parts = [
         HEADER,
@@ -187,18 +191,21 @@ def main() -> None:
         FIGURES,
     ]
     (HERE / "tables.md").write_text("\n".join(parts), encoding="utf-8")
-    figure = Figure(figsize=(11, 12.5), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(4, 2).ravel()
-    axes[-1].set_axis_off()
-    suspension_responses(axes[6])
-    history(axes[0], results[1], "Fig. 5: suspension, clean")
-    history(axes[1], results[2], "Suspension, 5 % noise (Table 2)")
-    history(axes[2], results[3], "Fig. 8: beam, clean")
-    history(axes[3], results[4], "Fig. 10: beam, 8 % noise")
-    hidden_state(axes[4], results[4])
-    responses(axes[5])
-    figure.savefig(HERE / "tables.png", metadata={"Software": None})
+    save(
+        "suspension",
+        "Joints of the suspension, identified",
+        history(results[1], "Fig. 5: clean"),
+        history(results[2], "5 % noise (Table 2)"),
+    )
+    save(
+        "beam",
+        "Joints of the beam, identified",
+        history(results[3], "Fig. 8: clean"),
+        history(results[4], "Fig. 10: 8 % noise"),
+    )
+    save("state", "Fig. 9: a state that is not measured", hidden_state(results[4]))
+    save("reduced", "Fig. 7: responses of full and reduced beam; dashed: lines of Table 5", responses())
+    save("sensors", "Fig. 4: responses at the sensors; dashed: lines of the force", suspension_responses())
 
 
 if __name__ == "__main__":
