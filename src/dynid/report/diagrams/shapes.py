@@ -48,19 +48,21 @@ def _picture(result: Result, shape: Shape, name: str, title: str, moving: bool) 
     xs, ys = zip(*shape.points.values(), strict=True)
     left, width = min(xs), (max(xs) - min(xs)) or 1.0
     scale = _WIDTH / max(width, max(ys) - min(ys))
-    tall = scale * (max(ys) - min(ys)) + 2 * _SPAN + 34
+    tall = scale * (max(ys) - min(ys)) + 2 * _SPAN + 40
+    # Columns sway: neighbours may move towards each other.
+    side, apart = (8.0, 44.0) if max(ys) == min(ys) else (_SPAN + 4, 2 * _SPAN + 10)
     svg = Svg(name, title)
     svg.text(_PAD, _PAD + TITLE, title, "title", anchor="start")
     if moving:
         svg.raw(_motion(svg.name, count))
     for mode in range(count):
-        x = _PAD + 8 + (mode % ROW) * (_WIDTH + 44)
+        x = _PAD + side + (mode % ROW) * (_WIDTH + apart)
         y = _PAD + TITLE + 22 + (mode // ROW) * tall
         said = f"mode {mode + 1}: {short(float(omega[mode]))} rad/s"
         if np.isfinite(damping[mode]):
             said += f", ζ {short(float(damping[mode]), 2)}"
         svg.text(x + _WIDTH / 2, y + 6, said, "small strong")
-        corner = (x - scale * left, y + 14 + _SPAN + scale * max(ys))
+        corner = (x - scale * left, y + 20 + _SPAN + scale * max(ys))
         _shape(
             svg,
             shape,
@@ -70,7 +72,7 @@ def _picture(result: Result, shape: Shape, name: str, title: str, moving: bool) 
             f"swing{mode}" if moving else "",
         )
     rows = -(-count // ROW)
-    wide = 2 * _PAD + min(count, ROW) * (_WIDTH + 44)
+    wide = 2 * (_PAD + side) + min(count, ROW) * (_WIDTH + apart) - apart
     how = (
         "swinging, slower than they are; still where the system asks for less motion"
         if moving

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from dynid.report.drawing.mounting import Fastening, Mounted
 from dynid.report.drawing.shape import Label
@@ -73,8 +73,9 @@ class _Members:
                 self._number(node, supports)
         for node in masses:
             svg.circle(*self.points[node], 7, "solid")
+        standing = {node for nodes in members for node in self._feet(nodes)}
         for node, fixed in supports.items():
-            self._support(node, fixed)
+            self._support(node, fixed, node in standing)
         for fastening in self.mounted.fastenings:
             self._fasten(fastening)
         self._above()
@@ -87,7 +88,9 @@ class _Members:
         x, y = self.points[node]
         held = {f.dofs[0] for f in self.mounted.fastenings if node_of(f.dofs[0]) == node}
         off = 22 if f"theta_{node}" in held or node in supports else 15 if held else 6
-        self.svg.text(x + off, y + 14, str(node), "small muted", anchor="start")
+        inwards = f"u_{node}" in held and x > self.middle  # a spring to ground stands on the right
+        place, anchor = (x - 6, "end") if inwards else (x + off, "start")
+        self.svg.text(place, y + 14, str(node), "small muted", anchor=anchor)
 
     def _busy(self) -> set[int]:
         labels: list[Label] = [*self.mounted.forces, *self.mounted.masters]
@@ -95,10 +98,17 @@ class _Members:
         labels += [dof for fastening in self.mounted.fastenings for dof in fastening.dofs]
         return {node_of(label) for label in labels}
 
-    def _support(self, node: int, fixed: Sequence[str]) -> None:
+    def _feet(self, nodes: Sequence[int]) -> Iterator[int]:
+        """Yield the ends from which a member goes rather up than sideways."""
+        for end, next_one in ((nodes[0], nodes[1]), (nodes[-1], nodes[-2])):
+            (x, y), (x2, y2) = self.points[end], self.points[next_one]
+            if y - y2 > abs(x2 - x):
+                yield end
+
+    def _support(self, node: int, fixed: Sequence[str], standing: bool) -> None:
         x, y = self.points[node]
         if "theta" in fixed and len(fixed) > 1:
-            clamp(self.svg, x, y, "left" if x <= self.middle else "right")
+            clamp(self.svg, x, y, "below" if standing else "left" if x <= self.middle else "right")
         elif "theta" in fixed:
             guide(self.svg, x, y)
         else:

@@ -12,9 +12,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from dynid.report.drawing.columns import Item, Spine, Stop
 from dynid.report.drawing.forest import GAP, RUN, Forest, depth, grow
 from dynid.report.drawing.sketch import PORT, Sketch
-from dynid.report.drawing.spine import Item, Spine, Stop, spine_of
+from dynid.report.drawing.spine import spine_of
 from dynid.report.svg import Point
 
 #: Least distance between columns or levels, without the straight ends of bonds; most slope of a bond there.

@@ -56,9 +56,9 @@ def pin(svg: Svg, x: float, y: float) -> None:
 
 
 def clamp(svg: Svg, x: float, y: float, side: str) -> None:
-    """Draw a clamped end at a point."""
+    """Draw a clamped end at a point, with the ground to the `left`, the `right` or `below`."""
     ground(svg, (x, y), side)
-    svg.rect(x - 2, y - 16, 4, 32, "solid")
+    svg.rect(*((x - 16, y - 2, 32, 4) if side == "below" else (x - 2, y - 16, 4, 32)), "solid")
 
 
 def guide(svg: Svg, x: float, y: float) -> None:

@@ -6,8 +6,9 @@ A plot is declared (`Panel`s of layers on `Axis`es) and drawn by `chart`. Every 
 """
 
 from dynid.report.plot.axis import Axis
+from dynid.report.plot.cells import Cells
 from dynid.report.plot.chart import chart
-from dynid.report.plot.layers import Band, Bars, Cells, Line, Marks, Note, Rule
+from dynid.report.plot.layers import Band, Bars, Line, Marks, Note, Rule
 from dynid.report.plot.panel import Panel
 from dynid.report.plot.tables import MOST_ROWS, listed, thinned
 

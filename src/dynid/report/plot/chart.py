@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from dynid.report.metrics import text_width
-from dynid.report.plot.layers import Key, mark_class, mark_path
+from dynid.report.plot.layers import Key
 from dynid.report.plot.panel import BELOW, LABEL, Frame, Panel, fitted
+from dynid.report.plot.symbols import mark_class, mark_path
 from dynid.report.style import SIZE, TITLE
 from dynid.report.svg import Svg
 

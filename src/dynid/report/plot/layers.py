@@ -1,8 +1,7 @@
-"""What is drawn on axes: lines, bands, marks, bars, rules, cells and notes."""
+"""What is drawn on axes: lines, bands, marks, bars, rules and notes."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.report.metrics import text_width
+from dynid.report.plot.symbols import mark_class, mark_path
 from dynid.report.plot.thin import runs, thin
 from dynid.report.style import SERIES, SMALL
 from dynid.report.svg import path_of, plain
@@ -267,103 +267,6 @@ class Rule(_Gridded):
             svg.line((frame.left, y), (frame.left + frame.width, y), cls=self.cls)
 
 
-#: The most opaque that a cell with a text in it is, and one without.
-WRITTEN, BLANK = 0.55, 0.95
-_SHADES = 10
-
-
-@dataclass(frozen=True)
-class Cells:
-    """A matrix as cells, the first row at the top; how opaque a cell is says how large its value is.
-
-    Parameters
-    ----------
-    values
-        Rows × columns; what is not finite stays empty.
-    low, high
-        The values that are fully clear and fully opaque; below zero another colour, where `low` is below.
-    texts
-        What is written in the cells, rows × columns, or nothing.
-    tips
-        What shows under the pointer.
-    edges
-        Where columns and rows end on the axes; absent: at whole numbers ± ½.
-    """
-
-    values: NDArray[np.float64]
-    low: float
-    high: float
-    texts: Sequence[Sequence[str]] = ()
-    tips: Sequence[Sequence[str]] = ()
-    edges: tuple[ArrayLike, ArrayLike] | None = None
-
-    def _edges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        if self.edges is not None:
-            return np.asarray(self.edges[0], dtype=float), np.asarray(self.edges[1], dtype=float)
-        rows, columns = self.values.shape
-        return np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5
-
-    def extent(self) -> Extent:
-        """Return the outermost edges."""
-        x, y = self._edges()
-        return [x], [y]
-
-    def named(self) -> Iterable[Key]:
-        """Say nothing: cells have a bar of colours instead."""
-        return []
-
-    def opacity(self, value: float) -> float:
-        """Return how opaque a value is."""
-        signed = self.low < 0
-        top = max(abs(self.low), abs(self.high)) if signed else self.high - self.low
-        share = abs(value) / top if signed else (value - self.low) / top if top > 0 else 1.0
-        most = WRITTEN if self.texts else BLANK
-        return most * float(np.clip(share, 0, 1))
-
-    def draw(self, svg: Svg, frame: Frame) -> None:
-        """Draw all of them."""
-        x, y = self._edges()
-        across, up = np.round(frame.at_x(x), 1), np.round(frame.at_y(y), 1)
-        if len(self.texts) or len(self.tips):
-            self._one_by_one(svg, across, up)
-        else:
-            self._by_shade(svg, across, up)
-
-    def _one_by_one(self, svg: Svg, across: NDArray[np.float64], up: NDArray[np.float64]) -> None:
-        room = float(np.abs(np.diff(across)).min()) - 4
-        written = float(np.abs(np.diff(up)).min()) >= SMALL
-        for row, column in np.argwhere(np.isfinite(self.values)).tolist():
-            value = float(self.values[row, column])
-            left, right = sorted((float(across[column]), float(across[column + 1])))
-            top, bottom = sorted((float(up[row]), float(up[row + 1])))
-            tip = f"<title>{plain(self.tips[row][column])}</title>" if len(self.tips) else ""
-            box = {"x": left, "y": top, "width": right - left, "height": bottom - top}
-            svg.element("rect", self._hue(value), tip, **box, fill_opacity=f"{self.opacity(value):.3f}")
-            text = self.texts[row][column] if len(self.texts) else ""
-            if text and written and text_width(text, SMALL) <= room:
-                svg.text((left + right) / 2, (top + bottom) / 2 + 0.35 * SMALL, text, "small")
-
-    def _by_shade(self, svg: Svg, across: NDArray[np.float64], up: NDArray[np.float64]) -> None:
-        """Draw cells of about the same value as one path."""
-        shades: dict[tuple[str, float], list[str]] = {}
-        for row, column in np.argwhere(np.isfinite(self.values)).tolist():
-            value = float(self.values[row, column])
-            wide, tall = across[column + 1] - across[column], up[row + 1] - up[row]
-            shade = self._hue(value), math.ceil(_SHADES * self.opacity(value)) / _SHADES
-            cell = f"M{across[column]:.6g} {up[row]:.6g}h{wide:.3g}v{tall:.3g}h{-wide:.3g}z"
-            shades.setdefault(shade, []).append(cell)
-        for (cls, opacity), cells in sorted(shades.items()):
-            svg.element("path", cls, d="".join(cells), fill_opacity=f"{opacity:.3f}")
-
-    def _hue(self, value: float) -> str:
-        return "s2 dot" if value < 0 and self.low < 0 else "s1 dot"
-
-    @property
-    def gridded(self) -> bool:
-        """Hide it: opaqueness means something."""
-        return False
-
-
 @dataclass(frozen=True)
 class Note(_Gridded):
     """A text at a place; the axes need not hold it."""
@@ -391,25 +294,6 @@ class Note(_Gridded):
         inside = frame.left <= left and left + width <= frame.left + frame.width
         if inside and frame.top + SMALL <= y <= frame.top + frame.height - 2:
             svg.text(x, y, self.text, self.cls, anchor=self.anchor)
-
-
-def mark_class(symbol: str, cls: str) -> str:
-    """Return the classes of a symbol of a series."""
-    return f"{cls} dot" if symbol in ("o", "square", "diamond") else f"{cls} fine"
-
-
-def mark_path(symbol: str, x: float, y: float, r: float) -> str:
-    """Return the path data of a symbol."""
-    a, b, c = f"{x:.6g}", f"{y:.6g}", f"{r:.3g}"
-    if symbol in ("o", "ring"):
-        return f"M{x - r:.6g} {b}a{c} {c} 0 1 0 {2 * r:.3g} 0a{c} {c} 0 1 0 {-2 * r:.3g} 0"
-    if symbol == "x":
-        return f"M{x - r:.6g} {y - r:.6g}l{2 * r:.3g} {2 * r:.3g}m0 {-2 * r:.3g}l{-2 * r:.3g} {2 * r:.3g}"
-    if symbol == "+":
-        return f"M{x - r:.6g} {b}h{2 * r:.3g}M{a} {y - r:.6g}v{2 * r:.3g}"
-    if symbol == "square":
-        return f"M{x - r:.6g} {y - r:.6g}h{2 * r:.3g}v{2 * r:.3g}h{-2 * r:.3g}z"
-    return f"M{x - r:.6g} {b}l{c} {-r:.3g}l{c} {c}l{-r:.3g} {c}z"
 
 
 def _points(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[tuple[float, float]]:

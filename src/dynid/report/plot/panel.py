@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: Space for an axis's ticks and their label, px.
 BELOW, LABEL, GAP = 18.0, 18.0, 7.0
+#: How far the label of an axis may reach beyond its ends, px, both sides together.
+_BESIDE = 24.0
 
 
 @dataclass(frozen=True)
@@ -115,14 +117,12 @@ class Panel:
         svg.rect(frame.left, frame.top, frame.width, frame.height, "frame")
         self._numbers(svg, frame, across if labelled else Ticks((), ()), up)
         if labelled and x_label:
-            svg.text(
-                frame.left + frame.width / 2, frame.top + frame.height + BELOW + SMALL + 5, x_label, "label"
-            )
+            text, cls = fitted_label(x_label, frame.width + _BESIDE)
+            svg.text(frame.left + frame.width / 2, frame.top + frame.height + BELOW + SMALL + 5, text, cls)
         if y_label:
             x, y = frame.left - margin + LABEL - 4, frame.top + frame.height / 2
-            svg.text(
-                x, y, fitted(y_label, frame.height + 6), "label", transform=f"rotate(-90 {x:.6g} {y:.6g})"
-            )
+            text, cls = fitted_label(y_label, frame.height + 6)
+            svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
         if self.title:
             svg.text(frame.left + frame.width / 2, frame.top - 7, self.title, "strong")
         svg.close()
@@ -155,8 +155,11 @@ class Panel:
 
 
 def _with_power(label: str, ticks: Ticks) -> str:
-    """Return an axis's label, with the power of ten of its numbers before the units."""
-    if not ticks.power:
+    """Return an axis's label, with the power of ten of its numbers before the units.
+
+    An axis without a label is one of a grid, which says both at its edge.
+    """
+    if not (ticks.power and label):
         return label
     power = f"10{raised(ticks.power)}"
     head, bracket, unit = label.rpartition(" (")
@@ -174,6 +177,21 @@ def _equal(x: Scale, y: Scale, aspect: float) -> tuple[Scale, Scale]:
 def _widened(scale: Scale, span: float) -> Scale:
     middle = (scale.low + scale.high) / 2
     return replace(scale, low=middle - span / 2, high=middle + span / 2)
+
+
+def fitted_label(text: str, room: float) -> tuple[str, str]:
+    """Return the label of an axis and its classes: small, then cut in its middle, where room is short.
+
+    What tells labels apart mostly stands at their ends: a name first, an entry and the units last.
+    """
+    if text_width(text, SIZE) <= room:
+        return text, "label"
+    kept = len(text)
+    shown = text
+    while kept > 2 and text_width(shown, SMALL) > room:
+        kept -= 1
+        shown = f"{text[: kept // 3]}…{text[len(text) - (kept - kept // 3) :]}"
+    return shown, "label small"
 
 
 def fitted(text: str, room: float) -> str:
