@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import dynid
 from dynid.report import Figure, figures
+from dynid.report.formats import as_file
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
@@ -113,7 +114,7 @@ def main() -> None:
             name = f"{Path(entry.scene).name}-{entry.figure}"
             name = f"{name}-2.svg" if f"{name}.svg" in names else f"{name}.svg"
             names.add(name)
-            (folder / name).write_text(figure.svg, encoding="utf-8")
+            (folder / name).write_bytes(as_file(figure.svg, "svg"))  # readable whatever the ground
             heading = f"{entry.about[0].upper()}{entry.about[1:]}"
             lines += [f"## {heading}", "", f"![{figure.title}](gallery/{name})", ""]
             lines += [f"{figure.caption} (`configs/{entry.scene}.yaml`)", ""]

@@ -9,6 +9,7 @@ import pytest
 
 import dynid
 from dynid.report import figures
+from dynid.report.formats import as_file
 from dynid.report.registry import FAMILIES
 from dynid.result import Result
 from tests.report.test_plot import well_laid_out
@@ -153,6 +154,9 @@ def test_modes_swing_only_where_motion_is_wanted():
     drawings = {figure.name: figure for figure in figures(found)}
     assert "@keyframes" not in drawings["modes"].svg
     assert "prefers-reduced-motion" in drawings["modes-animated"].svg
+    alone = as_file(drawings["modes-animated"].svg, "svg").decode()
+    assert "to { d: var(--back) }" in alone  # it moves in a file of its own
+    assert "var(--s1" not in alone
     path = next(p for p in ET.fromstring(drawings["modes"].svg).iter() if p.get("class") == "s1").get("d")
     points = np.array([tuple(map(float, pair.split())) for pair in path[1:].split(" L")])
     slope = (points[-1, 1] - points[0, 1]) / (points[-1, 0] - points[0, 0])

@@ -94,6 +94,7 @@ def css() -> str:
 
 def resolved(svg: str, *, dark: bool = False) -> str:
     """Return a figure with plain colours of one theme, for programs that know no CSS variables."""
-    text = re.sub(r"var\(--(\w+)(?:, [^)]*)?\)", lambda found: COLOURS[found[1]][dark], svg)
+    known = "|".join(COLOURS)  # motion has variables, too
+    text = re.sub(rf"var\(--({known})(?:, [^)]*)?\)", lambda found: COLOURS[found[1]][dark], svg)
     start, end = text.find(".fig {"), text.find(".fig text {")
     return text[:start] + text[end:] if 0 <= start < end else text
