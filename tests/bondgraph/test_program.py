@@ -7,6 +7,7 @@ from dynid.bondgraph.reduction.notation import shared
 from dynid.bondgraph.reduction.program import Point, Program
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.writing import SIGN, TEXT
+from tests.bondgraph.graphs import written
 
 PRIME = 2**61 - 1
 
@@ -48,6 +49,13 @@ def test_a_named_part_counts_as_one_in_what_holds_it_and_a_parameter_needs_no_na
 def test_a_prototype_says_what_depends_on_what(program, kind, fixed, said):
     x, y = program.parameter("x"), program.parameter("y")
     assert Prototype(program, kind, fixed, x, y, "a", "b").type == said
+
+
+def test_what_is_zero_sets_nothing():
+    """B is the subtree behind, not the resistance of zero beside it, though that is named first."""
+    graph = written("Se u, 1 j, R r 0, 0 z, C c 2, R q 3", "u -> j -> r, j -> z -> c, z -> q", "j.f")
+    (reduction,) = graph.reductions.values()
+    assert (reduction.prototype.name_a, reduction.prototype.name_b) == ("r", "z")
 
 
 def test_a_negative_unit_is_a_sign():

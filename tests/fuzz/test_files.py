@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from dynid.errors import DynidError
+from dynid.errors import DynidError, FileError
 from dynid.scene.kinds.tables import read_columns
 from dynid.structure.readers.read import MatrixFile, read_matrix
 from tests.fuzz.files import spoilt
@@ -84,6 +84,19 @@ def test_nothing_is_unpickled(tmp_path, write, name):
         with contextlib.suppress(DynidError):  # but nothing else
             read()
     assert not canary.exists()
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "a\0b", "loop"])
+@pytest.mark.parametrize("ending", ["csv", "h5", "mtx"])
+def test_a_name_that_no_file_can_have_is_no_file(tmp_path, name, ending):
+    path = tmp_path / f"{name}.{ending}"
+    if name == "loop":
+        path.symlink_to(path.name)
+    with pytest.raises(FileError, match="is no file"):
+        read_columns(path, ["a"])
+    if ending != "csv":
+        with pytest.raises(FileError, match="is no file"):
+            read_matrix(MatrixFile(path), "stiffness")
 
 
 def test_the_payload_would_act(tmp_path):

@@ -17,4 +17,10 @@ EQUIVALENT: dict[str, str] = {
     ),
     f"{_FILTERING}.filter:_lengths: if squares.min() > _SMALL and squares.max( → if squares.min() >= _SMALL and "
     "squares.max(": "where the two ways meet they give the same number",
+    f"{_FILTERING}.filter:_lengths: MALL and squares.max() < _LARGE: → MALL and squares.max() <= _LARGE:": (
+        "where the two ways meet they give the same number"
+    ),
+    f"{_REDUCTION}.elimination:Elimination._eliminate_on_loop: net.tie(row, column, None) → net.tie(column, row, None)": (
+        "a tie is of a pair, without order"
+    ),
 }

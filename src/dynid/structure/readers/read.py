@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,7 +129,7 @@ def _check_kind(path: Path) -> None:
 
 
 def _check_file(path: Path) -> None:
-    if not path.is_file():
+    if not os.path.isfile(path):  # noqa: PTH113 (False, too, for a name that no file can have)
         raise FileError(f"{path} is no file", remedy="Paths in a scene are relative to the scene's folder.")
 
 
