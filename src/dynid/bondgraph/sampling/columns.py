@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.reduced import Channel
 from dynid.bondgraph.results.channels import add_channel, natural_frequencies
-from dynid.bondgraph.sampling.engine import SampledChannel, SampledEngine
+from dynid.bondgraph.sampling.engine import SampledEngine
 from dynid.result import Selection, Variable
 
 Column = Sequence[Variable]
@@ -30,29 +31,24 @@ def columns(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) 
         The arrays to make.
     """
     found: dict[str, Column] = {}
-    for (port, source), channel in engine.channels.items():
-        found |= {
-            path: column
-            for path, column in _quick(engine, channel, f"{port}/{source}", wanted).items()
-            if path in wanted
-        }
+    for name in engine.channels:
+        found |= {path: column for path, column in _quick(engine, name, wanted).items() if path in wanted}
     rest = frozenset(path for path in wanted if path not in found)
     return found | _others(engine, analysis, rest)
 
 
-def _quick(
-    engine: SampledEngine, channel: SampledChannel, name: str, wanted: Collection[str]
-) -> dict[str, Column]:
+def _quick(engine: SampledEngine, of: Channel, wanted: Collection[str]) -> dict[str, Column]:
     """Return the zeros and poles of a channel, its gains, degrees and verdicts."""
     found: dict[str, Column] = {}
+    channel, name = engine.channels[of], f"{of[0]}/{of[1]}"
     group, count = f"bond_graph/transfer_function/{name}", engine.count
     for kind, spectrum in (("zero", channel.zeros), ("pole", channel.poles)):
         found[f"{group}/{kind}"] = [_axis(kind, spectrum.values.shape[1])] * count
         found[f"{group}/{kind}s"] = [Variable((f"{kind}",), row, "rad/s") for row in spectrum.values]
-    group = f"bond_graph/properties/{name}"
+    group, units = f"bond_graph/properties/{name}", engine.family.reduced.units.of_channel(*of)
     for side, gain in (("dc", channel.dc_gain), ("high_frequency", channel.high_frequency_gain)):
         if f"{group}/{side}_gain" in wanted:
-            found[f"{group}/{side}_gain"] = [_scalar(value) for value in gain()]
+            found[f"{group}/{side}_gain"] = [_scalar(value, units) for value in gain()]
     degrees = {"relative_degree": channel.relative_degree, "order": channel.poles.values.shape[1]}
     found |= {f"{group}/{what}": [_scalar(degree)] * count for what, degree in degrees.items()}
     verdicts = {"stable": channel.poles, "minimum_phase": channel.zeros}
@@ -85,8 +81,8 @@ def _axis(name: str, length: int) -> Variable:
     return Variable((name,), np.arange(1, length + 1))
 
 
-def _scalar(value: Any) -> Variable:
-    return Variable((), np.asarray(value))
+def _scalar(value: Any, units: str = "") -> Variable:
+    return Variable((), np.asarray(value), units)
 
 
 def _others(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) -> dict[str, Column]:
