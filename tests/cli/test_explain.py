@@ -268,6 +268,28 @@ def test_numbers_are_read_as_the_run_reads_them():
     assert explained.obstacle is None
 
 
+def test_many_loops_cost_more_than_a_chain_of_as_many_storages():
+    """Springs around a ring, and across it: their coefficients are longer, and the limits of engines lower."""
+    n = 8
+    nodes = ["F: Se"] + [f"v{k}: 1, m{k}: {{type: I, value: {k + 1}}}" for k in range(n)]
+    bonds = ["F -> v0"] + [f"v{k} -> m{k}" for k in range(n)]
+    for j, k in [*((k, (k + 1) % n) for k in range(n)), (0, 4), (1, 5), (2, 6), (3, 7)]:
+        nodes.append(f"z{j}_{k}: 0, c{j}_{k}: {{type: C, value: 2}}")
+        bonds += [f"v{j} -> z{j}_{k} -> v{k}", f"z{j}_{k} -> c{j}_{k}"]
+    text = f"""
+dynid: 1
+kind: bond-graph
+graph: {{nodes: {{{", ".join(nodes)}}}, bonds: [{", ".join(bonds)}]}}
+analysis: {{outputs: [m3.f], results: [poles]}}
+"""
+    ring, chain = explain(scene_of(text)), explain(scene_of(chain_scene(10).replace("zeros, poles", "poles")))
+    assert facts(ring)["order"].endswith("of 20 energy storages")
+    assert facts(chain)["order"].endswith("of 20 energy storages")
+    assert ring.obstacle is None
+    seconds = [each.cost.parts["zeros, poles and polynomials"] for each in (ring, chain)]
+    assert seconds[0] > seconds[1]
+
+
 def test_formulas_are_announced_with_their_limits():
     explained = explain(
         scene_of(OSCILLATOR.replace("[poles, zeros]", "[transfer_function], engine: symbolic"))
