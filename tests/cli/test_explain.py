@@ -269,7 +269,7 @@ def test_numbers_are_read_as_the_run_reads_them():
 
 
 def test_many_loops_cost_more_than_a_chain_of_as_many_storages():
-    """Springs around a ring, and across it: their coefficients are longer, and the limits of engines lower."""
+    """Springs around a ring, and across it: their coefficients are longer."""
     n = 8
     nodes = ["F: Se"] + [f"v{k}: 1, m{k}: {{type: I, value: {k + 1}}}" for k in range(n)]
     bonds = ["F -> v0"] + [f"v{k} -> m{k}" for k in range(n)]
