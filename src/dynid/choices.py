@@ -39,7 +39,7 @@ EXACT_ROOTS = Default(
     400, "zeros-poles", "exact zeros and poles up to {value:,} storages, float above"
 )  # fmt: skip
 EXACT_POLYNOMIALS = Default(
-    1000, "zeros-poles", "exact polynomials up to {value:,} storages where no roots are asked for"
+    1000, "polynomials", "exact polynomials up to {value:,} storages where no roots are asked for"
 )
 MANY_LOOPS = Default(4, "loops", "junction structures with more than {value} loops have limits of their own")
 EXACT_ROOTS_ON_LOOPS = Default(80, "loops", "exact zeros and poles up to {value} storages on many loops")

@@ -24,6 +24,7 @@ SMALL = {
     "frequency-response": (6, 1e-13),
     "frequency-response-on-loops": (6, 1e-13),
     "zeros-poles": (4, 1e-13),
+    "polynomials": (4, 1e-15),
     "symbolic": (3, 0),
     "loops": (2, 0),
     "propagation": (200, 1e-4),

@@ -27,8 +27,8 @@ class Alternative:
         Given a size, everything that is not to be timed; returns the work to time.
     needs
         Packages that it needs beyond dynid's own.
-    most
-        Largest size that it is tried at.
+    least, most
+        Smallest and largest size that it is tried at: below the one it is the same as another, say.
     peer
         Whether another project's users do it so: the suite's default should not lose to it.
     """
@@ -36,6 +36,7 @@ class Alternative:
     name: str
     prepare: Callable[[int], Callable[[], Any]]
     needs: tuple[str, ...] = ()
+    least: int = 0
     most: int | None = None
     peer: bool = False
 
@@ -43,6 +44,10 @@ class Alternative:
         """Say which packages are not installed; empty where it can run."""
         absent = _absent(self.needs) if self.interpreter != sys.executable else self._absent
         return f"{', '.join(absent)} not installed" if absent else ""
+
+    def at(self, size: int) -> bool:
+        """Tell whether it is tried at a size."""
+        return self.least <= size and (self.most is None or size <= self.most)
 
     @cached_property
     def interpreter(self) -> str:

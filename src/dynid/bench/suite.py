@@ -115,7 +115,7 @@ def _measured(
         }
         for size in sizes:
             for each in present:
-                if each.most is None or size <= each.most:
+                if each.at(size):
                     tell(f"{case.size} {size:,}, {each.name}")
                     late = size > sizes[0] and time.monotonic() > until
                     answer = {"late": True} if late else workers[each.name].ask(size)

@@ -202,4 +202,5 @@ def _rounded(ball: Any, multiplicity: int, side: int) -> Root:
 def _nearest(number: Any) -> float:
     """Round an exact ball (flint `arb`) to the nearest double."""
     mantissa, exponent = number.man_exp()
-    return float(Fraction(int(mantissa)) * Fraction(2) ** int(exponent))
+    whole, power = int(mantissa), int(exponent)
+    return float(whole << power) if power >= 0 else whole / (1 << -power)

@@ -29,6 +29,19 @@ def matrices(stages: int) -> Any:
     return A, B, C, np.zeros((1, 1))
 
 
+def characteristic(stages: int) -> Any:
+    """Return the characteristic polynomial (flint `fmpq_poly`) that the impedances leave, stage by stage."""
+    from flint import fmpq, fmpq_poly
+
+    s = fmpq_poly([0, 1])
+    above, below = fmpq_poly([1]), fmpq_poly([0])  # what a stage ends at: the ground, at rest
+    for row in reversed(distinct(stages)):
+        m, k, b = (fmpq(v.numerator, v.denominator) for v in row)
+        joint = s * b + k
+        above, below = s * m * (joint * below + s * above) + joint * above, joint * below + s * above
+    return above
+
+
 @lru_cache(maxsize=2)
 def true_roots(stages: int) -> tuple[Any, Any]:
     """Return zeros and poles, correctly rounded.
@@ -37,16 +50,11 @@ def true_roots(stages: int) -> tuple[Any, Any]:
     the continued fraction of impedances leaves, begun at the eigenvalues of A.
     """
     import numpy as np
-    from flint import fmpq, fmpq_poly
 
     from dynid.lti.certified import certified_roots, repeated
 
-    s, rows = fmpq_poly([0, 1]), distinct(stages)
-    above, below = fmpq_poly([1]), fmpq_poly([0])  # what a stage ends at: the ground, at rest
-    for m, k, b in (tuple(fmpq(v.numerator, v.denominator) for v in row) for row in reversed(rows)):
-        joint = s * b + k
-        above, below = s * m * (joint * below + s * above) + joint * above, joint * below + s * above
-    poles = certified_roots(above.numer(), [complex(z) for z in np.linalg.eigvals(matrices(stages)[0])])
+    starts = [complex(z) for z in np.linalg.eigvals(matrices(stages)[0])]
+    poles, rows = certified_roots(characteristic(stages).numer(), starts), distinct(stages)
     return np.array([0.0, *(float(-k / b) for _, k, b in rows[:-1])], dtype=complex), repeated(poles)
 
 

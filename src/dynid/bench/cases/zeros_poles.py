@@ -11,7 +11,7 @@ from dynid.bench.alternative import Alternative, Benchmark
 from dynid.bench.cases.chain import matrices, reduced, true_roots
 from dynid.bench.roots import distance
 from dynid.bondgraph.chains import distinct
-from dynid.choices import EXACT_ROOTS
+from dynid.choices import EXACT_ROOTS, STARTED_ROOTS
 
 
 def _exact(stages: int) -> Callable[[], Any]:
@@ -134,7 +134,7 @@ def _lcapy(stages: int) -> Callable[[], Any]:
             circuit.add(f"R{k} {k} {end} {{{1 / damper}}}")
         transfer = circuit.transimpedance(1, 0, stages, 0)
         return tuple(
-            np.array([root.evalf() for root, count in roots.items() for _ in range(count)], dtype=complex)
+            np.array([root.cval for root, count in roots.items() for _ in range(int(count.cval.real))])
             for roots in (transfer.zeros(), transfer.poles())
         )
 
@@ -163,7 +163,7 @@ BENCHMARK = Benchmark(
     alternatives=(
         Alternative("exact", _exact),
         Alternative("float", _float),
-        Alternative("exact-unstarted", _unstarted, most=100),
+        Alternative("exact-unstarted", _unstarted, least=STARTED_ROOTS.value // 2 + 1, most=100),
         Alternative("pencil", _matrices, most=100),
         Alternative("control", _control_alone, needs=("control",), peer=True),
         Alternative("control-slycot", _control, needs=("control", "slycot"), peer=True),

@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 LEAST = 1e-17
 _SYMBOLS = ("o", "square", "diamond", "x", "+", "ring", "kite")
 _COLUMNS = ("size", "time", "memory", "error", "pareto")
+#: What sets points apart: the array that says so, in words, as symbol, its size and class. Of benchmarks the
+#: suite's default is marked, of a run what was chosen.
+_MARKED = (
+    ("pareto", "nothing beats it in time and error", "ring", 8, "hair"),
+    ("default", "what the suite takes by default", "kite", 11, "line"),
+    ("chosen", "what was chosen", "kite", 11, "line"),
+)
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -48,7 +55,7 @@ def _alternatives(result: Result, group: str) -> dict[str, dict[str, Variable]]:
     return {
         name: {
             column: result[f"{group}/{name}/{column}"]
-            for column in _COLUMNS
+            for column in (*_COLUMNS, "default", "chosen")
             if f"{group}/{name}/{column}" in result
         }
         for name in names
@@ -66,7 +73,7 @@ def _about(result: Result, group: str) -> str:
 
 def _precision(result: Result, group: str, name: str, found: Alternatives) -> Picture:
     layers: list[Layer] = []
-    rings: list[tuple[float, float]] = []
+    marked: dict[str, list[tuple[float, float]]] = {}
     for place, (own, columns) in enumerate(found.items()):
         if "error" not in columns:
             continue
@@ -81,15 +88,13 @@ def _precision(result: Result, group: str, name: str, found: Alternatives) -> Pi
             Line(x, y, "", f"{hue(place)} fine"),
             Marks(x, y, own, hue(place), _SYMBOLS[place % len(_SYMBOLS)], 4, tips),
         ]
-        if "pareto" in columns:
-            rings += zip(
-                x[columns["pareto"].data[shown]].tolist(),
-                y[columns["pareto"].data[shown]].tolist(),
-                strict=True,
-            )
-    if rings:
-        xs, ys = zip(*rings, strict=True)
-        layers.append(Marks(xs, ys, "nothing beats it in time and error", "hair", "ring", 8))
+        for column in columns.keys() & {each[0] for each in _MARKED}:
+            which = columns[column].data[shown].astype(bool)
+            marked.setdefault(column, []).extend(zip(x[which].tolist(), y[which].tolist(), strict=True))
+    for column, words, symbol, size, cls in _MARKED:
+        if marked.get(column):
+            xs, ys = zip(*marked[column], strict=True)
+            layers.append(Marks(xs, ys, words, cls, symbol, size))
     measure = str(result.group_attrs.get(group, {}).get("measure", "error"))
     panel = Panel(Axis(_capped(measure), log=True), Axis("time (s)", log=True), layers, height=320.0)
     title = f"{group.partition('/')[2]}: time against error"
