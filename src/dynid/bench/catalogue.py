@@ -27,7 +27,7 @@ BENCHMARKS = {
     "frequency-response": Place("frequency_response", 20),
     "frequency-response-on-loops": Place("frequency_response_on_loops", 8),
     "zeros-poles": Place("zeros_poles", 12),
-    "polynomials": Place("polynomials", 3.0),
+    "polynomials": Place("polynomials", 3),
     "loops": Place("loops", 3),
     "symbolic": Place("symbolic", 3),
     "propagation": Place("propagation", 7),
