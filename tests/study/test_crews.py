@@ -8,6 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dynid.errors import FileError, NumericalError
@@ -85,6 +86,57 @@ def test_a_sample_that_workers_die_of_fails_alone(tmp_path, real):
     result = read_result(tmp_path / "s.h5")
     assert result["study/status"].data.tolist() == ["done", "done", "failed", "done"]
     assert result["study/error"].data[2] == "its worker died 3 times: it was killed, or ran out of memory"
+
+
+class DyingLater(Dying):
+    """A worker that dies of some samples when chunks are long already, and once when it is given one."""
+
+    refused = False
+
+    def submit(self, call, job, overrides):
+        if any(one["parameters.m"] == 30 for one in overrides):
+            return SerialCrew.submit(self, _die)
+        if any(one["parameters.m"] == 20 for one in overrides) and not self.refused:
+            self.refused = True
+            _die()
+        return SerialCrew.submit(self, call, job, overrides)
+
+
+def test_a_chunk_that_workers_die_of_is_divided_until_its_sample_is_found(serial, tmp_path, monkeypatch):
+    monkeypatch.setattr("dynid.study.drive.Chunks.size", lambda *_: 8)
+    crew = DyingLater()
+    progress = run_study(planned(tmp_path, MANY), tmp_path / "s.h5", crew)
+    assert crew.refused
+    assert (progress.finished, progress.failed) == (120, 3)
+    result, alone = read_result(tmp_path / "s.h5"), read_result(serial)
+    lost = result["study/samples/parameters.m"].data == 30
+    assert np.array_equal(result["study/status"].data == "failed", lost)
+    gain = "study/results/bond_graph/properties/m.f/F/dc_gain"
+    assert np.array_equal(result[gain].data[~lost], alone[gain].data[~lost])
+
+
+class Faulty(SerialCrew):
+    """A crew with a fault that is nobody's death: in what it runs, or in how it takes it."""
+
+    def __init__(self, at_once):
+        super().__init__()
+        self.at_once = at_once
+
+    def submit(self, *_):
+        if self.at_once:
+            _fault()
+        return super().submit(_fault)
+
+
+def _fault():
+    raise ArithmeticError("a fault of the crew")
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_fault_that_is_no_death_ends_the_study_and_what_is_finished_stays(tmp_path, at_once):
+    with pytest.raises(ArithmeticError, match="a fault of the crew"):
+        run_study(planned(tmp_path), tmp_path / "s.h5", Faulty(at_once))
+    assert run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew()).finished == 12
 
 
 class Broken(SerialCrew):

@@ -1,5 +1,7 @@
 """Influence of inputs against closed forms: Ishigami's function, and linear models."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import qmc, sobol_indices, spearmanr
@@ -7,6 +9,7 @@ from scipy.stats import qmc, sobol_indices, spearmanr
 from dynid.study.analysis.correlation import correlations, scatter
 from dynid.study.analysis.design import one_at_a_time, saltelli_design
 from dynid.study.analysis.influence import classes, from_design, from_samples
+from dynid.study.analysis.ranking import Influences
 from dynid.study.analysis.tornado import tornado
 from dynid.study.analysis.worst import worst, worst_entries
 
@@ -194,6 +197,48 @@ def test_samples_taken_one_at_a_time_are_taken_as_they_are():
     assert one_at_a_time(columns(np.random.default_rng(0).random((9, 2)))) is None
 
 
+def test_samples_one_at_a_time_that_fail_or_stay_have_no_bar():
+    inputs = {**columns(np.array([[1.0, 2.0], [0.0, 2.0], [2.0, 2.0], [1.0, 3.0]])), "x3": np.full(4, 7.0)}
+    found = tornado(inputs, np.array([5.0, 3.0, 7.0, np.nan]))
+    assert [(bar.input, bar.at_low, bar.at_high, bar.slope) for bar in found.bars] == [("x1", 3, 7, 2)]
+    assert tornado(inputs, np.full(4, np.nan)) is None
+
+
+def test_there_is_no_tornado_of_nothing_and_no_trust_in_what_stays():
+    assert tornado({}, np.zeros(0)) is None
+    assert tornado({"word": np.array(["p", "q", "r"], object)}, np.arange(3.0)) is None
+    rng = np.random.default_rng(5)
+    found = tornado({"x": rng.random(20), "y": rng.random(20)}, np.full(20, 3.0))
+    assert [bar.swing for bar in found.bars] == [0, 0]
+    assert np.isnan(found.r2)
+    assert found.remark == "the result does not vary"
+
+
+def test_inputs_that_stay_have_no_influence_and_texts_no_direction():
+    nothing = Influences(SimpleNamespace(inputs={"x": np.ones(9), "y": np.ones(0)}))
+    assert nothing.inputs == {}
+    assert nothing.of(np.arange(9.0)) is None
+    words = np.array(["p", "q", "r"] * 20, object)
+    found = Influences(SimpleNamespace(inputs={"word": words, "x": np.arange(60.0) // 3}))
+    values = np.tile([1.0, 5.0, 9.0], 20)
+    assert found.of(values).first == pytest.approx([1, 1 - 59 / 40])  # any x has all words: corrected for 20
+    assert np.isnan(found.direction(0, values))
+    assert found.direction(1, found.inputs["x"]) == pytest.approx(1)
+
+
+def test_a_design_of_one_whole_row_has_no_indices():
+    a, b, mixed = np.array([1.0, np.nan]), np.array([2.0, 3.0]), np.array([[4.0, 5.0]])
+    assert from_design(a, b, mixed) is None
+
+
+def test_classes_of_one_sample_each_tell_nothing():
+    each = np.arange(60)
+    found = from_samples([each, 0 * each, each // 30], each.astype(float))
+    assert np.isnan(found.first[0])
+    assert found.first[1] == 0
+    assert found.first[2] > 0.5
+
+
 def test_correlations_know_lines_and_ranks():
     x = np.linspace(0.1, 4, 200)
     y = np.where(np.arange(200) % 9 == 0, np.nan, np.exp(x))
@@ -224,6 +269,7 @@ def test_what_is_missing_is_never_the_worst():
     rows = np.array([[np.nan, -np.inf], [np.nan, np.nan], [3.0, -4.0]])
     np.testing.assert_array_equal(worst_entries(rows), [-np.inf, np.nan, 3])
     np.testing.assert_array_equal(worst_entries(rows, "abs"), [-np.inf, np.nan, -4])
+    np.testing.assert_array_equal(worst_entries(np.zeros((2, 0))), [np.nan, np.nan])
 
 
 def test_no_sample_is_worst_where_all_failed():

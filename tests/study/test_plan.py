@@ -12,7 +12,7 @@ from scipy import stats
 from dynid.errors import SceneError, UsageError
 from dynid.scene.load import load_scene
 from dynid.study.designs import correlated, unit_samples
-from dynid.study.plan import make_plan
+from dynid.study.plan import as_column, make_plan
 from tests.study.small import SCENE, written
 
 HEAD = "dynid: 1\nkind: study\nscene: mass.yaml\n"
@@ -279,3 +279,15 @@ def test_faults_of_a_study_have_their_place(tmp_path, text, said):
         plan_of(tmp_path, text + "\n")
     assert said in str(caught.value)
     assert str(caught.value).startswith(str(tmp_path / "masses.yaml"))
+
+
+def test_a_quantity_that_a_parameter_leads_back_to_is_refused(tmp_path):
+    scene = SCENE.replace("{m: 2, b: 1}", "{m: 2 * b, b: 1}")
+    with pytest.raises(SceneError, match=r"it is defined by itself: "):
+        plan_of(tmp_path, "vary: {title: [a, b]}\nderive: {parameters.b: 3 * m}\n", scene)
+
+
+def test_values_of_one_kind_are_an_array_of_it_and_others_texts():
+    assert as_column([True, False]).dtype == bool
+    assert as_column([1, 2.5]).dtype == float
+    assert as_column([True, 2, "x", [1]]).tolist() == ["true", "2", "x", "[1]"]

@@ -14,16 +14,18 @@ import dynid
 from dynid.errors import FileError, UsageError
 from dynid.scene.load import load_scene
 from dynid.scene.outcomes import Outcome, Outcomes
-from dynid.store import read_result
-from dynid.study import execute, journal
+from dynid.store import open_stored, read_result
+from dynid.study import execute, journal, lock
 from dynid.study.execute import TooManyFailures, run_study, valid_samples
 from dynid.study.executors import hire
 from dynid.study.executors.serial import SerialCrew
 from dynid.study.merge import merge_studies
 from dynid.study.packing import packed
 from dynid.study.plan import make_plan
+from dynid.study.stored import StudyFile
 from tests.cli import conftest
 from tests.study.small import SCENE, STUDY, assert_same, planned, written
+from tests.study.studies import write
 
 
 class Counting(SerialCrew):
@@ -378,6 +380,78 @@ def test_a_lock_left_behind_by_the_dead_holds_nobody_up(undisturbed, tmp_path):
     assert_same(tmp_path / "s.h5", undisturbed)
 
 
+@pytest.mark.parametrize("suffix", ["lock", "journal"])
+def test_what_is_written_beside_a_study_follows_no_link(tmp_path, suffix):
+    (tmp_path / "mine").write_text("my diary")
+    (tmp_path / f"s.h5.{suffix}").symlink_to(tmp_path / "mine")
+    with pytest.raises(FileError, match=rf"s\.h5\.{suffix} cannot be written: "):
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    assert (tmp_path / "mine").read_text() == "my diary"
+
+
+def test_a_lock_whose_last_holder_removes_it_just_then_is_made_anew(undisturbed, tmp_path, monkeypatch):
+    take, taken = lock.fcntl.flock, []
+
+    def removed(descriptor, how):
+        take(descriptor, how)
+        taken.append(descriptor)
+        if len(taken) == 1:
+            (tmp_path / "s.h5.lock").unlink()
+        elif len(taken) == 2:  # somebody else has made one in the meantime
+            (tmp_path / "s.h5.lock").unlink()
+            (tmp_path / "s.h5.lock").touch()
+
+    monkeypatch.setattr(lock.fcntl, "flock", removed)
+    run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    assert len(taken) == 3
+    assert_same(tmp_path / "s.h5", undisturbed)
+
+
+def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch):
+    def none(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(lock.fcntl, "flock", none)
+    with pytest.raises(FileError, match=r"s\.h5\.lock cannot be locked: No locks available"):
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+
+
+def test_a_journal_that_changes_under_a_study_is_not_believed(tmp_path):
+    opened = journal.Journal(str(tmp_path / "s.h5.journal"))
+    opened.append([(ANOTHER, FAILED)])
+    for _ in range(2):  # the second time from what is at hand
+        (block,) = opened.blocks(np.array([0]), np.array([5]))
+        assert (block.rows.tolist(), block.errors) == ([5], ("it failed",))
+    opened.close()
+    again = journal.Journal(str(tmp_path / "s.h5.journal"))
+    content = bytearray((tmp_path / "s.h5.journal").read_bytes())
+    content[-1] ^= 1
+    (tmp_path / "s.h5.journal").write_bytes(content)
+    with pytest.raises(FileError, match=r"s\.h5\.journal has changed while the study ran"):
+        list(again.blocks(np.array([0]), np.array([0])))
+    again.close()
+
+
+def test_samples_of_several_lengths_come_back_as_they_were(tmp_path):
+    poles = [np.arange(1 + row % 3) + 1.0 for row in range(7)]
+    values = {"p/poles": ("1/s", ("pole",), {}, poles), "p/gain": np.arange(7.0)}
+    write(tmp_path / "s.h5", {"parameters.b": np.arange(7.0)}, values, failed={4: "singular"})
+    with open_stored(tmp_path / "s.h5") as result:
+        blocks = list(StudyFile(result).between(0, 7))
+    found = {}
+    for block in blocks:
+        if "p/poles" in block.values:
+            found |= dict(zip(block.rows.tolist(), block.values["p/poles"].data.tolist(), strict=True))
+    assert found == {row: poles[row].tolist() for row in range(7) if row != 4}
+
+
+def test_a_study_of_which_all_samples_failed_has_their_errors_alone(tmp_path):
+    write(tmp_path / "s.h5", {"parameters.b": np.arange(3.0)}, {}, failed=range(3))
+    with open_stored(tmp_path / "s.h5") as result:
+        (block,) = StudyFile(result).between(0, 3)
+    assert (block.values, block.errors) == ({}, ("singular at 0.5", "singular at 1.5", "singular at 2.5"))
+
+
 def test_who_names_a_scheduler_means_dask(monkeypatch):
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "tcp://127.0.0.1:1")
     assert type(hire()).__name__ == "DaskCrew"
@@ -388,6 +462,8 @@ def test_who_names_a_scheduler_means_dask(monkeypatch):
         hire("dask")
     with pytest.raises(UsageError, match="of no use"):
         hire("serial", scheduler="tcp://127.0.0.1:1")
+    with pytest.raises(UsageError, match="name two schedulers"):
+        hire(scheduler="tcp://127.0.0.1:1", scheduler_file="scheduler.json")
 
 
 def test_the_template_of_a_study_runs_on_that_of_a_bond_graph(tmp_path, monkeypatch, dynid_cli):
@@ -418,6 +494,12 @@ def test_the_command_line_says_what_a_study_is_and_what_is_none(tmp_path, monkey
     assert code == 2
     assert "not a study. Run it with: dynid run mass.yaml" in said
     assert dynid_cli("study", "masses.yaml", "--shard", "3/2")[0] == 2
+    code, out, _ = dynid_cli("study", "masses.yaml", "--shard", "2/3", "--dry-run")
+    assert code == 0
+    assert "masses.yaml" not in out
+    assert "Masses on dampers: 4 samples of mass.yaml (bond-graph)" in out
+    assert "shard     of 12 samples, one in 3 or so" in out
+    assert "…" not in out
     assert dynid_cli("study", "masses.yaml", "-o", "mass.yaml")[0] == 2
     (tmp_path / "mass.yaml").unlink()
     code, _, said = dynid_cli("check", "masses.yaml")

@@ -81,9 +81,6 @@ class Journal:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)  # noqa: PTH108
 
-    def __len__(self) -> int:
-        return self._count
-
     @property
     def keys(self) -> Keys:
         """The keys of all samples (samples x bytes); of several with one key, the last counts."""

@@ -33,7 +33,7 @@ def lines(plan: Plan, numbers: Sequence[int], finished: int, target: str) -> Ite
     yield f"{plan.study.title}: {len(numbers)} samples of {plan.attrs['base']} ({plan.base.kind})"
     yield f"  sampling  {plan.attrs['method']}" + (f", seed {plan.seed}" if _is_drawn(plan) else "")
     if len(numbers) < plan.size:
-        yield f"  shard     of {plan.size} samples, every {plan.size // len(numbers)}th or so"
+        yield f"  shard     of {plan.size} samples, one in {plan.size // len(numbers)} or so"
     yield f"  collects  {', '.join(plan.collect) or 'every number under properties and parameters'}"
     yield f"  {target}: {finished} finished, {len(numbers) - finished} to run"
     yield ""

@@ -110,11 +110,8 @@ def one_at_a_time(inputs: Columns) -> OneAtATime | None:
     """Recognise samples around a centre of which each differs from it in at most one input."""
     changed = {}
     for name, column in inputs.items():
-        levels, counts = np.unique(
-            column.astype(str) if column.dtype.kind == "O" else column, return_counts=True
-        )
-        level = levels[np.argmax(counts)]
-        changed[name] = (column.astype(str) if column.dtype.kind == "O" else column) != level
+        levels, counts = np.unique(sortable(column), return_counts=True)
+        changed[name] = sortable(column) != levels[np.argmax(counts)]
     if not changed:
         return None
     differing = np.sum(list(changed.values()), axis=0)

@@ -1,0 +1,51 @@
+"""How far a study is, as it is said while it runs."""
+
+import io
+import sys
+
+import pytest
+
+from dynid.cli.study_progress import Rate, duration, showing, words
+from dynid.study.execute import Progress
+
+
+def test_the_rate_is_that_of_the_last_minute():
+    rate = Rate()
+    assert rate.per_second == 0
+    rate.see(0.0, 0)
+    assert rate.per_second == 0
+    rate.see(10.0, 50)
+    assert rate.per_second == 5
+    for second in range(20, 200, 10):
+        rate.see(float(second), 50 + second)
+    assert rate.per_second == 1
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(0.4, "0 s"), (59.4, "59 s"), (61.7, "1 min 02 s"), (3599, "59 min 59 s"), (7380, "2 h 03 min")],
+)
+def test_a_duration_is_said_as_long_as_it_is(seconds, said):
+    assert duration(seconds) == said
+
+
+def test_what_is_left_is_told_as_soon_as_there_is_a_rate():
+    progress = Progress(100, 20, 3, 0)
+    assert words(progress, 0.0) == "20 of 100 samples, 3 failed"
+    assert words(progress, 2.5) == "20 of 100 samples, 3 failed, 2.5 a second, 32 s left"
+    assert words(Progress(100, 100, 0, 0), 2.5) == "100 of 100 samples"
+
+
+def test_a_terminal_has_a_bar_and_a_file_has_lines(monkeypatch):
+    for terminal in (True, False):
+        stream = io.StringIO()
+        stream.isatty = lambda terminal=terminal: terminal
+        monkeypatch.setattr(sys, "stderr", stream)
+        with showing(quiet=False) as report:
+            for finished in (0, 50, 100):
+                report(Progress(100, finished, 1, 0))
+        lines = stream.getvalue().splitlines()
+        assert any("100 of 100 samples, 1 failed" in line for line in lines)
+        assert (len(lines) == 2) != terminal  # the first and the last: the one between is too soon
+    with showing(quiet=True) as report:
+        assert report is None
