@@ -23,17 +23,26 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     def at_most(other: str) -> float:
         return 2 * min(len(other), len(lowered)) / max(len(other) + len(lowered), 1) + bonus(other)
 
-    near = [name for name in candidates if at_most(name.lower()) > _CLOSE]
+    near = [(name, other) for name in candidates if at_most(other := name.lower()) > _CLOSE]
     if len(near) > _MOST:
-        near = heapq.nlargest(_MOST, near, key=lambda name: at_most(name.lower()))
+        near = heapq.nlargest(_MOST, near, key=lambda each: _shared_ends(each[1], lowered) - len(each[1]) / 2)
     matcher = SequenceMatcher(None, "", lowered, autojunk=False)
     best, closest = _CLOSE, ""
-    for name in near:
-        other = name.lower()
+    for name, other in near:
         matcher.set_seq1(other)
         if at_most(other) > best and matcher.ratio() + bonus(other) > best:
             best, closest = matcher.ratio() + bonus(other), name
     return f"; did you mean '{closest}'?" if closest else ""
+
+
+def _shared_ends(one: str, other: str) -> int:
+    """Return how many characters two words share at their beginnings and ends."""
+    least, ahead, behind = min(len(one), len(other)), 0, 0
+    while ahead < least and one[ahead] == other[ahead]:
+        ahead += 1
+    while behind < least - ahead and one[-1 - behind] == other[-1 - behind]:
+        behind += 1
+    return ahead + behind
 
 
 def did_you_mean_path(path: str, candidates: Iterable[str]) -> str:

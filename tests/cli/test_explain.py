@@ -220,6 +220,12 @@ def test_sampling_is_told_where_the_excitation_has_a_band():
     assert edge["sampling"] == "excited up to half the sampling rate, 62.83 rad/s, and beyond"
 
 
+def test_a_ring_down_is_not_said_to_be_excited():
+    before, _, after = SEEN.partition("excitation:")
+    free = f"{before}initial: {{1: {{v: 1}}}}\n{after.partition(chr(10))[2]}"
+    assert facts(explain(scene_of(free)))["sampling"].startswith("no excitation is given; half the sampling")
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 def test_compiled_passes_are_announced_where_they_are(monkeypatch, compiled):
     monkeypatch.setenv(VARIABLE, str(int(compiled)))

@@ -1,10 +1,16 @@
 """Scenes of kind bond-graph: what is refused, where, and in which words."""
 
+from dataclasses import replace
+from itertools import pairwise
+from time import process_time
+
 import numpy as np
 import pytest
 
 from dynid.scene.kinds.bond_graph import build_graph
 from dynid.scene.kinds.grids import angular_frequencies
+from dynid.scene.schema.graph_outline import domain_faults
+from dynid.scene.yaml.source import parse_source
 from tests.scene.written import check, faults_of
 
 SCENE = """\
@@ -147,6 +153,21 @@ def test_two_domains_need_a_two_port_between_them():
     scene = domains("mechanical", "electrical").replace("F: Se", "F: {type: Se, domain: thermal}")
     (fault,) = faults_of(scene)
     assert "'F' is thermal and 'm' mechanical, but no TF or GY stands between them" in fault
+
+
+def test_domains_are_checked_along_a_long_graph_in_a_time_that_grows_with_its_length():
+    def seconds(length):
+        names = [f"j{place}" for place in range(length)]
+        nodes = {name: {"type": place % 2} for place, name in enumerate(names)}
+        nodes[names[0]]["domain"], nodes[names[-1]]["domain"] = "thermal", "electrical"
+        graph = {"nodes": nodes, "bonds": [f"{one} -> {other}" for one, other in pairwise(names)]}
+        source = replace(parse_source("{}"), data={"graph": graph})
+        start = process_time()
+        (fault,) = domain_faults(source)
+        assert f"'{names[0]}' is thermal and '{names[-1]}' electrical" in fault.message
+        return process_time() - start
+
+    assert min(seconds(20_000) for _ in range(2)) < 12 * seconds(4000)  # squared: 25
 
 
 def test_a_response_that_is_asked_for_needs_its_block():

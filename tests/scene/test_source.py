@@ -296,6 +296,12 @@ def test_did_you_mean(word, candidates, expected):
     assert did_you_mean(word, candidates) == (f"; did you mean '{expected}'?" if expected else "")
 
 
+@pytest.mark.parametrize("word", ["Node_500", "node-500", "nod_500", "nodes_500"])
+def test_the_closest_of_many_alike_names_is_meant(word):
+    names = [f"node_{number:03}" for number in range(1000)]
+    assert did_you_mean(word, names) == "; did you mean 'node_500'?"
+
+
 def test_reading_scenes_imports_nothing_heavy():
     heavy = "{'numpy', 'scipy', 'pydantic'}"
     modules = "dynid.scene.yaml.source, dynid.scene.arithmetic.expression"

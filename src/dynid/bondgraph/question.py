@@ -41,8 +41,6 @@ Engine = Literal["auto", "exact", "float", "symbolic"]
 Reading = Literal["decimal", "binary"]
 Form = Literal["nested", "expanded"]
 
-ENGINES: tuple[Engine, ...] = get_args(Engine)
-
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 

@@ -105,11 +105,6 @@ def frame(
     return whole.model(damping, joints)
 
 
-def node_count(given: int, elements: Iterable[int]) -> int:
-    """Return the number of nodes, inner ones included, for members of so many elements each."""
-    return given + sum(count - 1 for count in elements)
-
-
 def carried_rotations(members: Iterable[Member]) -> set[int]:
     """Return the nodes, of those that members name, whose rotation at least one of them carries."""
     return {

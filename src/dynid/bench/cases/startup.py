@@ -85,7 +85,9 @@ BENCHMARK = Benchmark(
         Alternative("run-identification-kernels", _with_kernels),
         Alternative("show", _on_result("show", "bond-graph")),
         Alternative("report", _on_result("report", "identification", "-q")),
-        Alternative("import-matplotlib-numpy", _process("-c", "import matplotlib, numpy")),
+        Alternative(
+            "import-matplotlib-numpy", _process("-c", "import matplotlib, numpy"), needs=("matplotlib",)
+        ),
         Alternative("import-numpy-scipy-h5py", _process("-c", "import numpy, scipy.linalg, h5py, pydantic")),
     ),
     error=_modules,

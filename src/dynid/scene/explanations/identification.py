@@ -150,7 +150,9 @@ def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
         f"{lengths} samples of {counted(channels, 'channel')} every {step:.4g} s{several}: {count:,} values",
     )
     nyquist = math.pi / step
-    if band >= nyquist:
+    if not (model.excitation or any(record.excitation for record in model.measurement.each)):
+        yield Fact("sampling", f"no excitation is given; half the sampling rate is {nyquist:.4g} rad/s")
+    elif band >= nyquist:
         yield Fact("sampling", f"excited up to half the sampling rate, {nyquist:.4g} rad/s, and beyond")
     else:
         dense = f"{band * step:.2g}, {2 * math.pi / (band * step):.3g} samples a period"

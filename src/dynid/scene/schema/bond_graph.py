@@ -57,7 +57,7 @@ _NodeType = Annotated[
 
 
 class NodeModel(Part):
-    """One node: its type, its value where it has one, and its physical domain, which colours drawings."""
+    """One node: its type, its value where it has one, and its physical domain, which tells units."""
 
     type: _NodeType
     value: Value | None = None

@@ -80,17 +80,19 @@ def domain_faults(source: Source) -> list[Fault]:
         if not {types[bond.tail], types[bond.head]} & TWO_PORTS:
             near[bond.tail].append(bond.head)
             near[bond.head].append(bond.tail)
-    faults, by = [], dict.fromkeys(types, "")
+    faults, seen = [], set[str]()
     for first, domain in given.items():
-        reached = [first] if not by.get(first) else []
+        reached = [] if first in seen else [first]
+        seen.add(first)
         for name in reached:
-            by[name] = first
             if given.get(name, domain) != domain:
                 message = (
                     f"'{first}' is {domain} and '{name}' {given[name]}, but no TF or GY stands between them"
                 )
                 faults.append(source.fault(("graph", "nodes", written_key(nodes, name), "domain"), message))
-            reached += [other for other in dict.fromkeys(near[name]) if other not in reached]
+            following = [other for other in dict.fromkeys(near[name]) if other not in seen]
+            seen.update(following)
+            reached += following
     return faults
 
 
