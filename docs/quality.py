@@ -65,6 +65,10 @@ def _written(cell: object) -> str:
     return f"{cell:,}" if isinstance(cell, int) else str(cell).replace("|", "\\|")
 
 
+def _ending(code: str) -> str:
+    return "stopped" if code == "None" else f"exit {code}"
+
+
 def scenes(record: dict) -> str:
     """Return what came of hostile scenes, of each kind and together."""
     codes = sorted(record["codes"])
@@ -74,7 +78,7 @@ def scenes(record: dict) -> str:
     ]
     rows.append(("**all**", record["scenes"], *(f"{record['codes'][code]:,}" for code in codes)))
     text = table(
-        ["kind", "scenes", *(f"exit {code}" for code in codes)], [(a, f"{b:,}", *c) for a, b, *c in rows]
+        ["kind", "scenes", *(_ending(code) for code in codes)], [(a, f"{b:,}", *c) for a, b, *c in rows]
     )
     seconds, seed = record["slowest"]
     text += f"\n{record['messages']:,} lines of messages. Slowest: {seconds} s of CPU time (seed {seed}). "

@@ -66,8 +66,9 @@ def limit(value: float) -> str:
 
 
 def counted(count: int, what: str) -> str:
-    """Write a number of things: 1 bond, 2 bonds."""
-    return f"{count:,} {what}{'' if count == 1 else 's'}"
+    """Write a number of things: 1 bond, 2 bonds, 3 frequencies."""
+    several = f"{what[:-1]}ies" if what.endswith("cy") else f"{what}s"
+    return f"{count:,} {what if count == 1 else several}"
 
 
 def root_text(root: complex) -> str:

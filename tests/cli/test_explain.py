@@ -1,6 +1,7 @@
 """`dynid check --explain` tells before a run what the run will say, and about what it costs."""
 
 import math
+import re
 import sys
 import time
 
@@ -360,7 +361,7 @@ def test_a_study_counts_what_is_left_and_says_why_samples_run_alone(dynid, folde
     assert "finished    none in s.h5" in out
     assert "batched     yes" in out
     assert dynid("study", "s.yaml", "--executor", "serial", "-q")[0] == 0
-    assert "3 of them are valid in s.h5" in dynid("check", "--explain", "s.yaml")[1]
+    assert "3 of them, in s.h5" in dynid("check", "--explain", "s.yaml")[1]
     (folder / "s.yaml").write_text(
         STUDY.replace("graph.nodes.m.value: {values: [1, 2, 3]}", "analysis.engine: {values: [exact, float]}")
     )
@@ -413,3 +414,13 @@ def test_faults_are_said_as_without(dynid, folder):
     (folder / "bad.yaml").write_text(OSCILLATOR.replace("value: 2", "valu: 2"))
     assert dynid("check", "--explain", "bad.yaml") == dynid("check", "bad.yaml")
     assert dynid("check", "--explain", "-q", "small.yaml")[1] == ""
+
+
+def test_a_missing_file_has_its_place_before_the_run_as_in_it(dynid, folder):
+    dynid("new", "record", "--no-schema")
+    (folder / "record.csv").unlink()
+    said = dynid("run", "record.yaml")
+    code, _, err = dynid("check", "--explain", "record.yaml")
+    assert (code, err) == (said[0], said[2])
+    assert code == 4
+    assert re.match(r"record.yaml:\d+:\d+: record.csv is no file", err)

@@ -86,7 +86,7 @@ def test_reduced_models_as_matrices(dynid, folder, beam):
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        ("--json", "no transfer functions. Add transfer_function to analysis.results."),
+        ("--json", "no transfer functions. Add transfer_function to analysis.results of a bond graph."),
         ("--mat", "no state equations and no reduced model. Add state_space to analysis.results of a bond"),
     ],
 )

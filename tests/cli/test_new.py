@@ -42,3 +42,10 @@ def test_a_study_is_planned_as_it_is_written(dynid, folder):
     assert (code, err) == (0, "")
     assert "50 samples of bond-graph.yaml" in out
     assert (folder / "bond-graph.yaml").exists()
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_template_goes_into_a_folder_that_is_there(dynid):
+    code, _, err = dynid("new", "chain", "-o", "nowhere/chain.yaml")
+    assert code == 4
+    assert err == "nowhere/chain.yaml cannot be written: there is no folder nowhere. Make it first.\n"

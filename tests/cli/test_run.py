@@ -269,3 +269,34 @@ def test_what_all_channels_share_is_said_once_and_many_channels_are_a_table_in_t
     ]
     _, show, _ = dynid("show", "matrix.h5")
     assert run.split("every channel")[1].split("wrote")[0].strip() == show.split("every channel")[1].strip()
+
+
+@pytest.mark.usefixtures("folder")
+def test_long_lists_of_roots_and_formulas_are_wrapped_between_roots_and_terms(dynid):
+    dynid("new", "chain", "--stages", "10", "--no-schema")
+    code, said, _ = dynid("run", "chain.yaml")
+    assert code == 0
+    assert max(map(len, said.splitlines())) <= 112
+    listed = said[said.index("    poles   ") : said.index("\n\n  frequency response")].split("\n")
+    assert all(line.startswith(" " * 12) for line in listed[1:])
+    poles = " ".join(line[12:] for line in listed).split(", ")
+    assert len(poles) == 10
+    assert all(re.fullmatch(r"-[\d.]+ ± [\d.]+j", pole) for pole in poles)
+
+
+ONE = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, m: {type: I, value: 2}, n: 1, k: {type: C, value: 0.5}, loose: {type: R, value: 1}, g: Sf}
+  bonds: [F -> n -> m, n -> k, g -> loose]
+analysis: {inputs: [g], outputs: [m.f], frequency: {start: 3, stop: 3, points: 1}}
+"""
+
+
+def test_one_is_one_and_a_response_of_nothing_has_no_largest_value(dynid, folder):
+    (folder / "one.yaml").write_text(ONE)
+    code, said, _ = dynid("run", "one.yaml")
+    assert code == 0
+    assert "frequency response at 1 frequency, 3 … 3 rad/s\n    |m.f over g| is 0 at all of them" in said
+    assert "at 1 frequency\n" in dynid("check", "--explain", "one.yaml")[1]

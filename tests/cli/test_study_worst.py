@@ -101,6 +101,7 @@ def test_the_text_of_the_scene_stays(dynid, study):
     ("args", "message"),
     [
         (["bond_graph/properties/m.f/F/dc_gian", "-o", "w.yaml"], "did you mean"),
+        (["dc_gain", "-o", "w.yaml"], "did you mean 'bond_graph/properties/m.f/F/dc_gain'?"),
         (["bond_graph/properties/m.f/F/dc_gain"], "Missing option '-o'"),
         (["bond_graph/properties/m.f/F/dc_gain", "-o", "study.h5"], "would overwrite the study"),
     ],

@@ -35,6 +35,7 @@ def _work(command, seeds, every, report):
             kind, text = hostile_scene(seed, every)
             report.send((seed, kind, None, 0))
             verdict = sandbox.judge(text, command, seconds=SECONDS[command])
+            verdict = verdict._replace(wrong=verdict.wrong.replace(f"{folder}/", ""))
             peak = max(
                 resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
             )

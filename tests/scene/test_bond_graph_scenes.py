@@ -35,6 +35,7 @@ def test_the_scene_of_these_tests_is_valid():
     [
         # nodes
         ("type: TF", "type: TR", "4:78: unknown node type 'TR'; did you mean 'TF'?"),
+        ("type: TF", "type: L", "4:78: unknown node type 'L'; it is one of Se, Sf, I, C, R, TF, GY, 0, 1"),
         ("type: TF", "type: 1.5", "4:78: a node type is one of Se, Sf, I, C, R, TF, GY, 0, 1"),
         (", value: 3", "", "4:71: TF needs its modulus n: write {type: TF, value: …}"),
         ("value: 3", "value: 0", "4:71: the modulus of a TF cannot be zero"),

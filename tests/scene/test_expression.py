@@ -54,6 +54,7 @@ def test_float_values(text, value):
         ("sqrt", 1, "function"), ("sqrt()", 1, "one argument"), ("sqrt(1, 2)", 1, "one argument"),
         ("min(1)", 1, "two arguments"), ("sqrt(*x)", 1, "without"), ("(1, 2)", 1, "no meaning"),
         ("()", 1, "no meaning"),
+        ("0,5", 1, "decimals stand behind a point"),
         ("2(3)", 1, "needs a *"), ("x(3)", 1, "no function"), ("2m", 1, "2*m"), ("1_000", 1, "neither"),
         ("0x10", 1, "neither"), ("1j", 1, "neither"), ("lambda: 1", 1, "'lambda'"),
         ("x if y else z", 3, "'if'"),

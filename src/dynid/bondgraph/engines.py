@@ -8,6 +8,7 @@ from typing import Any
 from dynid import choices
 from dynid.bondgraph.question import NUMERIC, Analysis
 from dynid.bondgraph.reduced import ReducedGraph
+from dynid.numerals import counted
 
 #: Up to how many storages the exact engine is chosen: on many loops, and where roots are asked for.
 _LIMIT = {
@@ -86,5 +87,5 @@ def choose(reduced: ReducedGraph, analysis: Analysis) -> Choice:
     looped = loops > choices.MANY_LOOPS.value
     limit = _LIMIT[looped, roots]
     where = f" on {loops} loops" if looped else ""
-    reason = f"{size:,} storages{where}; chosen by default: {limit}"
+    reason = f"{counted(size, 'storage')}{where}; chosen by default: {limit}"
     return Choice("exact" if size <= limit.value else "float", reason)

@@ -36,6 +36,7 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
       dynid check scenes/*.yaml
       dynid check --explain isolator.yaml
     """  # noqa: D301 - click's mark against wrapping
+    from dynid.cli.run import LocatedError
     from dynid.scene.load import load_scene
 
     code = faults = 0
@@ -47,7 +48,7 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
             click.echo(str(error), err=True)
             faults += len(error.faults)
             code = max(code, error.exit_code)
-        except FileError as error:
+        except (FileError, LocatedError) as error:
             click.echo(str(error), err=True)
             code = max(code, error.exit_code)
         else:
@@ -78,6 +79,10 @@ def _explanation(scene: Scene) -> Explanation:
         from dynid.study.plan import make_plan
 
         return explain_study(make_plan(scene), f"{Path(scene.source.file).stem}.h5")
+    from dynid.cli.run import LocatedError
     from dynid.scene.explanations import explain
 
-    return explain(scene)
+    try:
+        return explain(scene)
+    except FileError as error:
+        raise LocatedError(scene, error) from error

@@ -55,6 +55,7 @@ def new(
     study           one scene, many values: a Latin hypercube over the motor
     """  # noqa: D301 - click's mark against wrapping
     from dynid.atomic import replace_file
+    from dynid.cli.run import refuse_missing_folders
 
     _refuse_options(name, netlist, chained=stages is not None or distinct)
     target = Path(output or f"{name}.yaml")
@@ -62,6 +63,7 @@ def new(
         raise FileError(
             f"{target} exists already", remedy="Name another file with -o, or replace it with --force."
         )
+    refuse_missing_folders(str(target))
     written = _scene(name, netlist, stages or 10, vary=distinct)
     if no_schema:
         replace_file(str(target), written)

@@ -71,5 +71,7 @@ def _write(figure: Figure, target: Path, form: str) -> None:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(f"{target.parent} cannot be made: {error.strerror}") from error
+        raise FileError(
+            f"{target.parent} cannot be made a folder: {error.strerror}", remedy="Name another with -o."
+        ) from error
     replace_file(target, content)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.numerals import counted
+
 if TYPE_CHECKING:
     from dynid.study.execute import Progress, Report
 
@@ -41,7 +43,7 @@ class Rate:
 def words(progress: Progress, rate: float) -> str:
     """Say how far a study is."""
     left = progress.total - progress.finished
-    parts = [f"{progress.finished} of {progress.total} samples"]
+    parts = [f"{progress.finished} of {counted(progress.total, 'sample')}"]
     if progress.failed:
         parts.append(f"{progress.failed} failed")
     if rate > 0 and left:

@@ -40,7 +40,8 @@ def transfer_functions_json(result: Result) -> bytes:
             found.setdefault(output, {}).setdefault(source, {})[part] = _plain(result[path].data)
     if not found:
         raise UsageError(
-            "the result holds no transfer functions", remedy="Add transfer_function to analysis.results."
+            "the result holds no transfer functions",
+            remedy="Add transfer_function to analysis.results of a bond graph.",
         )
     document = {"title": result.title, "variable": "s", "transfer_functions": found}
     return (json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()

@@ -48,7 +48,7 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     facts = [
         Fact("scene", f"{plan.attrs['base']} ({plan.base.kind}); what follows of it is at its own values"),
         Fact("samples", f"{plan.size:,} by {plan.attrs['method']} over {', '.join(plan.arrays)}"),
-        Fact("finished", f"{done:,} of them are valid in {target}" if done else f"none in {target}"),
+        Fact("finished", f"{done:,} of them, in {target}" if done else f"none in {target}"),
         Fact("batched", f"no, one by one: {reason}" if reason else "yes, samples share their preparation"),
         Fact("processes", f"{cores()}: one a core, unless --workers or --scheduler says otherwise"),
         *base.facts,

@@ -16,6 +16,9 @@ from dynid.result import Result
 #: Most channels that are told in full, most rows of the table of the others, and longest formula shown.
 _FULL, _ROWS, _LONGEST = 6, 30, 160
 
+#: Columns of the screen.
+_WIDTH = 110
+
 #: The properties that are numbers.
 _NUMBERS = ("order", "relative_degree", "dc_gain", "high_frequency_gain")
 
@@ -86,7 +89,7 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
     roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
     said = f"bond_graph/properties/{output}/{source}/{verdict}"
     if roots is not None or said in result:
-        yield f"    {name}   {roots_text(roots.data) if roots is not None else ''}".rstrip()
+        yield from _hanging(f"    {name}   ", roots_text(roots.data) if roots is not None else "")
         yield from _wrapped(result, said)
 
 
@@ -97,7 +100,7 @@ def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
     if formula and written != ["0"] and (alone or len(formula) < _LONGEST):
         written.append(formula if len(formula) < _LONGEST else "(its formula is in the file)")
     for place, text in enumerate(written):
-        yield f"    {'T(s)' if place == 0 else '    '} = {text}"
+        yield from _hanging(f"    {'T(s)' if place == 0 else '    '} = ", text)
     if f"{group}/program" in result:
         program = str(result.value(f"{group}/program")).splitlines()
         yield f"    nested, in {counted(len(program), 'assignment')}:"
@@ -116,7 +119,8 @@ def _numbers(result: Result, group: str) -> Iterable[str]:
         yield f"    order {order} · relative degree {relative} · T(0) = {dc} · T(∞) = {high}"
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
-        yield f"    hidden modes (natural modes that this channel does not show)  {roots_text(hidden.data)}"
+        head = "    hidden modes (natural modes that this channel does not show)  "
+        yield from _hanging(head, roots_text(hidden.data), indent=12)
         yield from _causes(result, group, hidden.data)
 
 
@@ -131,6 +135,20 @@ def _causes(result: Result, group: str, modes: np.ndarray[Any, Any]) -> Iterable
         yield from (
             f"            {line}" for line in wrap(f"{root_text(modes[place])}: {causes[place]}{held}", 92)
         )
+
+
+def _hanging(head: str, text: str, *, indent: int | None = None) -> Iterable[str]:
+    """Write a formula or a list of roots after its head, in further lines where it is long."""
+    whole = text.replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
+    left = " " * (len(head) if indent is None else indent)
+    lines = wrap(
+        head + whole,
+        _WIDTH,
+        subsequent_indent=left,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    yield from (line.replace("\N{NO-BREAK SPACE}", " ") for line in lines)
 
 
 def _wrapped(result: Result, path: str) -> Iterable[str]:

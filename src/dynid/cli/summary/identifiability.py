@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from textwrap import wrap
 
 from dynid.report.answers.identifiability import GROUP, bounds, groups, shifts
 from dynid.result import Result
@@ -32,7 +33,8 @@ def _bounds(result: Result) -> Iterable[str]:
     place, noise = found.where
     what = "record" if found.of_time else "frequency responses"
     state = ", initial state unknown" if found.of_time else ""
-    yield f"  what the {what} can tell (Cramér–Rao bound at the {place}{state}{noise})"
+    said = f"  what the {what} can tell (Cramér–Rao bound at the {place}{state}{noise})"
+    yield from wrap(said, 110, subsequent_indent="    ")
     yield from table(("", "value", "bound", *(["state known"] if found.of_time else [])), found.rows)
 
 

@@ -25,13 +25,14 @@ def _frequency(result: Result, group: str) -> Iterable[str]:
         return
     omega, response = result[f"{group}/omega"].data, np.abs(result[f"{group}/response"].data)
     span = f"{omega[0]:.4g} … {omega[-1]:.4g} rad/s"
-    yield f"  frequency response at {len(omega)} frequencies, {span}"
+    yield f"  frequency response at {counted(len(omega), 'frequency')}, {span}"
     outputs, inputs = (result[f"{group}/{axis}"].data for axis in ("output", "input"))
     channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
     for k, m in channels[:_MOST]:
         peak = int(np.argmax(response[:, k, m]))
         top = f"{response[peak, k, m]:.4g} at {omega[peak]:.4g} rad/s".replace("inf", "∞")
-        yield f"    |{outputs[k]} over {inputs[m]}| is largest, {top}"
+        said = f"is largest, {top}" if response[peak, k, m] else "is 0 at all of them"
+        yield f"    |{outputs[k]} over {inputs[m]}| {said}"
     if len(channels) > _MOST:
         yield f"    … {counted(len(channels) - _MOST, 'more channel')} in the file"
 
@@ -40,7 +41,7 @@ def _time(result: Result, group: str) -> Iterable[str]:
     if f"{group}/time" not in result:
         return
     time, response = result[f"{group}/time"].data, result[f"{group}/response"].data
-    yield f"  time response at {len(time)} instants, to {time[-1]:.4g} s"
+    yield f"  time response at {counted(len(time), 'instant')}, to {time[-1]:.4g} s"
     note = result.group_attrs.get(group, {}).get("note")
     if note:
         yield from (f"    {line}" for line in wrap(f"Note: {note}.", 96))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.numerals import counted
 from dynid.words import short_paths
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def lines(plan: Plan, numbers: Sequence[int], finished: int, target: str) -> Ite
     target
         The file that they would be written to.
     """
-    yield f"{plan.study.title}: {len(numbers)} samples of {plan.attrs['base']} ({plan.base.kind})"
+    yield f"{plan.study.title}: {counted(len(numbers), 'sample')} of {plan.attrs['base']} ({plan.base.kind})"
     yield f"  sampling  {plan.attrs['method']}" + (f", seed {plan.seed}" if _is_drawn(plan) else "")
     if len(numbers) < plan.size:
         yield f"  shard     of {plan.size} samples, one in {plan.size // len(numbers)} or so"

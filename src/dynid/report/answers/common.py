@@ -35,7 +35,7 @@ def _frequency(result: Result, group: str) -> Iterator[Block]:
         peak = int(np.argmax(response[:, k, m]))
         top = f"{response[peak, k, m]:.4g}".replace("inf", "∞")
         rows.append((f"{outputs[k]} over {inputs[m]}", top, f"{omega[peak]:.4g}"))
-    span = f"{len(omega):,} frequencies, {omega[0]:.4g} … {omega[-1]:.4g} rad/s"
+    span = f"{counted(len(omega), 'frequency')}, {omega[0]:.4g} … {omega[-1]:.4g} rad/s"
     yield Grid(("", "largest magnitude", "at, rad/s"), tuple(rows), caption=span)
     yield from more(len(channels), _MOST, "channel")
 
@@ -46,7 +46,7 @@ def _time(result: Result, group: str) -> Iterator[Block]:
         (str(output), *(f"{value:.4g}" for value in (column.min(), column.max(), column[-1])))
         for output, column in zip(result[f"{group}/output"].data[:_MOST], response.T, strict=False)
     ]
-    span = f"{len(time):,} instants, to {time[-1]:.4g} s"
+    span = f"{counted(len(time), 'instant')}, to {time[-1]:.4g} s"
     yield Grid(("", "least", "largest", "at the end"), tuple(rows), caption=span)
     if note := result.group_attrs.get(group, {}).get("note"):
         yield Note(f"{note}.")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid.numerals import percent, quantity, with_error
+from dynid.numerals import counted, percent, quantity, with_error
 from dynid.report.answers.blocks import Block, Grid, Note, Part
 from dynid.report.answers.common import more
 from dynid.report.answers.identifiability import identifiability_parts
@@ -78,7 +78,7 @@ def _modes(result: Result) -> Iterator[Block]:
         if k < _MOST_MODES
     )
     rigid = int(result.value(f"{group}/rigid"))
-    said = f"{count} modes of {size} DOFs, {rigid or 'none'} of the rigid body"
+    said = f"{counted(count, 'mode')} of {counted(size, 'DOF')}, {rigid or 'none'} of the rigid body"
     yield Grid(("mode", "rad/s", "Hz", "damping", ""), rows, caption=said)
     yield from more(count, _MOST_MODES, "mode")
     if without:
@@ -133,10 +133,10 @@ def record(result: Result) -> str:
         return _responses(result, next(iter(lists)) + gaps)
     states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
     unknowns = len(result["identification/parameters/name"].data)
-    records = f"{len(every)} records, " if several else ""
+    records = f"{counted(len(every), 'record')}, " if several else ""
     return (
-        f"{states} physical states, {unknowns} unknown parameters; "
-        f"{records}{sum(map(len, measured))} samples of {'; '.join(lists)}{gaps}"
+        f"{counted(states, 'physical state')}, {counted(unknowns, 'unknown parameter')}; "
+        f"{records}{counted(sum(map(len, measured)), 'sample')} of {'; '.join(lists)}{gaps}"
     )
 
 
@@ -144,8 +144,8 @@ def _responses(result: Result, said: str) -> str:
     """Say what frequency responses were measured, and where."""
     omega = result[f"{_MEASURED}/omega"].data
     unknowns = len(result["identification/parameters/name"].data)
-    lines = f"{len(omega)} lines, {omega[0]:.5g} … {omega[-1]:.5g} rad/s"
-    return f"{unknowns} unknown parameters; {lines}, of the frequency responses {said}"
+    lines = f"{counted(len(omega), 'line')}, {omega[0]:.5g} … {omega[-1]:.5g} rad/s"
+    return f"{counted(unknowns, 'unknown parameter')}; {lines}, of the frequency responses {said}"
 
 
 def prepared(result: Result) -> Iterator[str]:

@@ -13,6 +13,7 @@ from dynid.bondgraph.graph import ONE_PORTS, SOURCES, Port
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.reduction.program import Op
 from dynid.bondgraph.reduction.snapshots import Snapshot, snapshots
+from dynid.numerals import counted
 from dynid.report.drawing.graph import Question, question_of, sketch_of, vertex_of
 from dynid.report.drawing.layout import lay_out
 from dynid.report.drawing.panels import Draw, Panel, panels
@@ -43,7 +44,7 @@ def figures(result: Result) -> Iterator[Figure]:
 
 def _picture(question: Question, port: Port, rows: list[dict[str, str]]) -> Picture:
     sketches = strip_of(question, port)
-    title = f"Reduction to {port} in {len(rows)} steps"
+    title = f"Reduction to {port} in {counted(len(rows), 'step')}"
     name = f"reduction-{port}"
     svg = Svg(name, title, "; ".join(f"{row['rule']}: {row['equation']}" for row in rows))
     shown = [Panel("The graph as drawn", "", "", *drawing(sketches[0]))]

@@ -190,6 +190,8 @@ def _node_problem(node: ast.expr) -> str:
         )
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
         return ""
+    if isinstance(node, ast.Tuple) and node.elts:
+        return "a comma has no meaning here; decimals stand behind a point"
     return f"this has no meaning here; {_ALLOWED}"
 
 

@@ -90,9 +90,9 @@ def _computed(analysis: Analysis) -> list[Fact]:
     facts = [Fact("computes", ", ".join(asked).replace("_", " "))]
     grids = []
     if analysis.omega is not None:
-        grids.append(f"{len(analysis.omega):,} frequencies")
+        grids.append(counted(len(analysis.omega), "frequency"))
     if analysis.times is not None:
-        grids.append(f"{len(analysis.times):,} instants")
+        grids.append(counted(len(analysis.times), "instant"))
     if grids:
         facts.append(Fact("", f"at {' and '.join(grids)}"))
     if others:

@@ -95,9 +95,9 @@ def _of_model(structure: StructuralModel, made: Reduction | None, method: str) -
         yield Fact("model", f"{n:,} DOFs: {2 * n:,} physical states; {parameters}")
         return
     yield Fact("model", f"{n:,} DOFs reduced by {method} to {r}: {2 * r} physical states; {parameters}")
-    basis = [f"{len(made.masters)} masters"] if made.masters else []
+    basis = [counted(len(made.masters), "master")] if made.masters else []
     if made.modes:
-        basis.append(f"{len(made.modes)} modes ({made.rule})" if made.rule else f"{len(made.modes)} modes")
+        basis.append(counted(len(made.modes), "mode") + (f" ({made.rule})" if made.rule else ""))
     if made.condition is not None:
         basis.append(f"condition of the modes at the masters {made.condition:.2g}")
     yield Fact("basis", "; ".join(basis))
@@ -238,9 +238,9 @@ def _asked(analysis: ResponseModel) -> Iterator[str]:
     if analysis.modes is not None:
         yield "modes"
     if analysis.frequency is not None:
-        yield f"frequency response at {len(angular_frequencies(analysis.frequency)):,} frequencies"
+        yield f"frequency response at {counted(len(angular_frequencies(analysis.frequency)), 'frequency')}"
     if analysis.time is not None:
-        yield f"time response at {len(record_of(analysis.time).times):,} instants"
+        yield f"time response at {counted(len(record_of(analysis.time).times), 'instant')}"
 
 
 def _responses(

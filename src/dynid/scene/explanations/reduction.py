@@ -64,7 +64,9 @@ def explain(scene: Scene) -> Explanation:
     if model.frequency is not None:
         lines = len(angular_frequencies(model.frequency))
         facts.append(
-            Fact("responses", f"at {lines:,} frequencies, of the full structure and of each reduction")
+            Fact(
+                "responses", f"at {counted(lines, 'frequency')}, of the full structure and of each reduction"
+            )
         )
     sizes = [each.model.size for each in made.values()] or [most] * len(methods)
     return Explanation(result, facts, _cost(model, structure, seconds, solver, sizes))
@@ -84,7 +86,7 @@ def _kept(made: Reduction) -> Iterator[str]:
     if made.masters:
         yield f"masters {_listed(made.masters)}"
     if made.modes:
-        yield f"{len(made.modes)} modes ({made.rule})" if made.rule else f"{len(made.modes)} modes"
+        yield counted(len(made.modes), "mode") + (f" ({made.rule})" if made.rule else "")
     if made.condition is not None:
         yield f"condition {made.condition:.2g}"
 

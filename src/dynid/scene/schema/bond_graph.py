@@ -35,7 +35,8 @@ def _node_type(raw: Any) -> str:
     if not isinstance(text, str):
         raise fault(f"a node type is one of {', '.join(NODE_TYPES)}")
     if text not in NODE_TYPES:
-        raise fault(f"unknown node type '{text}'{did_you_mean(text, NODE_TYPES)}")
+        close = did_you_mean(text, NODE_TYPES) or f"; it is one of {', '.join(NODE_TYPES)}"
+        raise fault(f"unknown node type '{text}'{close}")
     return text
 
 

@@ -153,7 +153,8 @@ class StudyTable:
         match = _ENTRY.fullmatch(name)
         path = match["path"] if match and name not in self.paths else name
         if path not in self.paths:
-            hint = did_you_mean_path(path, self.paths)
+            ends = [known for known in self.paths if known.endswith(f"/{path}")]
+            hint = f"; did you mean '{ends[0]}'?" if ends else did_you_mean_path(path, self.paths)
             raise UsageError(f"the study has gathered nothing at '{path}'{hint}")
         if not self.is_number(path):
             raise UsageError(f"'{path}' is a text, which has no worst")
