@@ -18,7 +18,8 @@ def accuracy_lines(result: Result) -> list[str]:
     if about is None:
         return []
     aspects = [path.split("/")[1] for path in result if path.startswith(f"{_GROUP}/")]
-    said = [f"  what else could have been chosen: median of {about['repeats']}, {about['budget']:g} s in all"]
+    spent = f"median of {about['repeats']}, at most {about['budget']:g} s in all"
+    said = [f"  what else could have been chosen: {spent}"]
     for aspect in dict.fromkeys(aspects):
         said += _table(result, f"{_GROUP}/{aspect}")
     return [*said, "", "  → the choice · ● nothing is both faster and more accurate"]

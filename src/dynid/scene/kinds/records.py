@@ -133,6 +133,7 @@ def _measured(
     if len(table) < shape[0]:
         raise FileError(
             f"{path} has {len(table)} samples, but the scene asks for {shape[0]}",
+            remedy="Ask for no more samples than there are.",
             names=(f"{where}.path",),
         )
     return table[: shape[0]]
