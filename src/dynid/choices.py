@@ -47,6 +47,16 @@ EXACT_POLYNOMIALS_ON_LOOPS = Default(150, "loops", "exact polynomials up to {val
 STARTED_ROOTS = Default(
     40, "zeros-poles", "roots of polynomials beyond degree {value} are certified from eigenvalues"
 )
+COMPILED_RESPONSES = Default(
+    2000,
+    "frequency-response",
+    "frequency responses of more than {value:,} operations run compiled, in doubled precision",
+)
+PLANNED_ANEW = Default(
+    100_000,
+    "frequency-response-on-loops",
+    "graphs are planned anew where more than {value:,} operations would be left to ball arithmetic",
+)
 
 # Time responses.
 HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")
@@ -54,7 +64,10 @@ HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are
 # Structures: modes, responses, bases.
 DENSE_MODES = Default(200, "modes", "modes by dense matrices up to {value} DOFs")
 ALL_MODES = Default(4000, "modes", "all modes up to {value:,} DOFs")
-FEW_MODES = Default(6, "modes", "by sparse Lanczos where at most one mode in {value} is asked for")
+FEW_MODES = Default(4, "many-modes", "by sparse Lanczos where at most one mode in {value} is asked for")
+FEW_FREQUENCIES = Default(
+    6, "structure-response", "large sparse structures respond by modes at more than {value} frequencies"
+)
 BACKEND = Default("splu", "modes", "sparse matrices are factorised by {value}")
 MASTERS: Default[Literal["qr"]] = Default(
     "qr", "reduction", "masters are chosen by pivoted {value} of the modes"

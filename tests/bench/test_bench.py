@@ -33,6 +33,8 @@ SMALL = {
     "basis": (7, 0.05),
     "reduction": (300, 1e-10),
     "modes": (300, 1e-10),
+    "many-modes": (20, 1e-10),
+    "structure-response": (3, 1e-8),
     "startup": (1, 0),
     "study": (2, 1e-15),
 }

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dynid.identification.augmented import augmented
-from dynid.identification.filtering.filter import Prior, filter_pass
+from dynid.identification.augmented import AugmentedModel, Transition, augmented
+from dynid.identification.filtering.filter import Prior, _History, _walk, filter_pass
+from dynid.identification.filtering.linearised import PART
 from dynid.identification.fit import fitter
 from dynid.identification.measurement import Measurement, Simulation, data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
-from dynid.structure.lumped import lumped
+from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
 from tests.hard.case import Case
-from tests.hard.records import one_mass, run
+from tests.hard.records import LINES, one_mass, run
 from tests.hard.scenes import graph
 
 RING = ("Se u, 1 j, I m 3, C c 1/7", "u -> j -> m, j -> c")
@@ -126,6 +128,59 @@ def _margin(kind: type) -> float:
     return float(np.abs((P - exact) / np.outer(size, size)).max())
 
 
+# --- the suite's own pass in single and double precision -------------------------------------------
+
+
+class _Rounded(AugmentedModel):
+    """A model whose numbers and steps are of one precision."""
+
+    def transition(self, logs: np.ndarray, h: float) -> Transition:
+        exact = super().transition(logs.astype(float), h)
+        return Transition(*(part.astype(self.C.dtype) for part in exact))
+
+
+def _rounded(model: AugmentedModel, kind: type) -> _Rounded:
+    own = {field.name: getattr(model, field.name) for field in fields(model)}
+    own["line"] = replace(model.line, W=model.line.W.astype(kind))
+    numbers = {
+        name: value
+        for name, value in own.items()
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f"
+    }
+    return _Rounded(**own | {name: value.astype(kind) for name, value in numbers.items()})
+
+
+def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
+    """Return logarithms and deviations along a pass of the suspension's filter, all in one precision."""
+    k, c = JointParameter(start=1e4, true=2e4), JointParameter(start=10.0, true=20.0)
+    joints = [Joint("upper", (2, 3), k, c), Joint("lower", (3, 4), k, c)]
+    links = [Link((1,), 2e4, 20.0), Link((1, 2), 3e4, 30.0), Link((4, 5), 2e4, 20.0)]
+    structure = lumped([2.0, 2.0, 1.5, 1.0, 1.0], links, joints)
+    loads, channels = (
+        [Load(5, Multisine([100.0] * 3, LINES))],
+        (Channel(2, "velocity"), Channel(3, "velocity")),
+    )
+    taken = Measurement(0.002, 800, channels, Simulation(0.05, 1, 10.0))
+    record = data(structure, loads, taken)
+    model = augmented(structure, loads, channels, taken.record.times)
+    prior = fitter(model, structure, channels, record).wide_prior(np.log([u.start for u in model.unknowns]))
+    z, S = np.concatenate([prior.state, prior.logs]).astype(kind), prior.root.astype(kind)
+    n, p, count = model.states, model.parameters, len(record.values)
+    shapes = [(count, size) for size in (p, p, n, n)] + [record.values.shape]
+    history = _History(*(np.zeros(shape, dtype=kind) for shape in shapes))
+    weight = np.broadcast_to(1 / record.noise, record.values.shape).astype(kind)
+    origin = prior.logs.astype(kind)
+    with np.errstate(over="ignore"):  # the bounds on safe squares are those of doubles
+        _walk(_rounded(model, kind), record.values.astype(kind), weight, z, S, origin, history, PART)
+    return history.logs, history.deviations
+
+
+def _rounding(kind: type) -> float:
+    """Return how far roundings of a pass move an estimate at most, in its deviations."""
+    (logs, _), (true, deviations) = passed(kind), passed(np.longdouble)
+    return float(np.abs((logs - true) / deviations).max())
+
+
 def _sure_case(samples: int) -> Case:
     known = {"finite": True, "positive": True, "shrinking": True}
     name = f"a filter over {samples:,} samples stays positive and sure"
@@ -145,6 +200,12 @@ def _margin_case(kind: type, bound: float) -> Case:
     return Case(name, "long run", "sum of information", partial(_margin, kind), None, bound)
 
 
+def _rounding_case(kind: type, bound: float) -> Case:
+    name = f"dynid's own filter pass in {kind.__name__}, in standard deviations of the estimates"
+    source = "the same pass in extended precision"
+    return Case(name, "identification", source, partial(_rounding, kind), None, bound)
+
+
 CASES = [
     *_energy(100_000, slow=False),
     *_energy(10_000_000, slow=True),
@@ -154,4 +215,6 @@ CASES = [
     _covariance_case(1_000_000, 20),
     _margin_case(np.float64, 1e-8),
     _margin_case(np.float32, 0.1),
+    _rounding_case(np.float64, 1e-10),
+    _rounding_case(np.float32, 0.02),
 ]

@@ -24,7 +24,7 @@ class Place(NamedTuple):
 
 #: The benchmarks by name, in the order of a run.
 BENCHMARKS = {
-    "frequency-response": Place("frequency_response", 20),
+    "frequency-response": Place("frequency_response", 18),
     "frequency-response-on-loops": Place("frequency_response_on_loops", 8),
     "zeros-poles": Place("zeros_poles", 12),
     "polynomials": Place("polynomials", 3),
@@ -36,8 +36,10 @@ BENCHMARKS = {
     "reduction": Place("reduction", 9),
     "basis": Place("basis", 5),
     "modes": Place("modes", 13),
-    "startup": Place("startup", 18),
-    "study": Place("study", 20),
+    "many-modes": Place("many_modes", 2),
+    "structure-response": Place("structure_response", 3),
+    "startup": Place("startup", 17),
+    "study": Place("study", 18),
 }
 
 

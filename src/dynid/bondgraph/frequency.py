@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.algebra.bounded import Bounded
 from dynid.bondgraph.reduced import Planned, ReducedGraph
+from dynid.choices import COMPILED_RESPONSES, PLANNED_ANEW
 from dynid.errors import NumericalError, Singular
 
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
@@ -27,11 +28,11 @@ from dynid.errors import NumericalError, Singular
 _TOLERANCE = 1e-12
 #: Programs longer than this run in doubled precision, with bounds below 1e-12 whatever their length. Shorter
 #: ones do not pay for loading the compiler.
-_LONG = 2000
+_LONG = COMPILED_RESPONSES.value
 #: Responses smaller than this are near the end of the range of doubles: 1e-12 of this is their error bound.
 _SMALLEST = 1e-290
 #: Operations in ball arithmetic, over all points, that take as long as planning a graph anew.
-_ANEW = 100_000
+_ANEW = PLANNED_ANEW.value
 _PRECISIONS = (128, 256, 512)
 #: How many bits beside a natural mode what is finite there is taken.
 _BESIDE = 150

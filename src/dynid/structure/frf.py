@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.choices import FEW_FREQUENCIES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.frequency import WORST_CONDITION, second_order_response
 from dynid.lti.resonance import on_a_pole
+from dynid.structure.assembly import MOST_DENSE
 from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
 from dynid.structure.modes import modes
 from dynid.structure.modes.pencil import scaled, times
@@ -30,15 +32,17 @@ ComplexArray = NDArray[np.complex128]
 METHODS = ("auto", "direct", "modal")
 """How a response can be computed."""
 
-# Up to this size a dense solution at every frequency is the simplest and the most accurate.
-_DENSE = 400
-# Up to this size a dense solution tells what is infinite at an undamped pole, in seconds.
+# Up to this size, which assembled matrices are dense to, a dense solution at every frequency is the simplest
+# and the most accurate.
+_DENSE = MOST_DENSE
+# A bound on cost: up to this size a dense solution tells what is infinite at an undamped pole, in seconds.
 _MOST_AT_A_POLE = 2000
-# A sparse solution at this many frequencies takes as long as the modes of the band.
-_FEW = 8
-# Modes are kept up to this multiple of the highest frequency.
+# Modes are kept up to this multiple of the highest frequency: what they leave over is then smooth in the
+# band, and a few orders of residual vectors give it. They are added until the response stands in any case.
 _BAND = 1.5
+# A bound: each order shrinks what is left over to 1 / _BAND^2, so that 1e-8 takes half of them at the worst.
 _MOST_ORDERS = 16
+# What a vector must add to a basis beyond rounding.
 _INDEPENDENT = 1e-9
 
 
@@ -112,7 +116,7 @@ def frequency_response_functions(
         )
     if method == "auto":
         large = is_sparse(K) and K.shape[0] > _DENSE
-        method = "modal" if large and len(w) > _FEW and accuracy >= 1e-10 else "direct"
+        method = "modal" if large and len(w) > FEW_FREQUENCIES.value and accuracy >= 1e-10 else "direct"
     if method == "direct":
         return FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
     return by_modes(M, C, K, ports, w, accuracy, backend)

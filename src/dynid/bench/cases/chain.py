@@ -42,6 +42,17 @@ def characteristic(stages: int) -> Any:
     return above
 
 
+def numerator(stages: int) -> Any:
+    """Return what stands above it: s, and ``s b + k`` of every joint that the force passes (`fmpq_poly`)."""
+    from flint import fmpq, fmpq_poly
+
+    product = fmpq_poly([0, 1])
+    for row in distinct(stages)[:-1]:
+        _, k, b = (fmpq(v.numerator, v.denominator) for v in row)
+        product *= fmpq_poly([k, b])
+    return product
+
+
 @lru_cache(maxsize=2)
 def true_roots(stages: int) -> tuple[Any, Any]:
     """Return zeros and poles, correctly rounded.

@@ -75,7 +75,7 @@ BENCHMARK = Benchmark(
     alternatives=(
         Alternative("splu", _house("splu")),
         Alternative("splu-uncounted", _house("splu", proof=False)),
-        Alternative("dense", _house("dense"), most=2000),
+        Alternative("dense", _house("dense"), most=4000),
         Alternative("cholespy", _house("cholespy"), needs=("cholespy",)),
         Alternative("pardiso", _house("pardiso"), needs=("pypardiso",)),
         Alternative("eigsh", _eigsh, peer=True),
@@ -83,5 +83,8 @@ BENCHMARK = Benchmark(
     error=_error,
     measure="largest relative difference of omega^2 from a subspace iteration",
     default=_default,
-    full=(200, 400, 10_000, 100_000),
+    full=(200, 400, 4000, 10_000, 100_000),
+    remark="dense computes all modes whatever is asked for: its time is what the limit of all modes costs; "
+    "splu-uncounted and the peer do not prove that no mode is missed, as splu does by one more "
+    "factorisation; errors below 1e-10 are roundings, and the front among them changes from run to run",
 )

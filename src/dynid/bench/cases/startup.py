@@ -97,5 +97,6 @@ BENCHMARK = Benchmark(
         Limit("check", "import-pydantic-yaml", 5.0),
         Limit("run-bond-graph", "import-numpy-scipy-h5py", 3.0),
         Limit("run-identification", "import-numpy-scipy-h5py", 5.0),
+        Limit("report", "import-matplotlib-numpy", 2.0),
     ),
 )

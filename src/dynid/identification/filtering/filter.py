@@ -133,7 +133,7 @@ def _walk(
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
     expected = measured - model.feedthrough
     outputs_vary = bool(model.C_slopes.any())
-    H = np.zeros((measured.shape[1], len(z)))
+    H = np.zeros((measured.shape[1], len(z)), dtype=z.dtype)
     H[:, :n] = model.C
     steps, spread = Linearised(model, part), _lengths(S)
     for node, sample in enumerate(model.line.sample_of().tolist()):
@@ -214,7 +214,7 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
     Array
         The correction of state and logarithms (n + p).
     """
-    correction = np.zeros(len(S))
+    correction = np.zeros(len(S), dtype=S.dtype)
     for channel in present:
         h = H[channel]
         phi = h @ S

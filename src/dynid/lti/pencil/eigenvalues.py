@@ -33,7 +33,8 @@ _SWEEPS, _STEPS = 12, 3
 _NOISE, _SURE = 1e-12, 1e-7
 #: Relative error bound beyond which an eigenvalue is not trusted; below this share of the others it may be 0.
 TOLERANCE, _SMALL = 1e-8, 1e-8
-#: Blocks from this size on are factorised as sparse matrices where they are.
+#: Blocks from this size on are refined by sparse factors where they are sparse: of time alone, as each
+#: eigenvalue's bound comes from its own residual, whichever factors led to it.
 _LARGE = 150
 #: Roundings that a residual is allowed.
 _ROUNDINGS = 8
