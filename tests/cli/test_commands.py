@@ -64,6 +64,7 @@ def test_the_version_is_one_line(dynid):
         (["schema", "bondgraph"], "no kind 'bondgraph'; did you mean 'bond-graph'?"),
         (["new", "isolater"], "no template 'isolater'"),
         (["new", "structure", "--stages", "3"], "has no stages"),
+        (["--", "-x"], "No such option '-x'"),
     ],
 )
 @pytest.mark.usefixtures("folder")

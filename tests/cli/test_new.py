@@ -4,6 +4,9 @@ from importlib.resources import files
 
 import pytest
 
+from dynid.scene.netlists import read_netlist
+from tests.scene.test_netlists import MODULAR
+
 TEMPLATES = sorted(
     item.name.removesuffix(".yaml")
     for item in files("dynid.templates").iterdir()
@@ -49,3 +52,27 @@ def test_a_template_goes_into_a_folder_that_is_there(dynid):
     code, _, err = dynid("new", "chain", "-o", "nowhere/chain.yaml")
     assert code == 4
     assert err == "nowhere/chain.yaml cannot be written: there is no folder nowhere. Make it first.\n"
+
+
+def test_a_scene_that_is_there_is_kept_unless_force_is_used(dynid, folder):
+    (folder / "mine.yaml").write_text("mine")
+    code, out, err = dynid("new", "chain", "-o", "mine.yaml")
+    assert (code, out) == (4, "")
+    assert "mine.yaml exists already. Name another file with -o, or replace it with --force." in err
+    assert (folder / "mine.yaml").read_text() == "mine"
+    assert dynid("new", "chain", "-o", "mine.yaml", "--force", "--stages", "3", "--distinct")[0] == 0
+    assert dynid("check", "mine.yaml")[0] == 0
+
+
+def test_a_graph_out_of_a_netlist_is_the_bond_graphs_alone(dynid, folder):
+    code, _, err = dynid("new", "structure", "--from", "graph.bg")
+    assert code == 2
+    assert "a template 'structure' has no graph. Use `dynid new bond-graph --from FILE`." in err
+    assert list(folder.glob("structure*")) == []
+    code, _, err = dynid("new", "bond-graph", "--from", "graph.bg")
+    assert code == 4
+    assert "graph.bg" in err
+    assert list(folder.glob("bond-graph*")) == []
+    (folder / "graph.bg").write_text(MODULAR)
+    assert dynid("new", "bond-graph", "--from", "graph.bg", "--no-schema")[0] == 0
+    assert (folder / "bond-graph.yaml").read_text() == read_netlist("graph.bg")

@@ -300,3 +300,15 @@ def test_one_is_one_and_a_response_of_nothing_has_no_largest_value(dynid, folder
     assert code == 0
     assert "frequency response at 1 frequency, 3 … 3 rad/s\n    |m.f over g| is 0 at all of them" in said
     assert "at 1 frequency\n" in dynid("check", "--explain", "one.yaml")[1]
+
+
+def test_who_wants_the_traceback_has_it(folder, monkeypatch):
+    from dynid.cli import main
+
+    def fails(_):
+        raise ZeroDivisionError("by nothing")
+
+    monkeypatch.setattr("dynid.scene.kinds.bond_graph.run", fails)
+    monkeypatch.setenv("DYNID_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError, match="by nothing"):
+        main(["run", str(folder / "small.yaml")])

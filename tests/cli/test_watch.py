@@ -214,3 +214,45 @@ def test_a_saved_scene_is_run_again_and_ctrl_c_ends_it(folder):
         killer.cancel()
         watch.kill()
         watch.stderr.close()
+
+
+def test_scenes_that_name_each_other_too_deep_are_followed_no_further(tmp_path):
+    for k in range(8):
+        (tmp_path / f"s{k}.yaml").write_text(f"scene: s{k + 1}.yaml\nback: s{max(k - 1, 0)}.yaml\n")
+    found = files_of(str(tmp_path / "s0.yaml"))
+    assert [file.name for file in found] == [f"s{k}.yaml" for k in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "small.yaml: this needs more memory than there is"),
+        (KeyError("pole"), "small.yaml: a fault of dynid itself: KeyError 'pole'"),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_whatever_happens_in_a_run_the_watch_goes_on(monkeypatch, error, said):
+    board = Board()
+    watch = Watch("small.yaml", (), None, board)
+
+    def fails(*_, **__):
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr("dynid.cli.run.compute", fails)
+        watch.show()
+    assert board.now.fault == said
+    watch.show()
+    assert (board.now.fault, board.now.version) == ("", 1)
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_browser_is_opened_at_the_page_unless_none_is_wanted(dynid, monkeypatch):
+    opened = []
+    monkeypatch.setattr("click.launch", opened.append)
+    monkeypatch.setattr(Watch, "run", lambda _: None)
+    code, _, err = dynid("watch", "small.yaml")
+    assert code == 0
+    assert f"watching small.yaml at {opened[0]} (Ctrl-C ends)" in err
+    assert dynid("watch", "small.yaml", "--no-browser")[0] == 0
+    assert len(opened) == 1

@@ -51,3 +51,8 @@ def test_without_typst_the_remedy_is_said(svg, monkeypatch):
     assert as_file(svg, "svg")
     with pytest.raises(UsageError, match=r"PNG need the package typst.*pip install 'dynid\[figures\]'"):
         as_file(svg, "png")
+
+
+def test_what_is_no_figure_is_not_made_one():
+    with pytest.raises(ValueError, match="starts with <svg"):
+        standalone("<p>no figure</p>")

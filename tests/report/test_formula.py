@@ -53,3 +53,12 @@ def test_nothing_that_is_written_breaks_it(text):
     formula = typeset(text)
     assert formula.width >= 0
     assert formula.height > 0
+
+
+def test_upright_text_ends_with_its_group_or_with_the_formula():
+    def said(text):
+        return "".join(piece.text for piece in typeset(text).pieces)
+
+    assert said(r"\mathrm{a{b}c}d") == said(r"\mathrm{abc}d")
+    assert said(r"\mathrm{abc") == said(r"\mathrm{abc}")
+    assert said(r"\mathrm") == ""

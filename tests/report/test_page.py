@@ -11,9 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.report import figures
+from dynid.report import figures, registry
+from dynid.report.answers.identifiability import _shift
+from dynid.report.answers.reduction import seconds_text
+from dynid.report.answers.sensitivities import cell
 from dynid.report.figure import Figure, Picture, Table
-from dynid.report.page import page
+from dynid.report.page import page, samples
 from dynid.report.page.html import Markup, formula, tag, text
 from dynid.report.page.tables import CELLS, ROWS, figure_table, thinned
 from tests.report.pages import HOSTILE, result_of, run, study, template
@@ -285,3 +288,51 @@ def test_a_study_without_any_result_has_its_page():
     reader = Reader(page(study(3, failed=(0, 1), pending=(2,))))
     assert "0 done · 2 failed · 1 pending" in reader.text
     assert "Interrupted" in reader.text
+
+
+def test_elements_without_content_are_not_closed():
+    assert tag("br") == "<br>"
+    assert tag("meta", charset="utf-8", hidden=None) == '<meta charset="utf-8">'
+    assert tag("p", "a < b", hidden=True) == "<p hidden>a &lt; b</p>"
+
+
+def test_complex_numbers_and_truths_stand_in_tables():
+    said = str(
+        figure_table(Table(("pole", "stable", "order"), ((-0.5 + 2j, True, 3), (1j, False, 4))), "Poles")
+    )
+    assert "-0.5+2j" in said
+    assert "0+1j" in said
+    assert "yes" in said
+    assert "no</td>" in said
+
+
+def test_texts_of_very_many_kinds_are_packed_with_the_rest_as_one():
+    packed = samples._packed(np.array([f"t{k:05}" for k in range(samples._LEVELS + 9)], object))
+    places = np.frombuffer(b64decode(packed["data"]), "<u2")
+    assert packed["levels"][-1] == "…"
+    assert [packed["levels"][place] for place in places[[0, 5, -1]]] == ["t00000", "t00005", "…"]
+
+
+def test_a_name_that_two_figures_have_is_a_fault(monkeypatch):
+    result = result_of("bond-graph")
+    monkeypatch.setattr(registry, "FAMILIES", [*registry.FAMILIES, *registry.FAMILIES])
+    with pytest.raises(ValueError, match="two figures are called"):
+        figures(result)
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (seconds_text(None), ""),
+        (seconds_text(0.0123), "12 ms"),
+        (seconds_text(3.14), "3.1 s"),
+        (cell(complex(np.inf)), "∞"),
+        (cell(0.0), "0"),
+        (cell(-1 + 2j), "-1 + 2j"),
+        (_shift(np.nan), "∞"),
+        (_shift(0.0), "-"),
+        (_shift(0.5, "ζ "), "ζ +0.5 %"),
+    ],
+)
+def test_numbers_that_are_none_are_said(said, expected):
+    assert said == expected
