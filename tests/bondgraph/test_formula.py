@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from sympy import Rational, sympify
 
 import dynid
+from dynid.bondgraph.algebra.symbolic import apply, quotient, variables
 from dynid.bondgraph.formula import formulas
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
@@ -123,3 +124,30 @@ def test_names_that_mean_something_elsewhere_are_just_names(name):
     """The text is arithmetic on the scene's names; a reader's SymPy must be told that they are symbols."""
     (text,) = formulas(written(f"Se u, R {name} 2", f"u -> {name}", f"{name}.f")).values()
     assert text == f"1/{name}"
+
+
+def test_formulas_compute_as_rational_functions_do():
+    named, one = variables(["a", "b"], 1000)
+    a, b = named["a"], named["b"]
+
+    def said(operation, *operands):
+        return sympify(quotient(*apply(operation, list(operands)).lowest_terms())[0])
+
+    assert said("-", a, b) == sympify("a - b")
+    assert said("pos", a) == sympify("a")
+    assert said("neg", a) == sympify("-a")
+    assert said("/", one, a - b) == sympify("1/(a - b)")
+    assert said("/", a - a, b) == 0
+    with pytest.raises(ZeroDivisionError, match="a pivot is zero"):
+        apply("/", [a, b - b])
+    with pytest.raises(KeyError):
+        apply("**", [a, b])
+
+
+def test_a_quotient_has_its_sign_in_front():
+    from flint import fmpz_mpoly_ctx
+
+    ring = fmpz_mpoly_ctx.get(["a", "b"], "lex")
+    a, b = ring.gens()
+    assert sympify(quotient(a + b, -a)[0]) == sympify("-(a + b)/a")
+    assert quotient(a + b, -a)[0].startswith("-")

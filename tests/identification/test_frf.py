@@ -10,7 +10,7 @@ from dynid.errors import Diverged, NotIdentifiable, Singular, UsageError
 from dynid.identification.estimators.output_error import OutputError
 from dynid.identification.frf.identifiability import frf_identifiability
 from dynid.identification.frf.identify import identify_frf
-from dynid.identification.frf.measurement import Frf, FrfMeasurement, responses
+from dynid.identification.frf.measurement import Frf, FrfMeasurement, frf_data, responses
 from dynid.identification.measurement import Simulation
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -219,3 +219,32 @@ def test_before_the_run_the_information_is_that_of_the_run():
     result = frf_identifiability(suspension(), measurement)
     found = result["identification/identifiability/bound"].data
     assert found == pytest.approx(parameter(run(noise=0.05), "cramer_rao"), rel=1e-9)
+
+
+GIVEN = np.ones((3, 2), complex)
+SPREAD = np.ones((3, 2))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"channels": CHANNELS[:1] * 2}, r"2\.acceleration/5 is named twice"),
+        ({"source": GIVEN[:2]}, r"measured responses are \(2, 2\), but must be \(3, 2\)"),
+        ({"source": np.full((3, 2), np.inf)}, "must be finite, or NaN where a line is missing"),
+        ({"deviation": SPREAD[:, :1]}, r"deviations by line are \(3, 1\), but must be \(3, 2\)"),
+        ({"deviation": -SPREAD}, "deviations by line must be finite and not negative"),
+        ({"deviation": SPREAD, "source": Simulation(0.1)}, "the same noise at all lines"),
+        ({"deviation": SPREAD, "noise": 0.1}, "the noise is given by line already"),
+        ({"omega": np.array([1.0, 3.0, 2.0])}, "must be finite, not negative, and increase"),
+    ],
+)
+def test_a_measurement_that_makes_no_sense_is_refused(changes, said):
+    whole = {"omega": np.array([1.0, 2.0, 3.0]), "channels": CHANNELS, "source": GIVEN}
+    FrfMeasurement(**whole)
+    with pytest.raises(UsageError, match=said):
+        FrfMeasurement(**{**whole, **changes})
+
+
+def test_complex_noise_has_half_of_its_power_in_each_part():
+    data = frf_data(suspension(), FrfMeasurement(LINES, CHANNELS, Simulation(noise=(2.0, 4.0), seed=1)))
+    assert data.noise == pytest.approx(np.array([2.0, 4.0]) / np.sqrt(2))

@@ -123,3 +123,23 @@ def test_what_one_record_does_not_see_another_may():
 def test_no_record_is_refused():
     with pytest.raises(UsageError, match="no record"):
         identify_all(suspension(), [])
+
+
+@pytest.mark.parametrize(
+    ("build", "said"),
+    [
+        (lambda: Simulation(noise_ratio=0.1, noise=2.0), "either a ratio or a standard deviation"),
+        (lambda: Simulation(noise_ratio=-0.1), "the noise ratio must be finite and not negative"),
+        (
+            lambda: Measurement(0.1, 5, VELOCITIES, noise=[1.0] * len(VELOCITIES[1:]) + [0.0]),
+            "must be finite and pos",
+        ),
+        (
+            lambda: Measurement(0.1, 5, VELOCITIES, noise=[1.0] * 7),
+            "'measurement.noise' has 7 entries, but there are",
+        ),
+    ],
+)
+def test_noise_that_makes_no_sense_is_refused(build, said):
+    with pytest.raises(UsageError, match=said):
+        build()

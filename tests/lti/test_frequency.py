@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.errors import UsageError
+from dynid.errors import Singular, UsageError
 from dynid.lti.frequency import frequency_response, second_order_response
 from dynid.lti.model import StateSpace
+from dynid.lti.resonance import at_a_pole
 
 OMEGA = np.geomspace(0.01, 1e4, 200)
 
@@ -97,3 +98,17 @@ def test_mixed_units_do_not_look_singular():
 def test_nonsense_is_refused(omega):
     with pytest.raises(UsageError):
         frequency_response(StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), omega)
+
+
+def test_what_is_no_pole_or_none_of_second_order_cannot_be_told():
+    eye, none, powers = np.eye(2), np.zeros((2, 2)), np.zeros(1, int)
+    ask = (np.ones((1, 2)), np.ones((2, 1)), powers)
+    with pytest.raises(Singular, match="pole"):
+        at_a_pole((eye, eye, eye), *ask, 1.0)
+    with pytest.raises(Singular, match="pole"):  # a double pole away from rest
+        at_a_pole((np.diag([1.0, 0.0]), none, eye), *ask, 1.0)
+    barely = np.array([[1.0, 1e-13]])  # the read-out sees the mode as much as rounding does
+    with pytest.raises(Singular, match="pole"):
+        at_a_pole((np.diag([1.0, 0.0]), eye, none), barely, np.ones((2, 1)), powers, 1.0)
+    at_rest = at_a_pole((np.diag([1.0, 0.0]), none, eye), *ask, 0.0)
+    assert np.isinf(at_rest).all()

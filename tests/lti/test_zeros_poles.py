@@ -3,21 +3,25 @@
 import json
 import math
 import re
+from decimal import Decimal
 from fractions import Fraction
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from flint import fmpq, fmpz_mat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import loadmat
 from scipy.sparse import csc_matrix
-from sympy import Matrix, Poly, eye, gcd_list, symbols
+from sympy import Matrix, Poly, Rational, eye, gcd_list, symbols
 
 import dynid.lti
 from dynid.errors import Singular, Undecided, UsageError
 from dynid.lti import zeros_poles
+from dynid.lti.pencil.exact import determinant
+from dynid.lti.pencil.modular import Residues
 
 SHARED = Path(__file__).parents[2] / "../shared/data"
 FILE = SHARED / "zeros/state_space.json"
@@ -355,3 +359,17 @@ def test_a_side_that_rounding_hides_is_left_open():
     assert exact.stability.startswith("marginal, not stable: poles at ±1.414j lie on the imaginary axis")
     assert rough.stability.startswith("undecided")
     assert (exact.stable, rough.stable) == (False, None)
+
+
+def test_exact_numbers_of_other_libraries_are_read_as_they_are():
+    A = [[fmpq(-1, 3), Rational(1, 7)], [0, Decimal("-0.1")]]
+    found = zeros_poles(A, [[1], [1]], [[1, 0]], [[0]])
+    assert sorted(found.poles.real) == [-1 / 3, -0.1]
+
+
+def test_nothing_has_the_determinant_one_and_a_singular_pencil_none():
+    nothing = fmpz_mat(0, 0)
+    assert Residues(nothing, nothing, 10007).determinant() == 1
+    F, G = fmpz_mat([[1, 1], [1, 1]]), fmpz_mat([[2, 2], [2, 2]])
+    assert determinant(F, G) == 0
+    assert determinant(F, fmpz_mat([[2, 3], [2, 2]])).coeffs() == [-2, 1]
