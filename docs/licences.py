@@ -23,7 +23,7 @@ FREE = re.compile(r"0BSD|BSD|MIT|MIT-CMU|Apache|PSF|Python Software Foundation|I
 #: Copyleft that the core may hold, and why: it is that of a library apart, which users may replace.
 LIBRARIES = {"python-flint": "LGPL-3.0-or-later"}
 #: What packages do not say of themselves, from their licence files.
-UNSAID = {"axe-playwright-python": "MIT; axe-core in it MPL-2.0"}
+UNSAID = {"atheris": "Apache-2.0", "axe-playwright-python": "MIT; axe-core in it MPL-2.0"}
 TEXT = """\
 # Licences of what dynid stands on
 
@@ -48,7 +48,7 @@ lets any program use it |
 
 ## Extras
 
-Asked for by name, `pip install dynid[formats]`; `docs` and `test` are for work on dynid itself.
+Asked for by name, `pip install dynid[formats]`; `fuzz`, `docs` and `test` are for work on dynid itself.
 
 {extras}
 

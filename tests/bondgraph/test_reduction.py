@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.graph import Bond, BondGraph, Node, graph_faults
+from dynid.bondgraph.reduction import singularity
 from dynid.bondgraph.reduction.junctions import Names
 from dynid.errors import Singular, UsageError
 from tests.bondgraph.graphs import at, parse, reduced, transfers, written
@@ -225,6 +226,29 @@ def test_what_has_no_unique_solution_is_refused_and_names_nodes(name):
     assert refused.value.names
     assert set(refused.value.names) <= set(types)
     assert refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("nodes", "ring", "what"),
+    [
+        ("Se u, 1 j, TF n 1", "j -> n -> j", "the effort of 'j' and 'n'"),
+        ("Sf u, 0 j, TF n 1", "j -> n -> j", "the flow of 'j' and 'n'"),
+        ("Se u, 0 j, GY n -1, GY m -1", "j -> n -> m -> j", "the common variable of 'j', 'n' and 'm'"),
+    ],
+)
+def test_what_is_not_determined_is_an_effort_a_flow_or_either(nodes, ring, what):
+    """A TF of 1 back onto its own junction; made of two gyrators it turns one into the other."""
+    with pytest.raises(Singular, match=f"^{what} is not determined"):
+        written(f"{nodes}, R r 2", f"u -> j -> r, {ring}", "r.f")
+
+
+@pytest.mark.parametrize(("most", "named"), [(1, False), (2, True)])
+def test_those_concerned_are_named_in_graphs_up_to_a_size(monkeypatch, most, named):
+    monkeypatch.setattr(singularity, "_MOST", most)
+    with pytest.raises(Singular) as refused:
+        written("Se u, 1 j, TF n 1, R r 2", "u -> j -> r, j -> n -> j", "r.f")
+    assert ("n" in refused.value.names) is named
+    assert ("this graph of 2 junctions" in refused.value.problem) is not named
 
 
 def test_what_lies_behind_an_ideal_source_does_not_matter():

@@ -156,3 +156,18 @@ def test_the_isolators_strip_shows_what_each_step_consumes():
     assert swap.gone == ("base",)
     assert swap.changed == ("body",)
     assert list(swap.junctions["body"].drives) == ["e_eq_base"]
+
+
+def test_what_a_constraint_cuts_off_goes_with_it():
+    """Nothing stands on k, so j has no effort, and the resistance behind j is tied to nothing."""
+    graph = written("Sf u, 1 a, R q 3, 0 j, 1 k, 1 l, R r 2", "u -> a -> q, a -> j -> k, j -> l -> r", "u.e")
+    strip = snapshots(graph.structure, graph.program, port("u.e"), graph.inputs)
+    constraint = next(shot for shot in strip if shot.step and shot.step.rule == "constraint")
+    assert constraint.gone == ("j", "k", "l")
+    assert list(constraint.junctions) == ["a"]
+
+
+def test_two_junctions_have_one_link():
+    graph = written(*ISOLATOR, "m_s.f")
+    drawn, *_ = snapshots(graph.structure, graph.program, port("m_s.f"), graph.inputs)
+    assert [{link.tail, link.head} for link in drawn.links] == [{"body", "base"}, {"base", "fluid"}]

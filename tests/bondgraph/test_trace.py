@@ -102,7 +102,7 @@ def test_the_isolators_equations_give_its_transfer_function():
 
 
 ONE_PORTS = "R r 2, I m 3, C c 5"
-PROTOTYPES = {
+PROTOTYPES = {  # in the order of the paper's equations
     # letter: source, junction, the output, what it is driven by, and what the paper calls the relation
     "a": (f"Sf u, 1 j, {ONE_PORTS}", "u.e", "Z = Z_A + Z_B"),
     "b": (f"Se u, 0 j, {ONE_PORTS}", "u.f", "Y = Y_A + Y_B"),
@@ -121,6 +121,7 @@ def test_each_prototype_is_reached_and_its_equation_is_the_driving_point_relatio
     assert result.value("bond_graph/reduction/prototype") == letter
     (equation,) = result.value("bond_graph/reduction/prototype_equation")
     assert equation == relation
+    assert trace(graph)[-1][3].endswith(f", eq {1 + list(PROTOTYPES).index(letter)}")
     types, values, pairs = parse(nodes, bonds)
     known = {name: Rational(v.numerator, v.denominator) for name, v in {**values, "s": S}.items()}
     for part in ("system_a", "system_b"):
@@ -243,3 +244,15 @@ def test_a_node_called_s_is_not_taken_for_the_laplace_variable():
     assert "Y_B = 1/(s*s_value)" in steps[-1][2]
     known = evaluate(steps, {"s": S, "s_value": Fraction(2), "b": Fraction(3), "F": Fraction(1)})
     assert known["f_s"] == Rational(1) / (2 * Rational(S.numerator, S.denominator) + 3)
+
+
+def test_equivalents_are_not_called_what_the_prototype_is_written_with():
+    """Junctions called A and B have equivalents of their own beside Z_A and Y_B of the prototype."""
+    nodes = "Se u, 1 port, I m 2, C k 3, 1 A, R r1 5, I m1 7, 0 z, R r2 11, 1 B, R r3 13, C k3 17"
+    bonds = "u -> port -> m, port -> k, port -> z -> r2, z -> A -> r1, A -> m1, z -> B -> r3, B -> k3"
+    types, values, pairs = parse(nodes, bonds)
+    steps = trace(written(nodes, bonds, "port.f"))
+    names = [text.partition(" = ")[0] for step in steps for text in step[2].split("; ")]
+    assert {"Z_A", "Z_A_2", "Z_B_2"} <= set(names)
+    name, found = last_variable(steps, values, ["u"], "u")
+    assert (name, found) == ("f_port", transfer_at(types, values, pairs, ["u"], ("port", "f"), S)["u"])

@@ -333,10 +333,10 @@ class Elimination:
 
 
 def _taken_names(network: Network) -> set[str]:
-    """Collect what a label must not be called: nodes, parameters, and the prototype's own letters."""
+    """Collect what a label must not be called: nodes, parameters, and the prototype's systems."""
     nodes = network.structure.graph.nodes
     parameters = {name for node in nodes.values() if node.formula for name in node.formula.names}
-    return {*nodes, *parameters, "s", "Z_A", "Z_B", "Y_A", "Y_B", "e_eq", "f_eq", "Z", "Y"}
+    return {*nodes, *parameters, "Z_A", "Z_B", "Y_A", "Y_B"}
 
 
 def _dot(program: Program, left: tuple[Register, Register], right: tuple[Register, Register]) -> Register:
