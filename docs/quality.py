@@ -85,6 +85,9 @@ def scenes(record: dict) -> str:
     text += (
         f"Peak memory: {record['peak_MB']} MB. Scenes that broke something: **{len(record['broken'])}**.\n"
     )
+    if mended := record.get("mended"):
+        seeds = ", ".join(str(seed) for seed, *_ in mended)
+        text += f"Judged again after what they found was mended, and no longer counted: seeds {seeds}.\n"
     return text + "".join(f"\n- seed {seed} ({kind}): {wrong}" for seed, kind, wrong in record["broken"])
 
 

@@ -330,6 +330,11 @@ def test_a_ladder_of_a_thousand_nodes_needs_no_recursion():
     assert at(channel, S) == Fraction(a, b)
 
 
+def test_a_junction_that_was_not_drawn_is_called_after_the_nodes_that_it_lies_between():
+    graph = written("Se u, TF n 2, GY g 3, R r 1", "u -> n -> g -> r", "r.f")
+    assert {"u_n", "n_g", "g_r"} <= set(graph.structure.junctions)
+
+
 def test_fresh_names_are_numbered_past_those_that_are_taken():
     names = Names(["a", "a_3"])
     assert [names.fresh("a") for _ in range(3)] == ["a_2", "a_4", "a_5"]

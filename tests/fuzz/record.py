@@ -2,6 +2,7 @@
 
 Each is checked, or with `run` run, which takes far longer. Prints counts, and every seed that broke
 something; `--keep` adds the counts to docs/quality/fuzz.json, from which `docs/quality.py` makes the page.
+`again` judges those alone that broke something on record, and notes which are mended.
 A process of its own judges a thousand scenes, so that what ends or stops it is counted as well.
 """
 
@@ -109,6 +110,7 @@ def together(one, other):
         "codes": dict(sorted((Counter(one["codes"]) + Counter(other["codes"])).items())),
         "messages": one["messages"] + other["messages"],
         "broken": sorted(one["broken"] + other["broken"]),
+        "mended": sorted(one.get("mended", []) + other.get("mended", [])),
         "slowest": max(one["slowest"], other["slowest"], key=lambda slow: slow[0]),
         "peak_MB": max(one["peak_MB"], other["peak_MB"]),
         "ranges": sorted(one["ranges"] + other["ranges"]),
@@ -121,6 +123,17 @@ def kept_records(path=RECORD, **new):
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps(kept, indent=1) + "\n")
     return kept
+
+
+def again(command: str = "check", *, path: Path = RECORD) -> int:
+    """Judge those on record as broken once more; note the mended ones, and return how many are broken."""
+    record, every = kept_records(path)[command], bases()
+    broken = [entry for entry in record["broken"] if judge(command, entry[0], 1, every)["broken"]]
+    record["mended"] = record.get("mended", []) + [e for e in record["broken"] if e not in broken]
+    record["broken"] = broken
+    kept_records(path, **{command: record})
+    print(f"{len(broken)} are still broken, {len(record['mended'])} mended", flush=True)
+    return len(broken)
 
 
 def main(count: int = 100_000, first: int = 0, *, command: str = "check", kept: bool = False) -> int:
@@ -143,4 +156,6 @@ def main(count: int = 100_000, first: int = 0, *, command: str = "check", kept: 
 if __name__ == "__main__":
     numbers = [int(argument) for argument in sys.argv[1:] if argument.isdigit()]
     chosen = "run" if "run" in sys.argv else "check"
+    if "again" in sys.argv:
+        sys.exit(min(again(chosen), 1))
     sys.exit(min(main(*numbers, command=chosen, kept="--keep" in sys.argv), 1))

@@ -47,6 +47,17 @@ def test_records_add_up():
     assert (both["scenes"], both["slowest"], both["peak_MB"], len(both["broken"])) == (5, [1.5, 7], 5, 1)
 
 
+def test_what_is_mended_is_broken_no_more(monkeypatch, tmp_path):
+    path, was = tmp_path / "fuzz.json", [[8, "x", "wrong"], [9, "x", "slow"]]
+    path.write_text(json.dumps({"run": record.empty() | {"scenes": 10, "broken": was}}))
+    left = {8: was[:1], 9: []}
+    monkeypatch.setattr(record, "judge", lambda _, seed, *_rest: {"broken": left[seed]})
+    assert record.again("run", path=path) == 1
+    kept = json.loads(path.read_text())["run"]
+    assert (kept["broken"], kept["mended"], kept["scenes"]) == (was[:1], was[1:], 10)
+    assert record.together(kept, record.empty())["mended"] == was[1:]
+
+
 def test_the_page_shows_every_count(tmp_path):
     spec = importlib.util.spec_from_file_location("quality_page", SCRIPT)
     script = importlib.util.module_from_spec(spec)
@@ -56,6 +67,7 @@ def test_the_page_shows_every_count(tmp_path):
         "codes": {"0": 45, "2": 12300},
         "kinds": {"code": {"2": 12300, "0": 45}},
         "broken": [[9, "code", "escaped"]],
+        "mended": [[5, "code", "slow"]],
         "slowest": [3.25, 77],
         "peak_MB": 512,
     }
@@ -72,6 +84,7 @@ def test_the_page_shows_every_count(tmp_path):
         "seed 77",
         "512 MB",
         "seed 9 (code): escaped",
+        "no longer counted: seeds 5.",
         "| npz | 4 | 6 |",
         "**8 of 9** (88.9 %)",
         "`m:f: a → b`",

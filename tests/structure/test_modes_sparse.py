@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 from dynid.errors import NumericalError, Singular, UsageError
+from dynid.structure.assembly import Support
+from dynid.structure.beam import beam
 from dynid.structure.factorisation import available
 from dynid.structure.modes import lanczos, modes
 from dynid.structure.modes.sparse import Spectrum
@@ -62,6 +64,16 @@ def test_a_limit_may_hit_a_mode_or_lie_below_all():
     assert len(at.omega) in (4, 6)  # the double mode in whole or not at all
     np.testing.assert_allclose(at.omega**2, exact[: len(at.omega)], rtol=1e-11)
     assert lowest(K, below=np.sqrt(exact[0]) / 2).shapes.shape == (400, 0)
+
+
+def test_a_limit_far_below_the_highest_mode_takes_one_sweep(monkeypatch):
+    """The elements of a fine beam vibrate 1e7 times as fast as it: seen from there, its modes are one."""
+    ends = [Support(1, ("w",)), Support(4001, ("w",))]
+    model = beam(4000, length=np.pi, EI=1.0, rhoA=1.0, supports=ends)
+    monkeypatch.setattr(lanczos, "_RESTARTS", 1)
+    found = lowest(model.K, model.M, below=182.0)
+    exact = np.arange(1.0, 14.0) ** 2
+    assert np.all(np.abs(found.omega - exact) <= found.uncertainty)
 
 
 def test_count_and_limit_together_take_the_smaller():

@@ -48,7 +48,7 @@ class Spectrum:
         self.exhausted = False
         self._rng = np.random.Generator(np.random.PCG64(self.seed))
         self._factor: Factor | None = None
-        self._shift = self.pencil.shift
+        self._shift = self._first_shift = self.pencil.shift
 
     def lowest(self, count: int, *, proof: bool) -> tuple[Array, Array, float]:
         """Return the lowest pairs, and the value below which a count proved that none is missing (or 0).
@@ -74,6 +74,7 @@ class Spectrum:
         NumericalError
             If modes stay missing, or cannot be counted.
         """
+        self._first_shift = min(limit, self.pencil.shift)  # from far below, all of them would look alike
         count, limit = self._count(limit)
         for _ in range(_ATTEMPTS):
             found = int(np.count_nonzero(self.square < limit))
@@ -104,7 +105,7 @@ class Spectrum:
     def _shifted(self) -> tuple[Factor, float]:
         """Factorise the stiffness, shifted by a little mass."""
         for factor in _SHIFTS:
-            shift = factor * self.pencil.shift
+            shift = factor * self._first_shift
             try:
                 return factorise(self.K + shift * self.M, self.backend, definite=True), shift
             except Singular:
