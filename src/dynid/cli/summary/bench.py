@@ -16,7 +16,7 @@ def lines(result: Result) -> list[str]:
     said: list[str] = []
     for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result):
         said += [*_table(result, group), ""]
-    seconds = float(result.group_attrs["bench"].get("seconds", 0))  # files of versions before know none
+    seconds = float(result.group_attrs.get("bench", {}).get("seconds", 0))  # files of versions before know none
     return [*said, f"  measured in {time_text(seconds)}"] if seconds else said[:-1]
 
 
