@@ -93,6 +93,26 @@ def test_records_of_a_few_samples(samples, noise):
                 assert np.isfinite(variable.data).all(), path
 
 
+@pytest.mark.parametrize(("samples", "noise", "said"), [(5, None, True), (5, 1e-4, False), (40, None, False)])
+def test_a_noise_told_by_a_few_values_is_a_warning(samples, noise, said):
+    scene = {
+        "dynid": 1,
+        "kind": "identification",
+        "structure": {"lumped": {"masses": [1], "links": []}},
+        "joints": {"a": {"dofs": [1], "k": {"start": 100, "true": 120}, "c": 2}},
+        "initial": {1: {"x": 0.01}},
+        "measurement": {
+            "step": 0.1,
+            "samples": samples,
+            "channels": [{"dof": 1, "quantity": "displacement"}],
+            "simulate": {"noise_ratio": 0.02, "seed": 4},
+            **({} if noise is None else {"noise": noise}),
+        },
+    }
+    warned = dynid.run(dynid.scene_from(scene)).value("identification/diagnostics/warnings")
+    assert any("left to tell the noise by" in text for text in warned) == said
+
+
 @pytest.mark.slow
 def test_a_million_samples():
     result = run(measurement=simulated(0.05, samples=1_000_000))

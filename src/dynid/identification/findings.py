@@ -317,7 +317,9 @@ class Findings(ABC):
         off = np.abs(np.exp(self._final.logs) - self._true)
         errors = np.where(bound > 0, off / np.maximum(bound, _ROUNDING), np.nan)
         correlation = self.information.correlation()
-        facts = Facts(names, deviations, correlation, errors, self._sensors, self._consistency)
+        judged = any(np.isnan(record.given).any() for record in self.ensemble.records)
+        spare = self.information.freedom - len(names) if judged else None
+        facts = Facts(names, deviations, correlation, errors, self._sensors, self._consistency, spare)
         distance = np.abs(self.step) / deviations
         result.add(f"{group}/verdict", verdict(names, distance, settled=settled, explained=explained))
         said = [*warnings(facts), *self._remarks]

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 _TOGETHER, _VAGUE, _OFF, _GAPS, _CLIPPED = 0.95, 0.5, 5.0, 0.2, 0.01
 # Residuals below this part of the signal are rounding and holds, whatever their colour.
 _ROUNDING = 1e-6
+# With fewer values than this beyond the unknowns the noise that they tell is off by a quarter, as a rule.
+_LEAST_SPARE = 10
 # A channel that takes so few values is no motion that could be clipped.
 _LEAST_SAMPLES = 50
 
@@ -36,7 +38,7 @@ class Facts(NamedTuple):
 
     Parameters `names` with their `deviations` (of the logarithms), `correlation`, and `errors` of the
     estimates in bounds (NaN where the truth is not known); the `sensors`; the filter's `consistency`, if it
-    is known.
+    is known; and how many values are left to tell the noise by, beyond the unknowns, where it is not given.
     """
 
     names: Sequence[str]
@@ -45,6 +47,7 @@ class Facts(NamedTuple):
     errors: Array
     sensors: Sequence[Sensor]
     consistency: Consistency | None = None
+    spare: int | None = None
 
 
 def verdict(names: Sequence[str], distance: Array, *, settled: bool, explained: bool) -> str:
@@ -105,6 +108,9 @@ def _of_residuals(facts: Facts) -> Iterator[str]:
 
 
 def _of_record(facts: Facts) -> Iterator[str]:
+    if facts.spare is not None and facts.spare < _LEAST_SPARE:
+        left = "1 value is" if facts.spare == 1 else f"{facts.spare} values are"
+        yield f"{left} left to tell the noise by, beyond the unknowns: standard errors are rough"
     for name, values, *_ in facts.sensors:
         there = values[~np.isnan(values)]
         if len(there) < (1 - _GAPS) * len(values):

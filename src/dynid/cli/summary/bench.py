@@ -16,7 +16,8 @@ def lines(result: Result) -> list[str]:
     said: list[str] = []
     for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result):
         said += [*_table(result, group), ""]
-    seconds = float(result.group_attrs.get("bench", {}).get("seconds", 0))  # files of versions before know none
+    about = result.group_attrs.get("bench", {})  # files of versions before know none
+    seconds = float(about.get("seconds", 0))
     return [*said, f"  measured in {time_text(seconds)}"] if seconds else said[:-1]
 
 
