@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dynid.bondgraph.graph import Bond, BondGraph, Node, graph_faults
 from dynid.bondgraph.reduction import singularity
-from dynid.bondgraph.reduction.junctions import Names
+from dynid.bondgraph.reduction.junctions import Names, unique
 from dynid.errors import Singular, UsageError
 from tests.bondgraph.graphs import at, parse, reduced, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
@@ -242,6 +242,14 @@ def test_what_is_not_determined_is_an_effort_a_flow_or_either(nodes, ring, what)
         written(f"{nodes}, R r 2", f"u -> j -> r, {ring}", "r.f")
 
 
+@pytest.mark.parametrize(("kind", "unknown", "shared"), [("0", "flow", "effort"), ("1", "effort", "flow")])
+def test_a_ring_of_like_junctions_leaves_what_they_do_not_share_open(kind, unknown, shared):
+    nodes = f"S{'fe'[int(kind)]} u, {kind} a, {kind} b, {kind} c, R r 1"
+    words = f"the {unknown} through the bond 'c -> a' .* which share their {shared}"
+    with pytest.raises(Singular, match=words):
+        written(nodes, "u -> a -> b -> c -> a, b -> r", "r.e")
+
+
 @pytest.mark.parametrize(("most", "named"), [(1, False), (2, True)])
 def test_those_concerned_are_named_in_graphs_up_to_a_size(monkeypatch, most, named):
     monkeypatch.setattr(singularity, "_MOST", most)
@@ -338,4 +346,5 @@ def test_a_junction_that_was_not_drawn_is_called_after_the_nodes_that_it_lies_be
 def test_fresh_names_are_numbered_past_those_that_are_taken():
     names = Names(["a", "a_3"])
     assert [names.fresh("a") for _ in range(3)] == ["a_2", "a_4", "a_5"]
+    assert [unique("a", ["a", "a_3"]), unique("a", ["a", "a_2"]), unique("b", ["a"])] == ["a_2", "a_3", "b"]
     assert [names.fresh("b"), names.fresh("a_2"), names.fresh("b")] == ["b", "a_2_2", "b_2"]

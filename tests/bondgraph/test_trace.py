@@ -83,7 +83,13 @@ def test_the_meanings_of_the_isolators_steps_name_the_papers_equations():
         [
             ("I_f and C_a", "series", "eq 1"),
             ("transformer tuning", "Z1 = n^2 Z2"),
-            ("v_in", "eq 15", "eq 16", "the 0-junction becomes a 1-junction"),
+            (
+                "the flow source v_in",
+                "eq 15",
+                "equivalent effort source",
+                "eq 16",
+                "the 0-junction becomes a 1",
+            ),
             ("base and body", "merge"),
             ("tuning and b", "series", "eq 1"),
             ("prototype d", "effort source on 1-junction body", "feedback", "eq 4"),

@@ -20,6 +20,9 @@ EQUIVALENT: dict[str, str] = {
     f"{_FILTERING}.filter:_lengths: MALL and squares.max() < _LARGE: → MALL and squares.max() <= _LARGE:": (
         "where the two ways meet they give the same number"
     ),
+    f"{_REDUCTION}.network:reach: depth, queue = ({{root: 0}}, [root]) → depth, queue = ({{root: 1}}, [root])": (
+        "distances are compared with one another only"
+    ),
     f"{_REDUCTION}.elimination:Elimination._eliminate_on_loop: net.tie(row, column, None) → net.tie(column, row, None)": (
         "a tie is of a pair, without order"
     ),
