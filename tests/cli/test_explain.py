@@ -368,19 +368,29 @@ def test_a_study_counts_what_is_left_and_says_why_samples_run_alone(dynid, folde
     assert "no, one by one: analysis.engine is no parameter" in dynid("check", "--explain", "s.yaml")[1]
 
 
-@pytest.mark.parametrize("name", ["isolator", "table2", "beam_reduction", "beam_frf", "half_car"])
-def test_a_run_costs_what_was_said_within_a_factor(request, tmp_path, name):
+COSTED = pytest.mark.parametrize("name", ["isolator", "table2", "beam_reduction", "beam_frf", "half_car"])
+
+
+@COSTED
+def test_a_file_is_as_large_as_was_said_within_a_factor(request, tmp_path, name):
+    scene = config(request, name)
+    said = explain(scene).cost.kilobytes
+    write_result(run_scene(scene), tmp_path / "x.h5")
+    size = (tmp_path / "x.h5").stat().st_size / 1000
+    assert size / 3 <= said <= 3 * size
+
+
+@pytest.mark.slow  # by the clock: what else runs, and whatever traces Python, moves it
+@COSTED
+def test_a_run_costs_what_was_said_within_a_factor(request, name):
     """A factor of 5, beyond a fifth of a second: below, what is loaded counts more than the work."""
     scene = config(request, name)
     cost = explain(scene).cost
     run_scene(scene)  # what is loaded is no work
     began = time.thread_time()
-    result = run_scene(scene)
+    run_scene(scene)
     seconds = time.thread_time() - began
     assert 0.2 * seconds - 0.2 <= cost.seconds <= 5 * seconds + 0.2
-    write_result(result, tmp_path / "x.h5")
-    size = (tmp_path / "x.h5").stat().st_size / 1000
-    assert size / 3 <= cost.kilobytes <= 3 * size
 
 
 def test_more_work_costs_more():

@@ -156,6 +156,7 @@ def test_two_domains_need_a_two_port_between_them():
     assert "'F' is thermal and 'm' mechanical, but no TF or GY stands between them" in fault
 
 
+@pytest.mark.slow  # by the clock
 def test_domains_are_checked_along_a_long_graph_in_a_time_that_grows_with_its_length():
     def seconds(length):
         names = [f"j{place}" for place in range(length)]
