@@ -177,7 +177,7 @@ def test_python_control_finds_the_exact_poles_and_frequency_response():
     poles = result.value("bond_graph/transfer_function/m_s.f/v_in/poles")
     assert np.sort_complex(control.poles(system)) == pytest.approx(np.sort_complex(poles), rel=1e-12)
     ours = result.value("bond_graph/frequency_response/response")[:, 0, 0]
-    assert control.frequency_response(system, omega).frdata[0, 0] == pytest.approx(ours, rel=1e-12)
+    assert system(1j * omega) == pytest.approx(ours, rel=1e-12)
 
 
 def test_a_system_without_states_is_a_gain_in_python_control():

@@ -37,9 +37,11 @@ def _function(given: dict[str, Any]) -> dict[str, np.ndarray]:
 
 def _model(name: str, engine: str) -> dict[str, np.ndarray]:
     from scipy.io import loadmat
+    from scipy.sparse import issparse
 
-    model = loadmat(SHARED / f"fe/official_{name}.mat")
-    found = zeros_poles(model["A"], model["B"][:, :1], model["C"][:1], 0, engine=engine)
+    model = loadmat(SHARED / f"fe/official_{name}.mat", spmatrix=False)
+    A, B, C = (part.toarray() if issparse(part) else part for part in (model[key] for key in "ABC"))
+    found = zeros_poles(A, B[:, :1], C[:1], 0, engine=engine)
     return {"zeros": found.zeros, "poles": found.poles}
 
 

@@ -451,7 +451,7 @@ def test_the_slicot_building_is_recovered_from_its_state_space():
     from scipy.io import loadmat
 
     model = from_state_space(FE / "official_building.mat")
-    stored = loadmat(FE / "official_building.mat")
+    stored = loadmat(FE / "official_building.mat", spmatrix=False)
     A, B, C = (part.toarray() if hasattr(part, "toarray") else part for part in (stored[n] for n in "ABC"))
     assert model.size == 24
     flexibility = np.linalg.solve(model.M, np.concatenate([model.K, model.C], axis=1))

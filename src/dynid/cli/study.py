@@ -16,21 +16,15 @@ if TYPE_CHECKING:
     from dynid.study.plan import Plan
 
 
-class Shard(click.ParamType[tuple[int, int]]):
-    """I/N: the Ith of N parts, from 1."""
-
-    name = "I/N"
-
-    def convert(
-        self, value: str | tuple[int, int], param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Read a shard."""
-        if isinstance(value, tuple):
-            return value
-        index, slash, count = value.partition("/")
-        if not (slash and index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
-            self.fail(f"'{value}' is no shard; write I/N with I from 1 to N, such as 1/4", param, ctx)
-        return int(index), int(count)
+def _shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Read I/N: the Ith of N parts, from 1."""
+    if value is None:
+        return None
+    index, slash, count = value.partition("/")
+    if not (slash and index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
+        said = f"'{value}' is no shard; write I/N with I from 1 to N, such as 1/4"
+        raise click.BadParameter(said, ctx, param)
+    return int(index), int(count)
 
 
 @click.command()
@@ -49,7 +43,7 @@ class Shard(click.ParamType[tuple[int, int]]):
 )
 @click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786.")
 @click.option("--scheduler-file", type=click.Path(), help="The file of a Dask scheduler's address.")
-@click.option("--shard", type=Shard(), help="Run the Ith of N parts only, for job arrays.")
+@click.option("--shard", metavar="I/N", callback=_shard, help="Run the Ith of N parts only, for job arrays.")
 @click.option(
     "--max-failures", type=click.IntRange(0), metavar="N", help="Stop when more samples fail (exit code 3)."
 )

@@ -142,7 +142,7 @@ def _alike(rows: NDArray[np.intp], lengths: Sequence[NDArray[np.int64]]) -> Iter
     table = np.concatenate([kept[rows] for kept in lengths], axis=1)
     _, groups = np.unique(table, axis=0, return_inverse=True)
     for group in range(int(groups.max()) + 1):
-        yield rows[groups == group]
+        yield rows[groups.reshape(-1) == group]  # a column in NumPy 2.0
 
 
 def _lengths_of(path: str, variable: Variable) -> str | None:

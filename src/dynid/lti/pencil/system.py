@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from dynid.errors import Singular, UsageError
 from dynid.lti.certified import Root, certified_roots, repeated
 from dynid.lti.verdicts import Root as Sided
-from dynid.lti.verdicts import all_left, stability, zero_stability
+from dynid.lti.verdicts import all_left, far, stability, zero_stability
 
 if TYPE_CHECKING:
     import numpy as np
@@ -87,6 +87,11 @@ class SystemZerosPoles(NamedTuple):
     def zero_stability(self) -> str:
         """The phase verdict in words, with the zeros that decide it, and whether those are far."""
         return zero_stability(self.zero_roots, self.pole_roots, vanishes=self.vanishes)
+
+    @property
+    def far_zeros(self) -> NDArray[np.complex128]:
+        """The zeros more than 1,000 times beyond the largest pole."""
+        return repeated(far(self.zero_roots, self.pole_roots))
 
     @property
     def vanishes(self) -> bool:
