@@ -5,8 +5,8 @@ import sys
 from collections import Counter, defaultdict
 from pathlib import PurePosixPath
 
-#: Per cent of the branches that must be covered: of everything, and of what reads and writes users' files. These are
-#: covered whole; the margin is for what processes that tests kill had covered and could not tell any more.
+#: Per cent of the branches that must be covered: of everything, and of what reads and writes users' files.
+#: These are covered whole; the margin is for what processes that tests kill could not tell any more.
 LEAST = {"all": 95.0, "scene": 99.5, "store": 99.5}
 
 
