@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dynid.bondgraph.graph import SOURCES, Port
-from dynid.bondgraph.question import RESULTS, Analysis
+from dynid.bondgraph.question import ENGINES, RESULTS, Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.need import Part, add_need, divided
 from dynid.result import Result
-
-_ENGINES = ("exact", "float", "symbolic")
 
 
 def dropped(reduced: ReducedGraph, port: Port) -> tuple[str, ...]:
@@ -57,7 +55,7 @@ def tell_need(result: Result, reduced: ReducedGraph | None, analysis: Analysis) 
     parts = [] if reduced is None else _of_graph(result, reduced)
     about = result.group_attrs["bond_graph"]
     why = str(about.get("engine_reason", "no result needs one"))
-    parts.append(divided("engines", _ENGINES, _engines(result), why))
+    parts.append(divided("engines", ENGINES, _engines(result), why))
     parts.append(divided("results", RESULTS, analysis.results, "not asked for"))
     add_need(result, "bond_graph", parts)
 

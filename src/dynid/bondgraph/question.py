@@ -41,6 +41,9 @@ Engine = Literal["auto", "exact", "float", "symbolic"]
 Reading = Literal["decimal", "binary"]
 Form = Literal["nested", "expanded"]
 
+#: The engines themselves; `auto` is a choice among them.
+ENGINES = tuple(name for name in get_args(Engine) if name != "auto")
+
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 

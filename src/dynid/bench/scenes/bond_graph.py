@@ -15,7 +15,7 @@ from dynid.bench.scenes.propagation import propagation
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.engines import choose, modelled_storages
 from dynid.bondgraph.graph import BondGraph
-from dynid.bondgraph.question import NUMERIC, Analysis
+from dynid.bondgraph.question import ENGINES, NUMERIC, Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.errors import UsageError
 from dynid.result import Result
@@ -33,15 +33,12 @@ def engine(scene: Scene) -> Aspect:
     return Aspect(
         title="engine of transfer functions, zeros and poles",
         size="storages",
-        points=[(Alternative(name, _engine(graph, analysis, name)), size) for name in _ENGINES],
+        points=[(Alternative(name, _engine(graph, analysis, name)), size) for name in ENGINES],
         chosen=frozenset({(choice.engine, size)}),
         because=choice.reason,
         error=_error,
         measure="largest relative distance of zeros and poles from the reference's; its own: its bound",
     )
-
-
-_ENGINES = ("exact", "float", "symbolic")
 
 
 def _engine(graph: BondGraph, analysis: Analysis, name: Any) -> Callable[[int], Callable[[], Any]]:

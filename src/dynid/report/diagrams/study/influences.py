@@ -48,16 +48,18 @@ def _tornadoes(numbers: StudyNumbers) -> Picture:
         panels.append(_tornado(number, whole, names))
     about = f"{found[0][1].remark[0].upper()}{found[0][1].remark[1:]}." if found else "Nothing varies enough."
     about = f"Results with one input at its low (orange) and at its high end (blue). {about}"
-    if not panels:
-        panels = [
-            Panel(Axis("", low=0, high=1), Axis("", low=0, high=1), [], "no number depends on an input")
-        ]
-    grid = [panels[k : k + 2] for k in range(0, len(panels), 2)]
-    svg = chart(
-        "tornado", "Tornado: what moves the results", grid, about, width=900.0 if len(panels) > 1 else 560.0
+    svg = _in_pairs(
+        "tornado", "Tornado: what moves the results", about, panels, "no number depends on an input"
     )
     columns = ("number", "input", "low", "high", "at low", "at high", "slope")
     return Picture(svg, about, Table(columns, tuple(rows)))
+
+
+def _in_pairs(name: str, title: str, about: str, panels: Sequence[Panel], otherwise: str) -> str:
+    """Draw panels two to a row; an empty one that says why where there are none."""
+    shown = panels or [Panel(Axis("", low=0, high=1), Axis("", low=0, high=1), [], otherwise)]
+    rows = [shown[k : k + 2] for k in range(0, len(shown), 2)]
+    return chart(name, title, rows, about, width=900.0 if len(shown) > 1 else 560.0)
 
 
 def _tornado(number: Number, whole: Tornado, names: dict[str, str]) -> Panel:
@@ -94,13 +96,8 @@ def _indices(numbers: StudyNumbers) -> Picture:
         if len(panels) < _PANELS:
             panels.append(_shares(number.label, names, found.first, found.first_error, total))
     about = f"Part of the variance that each input explains alone{_total(rows)}; {said or 'too few samples'}."
-    if not panels:
-        panels = [
-            Panel(Axis("", low=0, high=1), Axis("", low=0, high=1), [], "the samples are too few to tell")
-        ]
-    grid = [panels[k : k + 2] for k in range(0, len(panels), 2)]
-    svg = chart(
-        "sobol", "Where the variance comes from", grid, about, width=900.0 if len(panels) > 1 else 560.0
+    svg = _in_pairs(
+        "sobol", "Where the variance comes from", about, panels, "the samples are too few to tell"
     )
     return Picture(
         svg,
