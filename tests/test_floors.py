@@ -11,7 +11,8 @@ ROOT = Path(dynid.__file__).parent
 
 # From the ground up; a package may import every floor below its own, and none beside it.
 FLOORS = [
-    {"_version", "errors", "words", "numerals", "atomic", "hdf5", "result", "need", "choices", "progress"},
+    {"_version", "errors", "words", "numerals", "atomic", "inputs", "hdf5"}
+    | {"result", "need", "choices", "progress"},
     {"lti"},
     {"bondgraph", "structure"},
     {"identification"},

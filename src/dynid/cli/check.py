@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...], quiet: bool) -> int:
     """Read and check scenes without running them.
 
-    Prints every fault of every scene as FILE:LINE:COLUMN: message. Exit code 0: all are valid; 2: some are
-    not; 4: a file could not be read.
+    Prints every fault of every scene as FILE:LINE:COLUMN: message, and every file of data that a run would
+    not find. Exit code 0: all are valid; 2: some are not; 4: a file could not be read.
 
     With --explain, says of each valid scene what a run would do: states and what follows from others, the
     engine or estimator and why, what the record can tell of each parameter, what is left out, and about how
@@ -37,12 +37,16 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
       dynid check --explain isolator.yaml
     """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.run import LocatedError
+    from dynid.scene.files import missing_files
     from dynid.scene.load import load_scene
 
     code = faults = 0
     for name in scenes:
         try:
             scene = load_scene(name, overrides)
+            missing = missing_files(scene)
+            if missing:
+                raise FileError("\n".join(map(str, missing)))
             said = _explained(scene, quiet) if explaining else []
         except SceneError as error:
             click.echo(str(error), err=True)

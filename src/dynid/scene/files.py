@@ -1,33 +1,126 @@
-"""The files that a scene names, and the same scene in another folder."""
+"""The files that a scene names, which of them are not there, and the same scene in another folder."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from dynid.errors import Fault, FileError
+from dynid.inputs import dataset_of, obstacle
 from dynid.scene.yaml.core import Path as KeyPath
+from dynid.scene.yaml.source import path_of, set_values
+
+if TYPE_CHECKING:
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.measurement import RecordModel
 
 #: Under `matrices`, what may be a file by its name alone.
 _MATRICES = ("mass", "stiffness", "damping", "labels", "state_space")
+#: Parts of a scene that name no file: paths in the result, and what the user gives names to.
+_NO_FILES = frozenset({"expect", "parameters", "graph", "joints", "initial"})
 
 
 def file_places(data: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
     """Yield the places in a scene's data where the name of a file stands."""
     if isinstance(data, list):
         for place, item in enumerate(data):
-            yield from file_places(item, (*path, place))
+            if isinstance(item, dict | list):
+                yield from file_places(item, (*path, place))
     if not isinstance(data, dict):
         return
     for key, value in data.items():
-        if not path and key == "expect":
-            continue  # paths in the result
+        if not path and key in _NO_FILES:
+            continue
         if isinstance(value, str):
             if key == "path" or (path[-1:] == ("matrices",) and key in _MATRICES):
                 yield (*path, key)
-        else:
+        elif isinstance(value, dict | list):
             yield from file_places(value, (*path, key))
+
+
+def missing_files(scene: Scene) -> list[Fault]:
+    """Return the files that a run of a valid scene would not find, each at its key.
+
+    Nothing is opened. What a run does not read may be missing: the file of a record that is simulated, the
+    input of a response that is not asked for. Of a study, the files of the scene that it varies, and those
+    that it sets.
+    """
+    if scene.kind == "study":
+        return _missing_in_study(scene)
+    return _missing(scene, [])
+
+
+def _missing(scene: Scene, elsewhere: Sequence[KeyPath]) -> list[Fault]:
+    """Return what is missing of a scene, but for places that something else sets."""
+    data, passed = scene.source.data, [*_not_read(scene), *elsewhere]
+    places = [place for place in file_places(data) if not _is_below(place, passed)]
+    said = {place: _why_not(scene.folder, data, place) for place in places}
+    return [scene.source.fault(place, message, key=True) for place, message in said.items() if message]
+
+
+def _is_below(place: KeyPath, parts: Iterable[KeyPath]) -> bool:
+    return any(place[: len(part)] == part for part in parts)
+
+
+def _why_not(folder: Path, data: Any, place: KeyPath) -> str:
+    """Say why the file that a place names cannot be read, in the words of a run; nothing where it can."""
+    name = data
+    for key in place:
+        name = name[key]
+    path = folder / (dataset_of(name)[0] if place[:2] == ("structure", "matrices") else name)
+    found = obstacle(path)
+    return str(FileError(f"{path} {found[0]}", remedy=found[1])) if found else ""
+
+
+def _not_read(scene: Scene) -> Iterator[KeyPath]:
+    """Yield the parts of a scene whose files a run does not read."""
+    model: Any = scene.model
+    if scene.kind == "bond-graph" and "time_response" not in model.analysis.asked():
+        yield ("analysis", "time")
+    if scene.kind == "identification":
+        yield from _unused_records(model.measurement.records if model.measurement else [])
+        every = model.measurement.each if model.measurement else []
+        time = model.analysis and model.analysis.time
+        drives = time and not (time.input or model.initial)
+        if not drives and all(record.excitation is not None for record in every):
+            yield ("excitation",)
+
+
+def _unused_records(records: Sequence[RecordModel]) -> Iterator[KeyPath]:
+    """Yield what several records would share, if they had not their own."""
+    if records and all(record.simulate or (record.file and record.file.path) for record in records):
+        yield ("measurement", "file")
+    if records and all(record.excitation is not None for record in records):
+        yield ("measurement", "excitation")
+
+
+def _missing_in_study(scene: Scene) -> list[Fault]:
+    """Return what is missing in the scene that a study varies, and of what the study sets in it."""
+    from dynid.scene.kinds.study import base_scene, study_model
+    from dynid.scene.schema.study import Listed, paths_of
+
+    base, model = base_scene(scene), study_model(scene)
+    paths = [path for key in model.vary for path in paths_of(key)]
+    faults = _missing(base, [path_of(base.source, path) for path in paths])
+    for key, factor in model.vary.items():
+        for number, value in enumerate(factor.values if isinstance(factor, Listed) else []):
+            if isinstance(value, str | list | dict):
+                values = [value] if len(paths_of(key)) == 1 else value
+                message = _missing_if_set(base, dict(zip(paths_of(key), values, strict=True)))
+                listed = ("vary", key, "values", number)
+                place = listed if listed in scene.source.marks else ("vary", key, number)
+                faults += [scene.source.fault(place, message)] if message else []
+    return faults
+
+
+def _missing_if_set(base: Scene, values: Mapping[str, Any]) -> str:
+    """Say which file is missing of those that values name; nothing where none is."""
+    source = set_values(base.source, values)
+    parts = [path_of(source, path) for path in values]
+    places = (place for place in file_places(source.data) if _is_below(place, parts))
+    return next(filter(None, (_why_not(base.folder, source.data, place) for place in places)), "")
 
 
 def moved(name: str, folder: Path, target: Path) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.inputs import obstacle
 from dynid.scene.kinds.hdf5_table import read_datasets
 from dynid.scene.kinds.matlab_table import read_matlab
 from dynid.scene.kinds.table import DataFile, Layout, Table, are_numbers
@@ -134,9 +134,9 @@ def _only(table: Table) -> int:
 
 def existing(path: Path, place: str) -> DataFile:
     """Return a file that is there."""
-    file = DataFile(path, place)
-    if not os.path.isfile(path):  # noqa: PTH113 (False, too, for a name that no file can have)
-        file.refuse("is no file", "Paths in a scene are relative to the scene's folder.")
+    file, found = DataFile(path, place), obstacle(path)
+    if found is not None:
+        file.refuse(*found)
     return file
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
 from dynid.errors import FileError
+from dynid.inputs import dataset_of, obstacle
 from dynid.structure.matrices import Label, Matrix
 from dynid.structure.readers import hdf5, matlab, matrix_market, numpy_files, op4, triplets
 from dynid.structure.readers.imported import Imported
@@ -43,10 +43,8 @@ class MatrixFile:
 
 def matrix_file(folder: Path, path: str, name: str | None = None) -> MatrixFile:
     """Return the file that a scene in a folder names; in HDF5 also as ``file.h5:/path``."""
-    bare, colon, inside = path.partition(":/")
-    if colon and name is None and bare.lower().endswith((".h5", ".hdf5")):
-        return MatrixFile(folder / bare, inside)
-    return MatrixFile(folder / path, name)
+    bare, inside = dataset_of(path)
+    return MatrixFile(folder / bare, inside) if name is None else MatrixFile(folder / path, name)
 
 
 def read_matrix(file: MatrixFile, role: str) -> Imported:
@@ -129,8 +127,9 @@ def _check_kind(path: Path) -> None:
 
 
 def _check_file(path: Path) -> None:
-    if not os.path.isfile(path):  # noqa: PTH113 (False, too, for a name that no file can have)
-        raise FileError(f"{path} is no file", remedy="Paths in a scene are relative to the scene's folder.")
+    found = obstacle(path)
+    if found is not None:
+        raise FileError(f"{path} {found[0]}", remedy=found[1])
 
 
 def _several(path: Path) -> ModuleType:
