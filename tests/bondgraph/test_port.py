@@ -201,6 +201,24 @@ def test_an_ideal_source_drives_each_of_the_four_prototypes(letter):
 
 
 @pytest.mark.parametrize(
+    ("nodes", "letter", "modes"),
+    [
+        ("Se u, 1 j, R x 6, I y 5", "d", [-1.2]),
+        ("Se u, 1 j, C x 1/2, I y 1", "d", [-1j * 2**0.5, 1j * 2**0.5]),
+        ("Se u, 0 j, R x 2, C y 5", "d", []),  # shorted: the effort on C is given
+        ("Sf u, 0 j, R x 1, C y 3", "c", [-1 / 3]),
+        ("Sf u, 1 j, R x 2, I y 5", "c", []),  # open: the flow through I is given
+    ],
+)
+def test_a_load_that_is_an_ideal_source_of_zero_lets_the_other_side_go_on_alone(nodes, letter, modes):
+    parts = decomposed(nodes, "j -> x, j -> y, j -> u", "j -> u")
+    dynamics = dynamics_of(parts, parts.prototype)
+    assert parts.prototype.letter == letter
+    assert roots_of(dynamics.natural) == pytest.approx(modes, rel=1e-15)
+    assert not dynamics.net_power(certified_roots(dynamics.natural)).any()
+
+
+@pytest.mark.parametrize(
     ("nodes", "bonds", "link", "letter", "missed", "modes"),
     [
         # Z_B = 1/(s C), Y_A = 1/(s I): a zero at s = 0 that Z_B has not

@@ -96,23 +96,29 @@ class Dynamics:
         With the driving port removed, what A gives B must take: on a 1-junction Z_A f + Z_B f = 0 for the
         common flow f, on a 0-junction Y_A e + Y_B e = 0. The modes are refined first to many digits, or far
         parts of a long line, which hardly feel the port, would show nothing but the rounding of their modes.
+        Where each takes nothing for itself, no power passes at all: the net is 0.
         """
         from flint import ctx
 
         a, given = self.systems
         turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
         b = TransferFunction(given.denominator, given.numerator) if turned else given
+        from_a, from_b = a.numerator * b.denominator, b.numerator * a.denominator
         simple = self.natural // self.natural.gcd(self.natural.derivative())
         powers = []
         with ctx.workprec(_DIGITS + 16 * int(self.natural.degree())):
             for mode in modes:
                 s = _refined(simple, mode.value)
-                from_a = a.numerator(s) * b.denominator(s)
-                from_b = b.numerator(s) * a.denominator(s)
-                passing = abs(from_a).mid() + abs(from_b).mid()
-                net = float(abs(from_a + from_b).mid() / passing) if passing > 0 else 0.0
-                powers += [net] * mode.multiplicity
+                passing = abs(from_a(s)).mid() + abs(from_b(s)).mid()
+                rounding = (_sizes(from_a) + _sizes(from_b))(abs(s).mid()) * 2 ** (-ctx.prec // 2)
+                net = abs(from_a(s) + from_b(s)).mid() / passing if passing > rounding else 0.0
+                powers += [float(net)] * mode.multiplicity
         return np.array(powers, dtype=float)
+
+
+def _sizes(polynomial: Any) -> Any:
+    """Return the polynomial of the absolute coefficients, whose value at |s| bounds the terms at s."""
+    return type(polynomial)([abs(coefficient) for coefficient in polynomial.coeffs()])
 
 
 def _refined(polynomial: Any, value: complex) -> Any:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial, reduce
+from math import inf
 from typing import Any
 
 from dynid.bondgraph.decomposition.cut import Cut
@@ -207,10 +208,10 @@ class Decomposition(Planned):
         names = ("the source side", "the load side")
         return Prototype(self.program, kind, False, part_a, part_b, *(names if b_is_load else names[::-1]))
 
-    def _growth(self, register: Register) -> int:
-        """Return the degree of the numerator less that of the denominator."""
+    def _growth(self, register: Register) -> float:
+        """Return the degree of the numerator less that of the denominator; of zero, which sets nothing, -inf."""
         numerator, denominator = self.rational([register])[register].lowest_terms()
-        return int(numerator.degree()) - int(denominator.degree())
+        return int(numerator.degree()) - int(denominator.degree()) if numerator else -inf
 
     def _junction_kind(self) -> str:
         """Return the junction on which both sides meet: the load's, else the source's, else a 1-junction."""
