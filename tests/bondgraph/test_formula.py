@@ -100,6 +100,14 @@ def test_a_name_that_would_be_misread_leaves_no_formula(name):
     assert formulas(written(f"Se u, 1 j, I {name} 3, R r 1", f"u -> j -> {name}, j -> r", "r.e")) == {}
 
 
+@pytest.mark.parametrize("names", ["Träger Dämpfung", "Ω φ", "質量 減衰"])
+def test_names_may_be_of_any_alphabet(names):
+    m, r = names.split()
+    graph = written(f"Se u, 1 j, I {m} 3, R {r} 2", f"u -> j -> {m}, j -> {r}", f"{r}.e")
+    (text,) = formulas(graph).values()
+    assert evaluated(text, {"s": S, m: Fraction(3), r: Fraction(2)}) == 2 / (3 * S + 2)
+
+
 def test_a_name_of_a_source_or_junction_does_no_harm():
     (text,) = formulas(written("Se s, 1 m-1, I m 3, R r 1", "s -> m-1 -> m, m-1 -> r", "r.e")).values()
     assert evaluated(text, {"s": S, "m": Fraction(3), "r": Fraction(1)}) == 1 / (3 * S + 1)

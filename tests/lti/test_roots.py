@@ -11,7 +11,7 @@ from flint import fmpq, fmpq_poly, fmpz_poly
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from dynid.errors import UsageError
+from dynid.errors import NumericalError, UsageError
 from dynid.lti.certified import certified_roots, integer_polynomial, repeated, roots
 
 FILE = Path(__file__).parents[2] / "../shared/data/zeros/transfer_function.json"
@@ -272,3 +272,16 @@ def test_roots_is_offered_by_the_package():
     zeros, poles, *_ = dynid.lti.roots(["1", "3125/47"], [1.0, 0.0, 4.0])
     assert zeros.tolist() == [-3125 / 47]
     assert sorted(poles.tolist(), key=lambda pole: pole.imag) == [-2j, 2j]
+
+
+@pytest.mark.parametrize("denominator", [[1, "1e400"], ["1e400", 1], [1, 0, "1e-700"]])
+def test_a_root_that_is_no_double_is_refused(denominator):
+    with pytest.raises(NumericalError, match="beyond the range of double precision"):
+        roots([1], denominator)
+
+
+def test_a_part_that_is_no_double_leaves_its_side_and_a_bound():
+    above, below = roots([1], [1, "1e-400", 1]).pole_roots
+    assert {above.value, below.value} == {1j, -1j}
+    assert above.side == below.side == -1
+    assert above.radius > 0

@@ -122,6 +122,12 @@ def test_the_scene_of_these_tests_is_valid():
             "kind: multisine, amplitude: [1, 2], frequency: [3]",
             "9:37: 'amplitude', 'frequency' and 'phase' of a multisine differ in length",
         ),
+        # what is expected
+        (
+            "analysis:",
+            "expect: [{path: a, value: 1, atol: true}]\nanalysis:",
+            "6:36: 'atol' must be a number, not true",
+        ),
         # stored energy
         (
             "analysis:",
@@ -133,6 +139,11 @@ def test_the_scene_of_these_tests_is_valid():
         (
             "analysis:",
             "initial: {k: {f: 1}}\nanalysis:",
+            "6:14: the energy of C 'k' is given by its effort e",
+        ),
+        (
+            "analysis:",
+            "initial: {k: {e: }}\nanalysis:",
             "6:14: the energy of C 'k' is given by its effort e",
         ),
         ("analysis:", "initial: {m: 3}\nanalysis:", "6:14: 'm' must be a mapping, not 3"),

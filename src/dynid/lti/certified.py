@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from dynid.errors import NumericalError
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -72,6 +74,8 @@ def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) ->
 
     Raises
     ------
+    NumericalError
+        Where a root other than 0 is no double: above 1e308 or below 1e-323.
     ValueError
         For the zero polynomial, of which every number is a root.
     """
@@ -190,17 +194,29 @@ def _paired_roots(shared: Any, multiplicity: int) -> Iterable[tuple[Root, Root]]
 
 
 def _rounded(ball: Any, multiplicity: int, side: int) -> Root:
-    """Round a ball to the nearest complex number and bound the distance to the true root."""
+    """Round a ball clear of 0 to the nearest complex number and bound the distance to the true root."""
     from flint import acb, ctx
 
     with ctx.workprec(_PRECISION + max(ball.real.bits(), ball.imag.bits())):
         value = complex(_nearest(ball.real.mid()), _nearest(ball.imag.mid()))
-        distance = float((ball - acb(value.real, value.imag)).abs_upper())
-    return Root(value, multiplicity, math.nextafter(distance, math.inf) if distance else 0.0, side)
+        if not value:
+            raise _out_of_range()
+        distance = (ball - acb(value.real, value.imag)).abs_upper()
+        bound = math.nextafter(float(distance), math.inf) if distance > 0 else 0.0
+    return Root(value, multiplicity, bound, side)
 
 
 def _nearest(number: Any) -> float:
     """Round an exact ball (flint `arb`) to the nearest double."""
     mantissa, exponent = number.man_exp()
     whole, power = int(mantissa), int(exponent)
-    return float(whole << power) if power >= 0 else whole / (1 << -power)
+    try:
+        return float(whole << power) if power >= 0 else whole / (1 << -power)
+    except OverflowError:
+        raise _out_of_range() from None
+
+
+def _out_of_range() -> NumericalError:
+    from dynid.lti.floating import REMEDY
+
+    return NumericalError("a zero or pole is beyond the range of double precision", remedy=REMEDY)

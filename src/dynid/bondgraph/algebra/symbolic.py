@@ -71,12 +71,22 @@ def variables(names: list[str], limit: int) -> tuple[dict[str, Formula], Formula
     """Return a formula for every name, and the number 1; terms are ordered by powers of the first name."""
     from flint import fmpz_mpoly_ctx
 
-    ring = fmpz_mpoly_ctx.get(names, "lex")
+    ring = fmpz_mpoly_ctx.get([_spelled(name) for name in names], "lex")
     named = {
         name: Formula({Factor(generator): 1}, 1, ring, limit)
         for name, generator in zip(names, ring.gens(), strict=True)
     }
     return named, Formula({}, 1, ring, limit)
+
+
+def _spelled(name: str) -> str:
+    """Spell a name in ASCII, which is all that flint writes."""
+    return name.encode("ascii", "backslashreplace").decode()
+
+
+def _read(spelled: str) -> str:
+    """Read what flint wrote, in the names as they were given."""
+    return spelled.encode().decode("unicode_escape")
 
 
 def apply(operation: str, operands: list[Formula]) -> Formula:
@@ -116,7 +126,7 @@ def _power(base: Formula, exponent: int) -> Formula:
 
 def plain(polynomial: Any) -> str:
     """Write a polynomial as SymPy would read it."""
-    return str(polynomial).replace("^", "**")
+    return _read(str(polynomial).replace("^", "**"))
 
 
 def quotient(numerator: Any, denominator: Any) -> Written:
@@ -138,7 +148,7 @@ def _plain(polynomial: Any) -> Written:
 
 def written(polynomial: Any, hand: Hand) -> Written:
     """Write a polynomial term by term in any hand."""
-    names = polynomial.context().names()
+    names = tuple(_read(name) for name in polynomial.context().names())
     terms = [_term(int(c), powers, names, hand) for powers, c in polynomial.terms()]
     return hand.listed(terms)
 

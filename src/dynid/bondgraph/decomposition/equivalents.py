@@ -209,7 +209,7 @@ class Decomposition(Planned):
         return Prototype(self.program, kind, False, part_a, part_b, *(names if b_is_load else names[::-1]))
 
     def _growth(self, register: Register) -> float:
-        """Return the degree of the numerator less that of the denominator; of zero, which sets nothing, -inf."""
+        """Return the degree of the numerator less that of the denominator; zero sets nothing."""
         numerator, denominator = self.rational([register])[register].lowest_terms()
         return int(numerator.degree()) - int(denominator.degree()) if numerator else -inf
 

@@ -101,7 +101,9 @@ def literal_of(node: ast.Constant) -> Fraction:
 
 def name_problem(name: str) -> str:
     """Say why a word cannot name a parameter; nothing when it can."""
-    if not name.isidentifier() or keyword.iskeyword(name):
+    if keyword.iskeyword(name):
+        return f"'{name}' is a reserved word; use another name, such as '{name}_0'"
+    if not name.isidentifier():
         return f"'{name}' cannot be a name; use letters, digits and _, beginning with a letter"
     if name in FUNCTIONS or name == "pi":
         return f"'{name}' is the name of a {'constant' if name == 'pi' else 'function'}; use another"

@@ -37,7 +37,7 @@ class AccuracyModel(Part):
 
     alternatives: dict[str, list[str] | Literal["all"]] | None = Field(default=None, min_length=1)
     repeats: int = Field(default=3, ge=1, le=1000, strict=True)
-    budget: float = Field(default=60.0, gt=0, le=1e6)
+    budget: float = Field(default=60.0, gt=0, le=1e6, strict=True)
 
 
 def aspects_of(data: dict[str, Any]) -> list[str]:

@@ -275,11 +275,11 @@ class Expectation(Part):
     path: str
     at: dict[str, str | float] | None = None
     value: Expected = None
-    rtol: float | None = Field(default=None, ge=0)
-    atol: float | None = Field(default=None, ge=0)
-    min: float | None = None
-    max: float | None = None
-    max_abs: float | None = None
+    rtol: float | None = Field(default=None, ge=0, strict=True)
+    atol: float | None = Field(default=None, ge=0, strict=True)
+    min: float | None = Field(default=None, strict=True)
+    max: float | None = Field(default=None, strict=True)
+    max_abs: float | None = Field(default=None, strict=True)
 
     @model_validator(mode="after")
     def _expects_something(self) -> Self:

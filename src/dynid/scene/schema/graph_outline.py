@@ -121,7 +121,7 @@ def initial_faults(source: Source) -> list[Fault]:
             )
         elif isinstance(given, dict):
             own, other = ("f", "e") if kind == "I" else ("e", "f")
-            if other in given or own not in given:
+            if other in given or given.get(own) is None:
                 message = (
                     f"the energy of {kind} '{name}' is given by its {'flow f' if own == 'f' else 'effort e'}"
                 )

@@ -33,7 +33,7 @@ class EstimatorModel(Part):
     iterations: int | None = Field(default=None, ge=1, le=1000, strict=True)
     noise_ratio: Positive | None = None
     input_deviation: NotNegative | None = None
-    tolerance: float | None = Field(default=None, ge=1e-12, le=1e-2)
+    tolerance: float | None = Field(default=None, ge=1e-12, le=1e-2, strict=True)
 
     @model_validator(mode="after")
     def _options_fit(self) -> Self:
