@@ -23,7 +23,6 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.network:reach: depth, queue = ({{root: 0}}, [root]) → depth, queue = ({{root: 1}}, [root])": (
         "distances are compared with one another only"
     ),
-    f"{_REDUCTION}.elimination:Elimination._eliminate_on_loop: net.tie(row, column, None) → net.tie(column, row, None)": (
-        "a tie is of a pair, without order"
-    ),
+    f"{_REDUCTION}.elimination:Elimination._eliminate_on_loop: net.retie(one, other, None) → "
+    "net.retie(other, one, None)": "a tie is of a pair, without order",
 }

@@ -1,18 +1,18 @@
 """The nodal form that a reduction works on: K x = b, with registers of a program as entries.
 
-Row and column are junctions. Eliminating a junction is a physical step: a leaf is superposed and
-reflected into its neighbour, a source on it is swapped (Park & Kim 1997, eqs 15, 16), a junction on a
-loop becomes its multiport equivalent (the Schur complement of the nodal form).
+Every junction has a row. Eliminating one is a physical step: a leaf is superposed and reflected into its
+neighbour, a source on it is swapped (Park & Kim 1997, eqs 15, 16), a junction on a loop becomes its
+multiport equivalent (the Schur complement of the nodal form).
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable
+from functools import cached_property
 from typing import NamedTuple
 
 from dynid.bondgraph.graph import bond_sign
-from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
+from dynid.bondgraph.reduction.junctions import Coupling, Junction, JunctionStructure
 from dynid.bondgraph.reduction.program import Program, Register
 
 #: What stands before the name of a storage whose energy at t = 0 is an input.
@@ -24,6 +24,59 @@ class Term(NamedTuple):
 
     name: str  # the node or label it comes from
     register: Register
+
+
+class Tie(NamedTuple):
+    """What alone ties two junctions: a bond, or the TF or GY of that name (`Coupling`)."""
+
+    two_port: str | None
+    inverse: bool
+
+
+_BOND = Tie(None, False)
+
+
+class Row:
+    """The balance of a junction, as far as it is reduced.
+
+    Parameters
+    ----------
+    junction
+        The junction.
+    depth
+        Its distance from the root.
+
+    Attributes
+    ----------
+    name, kind, fixing
+        Of the junction.
+    terms
+        The immittances on it, which add up to its entry on the diagonal.
+    entries
+        Its entries off the diagonal, by the row of the other junction; that one has an entry for this one.
+    sources
+        What each input feeds into it: its right-hand side.
+    rank, round
+        Its turn in the elimination (`Reducer`).
+    gone
+        Whether it is eliminated.
+    """
+
+    __slots__ = ("depth", "entries", "fixing", "gone", "kind", "name", "rank", "round", "sources", "terms")
+
+    def __init__(self, junction: Junction, depth: int) -> None:
+        self.name, self.kind, self.fixing = junction.name, junction.kind, junction.fixing
+        self.depth = depth
+        self.terms: list[Term] = []
+        self.entries: dict[Row, Register] = {}
+        self.sources: dict[str, Register] = {}
+        self.rank = self.round = 0
+        self.gone = False
+
+    @property
+    def origin(self) -> str:
+        """What stands on the junction: its only element, or itself."""
+        return self.terms[0].name if len(self.terms) == 1 else self.name
 
 
 class Network:
@@ -40,125 +93,131 @@ class Network:
     inputs
         Sources that are kept; all others are zero. `initial:NAME` is the equivalent source of the energy
         that a storage holds at t = 0, by its flow (I) or effort (C) then.
+
+    Attributes
+    ----------
+    rows
+        The balances, by the names of their junctions, the nearest to the root first.
+    root
+        That of the port of interest.
     """
 
     def __init__(
         self, structure: JunctionStructure, program: Program, root: str, inputs: Iterable[str]
     ) -> None:
-        self.structure, self.program, self.root = structure, program, root
+        self.structure, self.program = structure, program
         self.inputs = tuple(inputs)
-        self.depth = reach(structure, root)
-        self.kind: dict[str, str] = {}
-        self.terms: dict[str, list[Term]] = {}
-        self.matrix: dict[str, dict[str, Register]] = {name: {} for name in self.depth}
-        self.sources: defaultdict[str, dict[str, Register]] = defaultdict(dict)
-        self._replaced: dict[frozenset[str], Coupling | None] = {}  # what ties a pair instead of the graph's
-        for name in self.depth:
-            junction = structure.junctions[name]
-            self.kind[name] = junction.kind
-            self.terms[name] = [
-                Term(element, self.immittance(element, name)) for element in junction.elements
-            ]
+        self._kept = frozenset(self.inputs)
+        junctions = structure.junctions
+        self.rows = {name: Row(junctions[name], depth) for name, depth in reach(structure, root).items()}
+        self.root = self.rows[root]
+        self._ties: dict[frozenset[Row], Tie | None] = {}  # of pairs that are tied by other than one bond
+        for name, row in self.rows.items():
+            junction = junctions[name]
+            row.terms = [Term(element, self.immittance(element, row)) for element in junction.elements]
             for source, sign in junction.feeding:
-                self._feed(name, source, program.one if sign > 0 else program.neg(program.one))
+                self._feed(row, source, program.one if sign > 0 else self._minus_one)
         for source in self.inputs:
             if source.startswith(STORED):
                 self._feed_stored(source.removeprefix(STORED))
         for coupling in structure.couplings:
             self._couple(coupling)
-        # the same right-hand side in terms of equivalent sources, as the steps name them
-        self.drives = defaultdict(dict, {name: dict(row) for name, row in self.sources.items()})
 
-    def add_term(self, junction: str, term: Term) -> None:
-        """Put an immittance on a junction."""
-        self.terms[junction].append(term)
+    @property
+    def left(self) -> list[Row]:
+        """The rows that are not eliminated."""
+        return [row for row in self.rows.values() if not row.gone]
 
-    def immittance(self, name: str, junction: str) -> Register:
+    def immittance(self, name: str, row: Row) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
         program, node = self.program, self.structure.graph.nodes[name]
         value = program.parameter(name)
         law = value if node.type == "R" else program.mul(program.s, value)
         own = "0" if node.type == "C" else "1"  # where the law itself is the immittance
-        return law if self.kind[junction] == own else program.inv(law)
+        return law if row.kind == own else program.inv(law)
 
-    def _feed(self, junction: str, source: str, amount: Register) -> None:
-        if source in self.inputs:
-            row = self.sources[junction]
-            row[source] = self.program.add(row.get(source, self.program.zero), amount)
+    def feed(self, row: Row, source: str, amount: Register) -> None:
+        """Add what an input feeds into a balance."""
+        row.sources[source] = self.program.add(row.sources.get(source, self.program.zero), amount)
+
+    def _feed(self, row: Row, source: str | None, amount: Register) -> None:
+        if source in self._kept:
+            self.feed(row, source, amount)
 
     def _feed_stored(self, name: str) -> None:
-        junction = self.structure.place[name]
-        if junction in self.depth:
-            self._feed(junction, f"{STORED}{name}", self.stored(name, junction))
+        row = self.rows.get(self.structure.place[name])
+        if row is not None:
+            self.feed(row, f"{STORED}{name}", self.stored(name, row))
 
-    def stored(self, name: str, junction: str) -> Register:
+    def stored(self, name: str, row: Row) -> Register:
         """Write the equivalent source of a storage's energy at t = 0 (Park & Kim 1997, eqs 13 to 16).
 
         An element that answers with a rate has e = I (s f - f(0)): the momentum p(0) = I f(0) drives. One
         that integrates has f = e/(s I) + f(0)/s. Dually for a C.
         """
         program, node = self.program, self.structure.graph.nodes[name]
-        if (self.kind[junction] == "1") is (node.type == "I"):
+        if (row.kind == "1") is (node.type == "I"):
             return program.parameter(name)
         state = program.inv(program.s)
         return program.neg(state) if bond_sign(self.structure.graph, name) > 0 else state
 
     def _couple(self, coupling: Coupling) -> None:
-        program = self.program
-        size = program.one if coupling.two_port is None else program.parameter(coupling.two_port)
-        if coupling.inverse:
-            size = program.inv(size)
-        tail, head = coupling.tail, coupling.head
-        for row, column, entry in ((tail, head, size), (head, tail, program.neg(size))):
-            if row not in self.depth:
-                continue
-            fixing = self.structure.junctions[column].fixing
-            if fixing is not None and column != self.root:
-                self._feed(row, fixing, program.neg(entry))  # a known unknown moves to the right-hand side
-            else:
-                self.add_entry(row, column, entry)
+        """Write both entries of a coupling; a known unknown moves to the right-hand side."""
+        program, junctions = self.program, self.structure.junctions
+        tail, head, two_port, inverse = coupling
+        one, other = self.rows.get(tail), self.rows.get(head)
+        if one is None and other is None:
+            return
+        size, minus = program.one, self._minus_one
+        if two_port is not None:
+            size = program.inv(program.parameter(two_port)) if inverse else program.parameter(two_port)
+            minus = program.neg(size)
+        if other is None and one is not None:
+            self._feed(one, junctions[head].fixing, minus)
+        elif one is None and other is not None:
+            self._feed(other, junctions[tail].fixing, size)
+        elif one is not None and other is not None:
+            if other in one.entries or self.tie(one, other) != _BOND:  # one more
+                self.retie(one, other, None)
+            elif two_port is not None:
+                self.retie(one, other, Tie(two_port, inverse))
+            self.add_entry(one, other, size)
+            self.add_entry(other, one, minus)
 
-    def tie(self, a: str, b: str, coupling: Coupling | None) -> None:
-        """Note the coupling that ties two junctions from now on, or none where it is more than a bond."""
-        self._replaced[frozenset((a, b))] = coupling
+    @cached_property
+    def _minus_one(self) -> Register:
+        return self.program.neg(self.program.one)
 
-    def single(self, a: str, b: str) -> Coupling | None:
-        """Return the coupling between two junctions, where it is one bond or two-port."""
-        if self._replaced and (pair := frozenset((a, b))) in self._replaced:
-            return self._replaced[pair]
-        found = [coupling for coupling in self.structure.tied[a] if b in (coupling.tail, coupling.head)]
-        return found[0] if len(found) == 1 else None
+    def retie(self, a: Row, b: Row, tie: Tie | None) -> None:
+        """Note what ties two junctions from now on; none: more than a bond or two-port."""
+        self._ties[frozenset((a, b))] = tie
 
-    def add_entry(self, row: str, column: str, entry: Register) -> None:
+    def tie(self, a: Row, b: Row) -> Tie | None:
+        """Return what ties two junctions, where it is one bond or two-port."""
+        return self._ties.get(frozenset((a, b)), _BOND) if self._ties else _BOND
+
+    def add_entry(self, row: Row, column: Row, entry: Register) -> None:
         """Add to a matrix entry off the diagonal; one that is zero both ways is no tie between the two."""
-        program, own, other = self.program, self.matrix[row], self.matrix[column]
+        program, own, other = self.program, row.entries, column.entries
         total = own[column] = program.add(own.get(column, program.zero), entry)
         back = other.setdefault(row, program.zero)  # a coupling is known from both sides
         if program.is_zero(total) and program.is_zero(back):
             del own[column], other[row]
 
-    def entry(self, row: str, column: str) -> Register:
+    def entry(self, row: Row, column: Row) -> Register:
         """Return a matrix entry off the diagonal."""
-        return self.matrix[row].get(column, self.program.zero)
+        return row.entries.get(column, self.program.zero)
 
-    def diagonal(self, junction: str) -> Register:
+    def diagonal(self, row: Row) -> Register:
         """Return the sum of the immittances on a junction."""
-        total = self.program.zero
-        for term in self.terms[junction]:
-            total = self.program.add(total, term.register)
-        return total
+        return self.program.sum(term.register for term in row.terms)
 
-    def neighbours(self, junction: str) -> list[str]:
-        """Return the junctions whose balance or unknown this one is tied to."""
-        return list(self.matrix[junction])
-
-    def remove(self, junction: str) -> None:
+    def remove(self, row: Row) -> None:
         """Take an eliminated junction out."""
-        for other in self.matrix[junction]:
-            del self.matrix[other][junction]
-        del self.matrix[junction], self.terms[junction]
-        self.sources.pop(junction, None)
-        self.drives.pop(junction, None)
+        for other in row.entries:
+            del other.entries[row]
+        row.gone = True
+        del row.entries, row.terms, row.sources
 
 
 def reach(structure: JunctionStructure, root: str) -> dict[str, int]:

@@ -61,7 +61,7 @@ def _form(net: Network, name: str, quantity: str, total: Register) -> PortForm:
     zero, one = program.zero, program.one
     if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
         return PortForm(zero, zero, one, name)
-    if kind in JUNCTIONS or quantity == ("f" if net.kind[net.root] == "1" else "e"):
+    if kind in JUNCTIONS or quantity == ("f" if net.root.kind == "1" else "e"):
         return PortForm(one, zero, zero, name)
     if kind in SOURCES:  # it fixes the common variable; its reaction balances the junction
         form = PortForm(program.neg(total), one, zero, name)
@@ -88,6 +88,6 @@ def channel(net: Network, form: PortForm, source: str, common: Register) -> Regi
         The transfer function from the source to the common variable.
     """
     program = net.program
-    drive = net.sources[net.root].get(source, program.zero)
+    drive = net.root.sources.get(source, program.zero)
     value = program.add(program.mul(form.common, common), program.mul(form.drive, drive))
     return program.add(value, form.own) if source == form.by else value

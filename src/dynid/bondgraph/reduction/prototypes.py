@@ -116,9 +116,9 @@ def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Te
     variable: the storage that integrates it there (I on a 1, C on a 0; the output's own first), else the
     output's element, else any element, else the last subtree; what is zero with these values sets nothing.
     """
-    graph, terms = network.structure.graph, network.terms[network.root]
-    elements = network.structure.junctions[network.root].elements
-    integrating = "I" if network.kind[network.root] == "1" else "C"
+    graph, terms = network.structure.graph, network.root.terms
+    elements = network.structure.junctions[network.root.name].elements
+    integrating = "I" if network.root.kind == "1" else "C"
 
     def rank(term: Term) -> int:
         if network.program.is_zero(term.register):

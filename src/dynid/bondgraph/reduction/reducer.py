@@ -10,19 +10,21 @@ bare junction by the constraint it states.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.reduction.elimination import COMMON, Elimination
+from dynid.bondgraph.reduction.elimination import Elimination
 from dynid.bondgraph.reduction.junctions import JunctionStructure
-from dynid.bondgraph.reduction.network import Network
-from dynid.bondgraph.reduction.port import PortForm, channel, port_form
+from dynid.bondgraph.reduction.network import Network, Row
+from dynid.bondgraph.reduction.port import channel, port_form
 from dynid.bondgraph.reduction.program import Program, Register
-from dynid.bondgraph.reduction.prototypes import DrivenBy, Prototype, split_root
+from dynid.bondgraph.reduction.prototypes import Prototype, split_root
 from dynid.bondgraph.reduction.singularity import explain_singularity
-from dynid.bondgraph.reduction.steps import Definition, Formula, Step
+from dynid.bondgraph.reduction.steps import Step
+from dynid.bondgraph.reduction.telling import Told, Untold
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def reduce_graph(
     inputs
         The sources to keep; all others are zero.
     traced
-        Whether the steps are told; without them a large graph is planned in half the time.
+        Whether the steps are told, which takes as long again.
     balanced
         Whether loops are opened everywhere at once rather than from the far end on (`Reducer`).
 
@@ -130,7 +132,7 @@ def reduce_graph(
         Where the equations have no solution or more than one; it names the junctions and sources.
     """
     network = Network(structure, program, structure.place[port.node], inputs)
-    return Reducer(network, traced=traced, balanced=balanced).run(port)
+    return Reducer(network, Told(network) if traced else Untold(), balanced=balanced).run(port)
 
 
 class Reducer:
@@ -140,10 +142,8 @@ class Reducer:
     ----------
     network
         The network to reduce; it shrinks.
-    watch
-        Called whenever the network is whole, if somebody wants to look at it on the way.
-    traced
-        Whether the steps are told.
+    story
+        Where the steps are told.
     balanced
         Whether loops are opened in rounds, of junctions that do not touch each other (cyclic reduction):
         results then depend on one another over as many steps as the logarithm of the graph's length, where
@@ -153,21 +153,14 @@ class Reducer:
     Attributes
     ----------
     work
-        The elimination, with the steps taken so far.
+        The elimination, with the pivots so far.
     """
 
-    def __init__(
-        self,
-        network: Network,
-        watch: Callable[[], None] = lambda: None,
-        *,
-        traced: bool = True,
-        balanced: bool = False,
-    ) -> None:
+    def __init__(self, network: Network, story: Untold, *, balanced: bool = False) -> None:
         self._balanced = balanced
-        self.net, self.program, self.root = network, network.program, network.root
-        self.work = Elimination(network, watch, traced=traced)
-        self._driving = frozenset(name for row in network.sources.values() for name in row)
+        self.net, self.program, self.root, self.story = network, network.program, network.root, story
+        self.work = Elimination(network, story)
+        self._driving = frozenset(name for row in network.rows.values() for name in row.sources)
 
     def run(self, port: Port) -> Reduction:
         """Reduce the network to the prototype at its root, for an output there."""
@@ -179,69 +172,42 @@ class Reducer:
                 raise self._singular()
             self.work.pivots.append(total)
         form = port_form(self.net, port, total)
-        if self.work.traced:
-            self.work.record(self._last_step(prototype, port, form))
+        self.story.reached(prototype, port, form)
         return Reduction(
             port=port,
-            root=self.root,
-            steps=tuple(self.work.steps) if self.work.traced else (),
+            root=self.root.name,
+            steps=tuple(self.story.steps),
             prototype=prototype,
-            drives=dict(self.net.sources[self.root]),
+            drives=dict(self.root.sources),
             channels={
                 source: channel(self.net, form, source, self._common(source, total))
                 for source in self.net.inputs
             },
             pivots=tuple(self.work.pivots),
             structure=self.net.structure,
-            junctions=tuple(self.net.depth),
+            junctions=tuple(self.net.rows),
             driving=self._driving,
-            labels=self.work.labels,
+            labels=self.story.labels,
         )
 
     def _common(self, source: str, total: Register) -> Register:
         """Write the transfer function from a source to the root's common variable (eqs 1 to 4)."""
-        program, fixing = self.program, self.net.structure.junctions[self.root].fixing
+        program, fixing = self.program, self.root.fixing
         if self.work.held is not None:
             return self.work.held.get(source, program.zero)
         if fixing is not None:
             return program.one if source == fixing else program.zero
-        return program.div(self.net.sources[self.root].get(source, program.zero), total)
-
-    def _last_step(self, prototype: Prototype, port: Port, form: PortForm) -> Step:
-        """Name the prototype, its systems, what drives them, and the output in these terms."""
-        letter = COMMON[prototype.kind]
-        common, source = f"{letter}_{self.root}", {"e": "f_eq", "f": "e_eq"}[letter]
-        drives = tuple((amount, by) for by, amount in self.net.drives[self.root].items())
-        definitions: list[Definition] = [(name, ((register, ""),)) for name, register in prototype.systems]
-        if not prototype.fixed or not self.program.is_zero(form.drive):
-            definitions.append((source, drives))
-        definitions.append((common, self._common_in_words(prototype, source)))
-        if (port.node, port.quantity) != (self.root, letter):
-            output = ((form.common, common), (form.drive, source), (form.own, form.by))
-            parts = tuple((register, by) for register, by in output if not self.program.is_zero(register))
-            definitions.append((f"{port.quantity}_{port.node}", parts))
-        names = self.work.names(self.root)
-        return Step("prototype", names, tuple(definitions), prototype.describe(self.root))
-
-    def _common_in_words(
-        self, prototype: Prototype, source: str
-    ) -> tuple[tuple[Register, str], ...] | Formula:
-        """Return what the root's common variable equals: what fixes it, or the prototype's relation."""
-        fixing = self.net.structure.junctions[self.root].fixing
-        if self.work.held is not None:
-            return self.work.held_by
-        if fixing is not None:
-            return ((self.program.one, fixing),) if fixing in self.net.inputs else ()
-        return DrivenBy(prototype, source)
+        return program.div(self.root.sources.get(source, program.zero), total)
 
     def _prototype(self, port: Port) -> Prototype:
         element, rest = split_root(self.net, port, self._root_known())
-        label = ("Z_A" if self.net.kind[self.root] == "1" else "Y_A") if len(rest) > 1 else None
+        part_a = self.program.sum(term.register for term in rest)
+        self.story.superposed(self.root, rest, part_a, "Z_A" if self.root.kind == "1" else "Y_A")
         return Prototype(
             program=self.program,
-            kind=self.net.kind[self.root],
+            kind=self.root.kind,
             fixed=self._root_known(),
-            part_a=self.work.superpose(self.root, rest, label),
+            part_a=part_a,
             part_b=element.register,
             name_a=", ".join(term.name for term in rest) or "nothing",
             name_b=element.name,
@@ -249,62 +215,69 @@ class Reducer:
 
     def _root_known(self) -> bool:
         """Tell whether a source, or a bare junction beside it, fixes the root's unknown."""
-        return self.work.held is not None or self.net.structure.junctions[self.root].fixing is not None
+        return self.work.held is not None or self.root.fixing is not None
 
     def _eliminate_all(self) -> None:
-        """Eliminate by (round, number of neighbours, distance from the root): leaves first, fill low."""
-        matrix, depth = self.net.matrix, self.net.depth
-        names = sorted(depth, key=depth.__getitem__, reverse=True)[:-1]  # the root is nearest to itself
-        rank, size = {name: index for index, name in enumerate(names)}, len(names)
-        rounds = dict.fromkeys(depth, 0)  # how many steps on loops follow one another up to a junction
+        """Eliminate leaves first, then what has most to say to the fewest; at last what is still bare."""
+        nearest_first = list(self.net.rows.values())
+        rows = sorted(nearest_first, key=attrgetter("depth"), reverse=True)
+        rows.remove(self.root)
+        for rank, row in enumerate(rows):
+            row.rank = rank
+        self._eliminate_in_turn([row for row in rows if len(row.entries) < 2], most=1)
+        self._eliminate_in_turn([row for row in rows if not row.gone], most=len(rows))
+        self._eliminate_bare([row for row in nearest_first if not row.gone and row is not self.root])
 
-        def turn(name: str) -> int:
-            degree = len(matrix[name])
-            return ((rounds[name] if degree > 1 else 0) * (size + 1) + degree) * size + rank[name]
-
-        heap = [turn(name) for name in names]
-        heapq.heapify(heap)
-        while heap:
-            place = heapq.heappop(heap)
-            name = names[place % size]
-            if name not in matrix or place != turn(name):
+    def _eliminate_in_turn(self, rows: list[Row], most: int) -> None:
+        """Eliminate by (round, number of neighbours, distance from the root), up to so many neighbours."""
+        turns = [_turn(row) for row in rows]
+        heapq.heapify(turns)
+        while turns:
+            turn = heapq.heappop(turns)
+            row = turn[-1]
+            if row.gone or turn != _turn(row):
                 continue  # eliminated already, or queued again with its new neighbours
-            around = self._eliminate_next(name)
-            following = rounds[name] + 1 if self._balanced and len(around) > 1 else 0
+            around = self._eliminate_next(row)
+            following = row.round + 1 if self._balanced and len(around) > 1 else 0
             for other in around:
-                rounds[other] = max(rounds[other], following)
-                if other != self.root:
-                    heapq.heappush(heap, turn(other))
-        self._eliminate_bare([name for name in depth if name in matrix and name != self.root])
+                other.round = max(other.round, following)
+                if other is not self.root and len(other.entries) <= most:
+                    heapq.heappush(turns, _turn(other))
 
-    def _eliminate_next(self, name: str) -> list[str]:
+    def _eliminate_next(self, row: Row) -> list[Row]:
         """Eliminate a junction if something stands on it, or if it is bare and a dead end."""
-        own = self.net.diagonal(name)
+        own = self.net.diagonal(row)
         if not self.program.is_zero(own):
-            return self.work.eliminate(name, own)
-        neighbours = self.net.neighbours(name)
-        if len(neighbours) == 1 and neighbours[0] != self.root and self.work.paired(name, neighbours[0]):
-            return self.work.eliminate_pair(neighbours[0], name)
+            return self.work.eliminate(row, own)
+        neighbours = list(row.entries)
+        if len(neighbours) == 1 and neighbours[0] is not self.root and self.work.paired(row, neighbours[0]):
+            return self.work.eliminate_pair(neighbours[0], row)
         return []  # nothing stands on it yet; it is queued again when a neighbour is eliminated
 
-    def _eliminate_bare(self, names: list[str]) -> None:
+    def _eliminate_bare(self, rows: list[Row]) -> None:
         """Eliminate junctions on which nothing stands, each with a neighbour that its balance fixes."""
-        for name in names:
-            if name not in self.net.matrix:
+        for row in rows:
+            if row.gone:
                 continue
-            own = self.net.diagonal(name)
+            own = self.net.diagonal(row)
             if not self.program.is_zero(own):
-                self.work.eliminate(name, own)
+                self.work.eliminate(row, own)
                 continue
-            partners = [other for other in self.net.neighbours(name) if self.work.paired(name, other)]
-            others = [other for other in partners if other != self.root]
+            partners = [other for other in row.entries if self.work.paired(row, other)]
+            others = [other for other in partners if other is not self.root]
             if others:
-                self.work.eliminate_pair(others[0], name)
+                self.work.eliminate_pair(others[0], row)
             elif partners and not self._root_known():
-                self.work.hold_root(name)
+                self.work.hold_root(row)
             else:
                 raise self._singular()
 
     def _singular(self) -> Exception:
         net = self.net
-        return explain_singularity(Network(net.structure, self.program, self.root, net.inputs))
+        return explain_singularity(Network(net.structure, self.program, self.root.name, net.inputs))
+
+
+def _turn(row: Row) -> tuple[int, int, int, Row]:
+    """Return when a junction is eliminated: leaves first, fill low, the farthest from the root first."""
+    degree = len(row.entries)
+    return (row.round if degree > 1 else 0, degree, row.rank, row)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dynid.bondgraph.reduction.junctions import JunctionStructure
-from dynid.bondgraph.reduction.network import Network
+from dynid.bondgraph.reduction.network import Network, Row
 from dynid.errors import Singular
 
 #: Most junctions whose dense nodal form is looked at.
@@ -24,7 +24,7 @@ def explain_singularity(network: Network) -> Singular:
     network
         The network before elimination.
     """
-    structure, program, names = network.structure, network.program, list(network.matrix)
+    structure, program, names = network.structure, network.program, list(network.rows)
     if len(names) > _MOST:
         return Singular(
             f"the equations of this graph of {len(names)} junctions have no unique solution: sources "
@@ -32,11 +32,12 @@ def explain_singularity(network: Network) -> Singular:
             remedy=f"Look for it in a part of the graph: up to {_MOST} junctions, those concerned are named.",
         )
 
-    def entry(row: str, column: str) -> int:
-        register = network.diagonal(row) if row == column else network.entry(row, column)
+    def entry(row: Row, column: Row) -> int:
+        register = network.diagonal(row) if row is column else network.entry(row, column)
         return int(program.image(register))
 
-    dense = [[entry(row, column) for column in names] for row in names]
+    rows = network.rows.values()
+    dense = [[entry(row, column) for column in rows] for row in rows]
     for row, name in enumerate(names):
         if structure.junctions[name].fixing is not None:  # the root, whose unknown is known
             dense[row] = [int(row == column) for column in range(len(names))]

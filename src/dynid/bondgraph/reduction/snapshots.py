@@ -10,12 +10,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from dynid.bondgraph.graph import Port
+from dynid.bondgraph.reduction.elimination import Elimination
 from dynid.bondgraph.reduction.junctions import JunctionStructure
-from dynid.bondgraph.reduction.network import Network, Term
+from dynid.bondgraph.reduction.network import Network, Row, Term
 from dynid.bondgraph.reduction.port import PortForm, port_form
 from dynid.bondgraph.reduction.program import Program, Register
 from dynid.bondgraph.reduction.reducer import Reducer
 from dynid.bondgraph.reduction.steps import Step
+from dynid.bondgraph.reduction.telling import Told
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,9 @@ def snapshots(
     """
     network = Network(structure, program, structure.place[port.node], inputs)
     camera = _Camera(network, port)
-    reducer = Reducer(network, camera.look)
-    camera.reducer = reducer
+    story = Told(network, camera.look)
+    reducer = Reducer(network, story)
+    camera.story, camera.work = story, reducer.work
     camera.look()
     reducer.run(port)
     return tuple(camera.taken)
@@ -128,7 +131,8 @@ def snapshots(
 class _Camera:
     """Takes the last whole state of the network for every number of steps done."""
 
-    reducer: Reducer
+    story: Told
+    work: Elimination
 
     def __init__(self, network: Network, port: Port) -> None:
         self.net, self.port = network, port
@@ -136,16 +140,16 @@ class _Camera:
 
     def look(self) -> None:
         """Take a snapshot; what changed without a step belongs to the step before."""
-        steps = self.reducer.work.steps
+        steps = self.story.steps
         if not steps and self.taken:
             return  # the graph as drawn stays as it was drawn
         del self.taken[len(steps) :]
         before = self.taken[-1].junctions if self.taken else {}
-        left = {name: self._state(name) for name in self.net.matrix}
+        left = {row.name: self._state(row) for row in self.net.left}
         self.taken.append(
             Snapshot(
                 step=steps[-1] if steps else None,
-                root=self.net.root,
+                root=self.net.root.name,
                 junctions=left,
                 links=tuple(self._links()),
                 known=self._known(),
@@ -155,30 +159,29 @@ class _Camera:
             )
         )
 
-    def _state(self, name: str) -> JunctionState:
-        net = self.net
+    def _state(self, row: Row) -> JunctionState:
         return JunctionState(
-            kind=net.kind[name],
-            nodes=tuple(net.structure.junctions[name].members),
-            terms=tuple(net.terms[name]),
-            sources=dict(net.sources[name]),
-            drives=dict(net.drives[name]),
+            kind=row.kind,
+            nodes=tuple(self.net.structure.junctions[row.name].members),
+            terms=tuple(row.terms),
+            sources=dict(row.sources),
+            drives=dict(self.story.drives[row]),
         )
 
     def _links(self) -> Iterable[Link]:
-        net, seen = self.net, set()
-        for tail in net.matrix:
+        seen: set[Row] = set()
+        for tail in self.net.left:
             seen.add(tail)
-            for head in net.neighbours(tail):
+            for head in tail.entries:
                 if head not in seen:
-                    coupling = net.single(tail, head)
-                    two_port = coupling.two_port if coupling is not None else None
-                    pair = net.entry(tail, head), net.entry(head, tail)
-                    yield Link(tail, head, *pair, drawn=coupling is not None, two_port=two_port)
+                    tie = self.net.tie(tail, head)
+                    two_port = tie.two_port if tie is not None else None
+                    pair = tail.entries[head], head.entries[tail]
+                    yield Link(tail.name, head.name, *pair, drawn=tie is not None, two_port=two_port)
 
     def _known(self) -> dict[str, Register] | None:
-        held, program = self.reducer.work.held, self.net.program
-        fixing = self.net.structure.junctions[self.net.root].fixing
+        held, program = self.work.held, self.net.program
+        fixing = self.net.root.fixing
         if held is not None:
             return {source: held.get(source, program.zero) for source in self.net.inputs}
         if fixing is not None:
