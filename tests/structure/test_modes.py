@@ -130,3 +130,16 @@ def test_a_mass_too_small_to_matter_leaves_the_others_their_modes(mass):
     assert found.massless == (mass == 1e-40)
     if not found.massless:
         assert found.omega[2] ** 2 * mass == pytest.approx(2, rel=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_mass_that_rounding_alone_ties_to_others_is_a_rigid_body(seed):
+    # As reduced models have it: modal coordinates, of which the masses couple by rounding.
+    random = np.random.default_rng(seed)
+    A = random.normal(size=(12, 12))
+    K = np.zeros((13, 13))
+    K[1:, 1:] = A @ A.T + np.diag(10.0 ** random.uniform(0, 6, 12))
+    blur = np.triu(random.normal(size=(13, 13)) * 1e-16, 1)
+    found = modes(np.eye(13) + blur + blur.T, np.zeros((13, 13)), K)
+    assert (found.rigid, found.omega[0]) == (1, 0.0)
+    np.testing.assert_allclose(found.omega[1:] ** 2, np.linalg.eigvalsh(K[1:, 1:]), rtol=1e-8)

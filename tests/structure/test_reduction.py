@@ -11,8 +11,10 @@ from numpy.linalg import eigvalsh
 from scipy.linalg import eigh
 
 from dynid.errors import Singular, UsageError
+from dynid.structure.beam import beam
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.model import StructuralModel
+from dynid.structure.modes import modes
 from dynid.structure.reduction.masters import Masters, chosen
 from dynid.structure.reduction.methods import METHODS, reduce
 from dynid.structure.reduction.selection import Interest, ModeRange
@@ -464,3 +466,25 @@ def test_slaves_that_move_freely_or_resonate_are_refused():
 def test_an_unknown_method_is_told_the_names():
     with pytest.raises(UsageError, match="did you mean 'guyan'"):
         reduce(yang_beam(), "guyen")
+
+
+@pytest.mark.parametrize("EI", [1e2, 1e4, 1e6])
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        ("modal", {"modes": ModeRange(count=8), "residuals": ()}),
+        ("modal", {"modes": ModeRange(count=8)}),
+        ("joint-aware", {"modes": ModeRange(count=4), "masters": ["w_1", "w_2", "w_3", "w_4", "w_5"]}),
+        ("joint-aware", {"modes": ModeRange(count=6), "residuals": "auto"}),
+    ],
+)
+def test_a_body_that_turns_about_its_joint_does_so_freely_on_its_modes_too(EI, method, options):
+    # The joint's rounding in the rigid mode is no stiffness, beside which all others would be infinite.
+    model = beam(4, 4.0, EI, 0.5, joints=[Joint("pivot", ("w_3",), 313.2, 9.0)])
+    M, _, K = model.with_joints()
+    exact = np.sqrt(np.maximum(eigh(K, M, eigvals_only=True), 0))
+    reduced = reduce(model, method, **options)
+    found = modes(*reduced.with_joints())
+    assert (found.rigid, found.omega[0], len(found.omega)) == (1, 0.0, reduced.size)
+    count = options["modes"].count
+    np.testing.assert_allclose(found.omega[1:count], exact[1:count], rtol=1e-8)

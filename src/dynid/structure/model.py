@@ -32,10 +32,14 @@ class Basis:
         The basis (N x n): N DOFs of `parent`, n coordinates.
     parent
         The model that was reduced.
+    rigid
+        Coordinates (from 0) in which `parent` moves as a rigid body, joints included: these strain nothing,
+        whatever the rounding of T says.
     """
 
     T: Array
     parent: StructuralModel
+    rigid: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +181,7 @@ class StructuralModel:
             return q
         return self.basis.parent.expand(self.basis.T @ q)
 
-    def projected(self, T: Array, dofs: Sequence[Label]) -> StructuralModel:
+    def projected(self, T: Array, dofs: Sequence[Label], rigid: Sequence[int] = ()) -> StructuralModel:
         """Return the model in coordinates q with ``x = T q``; the joints come along.
 
         Parameters
@@ -186,10 +190,12 @@ class StructuralModel:
             The basis (size x n).
         dofs
             Labels of the coordinates (n): of kept DOFs their own, of others any.
+        rigid
+            As of `Basis`.
         """
         matrices = (np.asarray(T.T @ (matrix @ T)) for matrix in (self.M, self.C, self.K))
         M, C, K = ((matrix + matrix.T) / 2 for matrix in matrices)
-        return StructuralModel(M, C, K, self.joints, tuple(dofs), Basis(T, self))
+        return StructuralModel(M, C, K, self.joints, tuple(dofs), Basis(T, self, tuple(rigid)))
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -198,7 +204,7 @@ class StructuralModel:
             Unknown(
                 name,
                 letter,
-                self._pattern(joint, block),
+                self._pattern(joint, block, letter),
                 part.start,
                 part.true,
                 unit_of(letter, part, [labels.kind(self.label(dof)) for dof in joint.dofs]),
@@ -232,7 +238,7 @@ class StructuralModel:
                 value = part.value if part.value is not None else given.pop(name, None)
                 if value is None:
                     raise UsageError(f"the joint parameter {name} has no value", names=(name,))
-                sums[letter] = sums[letter] + self._pattern(joint, value * block)
+                sums[letter] = sums[letter] + self._pattern(joint, value * block, letter)
         if given:
             this = "this name" if len(given) == 1 else "these names"
             raise UsageError(f"{', '.join(given)}: no unknown joint parameter has {this}", names=given)
@@ -308,8 +314,10 @@ class StructuralModel:
         ones, count = np.ones(len(places)), len(places)
         return csc_array((ones, (np.arange(count), places)), shape=(count, self.size))
 
-    def _pattern(self, joint: Joint, block: Array) -> Matrix:
+    def _pattern(self, joint: Joint, block: Array, letter: str) -> Matrix:
         rows = self._rows(joint)
         if isinstance(rows, np.ndarray):
+            if letter == "k" and self.basis is not None:
+                rows[:, list(self.basis.rigid)] = 0.0
             return np.asarray(rows.T @ block @ rows)
         return (rows.T @ type(rows)(block) @ rows).tocsc()

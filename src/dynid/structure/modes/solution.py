@@ -82,14 +82,19 @@ def finished(
     """
     order = np.argsort(square, kind="stable")
     square, shapes = square[order], shapes[:, order]
-    Kx, Mx = times(pencil.K, shapes), times(pencil.M, shapes)
-    parts = times(absolute(pencil.K), np.abs(shapes))
-    inertia = np.abs(square) * times(absolute(pencil.M), np.abs(shapes))
-    sizes = np.linalg.norm(parts + inertia, axis=0)  # 0 for a mass that nothing holds
-    residuals = np.linalg.norm(Kx - square * Mx, axis=0) / np.where(sizes > 0, sizes, 1.0)
+    stiffness, size = absolute(pencil.K), np.abs(shapes)
+    Kx, Mx, parts = times(pencil.K, shapes), times(pencil.M, shapes), times(stiffness, size)
     # The strain energy of the shape itself: its rounding is that of its parts, not of the highest mode.
-    strain = np.einsum("im,im->m", shapes, Kx)
-    whole = np.einsum("im,im->m", np.abs(shapes), parts)
+    strain, whole = np.einsum("im,im->m", shapes, Kx), np.einsum("im,im->m", size, parts)
+    # What the rounding of a shape makes of forces and energy is none: nothing else may hold the mode.
+    blur = pencil.size * _UNIT * size.max(axis=0, initial=0.0)
+    row = times(stiffness, np.ones(pencil.size))
+    free = np.abs(strain) <= row.sum() * blur**2
+    strain, square = np.where(free, 0.0, strain), np.where(free, 0.0, square)
+    inertia = np.abs(square) * times(absolute(pencil.M), size)
+    sizes = np.linalg.norm(parts + inertia, axis=0)  # 0 for a mass that nothing holds
+    excess = np.maximum(np.abs(Kx - square * Mx) - np.where(free, np.outer(row, blur), 0.0), 0.0)
+    residuals = np.linalg.norm(excess, axis=0) / np.where(sizes > 0, sizes, 1.0)
     rigid = _rigid(strain, whole)
     square = _refined(pencil, np.where(rigid, 0.0, square), shapes, whole)
     if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:

@@ -62,9 +62,10 @@ class JointAware:
         values = {unknown.name: unknown.start for unknown in model.unknowns} | dict(self.values or {})
         matrices = model.with_joints(values)
         if not self.residuals:
-            return on_modes(model, matrices, self.masters, self.modes, self.interest)
-        found = on_modes_and_residuals(model, matrices, self.modes, self.residuals, self.interest)
-        return replace(found, retained=True)
+            return on_modes(model, matrices, self.masters, self.modes, self.interest, retained=True)
+        return on_modes_and_residuals(
+            model, matrices, self.modes, self.residuals, self.interest, retained=True
+        )
 
     def at(self, values: Mapping[str, float]) -> JointAware:
         """Return the method for other values of the joints."""

@@ -6,7 +6,7 @@ Source: T. G. Dickens, J. M. Nakagawa & M. J. Wittbrodt, *Computers & Structures
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -66,8 +66,9 @@ class Modal:
             If modes or DOFs do not exist or stand twice.
         """
         matrices = with_known_joints(model)
-        found = on_modes_and_residuals(model, matrices, self.modes, self.residuals, self.interest)
-        return replace(found, retained=not model.unknowns)
+        return on_modes_and_residuals(
+            model, matrices, self.modes, self.residuals, self.interest, retained=not model.unknowns
+        )
 
 
 def on_modes_and_residuals(
@@ -76,8 +77,13 @@ def on_modes_and_residuals(
     modes: Sequence[int] | ModeRange | None,
     residuals: Residuals,
     interest: Interest,
+    *,
+    retained: bool,
 ) -> Reduction:
-    """Reduce a structure on modes and residual vectors of `matrices`: M, C, K with all or some joints."""
+    """Reduce a structure on modes and residual vectors of `matrices`: M, C, K with all joints, or with some.
+
+    `retained` says that all joints are in them.
+    """
     loads = _loads(model, residuals, interest)
     basis = selected(matrices, wanted_modes(modes, interest, None))
     extra = _residuals(matrices, basis, loads)
@@ -85,7 +91,8 @@ def on_modes_and_residuals(
     names += [f"residual_{k}" for k in range(1, extra.shape[1] + 1)]
     T = np.concatenate([basis.shapes, extra], axis=1)
     rule = mode_rule(modes, interest, None)
-    return Reduction(projected(model, T, names), (), basis.numbers, rule=rule)
+    reduced = projected(model, T, names, basis.rigid if retained else ())
+    return Reduction(reduced, (), basis.numbers, retained=retained, rule=rule)
 
 
 def _loads(model: StructuralModel, residuals: Residuals, interest: Interest) -> Indices:

@@ -51,7 +51,9 @@ class Reduction:
         return self.model.basis.T
 
 
-def projected(model: StructuralModel, T: Array, names: Sequence[Label]) -> StructuralModel:
+def projected(
+    model: StructuralModel, T: Array, names: Sequence[Label], rigid: Sequence[int] = ()
+) -> StructuralModel:
     """Project a structure; stiffness that is rounding of the sum it is made of is taken for none.
 
     Rigid-body motions stay such in the reduced model, where nothing tells the size of that sum any more.
@@ -64,8 +66,10 @@ def projected(model: StructuralModel, T: Array, names: Sequence[Label]) -> Struc
         The basis (n x r).
     names
         Labels of the coordinates (r).
+    rigid
+        Those in which the structure with its joints moves as a rigid body.
     """
-    reduced = model.projected(T, names)
+    reduced = model.projected(T, names, rigid)
     return replace(reduced, K=without_rounding(as_array(reduced.K), T, model.K))
 
 

@@ -72,6 +72,11 @@ class Selected(NamedTuple):
     omega: Array
     shapes: Array
 
+    @property
+    def rigid(self) -> tuple[int, ...]:
+        """The places (from 0) of rigid-body modes among them."""
+        return tuple(int(place) for place in np.flatnonzero(self.omega == 0))
+
 
 def selected(matrices: tuple[Matrix, Matrix, Matrix], wanted: Sequence[int] | ModeRange) -> Selected:
     """Compute the modes asked for.

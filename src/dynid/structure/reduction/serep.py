@@ -62,8 +62,8 @@ class Serep:
         Singular
             If a mode is invisible at the masters.
         """
-        found = on_modes(model, (model.M, model.C, model.K), self.masters, self.modes, self.interest)
-        return replace(found, retained=not model.joints)
+        matrices, retained = (model.M, model.C, model.K), not model.joints
+        return on_modes(model, matrices, self.masters, self.modes, self.interest, retained=retained)
 
 
 @guarded("the reduction on modes")
@@ -73,8 +73,10 @@ def on_modes(
     masters: Sequence[Label] | Masters | None,
     modes: Sequence[int] | ModeRange | None,
     interest: Interest,
+    *,
+    retained: bool,
 ) -> Reduction:
-    """Reduce a structure on modes of `matrices`: its own, or those with joints."""
+    """Reduce a structure on modes of `matrices`: its own, or those with joints, which are then `retained`."""
     if masters is not None and not isinstance(masters, Masters):
         indices_of(model, masters)  # what is wrong with them is said before the modes are computed
     count = fixed_count(masters)
@@ -92,29 +94,29 @@ def on_modes(
         T = basis.shapes @ inverse
         T[kept] = np.eye(len(kept))
         names: tuple[Label, ...] = labels
+        rigid: tuple[int, ...] = ()
     else:
         inverse, T = np.eye(len(basis.numbers)), basis.shapes
         names = tuple(f"mode_{number}" for number in basis.numbers)
-    reduced = _projected(model, matrices, basis, T, inverse, names)
+        rigid = basis.rigid if retained else ()
+    reduced = _projected(model.projected(T, names, rigid), matrices, basis, inverse)
     rule = mode_rule(modes, interest, count)
-    return Reduction(reduced, labels, basis.numbers, condition, retained=True, rule=rule)
+    return Reduction(reduced, labels, basis.numbers, condition, retained=retained, rule=rule)
 
 
 def _projected(
-    model: StructuralModel,
-    matrices: tuple[Matrix, Matrix, Matrix],
-    basis: Selected,
-    T: Array,
-    inverse: Array,
-    names: tuple[Label, ...],
+    reduced: StructuralModel, matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, inverse: Array
 ) -> StructuralModel:
-    """Project (eq 9), the stiffness by what the modes say of it: ``U^T K U = U^T M U Omega^2``.
+    """Project the stiffness (eq 9) by what the modes say of it: ``U^T K U = U^T M U Omega^2``.
 
     The product loses as many digits as the stiffness is worse conditioned than its low modes; the
     frequencies do not. What joints are in the modes' stiffness is taken off again.
     """
-    reduced = model.projected(T, names)
-    extra = matrices[2] - model.K
-    energy = basis.shapes.T @ np.asarray(matrices[0] @ basis.shapes) * basis.omega**2
-    K = without_rounding(inverse.T @ energy @ inverse, T, matrices[2]) - T.T @ np.asarray(extra @ T)
-    return replace(reduced, K=(K + K.T) / 2)
+    assert reduced.basis is not None
+    T, M, K = reduced.basis.T, matrices[0], matrices[2]
+    energy = basis.shapes.T @ np.asarray(M @ basis.shapes) * basis.omega**2
+    strained = T.copy()
+    strained[:, list(reduced.basis.rigid)] = 0.0
+    joints = strained.T @ np.asarray((K - reduced.basis.parent.K) @ strained)
+    rest = without_rounding(inverse.T @ energy @ inverse, T, K) - joints
+    return replace(reduced, K=(rest + rest.T) / 2)
