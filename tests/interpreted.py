@@ -60,7 +60,7 @@ def interpreted_sweep(patch, lanes_of_a_block=4):
     """Return `sweep`, interpreted."""
     patch.setattr(numba, "njit", lambda function, **_: function)
     patch.setattr("numba.extending.intrinsic", lambda _: fused)
-    doubled, _, sweep = fresh(patch, ALGEBRA, "doubled", "tape", "sweep")
+    doubled, *_, sweep = fresh(patch, ALGEBRA, "doubled", "lowering", "slots", "tape", "sweep")
     patch.setattr(doubled, "LANES", lanes_of_a_block)
     patch.setattr(sweep, "LANES", lanes_of_a_block)
     patch.setattr(sweep, "ThreadPoolExecutor", Serial)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 #: Frequencies in a block: a few cache lines of each row, so that the registers alive stay in the cache.
 LANES = 64
@@ -274,7 +275,7 @@ def _reciprocal(a: Array, c: Array) -> None:
 
 
 @compiled
-def evaluate(tape: NDArray[np.int64], numbers: Array, omega: Array, memory: Array) -> None:
+def evaluate(tape: Integers, numbers: Array, omega: Array, memory: Array) -> None:
     """Run a tape at one block of frequencies.
 
     Parameters
