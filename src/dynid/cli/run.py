@@ -81,10 +81,7 @@ def run(
             write_page(read_result(target), report)
     outcomes = check(loaded, result, junit)
     if not quiet:
-        from dynid.cli.summary import summary
-
-        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
-        click.echo(f"\n  wrote {target}{f', {report}' if report else ''}")
+        _show(result, time.perf_counter() - started, f"{target}{f', {report}' if report else ''}")
     _warn(result, scene)
     return tell(loaded, outcomes, quiet)
 
@@ -102,6 +99,13 @@ def compute(scene: Scene, say: Listener, *, accuracy: bool) -> Result:
         return result
     except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(scene, error) from error
+
+
+def _show(result: Result, seconds: float, files: str) -> None:
+    from dynid.cli.summary import summary
+
+    click.echo(summary(result, f"{seconds:.2g} s"))
+    click.echo(f"\n  wrote {files}")
 
 
 def _warn(result: Result, scene: str) -> None:

@@ -80,7 +80,6 @@ def study(
       dynid study tolerances.yaml --workers 4
       dynid study tolerances.yaml --shard 3/10
     """  # noqa: D301 - click's mark against wrapping
-    from dynid.cli.run import refuse_missing_folders, refuse_overwriting
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan
 
@@ -93,9 +92,7 @@ def study(
     loaded = load_scene(study, overrides)
     plan = make_plan(loaded)
     target = output or default_target(study, shard)
-    for scene in (study, plan.base.source.file):
-        refuse_overwriting(scene, target, junit, report)
-    refuse_missing_folders(target, junit, report)
+    _refuse_outputs(plan, study, target, junit, report)
     if dry_run:
         _show_plan(plan, target, shard)
         return 0
@@ -104,17 +101,29 @@ def study(
     started = time.perf_counter()
     crew = hire(executor, workers, scheduler, scheduler_file)
     limits: Limits = {"shard": shard, "max_failures": max_failures, "retry_failed": retry_failed}
-    ended = _run(plan, target, crew, quiet, limits)
-    if ended:
-        again = f"dynid study {study}{f' -o {output}' if output else ''}"
-        again += f" --shard {shard[0]}/{shard[1]}" if shard else ""
-        click.echo(f"interrupted; what is finished is safe. Go on with: {again}", err=True)
+    if ended := _run(plan, target, crew, quiet, limits):
+        _say_how_to_go_on(study, output, shard)
         return ended
     if report:
         _write_page(target, report)
     if not quiet:
         _show_end(plan, target, started)
     return 0 if part else _check(loaded, target, junit, quiet)
+
+
+def _refuse_outputs(plan: Plan, study: str, target: str, junit: str | None, report: str | None) -> None:
+    """Refuse files that cannot be written, or that would overwrite the study or its scene."""
+    from dynid.cli.run import refuse_missing_folders, refuse_overwriting
+
+    for scene in (study, plan.base.source.file):
+        refuse_overwriting(scene, target, junit, report)
+    refuse_missing_folders(target, junit, report)
+
+
+def _say_how_to_go_on(study: str, output: str | None, shard: tuple[int, int] | None) -> None:
+    again = f"dynid study {study}{f' -o {output}' if output else ''}"
+    again += f" --shard {shard[0]}/{shard[1]}" if shard else ""
+    click.echo(f"interrupted; what is finished is safe. Go on with: {again}", err=True)
 
 
 class Limits(TypedDict):

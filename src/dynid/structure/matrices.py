@@ -130,48 +130,47 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
     UsageError
         Naming an entry, or the DOF that the negative direction moves most.
     """
-    what, diagonal = NAMES[name], np.asarray(matrix.diagonal())
+    diagonal = np.asarray(matrix.diagonal())
     if diagonal.min() < 0:
         at = int(np.argmin(diagonal))
-        raise UsageError(
-            f"{what} is negative: entry ({at + 1}, {at + 1}) is {diagonal[at]:.6g}",
-            remedy=f"Check signs and units of the {what} there.",
-            names=(
-                what,
-                str(labels[at]),
-            ),
-        )
-    rows, columns, entries = triplets(matrix)
+        raise _wrong(name, f"is negative: entry ({at + 1}, {at + 1}) is {diagonal[at]:.6g}", labels[at])
     root = np.sqrt(diagonal)
+    _check_minors(name, matrix, diagonal, root, labels)
+    inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
+    lowest = _lowest_sparse(matrix, inverse) if is_sparse(matrix) else _lowest_dense(matrix, inverse)
+    if lowest is not None:
+        value, vector = lowest
+        worst = labels[int(np.argmax(np.abs(vector)))]
+        raise _wrong(
+            name,
+            f"is indefinite: scaled to a unit diagonal its lowest eigenvalue is {value:.3g}, "
+            f"and that direction moves DOF {worst} most",
+            worst,
+        )
+
+
+def _check_minors(name: str, matrix: Matrix, diagonal: Array, root: Array, labels: Sequence[Label]) -> None:
+    """Refuse an entry that is larger than those on the diagonal, in its row and its column, allow."""
+    rows, columns, entries = triplets(matrix)
     excess = np.abs(entries) - (1 + _INDEFINITE) * root[rows] * root[columns]
     # Beside a zero on the diagonal anything is too much, but for rounding.
     tiny = np.finfo(float).eps * float(diagonal.max(initial=0.0))
     if excess.max(initial=0.0) > tiny:
         at = int(np.argmax(excess))
         i, j = rows[at], columns[at]
-        raise UsageError(
-            f"{what} is indefinite: entry {_entry(rows, columns, at)} is {entries[at]:.6g} between diagonal "
+        raise _wrong(
+            name,
+            f"is indefinite: entry {_entry(rows, columns, at)} is {entries[at]:.6g} between diagonal "
             f"entries {diagonal[i]:.6g} and {diagonal[j]:.6g}",
-            remedy=f"Check signs and units of the {what} there.",
-            names=(
-                what,
-                str(labels[i]),
-            ),
+            labels[i],
         )
-    inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
-    lowest = _lowest_sparse(matrix, inverse) if is_sparse(matrix) else _lowest_dense(matrix, inverse)
-    if lowest is not None:
-        value, vector = lowest
-        worst = int(np.argmax(np.abs(vector)))
-        raise UsageError(
-            f"{what} is indefinite: scaled to a unit diagonal its lowest eigenvalue is {value:.3g}, "
-            f"and that direction moves DOF {labels[worst]} most",
-            remedy=f"Check signs and units of the {what} there.",
-            names=(
-                what,
-                str(labels[worst]),
-            ),
-        )
+
+
+def _wrong(name: str, problem: str, label: Label) -> UsageError:
+    """Return what is wrong with a matrix at a DOF."""
+    what = NAMES[name]
+    remedy = f"Check signs and units of the {what} there."
+    return UsageError(f"{what} {problem}", remedy=remedy, names=(what, str(label)))
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 
     from dynid.lti.generator import Signal
     from dynid.lti.model import StateSpace
+    from dynid.lti.propagate import Response
 
 
+_TIME = "bond_graph/time_response"
 _SHARED = (
     "some storages depend on others or on a source: stored energy given to one of them is shared at t = 0+, "
     "as in an impact (Park & Kim 1997, eqs 13 to 16), so that the response starts elsewhere"
@@ -79,18 +81,6 @@ def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray
         result.add(f"{group}/unit", np.array(each, dtype=object), ("output", "input"))
 
 
-def _driven_by(system: StateSpace, columns: list[int]) -> StateSpace:
-    """Return the system with one input for each signal (several may drive the same source)."""
-    return replace(
-        system,
-        B=system.B[:, columns],
-        D=system.D[:, columns],
-        higher=tuple(matrix[:, columns] for matrix in system.higher),
-        inputs=(),
-        input_units=(),
-    )
-
-
 def add_time_response(
     result: Result,
     reduced: ReducedGraph,
@@ -115,41 +105,72 @@ def add_time_response(
         The flow of an I or the effort of a C at t = 0, by name.
     """
     from dynid.bondgraph.state_space import state_space
-    from dynid.lti.propagate import response
     from dynid.lti.signals import Impulse
 
     system = state_space(reduced, tuple(initial))
     stored = [(f"{STORED}{name}", Impulse(float(value))) for name, value in initial.items()]
-    driven = [*signals, *stored]
-    columns = [system.inputs.index(name) for name, _ in driven]
-    parts = {"zero_state": slice(len(signals)), "zero_input": slice(len(signals), None)}
+    driven: dict[str, Sequence[tuple[str, Signal]]] = {"zero_state": signals, "zero_input": stored}
     solved = {
-        part: response(_driven_by(system, columns[place]), [signal for _, signal in driven[place]], times)
-        for part, place in parts.items()
-        if driven[place] or not driven
+        part: _solved(system, driving, times)
+        for part, driving in driven.items()
+        if driving or not any(driven.values())
     }
+    outputs = {"response": np.asarray(sum(part.outputs for part in solved.values()))}
+    outputs |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
     sources = np.zeros((len(times), len(reduced.inputs)))
     for place, (name, _) in enumerate(signals):
         sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, place]
-    group, units = "bond_graph/time_response", reduced.units
-    own = [units.of_output(port) for port in reduced.outputs]
-    driving = [units.of_input(name) for name in reduced.inputs]
-    result.add_axis(f"{group}/time", times, "s")
-    result.add_axis(f"{group}/output", list(system.outputs))
-    result.add_axis(f"{group}/source", list(reduced.inputs))
-    added = {"response": sum(part.outputs for part in solved.values())}
-    added |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
-    for name, values in added.items():
-        result.add(f"{group}/{name}", values, ("time", "output"), common_unit(own))
-    result.add(f"{group}/input", sources, ("time", "source"), common_unit(driving))
-    if any(own):
-        result.add(f"{group}/unit", own, ("output",))
-    if any(driving):
-        result.add(f"{group}/input_unit", driving, ("source",))
-    result.annotate(group, states=", ".join(system.states), order=len(system.states))
+    _add_courses(result, reduced, times, outputs, sources)
+    result.annotate(_TIME, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
-    impulses = any(signal.jump for _, signal in driven)
-    if any(matrix.any() for matrix in system.higher) or (impulses and system.D[:, columns].any()):
+    if _has_dirac(system, [*signals, *stored]):
         notes.append(_DIRAC)
     if notes:
-        result.annotate(group, note="; ".join(notes))
+        result.annotate(_TIME, note="; ".join(notes))
+
+
+def _solved(
+    system: StateSpace, driving: Sequence[tuple[str, Signal]], times: NDArray[np.float64]
+) -> Response:
+    """Return the response to signals; several may drive the same source."""
+    from dynid.lti.propagate import response
+
+    columns = [system.inputs.index(name) for name, _ in driving]
+    driven = replace(
+        system,
+        B=system.B[:, columns],
+        D=system.D[:, columns],
+        higher=tuple(matrix[:, columns] for matrix in system.higher),
+        inputs=(),
+        input_units=(),
+    )
+    return response(driven, [signal for _, signal in driving], times)
+
+
+def _has_dirac(system: StateSpace, driving: Sequence[tuple[str, Signal]]) -> bool:
+    """Tell whether an output may follow the derivative of an input that jumps."""
+    columns = [system.inputs.index(name) for name, _ in driving]
+    impulses = any(signal.jump for _, signal in driving)
+    return any(matrix.any() for matrix in system.higher) or bool(impulses and system.D[:, columns].any())
+
+
+def _add_courses(
+    result: Result,
+    reduced: ReducedGraph,
+    times: NDArray[np.float64],
+    outputs: Mapping[str, NDArray[np.float64]],
+    sources: NDArray[np.float64],
+) -> None:
+    """Add what the outputs (times x outputs, by name) and the sources (times x inputs) did, with units."""
+    own = [reduced.units.of_output(port) for port in reduced.outputs]
+    driving = [reduced.units.of_input(name) for name in reduced.inputs]
+    result.add_axis(f"{_TIME}/time", times, "s")
+    result.add_axis(f"{_TIME}/output", [str(port) for port in reduced.outputs])
+    result.add_axis(f"{_TIME}/source", list(reduced.inputs))
+    for name, values in outputs.items():
+        result.add(f"{_TIME}/{name}", values, ("time", "output"), common_unit(own))
+    result.add(f"{_TIME}/input", sources, ("time", "source"), common_unit(driving))
+    if any(own):
+        result.add(f"{_TIME}/unit", own, ("output",))
+    if any(driving):
+        result.add(f"{_TIME}/input_unit", driving, ("source",))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -35,28 +35,14 @@ def _sensors(result: Result) -> Picture:
     bounds = result[f"{group}/bound_alone"].data
     names, unknowns = texts(result, f"{group}/candidate"), texts(result, f"{group}/parameter")
     chosen, present = texts(result, f"{group}/choice"), texts(result, f"{group}/present")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.exp(np.mean(np.log(np.where(np.isfinite(bounds) & (bounds > 0), bounds, np.inf)), axis=1))
-    order = [k for k in np.argsort(mean, kind="stable").tolist() if np.isfinite(mean[k])][:SENSORS]
-    labels = [names[k] + (" ✓" if names[k] in chosen else "") for k in order][::-1]
-    layers: list[Layer] = [
-        Marks(
-            100 * bounds[order[::-1], place],
-            np.arange(len(order), dtype=float),
-            unknown,
-            hue(place),
-            ("o", "square", "diamond", "x", "+", "ring")[place % 6],
-            3.5,
-            [f"{names[k]}: {unknown} to {short(100 * float(bounds[k, place]), 2)} %" for k in order[::-1]],
-        )
-        for place, unknown in enumerate(unknowns)
-    ]
-    height = max(120.0, 17.0 * len(order))
+    order = _best(bounds)[:SENSORS]
+    labels = tuple(names[k] + (" ✓" if names[k] in chosen else "") for k in order[::-1])
+    layers = _ranked(bounds[order[::-1]], [names[k] for k in order[::-1]], unknowns)
     panel = Panel(
         Axis("bound on the standard error (%)", log=True),
-        Axis("", names=tuple(labels)),
+        Axis("", names=labels),
         layers,
-        height=height,
+        height=max(120.0, 17.0 * len(order)),
     )
     dropped = len(names) - len(order)
     left = f" {dropped} more tell nothing alone, or less." if dropped else ""
@@ -68,9 +54,34 @@ def _sensors(result: Result) -> Picture:
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (names[k], names[k] in chosen, *map(float, bounds[k])) for k in order
     )
-    return Picture(
-        svg, about, Table(("sensor", "chosen", *(f"relative bound of {u}" for u in unknowns)), rows)
-    )
+    head = ("sensor", "chosen", *(f"relative bound of {unknown}" for unknown in unknowns))
+    return Picture(svg, about, Table(head, rows))
+
+
+def _best(bounds: np.ndarray) -> list[int]:
+    """Return the sensors that bound every parameter, the best first by the geometric mean."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.exp(np.mean(np.log(np.where(np.isfinite(bounds) & (bounds > 0), bounds, np.inf)), axis=1))
+    return [k for k in np.argsort(mean, kind="stable").tolist() if np.isfinite(mean[k])]
+
+
+def _ranked(bounds: np.ndarray, names: Sequence[str], unknowns: Sequence[str]) -> list[Layer]:
+    """Return the bounds (sensors x parameters) as marks, one row a sensor."""
+    return [
+        Marks(
+            100 * bounds[:, place],
+            np.arange(len(names), dtype=float),
+            unknown,
+            hue(place),
+            ("o", "square", "diamond", "x", "+", "ring")[place % 6],
+            3.5,
+            [
+                f"{name}: {unknown} to {short(100 * float(b), 2)} %"
+                for name, b in zip(names, bounds[:, place], strict=True)
+            ],
+        )
+        for place, unknown in enumerate(unknowns)
+    ]
 
 
 def _excitation(result: Result) -> Picture:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ GROUP = "structure/modes"
 #: The most modes that are drawn, in rows of how many; points along an element.
 MODES, ROW, FINE = 9, 3, 8
 _WIDTH, _PAD, _SPAN = 250.0, 16.0, 34.0
+_ROWS = 200  # of the table
 _LABEL = re.compile(r"(u|w|theta)_(\d+)")
 
 
@@ -40,52 +41,90 @@ def figures(result: Result) -> Iterator[Figure]:
         yield Figure(name, title, partial(_picture, result, shape, name, title, moving))
 
 
-def _picture(result: Result, shape: Shape, name: str, title: str, moving: bool) -> Picture:
+class _Modes(NamedTuple):
+    """Modes: frequencies (rad/s), damping ratios (NaN where there is none), DOFs, shapes (DOFs x modes)."""
+
+    omega: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    labels: list[str]
+    shapes: NDArray[np.float64]
+
+    @property
+    def drawn(self) -> int:
+        """How many are drawn."""
+        return min(len(self.omega), MODES)
+
+    def said(self, mode: int) -> str:
+        """Return what stands over a mode."""
+        said = f"mode {mode + 1}: {short(float(self.omega[mode]))} rad/s"
+        return said + (
+            f", ζ {short(float(self.damping[mode]), 2)}" if np.isfinite(self.damping[mode]) else ""
+        )
+
+    def table(self) -> Table:
+        """Return the shapes that are drawn."""
+        rows: tuple[tuple[Cell, ...], ...] = tuple(
+            (label, *map(float, self.shapes[row, : self.drawn]))
+            for row, label in enumerate(self.labels[:_ROWS])
+        )
+        columns = ("DOF", *(f"mode {mode + 1}" for mode in range(self.drawn)))
+        left_out = len(self.labels) > _ROWS
+        return Table(columns, rows, f"The first {_ROWS} of {len(self.labels)} DOFs." if left_out else "")
+
+
+def _modes(result: Result) -> _Modes:
     omega, shapes = result[f"{GROUP}/omega"].data, result[f"{GROUP}/shape"].data
     damping = result[f"{GROUP}/damping"].data if f"{GROUP}/damping" in result else np.full(len(omega), np.nan)
-    labels = [str(label) for label in result[f"{GROUP}/dof"].data]
-    count = min(len(omega), MODES)
-    xs, ys = zip(*shape.points.values(), strict=True)
-    left, width = min(xs), (max(xs) - min(xs)) or 1.0
-    scale = _WIDTH / max(width, max(ys) - min(ys))
-    tall = scale * (max(ys) - min(ys)) + 2 * _SPAN + 40
-    # Columns sway: neighbours may move towards each other.
-    side, apart = (8.0, 44.0) if max(ys) == min(ys) else (_SPAN + 4, 2 * _SPAN + 10)
+    return _Modes(omega, damping, [str(label) for label in result[f"{GROUP}/dof"].data], shapes)
+
+
+class _Grid:
+    """Where the modes stand, in rows, px."""
+
+    def __init__(self, shape: Shape, count: int) -> None:
+        xs, ys = zip(*shape.points.values(), strict=True)
+        self.left, self.top, tall = min(xs), max(ys), max(ys) - min(ys)
+        self.scale = _WIDTH / max((max(xs) - min(xs)) or 1.0, tall)
+        self.tall = self.scale * tall + 2 * _SPAN + 40
+        # Columns sway: neighbours may move towards each other.
+        self.side, self.apart = (_SPAN + 4, 2 * _SPAN + 10) if tall else (8.0, 44.0)
+        columns, rows = min(count, ROW), -(-count // ROW)
+        self.width = 2 * (_PAD + self.side) + columns * (_WIDTH + self.apart) - self.apart
+        self.height = _PAD + TITLE + 22 + rows * self.tall
+
+    def at(self, mode: int) -> Point:
+        """Return the upper left corner of a mode."""
+        row, column = divmod(mode, ROW)
+        return _PAD + self.side + column * (_WIDTH + self.apart), _PAD + TITLE + 22 + row * self.tall
+
+    def origin(self, mode: int) -> Point:
+        """Return where the origin of the structure lies in the drawing of a mode."""
+        x, y = self.at(mode)
+        return x - self.scale * self.left, y + 20 + _SPAN + self.scale * self.top
+
+
+def _picture(result: Result, shape: Shape, name: str, title: str, moving: bool) -> Picture:
+    modes = _modes(result)
+    grid = _Grid(shape, modes.drawn)
     svg = Svg(name, title)
     svg.text(_PAD, _PAD + TITLE, title, "title", anchor="start")
     if moving:
-        svg.raw(_motion(svg.name, count))
-    for mode in range(count):
-        x = _PAD + side + (mode % ROW) * (_WIDTH + apart)
-        y = _PAD + TITLE + 22 + (mode // ROW) * tall
-        said = f"mode {mode + 1}: {short(float(omega[mode]))} rad/s"
-        if np.isfinite(damping[mode]):
-            said += f", ζ {short(float(damping[mode]), 2)}"
-        svg.text(x + _WIDTH / 2, y + 6, said, "small strong")
-        corner = (x - scale * left, y + 20 + _SPAN + scale * max(ys))
-        _shape(
-            svg,
-            shape,
-            _displacements(labels, shapes[:, mode]),
-            scale,
-            corner,
-            f"swing{mode}" if moving else "",
-        )
-    rows = -(-count // ROW)
-    wide = 2 * (_PAD + side) + min(count, ROW) * (_WIDTH + apart) - apart
+        svg.raw(_motion(svg.name, modes.drawn))
+    for mode in range(modes.drawn):
+        x, y = grid.at(mode)
+        svg.text(x + _WIDTH / 2, y + 6, modes.said(mode), "small strong")
+        moved = _displacements(modes.labels, modes.shapes[:, mode])
+        _shape(svg, shape, moved, grid.scale, grid.origin(mode), f"swing{mode}" if moving else "")
     how = (
         "swinging, slower than they are; still where the system asks for less motion"
         if moving
         else "at their largest"
     )
-    left_out = f" The first {count} of {len(omega)} modes." if count < len(omega) else ""
-    about = f"Shapes of the modes, {how}; the thin line is the structure at rest.{left_out}"
-    table: tuple[tuple[Cell, ...], ...] = tuple(
-        (label, *map(float, shapes[row, :count])) for row, label in enumerate(labels[:200])
+    left_out = (
+        f" The first {modes.drawn} of {len(modes.omega)} modes." if modes.drawn < len(modes.omega) else ""
     )
-    columns = ("DOF", *(f"mode {mode + 1}" for mode in range(count)))
-    note = f"The first 200 of {len(labels)} DOFs." if len(labels) > 200 else ""
-    return Picture(svg.render(wide, _PAD + TITLE + 22 + rows * tall), about, Table(columns, table, note))
+    about = f"Shapes of the modes, {how}; the thin line is the structure at rest.{left_out}"
+    return Picture(svg.render(grid.width, grid.height), about, modes.table())
 
 
 def _displacements(labels: Sequence[str], shape: NDArray[np.float64]) -> dict[int, dict[str, float]]:
@@ -120,17 +159,14 @@ def _shape(
     reach = _SPAN / scale / largest
     for rest, by in lines:
         svg.element("path", "hair", d=path_of(map(place, map(tuple, rest.tolist()))))
-        there, back = (
-            path_of(map(place, map(tuple, (rest + sign * reach * by).tolist()))) for sign in (1, -1)
-        )
+        there, back = ([place((x, y)) for x, y in (rest + sign * reach * by).tolist()] for sign in (1, -1))
         if swing:
-            style = f"--there: path('{there}'); --back: path('{back}')"
-            svg.element("path", f"s1 {svg.name}-{swing}", d=there, style=style)
-        else:
-            svg.element("path", "s1", d=there)
-            if not shape.members:
-                for point in map(place, map(tuple, (rest + reach * by).tolist())):
-                    svg.circle(*point, 3.5, "s1 dot")
+            style = f"--there: path('{path_of(there)}'); --back: path('{path_of(back)}')"
+            svg.element("path", f"s1 {svg.name}-{swing}", d=path_of(there), style=style)
+            continue
+        svg.element("path", "s1", d=path_of(there))
+        for point in there if not shape.members else ():
+            svg.circle(*point, 3.5, "s1 dot")
 
 
 def _moved_line(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from dynid.report.metrics import text_width
 from dynid.report.plot.layers import Key
@@ -50,36 +51,50 @@ def chart(
     svg = Svg(name, title, description)
     y = _PAD + TITLE
     svg.text(_PAD, y, fitted(title, (width - 2 * _PAD) * SIZE / TITLE / 1.12), "title", anchor="start")
-    y += 8
-    found = (
-        keys
-        if keys is not None
-        else (key for row in rows for panel in row for layer in panel.layers for key in layer.named())
-    )
-    y = _legend(svg, list(dict.fromkeys(found)), y, width)
-    columns = max(map(len, rows))
-    margins = [
-        max(row[place].margin(row[place].height or height) for row in rows if place < len(row))
-        for place in range(columns)
-    ]
-    weights = [max(row[place].weight for row in rows if place < len(row)) for place in range(columns)]
-    free = width - 2 * _PAD - sum(margins) - _BETWEEN * (columns - 1)
+    if keys is None:
+        keys = (key for row in rows for panel in row for layer in panel.layers for key in layer.named())
+    y = _legend(svg, list(dict.fromkeys(keys)), y + 8, width)
+    columns = _columns(rows, width, height)
     for number, row in enumerate(rows):
-        last = number == len(rows) - 1
-        tall = max(panel.height or height for panel in row)
         y += (20 if any(panel.title for panel in row) else 10) + (8 if number and not shared else 0)
-        x = _PAD
-        beneath = 0.0
-        for place, panel in enumerate(row):
-            x += margins[place]
-            wide = free * weights[place] / sum(weights)
-            labelled = not shared or last or place >= len(rows[number + 1])
-            frame: Frame = panel.frame(x, y, wide, panel.height or height)
-            panel.draw(svg, frame, margin=margins[place], labelled=labelled)
-            beneath = max(beneath, (BELOW + (LABEL if panel.x.label else 0.0)) if labelled else 0.0)
-            x += wide + _BETWEEN
-        y += tall + beneath
+        above = len(rows[number + 1]) if shared and number + 1 < len(rows) else 0
+        y += _row(svg, row, columns, y, height, above)
     return svg.render(width, y + _PAD)
+
+
+class _Column(NamedTuple):
+    """Where the frames of a column stand: left edge, width, and the margin to the left, px."""
+
+    left: float
+    width: float
+    margin: float
+
+
+def _columns(rows: Sequence[Sequence[Panel]], width: float, height: float) -> list[_Column]:
+    """Share the width among columns, each with the widest margin that one of its panels needs."""
+    panels = [[row[place] for row in rows if place < len(row)] for place in range(max(map(len, rows)))]
+    margins = [max(panel.margin(panel.height or height) for panel in column) for column in panels]
+    weights = [max(panel.weight for panel in column) for column in panels]
+    free = width - 2 * _PAD - sum(margins) - _BETWEEN * (len(panels) - 1)
+    columns, x = [], _PAD
+    for margin, weight in zip(margins, weights, strict=True):
+        x += margin
+        columns.append(_Column(x, free * weight / sum(weights), margin))
+        x += columns[-1].width + _BETWEEN
+    return columns
+
+
+def _row(
+    svg: Svg, row: Sequence[Panel], columns: Sequence[_Column], y: float, height: float, above: int
+) -> float:
+    """Draw a row of panels, the first of which stand above others with the same x axis; return its height."""
+    beneath = 0.0
+    for place, (panel, column) in enumerate(zip(row, columns, strict=False)):
+        labelled = place >= above
+        frame: Frame = panel.frame(column.left, y, column.width, panel.height or height)
+        panel.draw(svg, frame, margin=column.margin, labelled=labelled)
+        beneath = max(beneath, (BELOW + (LABEL if panel.x.label else 0.0)) if labelled else 0.0)
+    return max(panel.height or height for panel in row) + beneath
 
 
 def _legend(svg: Svg, keys: Sequence[Key], y: float, width: float) -> float:

@@ -152,40 +152,34 @@ def _histogram(number: Number) -> list[Layer]:
 
 def _distributions(outputs: Sequence[Number]) -> Picture:
     shown = outputs[:_HISTOGRAMS]
-    panels = []
+    panels = [
+        Panel(Axis(number.label), Axis("samples", step=1, low=0), _with_quantiles(number), height=120.0)
+        for number in shown
+    ]
+    left = f" {len(shown)} of {len(outputs)} numbers; the table has all." if len(shown) < len(outputs) else ""
+    about = f"Histograms with median and 5 % and 95 % quantiles.{left}"
+    grid = [panels[start : start + 3] for start in range(0, len(panels), 3)]
+    width = 900.0 if len(panels) > 1 else 480.0
+    svg = chart("distributions", "What the samples gave", grid, about, width=width)
     rows: list[tuple[Cell, ...]] = []
     for number in outputs:
         found = statistics(number.values)
         rows.append((number.label, *(found[name].item() for name in NAMES)))
-    for number in shown:
-        values = number.values[np.isfinite(number.values)]
-        found = statistics(values)
-        counts, edges = _counted(values, 60)
-        middles = (edges[1:] + edges[:-1]) / 2
-        tips = [f"{short(a)} … {short(b)}: {c}" for a, b, c in zip(edges, edges[1:], counts, strict=False)]
-        layers: list[Layer] = [
-            Bars(
-                middles,
-                np.zeros(len(counts)),
-                counts,
-                "samples",
-                "s1",
-                float(edges[1] - edges[0]) * 0.92,
-                False,
-                tips,
-            ),
-            Rule(float(found["median"]), "median", "s2", upright=True),
-            Rule(float(found["p05"]), "5 % and 95 %", "s3 dashed", upright=True),
-            Rule(float(found["p95"]), "", "s3 dashed", upright=True),
-        ]
-        panels.append(Panel(Axis(number.label), Axis("samples", step=1, low=0), layers, height=120.0))
-    left = f" {len(shown)} of {len(outputs)} numbers; the table has all." if len(shown) < len(outputs) else ""
-    about = f"Histograms with median and 5 % and 95 % quantiles.{left}"
-    grid = [panels[start : start + 3] for start in range(0, len(panels), 3)]
-    svg = chart(
-        "distributions", "What the samples gave", grid, about, width=900.0 if len(panels) > 1 else 480.0
-    )
     return Picture(svg, about, Table(("number", *NAMES), tuple(rows)))
+
+
+def _with_quantiles(number: Number) -> list[Layer]:
+    values = number.values[np.isfinite(number.values)]
+    found = statistics(values)
+    counts, edges = _counted(values, 60)
+    middles, thick = (edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0]) * 0.92
+    tips = [f"{short(a)} … {short(b)}: {c}" for a, b, c in zip(edges, edges[1:], counts, strict=False)]
+    return [
+        Bars(middles, np.zeros(len(counts)), counts, "samples", "s1", thick, False, tips),
+        Rule(float(found["median"]), "median", "s2", upright=True),
+        Rule(float(found["p05"]), "5 % and 95 %", "s3 dashed", upright=True),
+        Rule(float(found["p95"]), "", "s3 dashed", upright=True),
+    ]
 
 
 def _grid(inputs: Sequence[Number]) -> tuple[np.ndarray, np.ndarray] | None:
@@ -215,33 +209,29 @@ def _maps(
         values[rows, columns] = number.values
         stride = max(1, -(-max(values.shape) // 60))  # 60 × 60 cells are what can be told apart
         a, b, part = x[::stride], y[::stride], values[::stride, ::stride]
-        low, high = float(np.nanmin(part)), float(np.nanmax(part))
-        tips = [
-            [
-                f"{inputs[0].name} {short(p)}, {inputs[1].name} {short(q)}: {short(float(v))}"
-                for p, v in zip(a, line, strict=True)
-            ]
-            for q, line in zip(b, part, strict=True)
-        ]
-        few = part.size <= 120
-        texts = [[short(float(v), 2) for v in line] for line in part] if few else ()
-        cells = Cells(
-            part, low - 0.05 * (high - low), high, texts, tips, (_edges(a, across.log), _edges(b, up.log))
-        )
-        panels.append(
-            Panel(across, up, [cells], f"{number.label}: {short(low, 3)} … {short(high, 3)}", height=260.0)
-        )
+        said = f"{number.label}: {short(float(np.nanmin(part)), 3)} … {short(float(np.nanmax(part)), 3)}"
+        tips = [[f"{inputs[0].name} {short(p)}, {inputs[1].name} {short(q)}" for p in a] for q in b]
+        cells = _shaded(part, tips, (_edges(a, across.log), _edges(b, up.log)))
+        panels.append(Panel(across, up, [cells], said, height=260.0))
     wide = 1 if len(panels) == 1 else 2
     cut = f" {len(panels)} of {len(outputs)} numbers." if len(panels) < len(outputs) else ""
     about = f"The more opaque, the larger; the ends of each scale stand over it.{cut}"
-    svg = chart(
-        "map",
-        "Results over two parameters",
-        [panels[k : k + wide] for k in range(0, len(panels), wide)],
-        about,
-        width=560.0 if wide == 1 else 1000.0,
-    )
+    rows_of = [panels[k : k + wide] for k in range(0, len(panels), wide)]
+    svg = chart("map", "Results over two parameters", rows_of, about, width=560.0 if wide == 1 else 1000.0)
     return Picture(svg, about, listed({n.label: n.values for n in [*inputs, *outputs[:_MAPS]]}))
+
+
+def _shaded(
+    values: np.ndarray, where: Sequence[Sequence[str]], edges: tuple[np.ndarray, np.ndarray]
+) -> Cells:
+    """Return cells as opaque as their values are large, which stand in them where there are few."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    tips = [
+        [f"{place}: {short(float(value))}" for place, value in zip(places, line, strict=True)]
+        for places, line in zip(where, values, strict=True)
+    ]
+    texts = [[short(float(value), 2) for value in line] for line in values] if values.size <= 120 else ()
+    return Cells(values, low - 0.05 * (high - low), high, texts, tips, edges)
 
 
 def _even(values: np.ndarray) -> bool:
