@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -181,16 +181,6 @@ def _common_factors(
     source = random.Random(0x11AE)
     lines = [polynomial([source.randrange(prime), source.randrange(1, prime)], prime) for _ in s.ring.names()]
 
-    def on_line(part: Any) -> Any:
-        total = polynomial([0], prime)
-        for exponents, coefficient in part.terms():
-            term = polynomial([int(coefficient) % prime], prime)
-            for line, power in zip(lines, exponents, strict=True):
-                if power:
-                    term = term * line ** int(power)
-            total = total + term
-        return total
-
     met: dict[Factor, Factor] = {}
 
     def restricted(value: Formula) -> Residue:
@@ -198,13 +188,27 @@ def _common_factors(
             return Residue(None, 1, prime)
         for factor in value.factors:
             if factor not in met:
-                met[factor] = Factor(on_line(factor.polynomial))
+                met[factor] = Factor(_on_line(factor.polynomial, lines, prime))
         return Residue({met[factor]: power for factor, power in value.factors.items()}, value.sign, prime)
 
     images = {name: restricted(value) for name, value in values.items()}
     run = reduced.run(registers, images, restricted(s), restricted(one))
     parts = {register: run[register].multiplied_out() for register in registers}
     return {r: above == 0 or above.gcd(below).degree() > 0 for r, (above, below) in parts.items()}
+
+
+def _on_line(part: Any, lines: Sequence[Any], prime: int) -> Any:
+    """Return a polynomial where each of its variables is one of these of a single one, modulo a prime."""
+    from dynid.bondgraph.algebra.residue import polynomial
+
+    total = polynomial([0], prime)
+    for exponents, coefficient in part.terms():
+        term = polynomial([int(coefficient) % prime], prime)
+        for line, power in zip(lines, exponents, strict=True):
+            if power:
+                term = term * line ** int(power)
+        total = total + term
+    return total
 
 
 def symbol_names(reduced: Planned) -> list[str]:

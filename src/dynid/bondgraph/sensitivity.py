@@ -122,22 +122,18 @@ def sensitivity(
         Where roots lie too close together for the precision at hand.
     """
     others = np.array([*(root.value for root in (*zeros, *poles)), *hidden, 0], dtype=complex)
-    size = np.abs(others[others != 0])
-    at_zero = _Circle(0j, _PART * size.min() if len(size) else 1.0, "zero")
-    at_infinity = _Circle(0j, size.max(initial=0.0) / _PART or 1.0, "infinity")
     around = {
         root.value: _Circle(root.value, _PART * _gap(root.value, others), "root")
         for root in (*zeros, *poles)
         if root.value.imag >= 0
     }
-    circles = [at_zero, at_infinity, *around.values()]
     sizes = [abs(parameter.value) or Fraction(1) for parameter in parameters]
     scaled = [
         Parameter(p.name, p.value, {name: rate * size for name, rate in p.rates.items()})
         for p, size in zip(parameters, sizes, strict=True)
     ]
     units = np.array([float(size) for size in sizes])
-    dc, high, *found = _rates(reduced, register, scaled, circles)
+    dc, high, *found = _rates(reduced, register, scaled, [*_gains(others), *around.values()])
     rates = dict(zip(around, found, strict=True))
 
     @guarded("a sensitivity")
@@ -153,6 +149,13 @@ def sensitivity(
         return np.array(rows, dtype=complex).reshape(len(rows), len(parameters))
 
     return Sensitivity(of(zeros, -1), of(poles, 1), dc.real / units, high.real / units)
+
+
+def _gains(roots: NDArray[np.complex128]) -> tuple[_Circle, _Circle]:
+    """Return circles that give T(0) and T(inf): one with no root but 0 in it, one around all."""
+    size = np.abs(roots[roots != 0])
+    at_zero = _Circle(0j, _PART * size.min() if len(size) else 1.0, "zero")
+    return at_zero, _Circle(0j, size.max(initial=0.0) / _PART or 1.0, "infinity")
 
 
 def _gap(root: complex, others: NDArray[np.complex128]) -> float:

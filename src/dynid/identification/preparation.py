@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.measurement import Experiment, Simulation, as_estimated
+from dynid.identification.measurement import Experiment, Measurement, Simulation, as_estimated
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Record, Sampled, Signal, Step
 from dynid.structure.response import Load
 
@@ -246,8 +246,19 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
         except UsageError as error:
             name = f"prepare.{place}.{step.name}"
             raise UsageError(error.problem, remedy=error.remedy, names=(name,)) from error
-    kept, columns = samples.values[:: samples.stride, :channels], iter(samples.values[:, channels:].T)
+    columns = iter(samples.values[:, channels:].T)
     measurement = replace(
+        _measured(given, samples),
+        passed=samples.stride * float(np.mean(power)),
+        prepared=tuple(step.said for step in steps),
+    )
+    return Experiment([_sampled(load, columns, samples) for load in loads], measurement)
+
+
+def _measured(given: Measurement, samples: Samples) -> Measurement:
+    """Return a measurement with the prepared samples of its channels, which stand first."""
+    kept = samples.values[:: samples.stride, : len(given.channels)]
+    return replace(
         given,
         step=given.step * samples.stride,
         samples=len(kept),
@@ -255,10 +266,7 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
         # Of white noise this much is left in the band that is kept, per sample.
         noise=None if given.given_noise is None else list(given.given_noise / math.sqrt(samples.stride)),
         start=samples.start,
-        passed=samples.stride * float(np.mean(power)),
-        prepared=tuple(step.said for step in steps),
     )
-    return Experiment([_sampled(load, columns, samples) for load in loads], measurement)
 
 
 def _as_samples(signal: Signal, record: Record) -> Signal:

@@ -114,22 +114,11 @@ def _add(
     full: Modes,
     parts: Mapping[str, Sequence[Label]] | None,
 ) -> None:
-    reduced, numbers = made.reduction.model, made.numbers
-    coordinates = [str(label) for label in reduced.dofs]
-    result.annotate(group, rule=made.reduction.rule, **made.cost.attributes())
-    result.add_axis(f"{group}/coordinate", coordinates)
-    result.add_axis(f"{group}/column", coordinates)
-    result.add(f"{group}/T", made.reduction.T, ("dof", "coordinate"))
-    for name, matrix in zip(("mass", "damping", "stiffness"), reduced.with_joints(), strict=True):
-        result.add(f"{group}/{name}", as_array(matrix), ("coordinate", "column"))
-    masters = [model.index(label) + 1 for label in made.reduction.masters]
-    result.add(f"{group}/masters", np.array(masters, dtype=np.int64), ("master",))
-    result.add(f"{group}/modes", np.array(made.reduction.modes, dtype=np.int64), ("basis_mode",))
-    if made.reduction.condition is not None:
-        result.add(f"{group}/condition", made.reduction.condition)
-    places = np.array(numbers, dtype=np.int64) - 1
+    """Add a reduced structure, its modes, and how well they agree with those of the full one."""
+    _add_reduction(result, group, model, made)
+    places = np.array(made.numbers, dtype=np.int64) - 1
     reference, M = full.omega[places], model.with_joints()[0]
-    shapes = reduced.expand(made.modes.shapes)
+    shapes = made.reduction.model.expand(made.modes.shapes)
     target = correlation.counterparts(shapes, places, full.shapes, full.omega, M)
     result.add_axis(f"{group}/mode", places + 1)
     result.add_axis(f"{group}/full_mode", places + 1)
@@ -144,6 +133,23 @@ def _add(
     _, true = correlation.energy_shares(model, target, reference, parts=parts)
     result.add_axis(f"{group}/part", names)
     result.add(f"{group}/energy_error", shares - true, ("mode", "part"))
+
+
+def _add_reduction(result: Result, group: str, model: StructuralModel, made: Candidate) -> None:
+    """Add matrices, basis and cost of a reduced structure."""
+    reduced = made.reduction.model
+    coordinates = [str(label) for label in reduced.dofs]
+    result.annotate(group, rule=made.reduction.rule, **made.cost.attributes())
+    result.add_axis(f"{group}/coordinate", coordinates)
+    result.add_axis(f"{group}/column", coordinates)
+    result.add(f"{group}/T", made.reduction.T, ("dof", "coordinate"))
+    for name, matrix in zip(("mass", "damping", "stiffness"), reduced.with_joints(), strict=True):
+        result.add(f"{group}/{name}", as_array(matrix), ("coordinate", "column"))
+    masters = [model.index(label) + 1 for label in made.reduction.masters]
+    result.add(f"{group}/masters", np.array(masters, dtype=np.int64), ("master",))
+    result.add(f"{group}/modes", np.array(made.reduction.modes, dtype=np.int64), ("basis_mode",))
+    if made.reduction.condition is not None:
+        result.add(f"{group}/condition", made.reduction.condition)
 
 
 def _add_responses(

@@ -184,15 +184,13 @@ def by_modes(
 
     from dynid.structure.factorisation import factorise
 
-    kept, limit = 0, _BAND * float(omega.max(initial=0.0))
     pencil = scaled(csc_array(K), csc_array(M))
     basis = np.zeros((pencil.size, 0))
+    kept, limit = 0, _BAND * float(omega.max(initial=0.0))
     if limit > 0:
         found = modes(M, C, K, below=limit, backend="dense" if pencil.size <= _DENSE else backend)
-        kept = len(found.omega)
-        basis = _orthonormal(found.shapes / pencil.scale[:, None], basis)
-    shifted = csc_array(pencil.K + pencil.shift * pencil.M)
-    factor: Factor = factorise(shifted, backend, definite=True)
+        kept, basis = len(found.omega), _orthonormal(found.shapes / pencil.scale[:, None], basis)
+    factor: Factor = factorise(csc_array(pencil.K + pencil.shift * pencil.M), backend, definite=True)
     block = factor.solve(pencil.scale[:, None] * np.column_stack([ports.forces, ports.rows.T]))
     before, change = _projected(M, C, K, ports, omega, pencil, basis), np.full(len(omega), np.inf)
     for _ in range(_MOST_ORDERS):

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from dynid.identification.ensemble import Ensemble
     from dynid.identification.filtering.filter import Prior
+    from dynid.structure.model import StructuralModel
 
 STEP = 0.002
 _OMEGA = (70.0, 110.0, 250.0)  # rad/s
@@ -47,35 +48,48 @@ def case(samples: int, seed: int = 1) -> Case:
     from dynid.identification.fit import fitter
     from dynid.identification.measurement import Measurement, Simulation, data
     from dynid.lti.signals import Multisine
-    from dynid.structure.joints import Joint, JointParameter
-    from dynid.structure.lumped import Link, lumped
-    from dynid.structure.matrices import as_array
     from dynid.structure.response import Channel, Load
 
-    joints = [
-        Joint(name, dofs, JointParameter(start=1e4, true=2e4), JointParameter(start=10.0, true=20.0))
-        for name, dofs in (("upper", (2, 3)), ("lower", (3, 4)))
-    ]
-    links = [Link((1,), 2e4, 20), Link((1, 2), 3e4, 30), Link((4, 5), 2e4, 20)]
-    model = lumped((2, 2, 1.5, 1, 1), links, joints)
+    model = _structure()
     loads = [Load(5, Multisine([100.0] * 3, list(_OMEGA)))]
     channels = (Channel(2, "velocity"), Channel(3, "velocity"))
     measurement = Measurement(STEP, samples, channels, Simulation(0.05, seed, 10.0))
     record = data(model, loads, measurement)
     joint = augmented(model, loads, channels, measurement.record.times)
     ensemble = Ensemble((fitter(joint, model, channels, record),))
+    truth = np.log(list(model.true_values().values()))
+    start = np.log([unknown.start for unknown in model.unknowns])
+    assert record.noise is not None
+    bound = ensemble.information(ensemble.fit(truth), [record.noise]).deviations()
+    return Case(ensemble, start, truth, bound, *_system(model))
+
+
+def _structure() -> StructuralModel:
+    """Return the five masses."""
+    from dynid.structure.joints import Joint, JointParameter
+    from dynid.structure.lumped import Link, lumped
+
+    joints = [
+        Joint(name, dofs, JointParameter(start=1e4, true=2e4), JointParameter(start=10.0, true=20.0))
+        for name, dofs in (("upper", (2, 3)), ("lower", (3, 4)))
+    ]
+    links = [Link((1,), 2e4, 20), Link((1, 2), 3e4, 30), Link((4, 5), 2e4, 20)]
+    return lumped((2, 2, 1.5, 1, 1), links, joints)
+
+
+def _system(model: StructuralModel) -> tuple[Any, Any, Any]:
+    """Return A without the unknowns, its change by each, and b of a force on the last mass."""
+    import numpy as np
+
+    from dynid.structure.matrices import as_array
+
     M, C, K = model.dense({unknown.name: 0.0 for unknown in model.unknowns})
     A = np.block([[np.zeros((5, 5)), np.eye(5)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     slopes = np.zeros((4, 10, 10))
     for slope, unknown in zip(slopes, model.unknowns, strict=True):
         here = slice(0, 5) if unknown.letter == "k" else slice(5, 10)
         slope[5:, here] = -np.linalg.solve(M, as_array(unknown.pattern))
-    truth = np.log(list(model.true_values().values()))
-    start = np.log([unknown.start for unknown in model.unknowns])
-    assert record.noise is not None
-    bound = ensemble.information(ensemble.fit(truth), [record.noise]).deviations()
-    b = np.concatenate([np.zeros(5), np.linalg.inv(M)[:, 4]])
-    return Case(ensemble, start, truth, bound, A, slopes, b)
+    return A, slopes, np.concatenate([np.zeros(5), np.linalg.inv(M)[:, 4]])
 
 
 #: What the times of a filter do not show.

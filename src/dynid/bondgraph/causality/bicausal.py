@@ -161,26 +161,12 @@ def _along(
 ) -> ZeroCausality | None:
     """Make one line bicausal and complete the rest; None where that contradicts a source."""
     nodes = _nodes_along(bonds, line, ends[0])
-    on_line = set(nodes)
     beside = [bond for bond in range(len(bonds)) if bond not in set(line)]
-    rest = {
-        name: "held" if name in on_line else kind
-        for name, kind in kinds.items()
-        if name not in on_line or kind in JUNCTIONS
-    }
-    strokes = Strokes(rest, [bonds[bond] for bond in beside])
-    for place, bond in enumerate(beside):
-        for node in on_line.intersection(bonds[bond]):
-            away = strokes.towards(node, place) is (kinds[node] == "1")
-            if strokes.put(place, away, "bicausal") is not None:
-                return None
-    assigned = run_scap(strokes, [name for name, kind in rest.items() if kind in ONE_PORTS])
-    if assigned.conflicts:
+    inside = _beside(kinds, [bonds[bond] for bond in beside], set(nodes))
+    if inside is None:
         return None
-    inside = describe(assigned)
-    table: list[BicausalBond | None] = [None] * len(bonds)
-    for place, bond in enumerate(beside):
-        settled = inside.bonds[place]
+    table: dict[int, BicausalBond] = {}
+    for bond, settled in zip(beside, inside.bonds, strict=True):
         table[bond] = BicausalBond(
             settled.tail, settled.head, settled.stroke, _other(settled.stroke), settled.set_by
         )
@@ -189,12 +175,29 @@ def _along(
         onward: End = "head" if tail == node else "tail"
         table[bond] = BicausalBond(tail, head, onward, onward, "bicausal")
     return ZeroCausality(
-        bonds=tuple(row for row in table if row is not None),
+        bonds=tuple(table[bond] for bond in range(len(bonds))),
         line=tuple(reversed(nodes)),
         inside=inside,
         derivative=tuple(e.name for e in inside.elements if e.causality == "derivative"),
         lines=1,
     )
+
+
+def _beside(kinds: dict[str, str], bonds: list[tuple[str, str]], line: set[str]) -> Causality | None:
+    """Assign causality to the bonds beside a line, whose junctions impose their common variables on them."""
+    rest = {
+        name: "held" if name in line else kind
+        for name, kind in kinds.items()
+        if name not in line or kind in JUNCTIONS
+    }
+    strokes = Strokes(rest, bonds)
+    for place, bond in enumerate(bonds):
+        for node in line.intersection(bond):
+            away = strokes.towards(node, place) is (kinds[node] == "1")
+            if strokes.put(place, away, "bicausal") is not None:
+                return None
+    assigned = run_scap(strokes, [name for name, kind in rest.items() if kind in ONE_PORTS])
+    return None if assigned.conflicts else describe(assigned)
 
 
 def _nodes_along(bonds: list[tuple[str, str]], line: tuple[int, ...], start: str) -> list[str]:

@@ -12,10 +12,10 @@ from dynid.bondgraph.engines import modelled_storages
 from dynid.bondgraph.natural import characteristic_polynomials
 from dynid.bondgraph.question import Analysis, Parameter
 from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.sensitivity import sensitivity
+from dynid.bondgraph.sensitivity import Sensitivity, sensitivity
 from dynid.bondgraph.transfer import TransferFunction
 from dynid.errors import UsageError
-from dynid.lti.certified import certified_roots, repeated
+from dynid.lti.certified import Root, certified_roots, repeated
 from dynid.result import Result
 
 #: Most storages with which they are taken unasked: the work grows with the cube.
@@ -51,26 +51,30 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
     parameters = _parameters(reduced, analysis.parameters)
     for (port, source), register in channels.items():
         transfer = TransferFunction.of(ratios[register])
-        zeros, poles = transfer.zeros, transfer.poles
-        found = sensitivity(reduced, register, zeros, poles, modes[port], parameters)
-        group = f"bond_graph/sensitivities/{port}/{source}"
-        result.annotate(group, note=_NOTE)
-        result.add_axis(f"{group}/parameter", np.array([p.name for p in parameters], dtype=object))
-        sizes = np.array([float(p.value) for p in parameters])
-        result.add(f"{group}/value", sizes, ("parameter",))
-        for name, roots, rates in (("zero", zeros, found.zeros), ("pole", poles, found.poles)):
-            values = repeated(roots)
-            result.add_axis(f"{group}/{name}", np.arange(1, len(values) + 1))
-            result.add(f"{group}/{name}s", values, (name,), "rad/s")
-            _add_rates(result, f"{group}/{name}_sensitivity", rates, sizes, (name, "parameter"), "rad/s")
-        _add_rates(result, f"{group}/dc_gain_sensitivity", found.dc_gain, sizes, ("parameter",))
-        _add_rates(
-            result,
-            f"{group}/high_frequency_gain_sensitivity",
-            found.high_frequency_gain,
-            sizes,
-            ("parameter",),
-        )
+        roots = transfer.zeros, transfer.poles
+        found = sensitivity(reduced, register, *roots, modes[port], parameters)
+        _add_channel(result, f"bond_graph/sensitivities/{port}/{source}", found, roots, parameters)
+
+
+def _add_channel(
+    result: Result,
+    group: str,
+    found: Sensitivity,
+    roots: tuple[Sequence[Root], Sequence[Root]],
+    parameters: Sequence[Parameter],
+) -> None:
+    """Add the zeros and poles of a channel, and how they and its gains move."""
+    result.annotate(group, note=_NOTE)
+    result.add_axis(f"{group}/parameter", np.array([p.name for p in parameters], dtype=object))
+    sizes = np.array([float(p.value) for p in parameters])
+    result.add(f"{group}/value", sizes, ("parameter",))
+    for name, own, rates in zip(("zero", "pole"), roots, (found.zeros, found.poles), strict=True):
+        values = repeated(own)
+        result.add_axis(f"{group}/{name}", np.arange(1, len(values) + 1))
+        result.add(f"{group}/{name}s", values, (name,), "rad/s")
+        _add_rates(result, f"{group}/{name}_sensitivity", rates, sizes, (name, "parameter"), "rad/s")
+    for gain, slopes in (("dc_gain", found.dc_gain), ("high_frequency_gain", found.high_frequency_gain)):
+        _add_rates(result, f"{group}/{gain}_sensitivity", slopes, sizes, ("parameter",))
 
 
 def _add_rates(

@@ -59,7 +59,7 @@ def _fill(
     channel: int,
     rms: Array,
 ) -> int:
-    """Fill a block (w x rows) from a sample on, zeros where a residual is missing; return how many are not."""
+    """Fill a block (w x rows) with what follows a sample, zeros where it is missing; count the rest."""
     samples, n, p = len(by_state), by_state.shape[2], by_parameter.shape[2]
     unit, counted = 1.0 / rms[channel], 0
     block[:] = 0.0

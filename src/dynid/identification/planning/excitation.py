@@ -37,19 +37,12 @@ def add_excitation(
     these; and `bands/`: the force spread evenly over the surroundings of each mode, band by band.
     """
     group, names = "plan/excitation", expected.ensemble.names
-    every = found.candidates(count)
-    chosen = select(every, count)
     result.add_axis(f"{group}/parameter", names)
     result.add_axis(f"{group}/dof", [str(dof) for dof in found.dofs])
     result.add_axis(f"{group}/omega", found.omega, "rad/s")
     alone = found.candidates(1).gains([]).reshape(len(found.omega), len(found.dofs))
     result.add(f"{group}/worth", np.exp(-alone / (2 * len(names))), ("omega", "dof"))
-    at = [found.line(candidate) for candidate in chosen]
-    result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
-    result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
-    result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
-    result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), "N")
-    result.add(f"{group}/gain", every.steps(chosen), ("choice",))
+    chosen = _add_choice(result, found, count)
     best = exact_bounds(model, experiment, expected, found.loads(chosen))
     present = relative_bounds(expected.information())
     result.add(f"{group}/best_bound", best, ("parameter",))
@@ -63,6 +56,19 @@ def add_excitation(
     if slowest > 0:
         result.add(f"{group}/settling_time", np.log(100) / slowest, (), "s")
     _add_bands(result, found, names)
+
+
+def _add_choice(result: Result, found: Lines, count: int) -> list[int]:
+    """Add the lines that are best together; return which candidates they are."""
+    group, every = "plan/excitation", found.candidates(count)
+    chosen = select(every, count)
+    at = [found.line(candidate) for candidate in chosen]
+    result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
+    result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
+    result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
+    result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), "N")
+    result.add(f"{group}/gain", every.steps(chosen), ("choice",))
+    return chosen
 
 
 def present_lines(experiment: Experiment) -> int:

@@ -147,12 +147,9 @@ def lines(
     weight = rms * np.sqrt(measurement.samples) / expected.noise[0]
     kept, roots = [], []
     for w in omega:
-        Z = K + 1j * w * C - w**2 * M
-        scale = 1 / np.sqrt(np.linalg.norm(Z, axis=0))  # so that units do not count
-        balanced = Z * scale * scale[:, None]
-        if not np.linalg.cond(balanced, 1) < WORST_CONDITION:
-            continue  # on an undamped pole: no steady state
-        solved = scale[:, None] * np.linalg.solve(balanced, scale[:, None] * np.hstack([forces, rows.T]))
+        solved = _solved(K + 1j * w * C - w**2 * M, np.hstack([forces, rows.T]))
+        if solved is None:
+            continue
         by_force, by_row = solved[:, : len(dofs)], solved[:, len(dofs) :]
         power = (1j * w) ** np.array(orders)
         slopes = [-by_row.T @ (P * (1j * w if letter == "c" else 1.0)) @ by_force for letter, P in patterns]
@@ -164,6 +161,15 @@ def lines(
             "every candidate frequency lies on an undamped mode", names=("plan.excitation.band",)
         )
     return Lines(tuple(dofs), np.array(kept), rms, np.array(roots), _bands(np.array(kept), natural))
+
+
+def _solved(Z: NDArray[np.complex128], forces: Array) -> NDArray[np.complex128] | None:
+    """Solve for the steady state; None on an undamped pole, where there is none."""
+    scale = 1 / np.sqrt(np.linalg.norm(Z, axis=0))  # so that units do not count
+    balanced = Z * scale * scale[:, None]
+    if not np.linalg.cond(balanced, 1) < WORST_CONDITION:
+        return None
+    return np.asarray(scale[:, None] * np.linalg.solve(balanced, scale[:, None] * forces))
 
 
 def _bands(omega: Array, natural: Array) -> list[tuple[float, float]]:

@@ -19,6 +19,15 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 GROUP = "identification/parameters"
+#: The columns of the table: what they hold, and their titles.
+_COLUMNS = {
+    "start": "start",
+    "estimate": "estimate",
+    "standard_error": "standard error",
+    "true": "true",
+    "cramer_rao": "Cramér–Rao bound",
+    "error_percent": "error (%)",
+}
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -40,18 +49,15 @@ def figures(result: Result) -> Iterator[Figure]:
 
 
 def _estimates(result: Result) -> Picture:
-    get = {name: result[f"{GROUP}/{name}"].data for name in ("estimate", "standard_error", "start")}
+    estimate, error = (result[f"{GROUP}/{name}"].data for name in ("estimate", "standard_error"))
     names = parameters(result)
     true = result[f"{GROUP}/true"].data if f"{GROUP}/true" in result else np.full(len(names), np.nan)
-    about_what = np.where(np.isfinite(true), true, get["estimate"])
+    about_what = np.where(np.isfinite(true), true, estimate)
     scale = np.where(about_what == 0, 1.0, np.abs(about_what)) / 100
-    off, half = (get["estimate"] - about_what) / scale, 1.96 * get["standard_error"] / scale
+    off, half = (estimate - about_what) / scale, 1.96 * error / scale
     place = np.arange(len(names), dtype=float)
     known = bool(np.isfinite(true).any())
-    tips = [
-        f"{n}: {short(e, 6)} ± {short(s, 2)}"
-        for n, e, s in zip(names, get["estimate"], get["standard_error"], strict=True)
-    ]
+    tips = [f"{n}: {short(e, 6)} ± {short(s, 2)}" for n, e, s in zip(names, estimate, error, strict=True)]
     layers: list[Layer] = [
         Bars(place, off - half, off + half, "95 % interval", "s1", 0.22, True, tips),
         Marks(off, place, "estimate", "s2", "o", 4, tips),
@@ -67,10 +73,10 @@ def _estimates(result: Result) -> Picture:
     panel = Panel(Axis(label), Axis("", names=tuple(names)), layers, height=max(90.0, 30.0 * len(names)))
     about = "The best that any estimator could do with this record is the Cramér–Rao bound."
     svg = chart("estimates", "Estimates", [[panel]], about)
-    columns = ["parameter", "start", "estimate", "standard error"]
-    data = [names, get["start"].tolist(), get["estimate"].tolist(), get["standard_error"].tolist()]
-    for name, title in (("true", "true"), ("cramer_rao", "Cramér–Rao bound"), ("error_percent", "error (%)")):
-        if f"{GROUP}/{name}" in result:
-            columns.append(title)
-            data.append(result[f"{GROUP}/{name}"].data.tolist())
-    return Picture(svg, about, Table(tuple(columns), tuple(zip(*data, strict=True))))
+    columns = {
+        title: result[f"{GROUP}/{name}"].data
+        for name, title in _COLUMNS.items()
+        if f"{GROUP}/{name}" in result
+    }
+    rows = zip(names, *(values.tolist() for values in columns.values()), strict=True)
+    return Picture(svg, about, Table(("parameter", *columns), tuple(rows)))

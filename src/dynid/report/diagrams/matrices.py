@@ -34,31 +34,14 @@ def matrix_picture(
     ends
         The least and the largest value there can be.
     """
-    panels = []
     rows: list[tuple[Cell, ...]] = []
-    for heading, values, names, others, (row_label, column_label) in matrices:
-        shown, down, across = values[:MOST, :MOST], names[:MOST], others[:MOST]
-        texts = [[_written(float(value)) if np.isfinite(value) else "" for value in row] for row in shown]
-        tips = [
-            [f"{a}, {b}: {short(float(shown[i, j]))}" for j, b in enumerate(across)]
-            for i, a in enumerate(down)
-        ]
-        flipped = shown[::-1]  # the first row at the top, though axes go up
-        cells = Cells(flipped, *ends, texts[::-1], tips[::-1])
-        panels.append(
-            Panel(
-                Axis(column_label, names=tuple(across)),
-                Axis(row_label, names=tuple(down[::-1])),
-                [cells],
-                heading,
-                height=float(np.clip(26 * len(down), 60, 640)),
-            )
-        )
+    for heading, values, names, others, _ in matrices:
         rows += [
-            (*((heading,) if len(matrices) > 1 else ()), a, b, float(shown[i, j]))
-            for i, a in enumerate(down)
-            for j, b in enumerate(across)
+            (*((heading,) if len(matrices) > 1 else ()), a, b, float(values[i, j]))
+            for i, a in enumerate(names[:MOST])
+            for j, b in enumerate(others[:MOST])
         ]
+    panels = [_panel(matrix, ends) for matrix in matrices]
     grid = [panels[start : start + _ROW] for start in range(0, len(panels), _ROW)]
     widest = max(text_width(str(text), SMALL) + 14 for m in matrices for text in m[3][:MOST])
     own = max(len(m[3][:MOST]) for m in matrices) * max(44.0, min(widest, 110.0)) + 160
@@ -68,6 +51,24 @@ def matrix_picture(
     cut = any(max(m[1].shape) > MOST for m in matrices)
     note = f"The first {MOST} rows and columns." if cut else ""
     return Picture(svg, f"{about} {note}".strip(), Table(head, tuple(rows[:2000]), note))
+
+
+def _panel(matrix: Matrix, ends: tuple[float, float]) -> Panel:
+    """Return a matrix as cells; the first row at the top, though axes go up."""
+    heading, values, names, others, (row_label, column_label) = matrix
+    shown, down, across = values[:MOST, :MOST][::-1], names[:MOST][::-1], others[:MOST]
+    texts = [[_written(float(value)) if np.isfinite(value) else "" for value in row] for row in shown]
+    tips = [
+        [f"{a}, {b}: {short(float(value))}" for b, value in zip(across, row, strict=True)]
+        for a, row in zip(down, shown, strict=True)
+    ]
+    return Panel(
+        Axis(column_label, names=tuple(across)),
+        Axis(row_label, names=tuple(down)),
+        [Cells(shown, *ends, texts, tips)],
+        heading,
+        height=float(np.clip(26 * len(down), 60, 640)),
+    )
 
 
 def _written(value: float) -> str:

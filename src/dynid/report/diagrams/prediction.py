@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.report.diagrams.frequencies import degrees, frequencies
+from dynid.report.diagrams.frequencies import Frequencies, degrees, frequencies
 from dynid.report.diagrams.records import Record, records, texts, with_units
 from dynid.report.figure import Figure, Picture
 from dynid.report.numbers import labelled, short
@@ -42,29 +42,20 @@ def _over_time(result: Result, record: Record, name: str, title: str) -> Picture
     time = result[f"{group}/time"].data
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
     channels = with_units(result, group, "channel", measured.shape[1], result[f"{group}/measured"].units)
-    spectra = group.replace("measurement", "residual_spectrum")
     rows = []
     for place, channel in enumerate(channels[:CHANNELS]):
-        left = measured[:, place] - predicted[:, place]
-        row = [
-            Panel(
-                Axis("time (s)"),
-                Axis(channel),
-                [
-                    Line(time, measured[:, place], "measured", "s7"),
-                    Line(time, predicted[:, place], "predicted", "s1 fine"),
-                ],
-                weight=1.6,
-            ),
-            Panel(Axis("time (s)"), Axis("residual"), [Line(time, left, "measured − predicted", "s2 fine")]),
+        both: list[Layer] = [
+            Line(time, measured[:, place], "measured", "s7"),
+            Line(time, predicted[:, place], "predicted", "s1 fine"),
         ]
-        if f"{spectra}/amplitude" in result:
-            at = frequencies(result, f"{spectra}/omega")
-            amplitude = result[f"{spectra}/amplitude"]
-            units = (texts(result, f"{spectra}/unit") or [amplitude.units] * len(channels))[place]
-            layers: list[Layer] = [Line(at.shown, amplitude.data[:, place], "its spectrum", "s3 fine")]
-            row.append(Panel(at.axis, Axis(labelled("spectrum", units)), layers))
-        rows.append(row)
+        left = Line(time, measured[:, place] - predicted[:, place], "measured − predicted", "s2 fine")
+        rows.append(
+            [
+                Panel(Axis("time (s)"), Axis(channel), both, weight=1.6),
+                Panel(Axis("time (s)"), Axis("residual"), [left]),
+                *_spectrum(result, group.replace("measurement", "residual_spectrum"), place),
+            ]
+        )
     share = "; ".join(
         f"{channel}: {_share(measured[:, k], predicted[:, k])}" for k, channel in enumerate(channels[:4])
     )
@@ -75,6 +66,16 @@ def _over_time(result: Result, record: Record, name: str, title: str) -> Picture
     for place, channel in enumerate(channels):
         columns |= {f"measured {channel}": measured[:, place], f"predicted {channel}": predicted[:, place]}
     return Picture(svg, about, listed(columns))
+
+
+def _spectrum(result: Result, group: str, place: int) -> Iterator[Panel]:
+    """Yield the spectrum of what is left of a channel, if there is one."""
+    if f"{group}/amplitude" not in result:
+        return
+    at, amplitude = frequencies(result, f"{group}/omega"), result[f"{group}/amplitude"]
+    units = texts(result, f"{group}/unit")
+    line = Line(at.shown, amplitude.data[:, place], "its spectrum", "s3 fine")
+    yield Panel(at.axis, Axis(labelled("spectrum", units[place] if units else amplitude.units)), [line])
 
 
 def _share(measured: np.ndarray, predicted: np.ndarray) -> str:
@@ -88,25 +89,11 @@ def _over_frequency(result: Result, record: Record, name: str, title: str) -> Pi
     at = frequencies(result, f"{group}/omega")
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
     channels = with_units(result, group, "channel", measured.shape[1], result[f"{group}/measured"].units)
-    rows = []
+    rows = [
+        _fitted(at, channel, measured[:, place], predicted[:, place])
+        for place, channel in enumerate(channels[:CHANNELS])
+    ]
     columns = dict(at.columns)
-    for place, channel in enumerate(channels[:CHANNELS]):
-        data, model = measured[:, place], predicted[:, place]
-        sizes: list[Layer] = [
-            Marks(at.shown, np.abs(data), "measured", "s7", "o", 1.6),
-            Line(at.shown, np.abs(model), "fitted", "s1"),
-            Line(at.shown, np.abs(data - model), "|measured − fitted|", "s2 fine"),
-        ]
-        phases: list[Layer] = [
-            Marks(at.shown, np.rad2deg(np.angle(data)), "", "s7", "o", 1.6),
-            Line(at.shown, _wrapped(degrees(model)), "", "s1"),
-        ]
-        rows.append(
-            [
-                Panel(at.axis, Axis(channel, log=True), sizes, weight=1.4),
-                Panel(at.axis, Axis("phase (°)", step=15, low=-180, high=180), phases),
-            ]
-        )
     for place, channel in enumerate(channels):
         for what, values in (("measured", measured), ("fitted", predicted)):
             columns |= {
@@ -117,6 +104,23 @@ def _over_frequency(result: Result, record: Record, name: str, title: str) -> Pi
     about = f"Responses as measured, as fitted, and what is left between them.{more}"
     svg = chart(name, title, rows, about, width=900.0, height=190.0)
     return Picture(svg, about, listed(columns))
+
+
+def _fitted(at: Frequencies, channel: str, data: np.ndarray, model: np.ndarray) -> list[Panel]:
+    """Return the panels of a channel: sizes, and phases."""
+    sizes: list[Layer] = [
+        Marks(at.shown, np.abs(data), "measured", "s7", "o", 1.6),
+        Line(at.shown, np.abs(model), "fitted", "s1"),
+        Line(at.shown, np.abs(data - model), "|measured − fitted|", "s2 fine"),
+    ]
+    phases: list[Layer] = [
+        Marks(at.shown, np.rad2deg(np.angle(data)), "", "s7", "o", 1.6),
+        Line(at.shown, _wrapped(degrees(model)), "", "s1"),
+    ]
+    return [
+        Panel(at.axis, Axis(channel, log=True), sizes, weight=1.4),
+        Panel(at.axis, Axis("phase (°)", step=15, low=-180, high=180), phases),
+    ]
 
 
 def _wrapped(phase: np.ndarray) -> np.ndarray:

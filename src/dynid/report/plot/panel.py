@@ -95,7 +95,6 @@ class Panel:
         """Draw it in a frame with a margin to its left; unlabelled where the panel below has the same x."""
         across = self.x.ticks(frame.x, frame.width, upright=False)
         up = self.y.ticks(frame.y, frame.height, upright=True)
-        x_label, y_label = _with_power(self.x.label, across), _with_power(self.y.label, up)
         box = " ".join(f"{value:.6g}" for value in (frame.left, frame.top, frame.width, frame.height))
         svg.open(
             "plot",
@@ -116,16 +115,21 @@ class Panel:
         svg.close()
         svg.rect(frame.left, frame.top, frame.width, frame.height, "frame")
         self._numbers(svg, frame, across if labelled else Ticks((), ()), up)
-        if labelled and x_label:
-            text, cls = fitted_label(x_label, frame.width + _BESIDE)
-            svg.text(frame.left + frame.width / 2, frame.top + frame.height + BELOW + SMALL + 5, text, cls)
-        if y_label:
-            x, y = frame.left - margin + LABEL - 4, frame.top + frame.height / 2
-            text, cls = fitted_label(y_label, frame.height + 6)
+        x_label, y_label = _with_power(self.x.label, across), _with_power(self.y.label, up)
+        self._labels(svg, frame, x_label if labelled else "", y_label, frame.left - margin + LABEL - 4)
+        svg.close()
+
+    def _labels(self, svg: Svg, frame: Frame, below: str, beside: str, x: float) -> None:
+        """Write the label of the x axis below, that of the y axis upright at x, and the title above."""
+        middle, y = frame.left + frame.width / 2, frame.top + frame.height / 2
+        if below:
+            text, cls = fitted_label(below, frame.width + _BESIDE)
+            svg.text(middle, frame.top + frame.height + BELOW + SMALL + 5, text, cls)
+        if beside:
+            text, cls = fitted_label(beside, frame.height + 6)
             svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
         if self.title:
-            svg.text(frame.left + frame.width / 2, frame.top - 7, self.title, "strong")
-        svg.close()
+            svg.text(middle, frame.top - 7, self.title, "strong")
 
     def _grid(self, svg: Svg, frame: Frame, across: Ticks, up: Ticks) -> None:
         if any(not layer.gridded for layer in self.layers):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -26,13 +26,7 @@ def read_text(
     rows = _lines(file)
     separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
     first = [field.strip() for field in _split(rows[0][1], separator)]
-    leading = next((field for field in first if field), "")
-    # No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
-    has_header = (
-        not _is_number(leading)
-        and not re.match(r"[-+.,]*\d", leading)
-        and not any(re.fullmatch(_DECIMAL, field) for field in first)
-    )
+    has_header = _are_names(first)
     body = rows[has_header:]
     if not body:
         file.refuse("holds names but no data")
@@ -53,6 +47,19 @@ def read_text(
     times = values[:, timed]
     written = [row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
     return Table(file, names, values, lines, times, printed_resolution(written), timed)
+
+
+def _are_names(fields: Sequence[str]) -> bool:
+    """Tell whether a first line names columns.
+
+    No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
+    """
+    leading = next((field for field in fields if field), "")
+    return (
+        not _is_number(leading)
+        and not re.match(r"[-+.,]*\d", leading)
+        and not any(re.fullmatch(_DECIMAL, field) for field in fields)
+    )
 
 
 def _lines(file: DataFile) -> list[tuple[int, str]]:

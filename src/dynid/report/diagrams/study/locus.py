@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.report.diagrams.study.columns import Number, StudyNumbers
 from dynid.report.figure import Cell, Figure, Picture, Table
@@ -49,28 +50,34 @@ def _picture(numbers: StudyNumbers, own: Number, group: str, name: str) -> Pictu
         path = f"{group}/{what}"
         if path not in numbers.table.paths:
             continue
-        roots = numbers.table.variable(path).data[drawn]
-        parameter = np.repeat(own.values[drawn], roots.shape[1])
-        shade = np.repeat(np.linspace(0.25, 1.0, len(drawn)), roots.shape[1])
-        flat = roots.reshape(-1)
-        kept = np.isfinite(flat)
-        flat, parameter, shade = flat[kept], parameter[kept], shade[kept]
+        roots = _gathered(numbers.table.variable(path).data[drawn], own.values[drawn])
         tips = [
-            f"{own.name} {short(float(p))}: {short(r.real)} {'−+'[r.imag >= 0]} {short(abs(r.imag))}j"
-            for p, r in zip(parameter, flat.tolist(), strict=True)
+            f"{own.name} {short(p)}: {short(r.real)} {'−+'[r.imag >= 0]} {short(abs(r.imag))}j"
+            for r, p in zip(roots.values.tolist(), roots.parameter, strict=True)
         ]
-        layers.append(Marks(flat.real, flat.imag, what, cls, symbol, 3.5, tips, shade.tolist()))
-        rows += [
-            (own_value, what[:-1], r.real, r.imag)
-            for own_value, r in zip(parameter.tolist(), flat.tolist(), strict=True)
-        ]
+        x, y = roots.values.real, roots.values.imag
+        layers.append(Marks(x, y, what, cls, symbol, 3.5, tips, roots.shade))
+        rows += zip(roots.parameter, [what[:-1]] * len(tips), x.tolist(), y.tolist(), strict=True)
     ends = own.values[order[[0, -1]]]
     about = f"{own.path} from {short(float(ends[0]))} (faint) to {short(float(ends[1]))} (full)."
-    panel = Panel(Axis("real part (rad/s)"), Axis("imaginary part (rad/s)"), layers, square=True)
+    parts = ("real part (rad/s)", "imaginary part (rad/s)")
+    panel = Panel(Axis(parts[0]), Axis(parts[1]), layers, square=True)
     title = f"Root locus of {group.removeprefix('bond_graph/transfer_function/')} over {own.name}"
     svg = chart(name, title, [[panel]], about, width=560.0, height=420.0)
-    return Picture(
-        svg,
-        about,
-        Table((own.label, "what", "real part (rad/s)", "imaginary part (rad/s)"), tuple(rows[:1000])),
-    )
+    return Picture(svg, about, Table((own.label, "what", *parts), tuple(rows[:1000])))
+
+
+class _Roots(NamedTuple):
+    """Roots of all samples in a row, with the parameter of each, and how full its mark is."""
+
+    values: NDArray[np.complex128]
+    parameter: list[float]
+    shade: list[float]
+
+
+def _gathered(roots: NDArray[np.complex128], parameter: NDArray[np.float64]) -> _Roots:
+    """Return the roots (samples × roots) that are there."""
+    kept = np.isfinite(roots)
+    shade = np.linspace(0.25, 1.0, len(roots))
+    each = (np.broadcast_to(column[:, None], roots.shape)[kept].tolist() for column in (parameter, shade))
+    return _Roots(roots[kept], *each)
