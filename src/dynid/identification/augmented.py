@@ -159,14 +159,13 @@ def augmented(
     accelerations = np.array(driven.orders)[:, None] == 2
     C_slopes = np.where(accelerations, rows @ A_slopes[:, model.size :], 0.0)
     initial, known = prescribed_state(model, loads, float(times[0]))
-    started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
-    d = balance(started)
-    poles = np.linalg.eigvals(rescaled(started, d)).astype(complex)
+    started, d = _at_start(system.A, A_slopes, unknowns)
+    poles = np.linalg.eigvals(started).astype(complex)
     check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
     line = timeline(signals_of(loads), times, float(times[0]))
     _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), rows.size * len(times) * 2)
     entering = system.B @ line.H / d[:, None]
-    w_scale = drive_scale(rescaled(started, d), entering)
+    w_scale = drive_scale(started, entering)
     return AugmentedModel(
         unknowns=unknowns,
         scale=d,
@@ -182,6 +181,13 @@ def augmented(
         initial=initial / d,
         known=known,
     )
+
+
+def _at_start(A: Array, slopes: Array, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
+    """Return the system matrix where the unknowns start, balanced, and the units that balance it (n)."""
+    started = A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], slopes)
+    d = balance(started)
+    return rescaled(started, d), d
 
 
 def unknowns_of(model: StructuralModel) -> tuple[Unknown, ...]:

@@ -107,14 +107,20 @@ def response(
         states += sums[:, : len(initial)]
         inputs[:, :, column] += sums[:, len(initial) :].T
     states += _propagated(system, line, initial)
-    outputs = states @ system.C.T
-    for feedthrough, derivative in zip((system.D, *system.higher), inputs, strict=True):
-        outputs = outputs + derivative @ feedthrough.T
+    outputs = _seen(system, states, inputs)
     if not (np.isfinite(outputs).all() and np.isfinite(states).all()):
         raise NumericalError(
             "the time response overflows", remedy="The system is unstable: shorten the time."
         )
     return Response(outputs, states, inputs[0])
+
+
+def _seen(system: StateSpace, states: Array, inputs: Array) -> Array:
+    """Return the outputs of states (times x n) and of the inputs' derivatives (orders x times x inputs)."""
+    outputs = states @ system.C.T
+    for feedthrough, derivative in zip((system.D, *system.higher), inputs, strict=True):
+        outputs = outputs + derivative @ feedthrough.T
+    return np.asarray(outputs)
 
 
 def _check(system: StateSpace, signals: Sequence[Signal], x0: ArrayLike | None) -> None:

@@ -117,8 +117,7 @@ def run_study(
     with ExitStack() as stack:
         stack.enter_context(locked(name))
         stack.callback(crew.dismiss)
-        keys = sample_keys(plan, numbers)
-        heading = heading_of(plan, numbers, keys)
+        heading = heading_of(plan, numbers, sample_keys(plan, numbers))
         done = _finished_file(name, heading) if not retry_failed else None
         if done is not None:
             Journal.discard(journal_name(name))
@@ -127,7 +126,7 @@ def run_study(
             return _judged(done, max_failures)
         journal = Journal(journal_name(name))
         stack.callback(journal.close)
-        _import(name, keys, journal, retry_failed)
+        _import(name, heading.keys, journal, retry_failed)
         run = _Run(plan, numbers, heading, journal, max_failures, report, retry_failed)
         try:
             run.go(crew)

@@ -81,11 +81,9 @@ def _identified(
 ) -> Result:
     data = frf_data(truth, measurement)
     names = [unknown.name for unknown in model.unknowns]
-    logs, here = np.log([unknown.start for unknown in model.unknowns]), estimator
+    logs = np.log([unknown.start for unknown in model.unknowns])
+    here = estimator if rebuild is None else _for_rounds(estimator)
     outcome: FrfOutcome | None = None
-    if rebuild is not None and isinstance(estimator, FrfAuto):
-        # What a basis that is to be made anew leaves need not be white; a basis may lead where no start does.
-        here = replace(estimator, content=True, nets=False)
     for rounds in range(1, 2 * MOST_ROUNDS + 1):
         likelihood = likelihood_of(model, measurement, data)
         if outcome is None:
@@ -108,6 +106,14 @@ def _identified(
     if model.basis is not None and truth.basis is None:
         outcome = replace(outcome, model_error=_model_error(model, outcome, data))
     return outcome.result()
+
+
+def _for_rounds(estimator: FrfAuto | OutputError) -> FrfAuto | OutputError:
+    """Return the estimator for a model that is to be made anew.
+
+    What its basis leaves need not be white; a basis may lead where no start does.
+    """
+    return replace(estimator, content=True, nets=False) if isinstance(estimator, FrfAuto) else estimator
 
 
 def likelihood_of(model: StructuralModel, measurement: FrfMeasurement, data: Data) -> FrfLikelihood:

@@ -179,15 +179,13 @@ class _Builder:
             stacks[first + rank[vertex]].append((height[vertex], at[vertex]))
         routes: dict[int, list[Stop]] = {}
         for index, way in ways.items():
-            stops = [Stop(at[way[0]], first + rank[way[0]])]
+            routes[index] = [Stop(at[way[0]], first + rank[way[0]])]
             for a, b in pairwise(way):
-                step = 1 if rank[b] > rank[a] else -1
-                for column in range(rank[a] + step, rank[b], step):
+                for column in _between(rank[a], rank[b]):
                     lane = Item()
                     stacks[first + column].append((height[frozenset((a, b))], lane))
-                    stops.append(Stop(lane, first + column))
-                stops.append(Stop(at[b], first + rank[b]))
-            routes[index] = stops
+                    routes[index].append(Stop(lane, first + column))
+                routes[index].append(Stop(at[b], first + rank[b]))
         columns = [Column([i for _, i in sorted(stack, key=lambda entry: entry[0])]) for stack in stacks]
         standing = {item.name: c for c, column in enumerate(columns) for item in column.items if item.name}
         return self._finish(columns, standing, routes, len(crossings))
@@ -234,6 +232,12 @@ def _along(way: list[int], chains: dict[Edge, list[int]]) -> list[int]:
         chain = chains[frozenset((a, b))]
         whole += (chain if chain[0] == a else chain[::-1])[1:]
     return whole
+
+
+def _between(start: int, end: int) -> range:
+    """Return the columns between two, in the order in which they are met."""
+    step = 1 if end > start else -1
+    return range(start + step, end, step)
 
 
 def _set_ports(columns: list[Column], routes: dict[int, list[Stop]]) -> None:
