@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import SceneError
 from dynid.scene.arithmetic.expression import Expression, parse
-from dynid.scene.kinds.study import known_names, study_model
+from dynid.scene.kinds.study import study_model
 from dynid.scene.schema.plain import mapping, written_key
+from dynid.scene.schema.study import known_names
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
@@ -71,7 +72,7 @@ class _Columns:
         self.base = base
         self.size = size
         self.known: dict[str, Any] = dict(columns)
-        self.names = known_names(self.model, base)
+        self.names = known_names(self.model, mapping(base.source.data, "parameters"))
         self._open: list[str] = []  # what is being evaluated
 
     def all(self) -> dict[str, NDArray[np.float64]]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.result import Scalar
-from dynid.scene.kinds.study import base_scene, grid_groups, study_model
-from dynid.scene.schema.study import Listed, paths_of
+from dynid.scene.kinds.study import base_scene, study_model
+from dynid.scene.schema.study import Listed, grid_groups, paths_of
 from dynid.study.derived import derived_columns
 from dynid.study.designs import correlated, unit_samples
 from dynid.study.distributions import quantiles, spread

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dynid.bondgraph.decomposition.equivalents import Decomposition, Side
+from dynid.bondgraph.decomposition.equivalents import Decomposition
+from dynid.bondgraph.decomposition.side import Side
 from dynid.bondgraph.transfer import TransferFunction
 
 Point = tuple[Fraction, Fraction]

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.bondgraph.decomposition.dynamics import dynamics_of
-from dynid.bondgraph.decomposition.equivalents import Decomposition, Side
+from dynid.bondgraph.decomposition.equivalents import Decomposition
 from dynid.bondgraph.decomposition.performance import static_characteristics
+from dynid.bondgraph.decomposition.side import Side
 from dynid.bondgraph.domains import quotient
 from dynid.bondgraph.formula import readable_registers
 from dynid.bondgraph.reduced import ReducedGraph

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -213,3 +215,43 @@ def names_of_factor(key: str, factor: Factor) -> tuple[str, ...]:
     if factor.name is not None:
         return paths_of(factor.name)
     return tuple(path.rpartition(".")[2] for path in paths)
+
+
+def known_names(model: StudyScene, parameters: Iterable[object]) -> dict[str, str]:
+    """Return what the names in `derive` stand for: what is varied or derived, by path, and parameters.
+
+    A name that two paths share stands for neither.
+    """
+    pairs = [
+        (name, path)
+        for key, factor in model.vary.items()
+        for name, path in zip(names_of_factor(key, factor), paths_of(key), strict=True)
+    ]
+    pairs += [(target.rpartition(".")[2], target) for target in model.derive]
+    counts = Counter(name for name, _ in pairs)
+    names = {name: path for name, path in pairs if counts[name] == 1}
+    return {str(name): f"parameters.{name}" for name in parameters} | names
+
+
+def grid_length(factor: Factor) -> int | None:
+    """Return how many values a factor has on a grid; None where it does not say."""
+    return len(factor.values) if isinstance(factor, Listed) else factor.points
+
+
+def grid_groups(model: StudyScene) -> list[list[str]]:
+    """Return the keys of `vary` that go together, in the order of the first of each group."""
+    groups, done = [], set()
+    for key in model.vary:
+        if key not in done:
+            group = next((group for group in model.zip if key in group), [key])
+            groups.append(group)
+            done |= set(group)
+    return groups
+
+
+def grid_size(model: StudyScene) -> int:
+    """Return how many samples a grid has."""
+    count = 1
+    for group in grid_groups(model):
+        count *= grid_length(model.vary[group[0]]) or 1 if group[0] in model.vary else 1
+    return count
