@@ -22,13 +22,8 @@ from dynid.choices import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD
 from dynid.lti.polynomials import HOLDS
 from dynid.result import Result
 from dynid.scene.dispatch import run_scene
-from dynid.scene.kinds.identification import (
-    interest_of,
-    reductor_of,
-    responding_structure,
-    time_question,
-    which_modes,
-)
+from dynid.scene.kinds.identification import interest_of, reductor_of, responding_structure
+from dynid.scene.kinds.identification_responses import time_question, which_modes
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene, check_source
 from dynid.scene.schema.accuracy import ASPECTS as NAMES
