@@ -145,3 +145,20 @@ def test_checking_finds_what_a_structure_lacks(dynid, folder, structure, joints,
     code, _, err = dynid("check", written(folder, structure, joints))
     assert code == 2
     assert said in err
+
+
+def test_what_rounding_leaves_open_is_said_on_screen_and_page(dynid, folder):
+    scene = """\
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [1, 1], links: [{dofs: [1], k: 1}, {dofs: [1, 2], k: 1.0e13}]}
+analysis: {modes: {count: 2}}
+"""
+    (folder / "stiff.yaml").write_text(scene)
+    code, out, _ = dynid("run", "stiff.yaml", "--report", "stiff.html")
+    assert code == 0
+    assert "  beware: rounding of the stiffness leaves the frequency of mode 1 open by" in out
+    assert "Beware: rounding of the stiffness" in (folder / "stiff.html").read_text()
+    (folder / "soft.yaml").write_text(scene.replace("1.0e13", "1.0e6"))
+    assert "beware" not in dynid("run", "soft.yaml")[1]

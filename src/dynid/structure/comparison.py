@@ -87,6 +87,8 @@ def compare(
     with measured() as cost:
         full = modes(*model.with_joints(), count=most)
     result.annotate("reduction", solver=full.method, **cost.attributes())
+    if full.doubt:
+        result.annotate("reduction", doubt=full.doubt)
     for name, made in candidates.items():
         _add(result, f"reduction/{name}", model, made, full, parts)
     if responses is not None:

@@ -158,10 +158,12 @@ def modal_analysis(
     Returns
     -------
     Result
-        ``structure/modes/{mode, omega, uncertainty, damping, name, dof, shape, rigid, massless}``:
-        `uncertainty` is how far rounding of the matrices leaves a frequency open, `name` is empty for
-        elastic modes, `shape` (dof x mode) has unit modal mass, `rigid` counts, `massless` lists the DOFs
-        without mass; `counted` is the frequency up to which no mode is missing, proved by signs of pivots.
+        ``structure/modes/{mode, omega, uncertainty, undecided, damping, name, dof, shape, rigid,
+        massless}``: `uncertainty` is how far rounding of the matrices leaves a frequency open, `undecided`
+        whether that is so far that nothing tells the mode from a rigid-body one (an attribute `doubt` of
+        the group says so in words, and where a frequency has few digits), `name` is empty for elastic
+        modes, `shape` (dof x mode) has unit modal mass, `rigid` counts, `massless` lists the DOFs without
+        mass; `counted` is the frequency up to which no mode is missing, proved by signs of pivots.
     """
     M, C, K = model.with_joints(values)
     found = modes(M, C, K, count, below)
@@ -170,6 +172,7 @@ def modal_analysis(
     result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
     result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")
     result.add(f"{group}/uncertainty", found.uncertainty, ("mode",), "rad/s")
+    result.add(f"{group}/undecided", found.undecided, ("mode",))
     result.add(f"{group}/damping", found.damping, ("mode",))
     names = [*about.rigid, *[""] * (len(found.omega) - len(about.rigid))]
     result.add(f"{group}/name", names, ("mode",))
@@ -177,6 +180,8 @@ def modal_analysis(
     result.add(f"{group}/shape", found.shapes, ("dof", "mode"))
     result.add(f"{group}/rigid", found.rigid)
     result.add(f"{group}/counted", found.counted, (), "rad/s")
+    if found.doubt:
+        result.annotate(group, doubt=found.doubt)
     if about.massless:
         result.add_axis(f"{group}/massless", [str(dof) for dof in about.massless])
     return result

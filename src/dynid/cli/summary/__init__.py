@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from importlib import import_module
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from dynid.cli.summary.need import need_lines
 from dynid.report.answers import method
+from dynid.report.answers.common import doubts
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -35,6 +37,8 @@ def summary(result: Result, note: str) -> str:
         return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
     module = import_module(_KINDS[result.kind])
     lines = [_headline(result.title, method(result), note), "", *module.lines(result)]
+    if said := doubts(result):
+        lines += ["", *(f"  {line}" for sentence in said for line in wrap(sentence, 104))]
     if need := need_lines(result):
         lines += ["", *need]
     if "accuracy" in result.group_attrs:

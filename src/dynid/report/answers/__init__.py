@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 
 from dynid.report.answers.blocks import Answer, Part
-from dynid.report.answers.common import accuracy, expectations, need, responses
+from dynid.report.answers.common import accuracy, doubtful, expectations, need, responses
 from dynid.result import Result
 
 _KINDS = {
@@ -31,6 +31,7 @@ def answer(result: Result) -> Answer:
     parts: list[Part] = [
         *import_module(_KINDS[result.kind]).parts(result),
         *responses(result),
+        *doubtful(result),
         *expectations(result),
         *need(result),
         *accuracy(result),

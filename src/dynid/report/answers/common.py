@@ -17,6 +17,18 @@ from dynid.result import Result
 _MOST = 30
 
 
+def doubts(result: Result) -> list[str]:
+    """Return what rounding leaves open, each sentence once."""
+    said = (str(attrs["doubt"]) for attrs in result.group_attrs.values() if "doubt" in attrs)
+    return list(dict.fromkeys(f"beware: {sentence}" for sentence in said))
+
+
+def doubtful(result: Result) -> Iterator[Part]:
+    """Yield what rounding leaves open."""
+    if found := doubts(result):
+        yield Part("Doubts", tuple(Note(sentence[0].upper() + sentence[1:], "bad") for sentence in found))
+
+
 def responses(result: Result) -> Iterator[Part]:
     """Yield the peaks of frequency responses and the range of time responses."""
     for group in ("bond_graph", "structure"):

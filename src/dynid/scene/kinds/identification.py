@@ -54,6 +54,8 @@ def run(scene: Scene) -> Result:
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
     made = None if method is None else method.at(values).reduce(structure)
+    if made is not None and made.doubt:
+        result.annotate("structure" if model.measurement is None else "identification", doubt=made.doubt)
     if model.analysis is not None:
         result.merge(responses(scene, model, structure if made is None else made.model, values))
     tell_identification(result, model, structure, made)

@@ -8,15 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NumericalError, Singular, UsageError
-from dynid.structure.matrices import Array, Matrix, is_sparse
+from dynid.structure.matrices import Array, Matrix
 from dynid.structure.modes.pencil import Pencil, absolute, times
-from dynid.structure.modes.strain import strain_energy
+from dynid.structure.modes.strain import Strain
 
 # Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
 _ROUNDING = 16 * float(np.finfo(float).eps)
 _UNIT = float(np.finfo(float).eps) / 2
-# Below this part of its terms the energy of a motion is summed without rounding, up to this many DOFs.
-_SOFT, _MOST_REFINED = 1e-6, 400
+# Below this part of its terms the energy of a motion is summed without rounding.
+_SOFT = 1e-6
+# So summed, the energy of a rigid-body motion is a smaller part where the entries of the stiffness belong to
+# each other; where they were rounded one by one, nothing tells such a motion from a slow elastic one.
+_EXACT = 1e-6 * _UNIT
+# What looks rigid is told from elastic modes by its distance where these are so many times faster than it may
+# be: when the first mode of a beam with its ends held is lost, the second is four to seven times as fast.
+_APART = 10.0
+# The part of a frequency that rounding may leave open without a word: as much as measurements do.
+_LOOSE = 1e-3
 # A stiffness rounded to single precision or to six printed digits has energies as negative as this.
 _INDEFINITE = 1e-5
 _RESIDUAL = 1e-9
@@ -32,7 +40,8 @@ class Modes(NamedTuple):
     frequencies are infinite (by sparse methods: number of massless DOFs); `counted`: rad/s up to which pivots
     have proved that no mode is missing (infinite where all modes were computed, 0 where no proof was asked
     for); `method`: how they were found; `uncertainty` (modes): how far the rounding of the matrices' entries
-    leaves each frequency open, rad/s.
+    leaves each frequency open, rad/s; `undecided` (modes): whether it is larger than the frequency, and
+    nothing else tells whether the mode is a rigid-body one.
     """
 
     omega: Array
@@ -44,6 +53,26 @@ class Modes(NamedTuple):
     counted: float
     method: str
     uncertainty: Array
+    undecided: NDArray[np.bool_]
+
+    @property
+    def doubt(self) -> str:
+        """What is to be known of modes that rounding leaves open, in words; empty where it leaves none."""
+        elastic = self.omega > 0
+        loose = self.uncertainty > _LOOSE * np.where(elastic, self.omega, np.inf)
+        if self.undecided.any():
+            numbers, most = np.flatnonzero(self.undecided) + 1, self.uncertainty[self.undecided].max()
+            what = f"nothing tells {_numbered(numbers)} from rigid-body motion"
+            said = f"{what}: rounding of the stiffness leaves frequencies open by {most:.2g} rad/s"
+        elif loose.any():
+            numbers = np.flatnonzero(loose) + 1
+            part = 100 * float((self.uncertainty[loose] / self.omega[loose]).max())
+            said = (
+                f"rounding of the stiffness leaves the frequency of {_numbered(numbers)} open by {part:.2g} %"
+            )
+        else:
+            return ""
+        return f"{said}; use fewer, longer elements, or constraints in place of nearly rigid ones"
 
     def first(self, count: int) -> Modes:
         """Return the lowest modes only."""
@@ -53,6 +82,7 @@ class Modes(NamedTuple):
             shapes=self.shapes[:, :count],
             residuals=self.residuals[:count],
             uncertainty=self.uncertainty[:count],
+            undecided=self.undecided[:count],
             rigid=min(self.rigid, count),
         )
 
@@ -95,8 +125,10 @@ def finished(
     sizes = np.linalg.norm(parts + inertia, axis=0)  # 0 for a mass that nothing holds
     excess = np.maximum(np.abs(Kx - square * Mx) - np.where(free, np.outer(row, blur), 0.0), 0.0)
     residuals = np.linalg.norm(excess, axis=0) / np.where(sizes > 0, sizes, 1.0)
-    rigid = _rigid(strain, whole)
-    square = _refined(pencil, np.where(rigid, 0.0, square), shapes, whole)
+    square, rigid, undecided = _refined(pencil, square, shapes, whole, _rigid(strain, whole))
+    order = np.argsort(square, kind="stable")
+    shapes, residuals, whole = shapes[:, order], residuals[order], whole[order]
+    square, rigid, undecided = square[order], rigid[order], undecided[order]
     if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:
         raise NumericalError(
             f"the modes have residuals of {worst:.1g} (found by {method})",
@@ -109,24 +141,44 @@ def finished(
     damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
     # Entries rounded by half a unit in the last place move omega^2 by that part of `whole`.
     moved = _UNIT * whole
-    uncertainty = np.where(rigid, np.sqrt(moved), moved / np.where(rigid, 1.0, omega) + _UNIT * omega)
+    open_to_zero = rigid | undecided
+    uncertainty = np.where(
+        open_to_zero, np.sqrt(moved), moved / np.where(open_to_zero, 1.0, omega) + _UNIT * omega
+    )
     return Modes(
         omega, damping, shapes, residuals, int(rigid.sum()), massless, float(np.sqrt(counted)), method,
-        uncertainty,
+        uncertainty, undecided,
     )  # fmt: skip
 
 
-def _refined(pencil: Pencil, square: Array, shapes: Array, whole: Array) -> Array:
-    """Return the eigenvalues, those of soft motions by their strain energies without cancellation."""
-    if is_sparse(pencil.K) or pencil.size > _MOST_REFINED:
-        return square
-    K, M = np.asarray(pencil.K), np.asarray(pencil.M)
-    soft = np.flatnonzero((square > 0) & (square < _SOFT * whole))
-    better = square.copy()
+def _refined(
+    pencil: Pencil, square: Array, shapes: Array, whole: Array, still: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return eigenvalues, of soft motions from energies without cancellation; and what is rigid, undecided.
+
+    Parameters
+    ----------
+    pencil, square, shapes
+        As of `finished`, ascending.
+    whole
+        The parts that each strain energy is a sum of, without their signs.
+    still
+        Which modes have a strain energy that is rounding: rigid-body motions where the elastic modes are far or
+        nothing at all holds them (an eigenvalue of 0).
+    """
+    better, may_be = np.where(still, 0.0, square), _ROUNDING * whole
+    elastic = float(square[~still].min()) if not still.all() else 0.0
+    doubtful = still & (square != 0) & (elastic < _APART**2 * may_be)
+    soft = np.flatnonzero(doubtful | (~still & (square > 0) & (square < _SOFT * whole)))
+    if not len(soft):
+        return better, still, doubtful
+    strain = Strain(pencil.K)
     for mode in soft:
         shape = shapes[:, mode]
-        better[mode] = strain_energy(K, shape) / float(shape @ M @ shape)
-    return np.where(better > 0, better, square)
+        energy = strain.energy(shape) / float(shape @ times(pencil.M, shape))
+        better[mode] = energy if energy > (_EXACT * whole[mode] if doubtful[mode] else 0.0) else better[mode]
+    undecided = doubtful & (better > 0)
+    return better, still & ~undecided, undecided
 
 
 def _signs(shapes: Array) -> Array:
@@ -134,6 +186,12 @@ def _signs(shapes: Array) -> Array:
     size = np.abs(shapes)
     largest = (size >= (1 - 1e-6) * size.max(axis=0, initial=0.0)).argmax(axis=0)
     return np.asarray(np.where(np.take_along_axis(shapes, largest[None], axis=0) < 0, -1.0, 1.0))
+
+
+def _numbered(numbers: NDArray[np.intp]) -> str:
+    """Name modes by their numbers, which follow each other."""
+    first, last = int(numbers[0]), int(numbers[-1])
+    return f"mode {first}" if first == last else f"modes {first} to {last}"
 
 
 def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _ATTEMPTS = 6
 # Modes computed above those asked for, to find a gap; and the relative gap wide enough to count in.
 _SPARE, _GAP = 1, 1e-6
+# A body has six rigid motions at most: of so many pairs one is elastic, which tells how far the others are.
+_RIGID = 6
 # Relative distance of a limit to a mode at which rounding decides on which side of it the mode lies.
 _HIT = 1e-8
 # Shifts tried, relative to the pencil's: the first that leaves the stiffness definite and well enough posed.
@@ -53,6 +55,8 @@ class Spectrum:
     def lowest(self, count: int, *, proof: bool) -> tuple[Array, Array, float]:
         """Return the lowest pairs, and the value below which a count proved that none is missing (or 0).
 
+        There may be some more than asked for.
+
         Raises
         ------
         UsageError
@@ -60,11 +64,11 @@ class Spectrum:
         NumericalError
             If modes stay missing, or cannot be counted.
         """
-        self._extend(count + _SPARE)
+        self._extend(max(count, _RIGID) + _SPARE)
         value = self._proved(count) if proof else 0.0
         if len(self.square) < count:
             raise too_many(count, len(self.square))
-        return self.square[:count], self.shapes[:, :count], value
+        return self.square, self.shapes, value
 
     def below(self, limit: float) -> tuple[Array, Array, float]:
         """Return all pairs below a limit, and the limit, nudged if it hits an eigenvalue.

@@ -65,4 +65,4 @@ class CraigBampton:
         shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
         rule = f"fixed-interface modes: {mode_rule(self.modes, self.interest, None)}"
         small = projected(model, cut.basis(static, shapes), names)
-        return Reduction(small, cut.labels, fixed.numbers, rule=rule)
+        return Reduction(small, cut.labels, fixed.numbers, rule=rule, doubt=fixed.doubt)

@@ -92,7 +92,7 @@ def on_modes_and_residuals(
     T = np.concatenate([basis.shapes, extra], axis=1)
     rule = mode_rule(modes, interest, None)
     reduced = projected(model, T, names, basis.rigid if retained else ())
-    return Reduction(reduced, (), basis.numbers, retained=retained, rule=rule)
+    return Reduction(reduced, (), basis.numbers, retained=retained, rule=rule, doubt=basis.doubt)
 
 
 def _loads(model: StructuralModel, residuals: Residuals, interest: Interest) -> Indices:

@@ -35,6 +35,8 @@ class Reduction:
         How they were chosen, in words; empty of a method without modes.
     retained
         Whether these modes are those of the structure with its joints, so that the reduced model has them.
+    doubt
+        Which of these modes rounding leaves open, in words; empty where it leaves none.
     """
 
     model: StructuralModel
@@ -43,6 +45,7 @@ class Reduction:
     condition: float | None = None
     retained: bool = False
     rule: str = ""
+    doubt: str = ""
 
     @property
     def T(self) -> Array:

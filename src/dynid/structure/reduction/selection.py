@@ -66,11 +66,15 @@ class Interest:
 
 
 class Selected(NamedTuple):
-    """Modes by `numbers` (from 1): `omega` (r), rad/s, and `shapes` (n x r), normed to unit modal mass."""
+    """Modes by `numbers` (from 1): `omega` (r), rad/s, and `shapes` (n x r), normed to unit modal mass.
+
+    `doubt` says which of them rounding leaves open, as `Modes.doubt` does.
+    """
 
     numbers: tuple[int, ...]
     omega: Array
     shapes: Array
+    doubt: str
 
     @property
     def rigid(self) -> tuple[int, ...]:
@@ -97,11 +101,11 @@ def selected(matrices: tuple[Matrix, Matrix, Matrix], wanted: Sequence[int] | Mo
         found = modes(*matrices, count=wanted.count, below=wanted.below)
         if wanted.below is not None and not len(found.omega):
             raise UsageError(f"no mode lies below {wanted.below:g} rad/s", names=("modes",))
-        return Selected(tuple(range(1, len(found.omega) + 1)), found.omega, found.shapes)
+        return Selected(tuple(range(1, len(found.omega) + 1)), found.omega, found.shapes, found.doubt)
     numbers = _checked(wanted)
     found = modes(*matrices, count=max(numbers))
     places = np.array(numbers) - 1
-    return Selected(numbers, found.omega[places], found.shapes[:, places])
+    return Selected(numbers, found.omega[places], found.shapes[:, places], found.doubt)
 
 
 def wanted_modes(

@@ -101,7 +101,9 @@ def on_modes(
         rigid = basis.rigid if retained else ()
     reduced = _projected(model.projected(T, names, rigid), matrices, basis, inverse)
     rule = mode_rule(modes, interest, count)
-    return Reduction(reduced, labels, basis.numbers, condition, retained=retained, rule=rule)
+    return Reduction(
+        reduced, labels, basis.numbers, condition, retained=retained, rule=rule, doubt=basis.doubt
+    )
 
 
 def _projected(
