@@ -9,7 +9,8 @@ import pytest
 
 from dynid.errors import FileError
 from dynid.hdf5 import open_hdf5, survives
-from dynid.store import read_result
+from dynid.result import Result
+from dynid.store import read_result, write_result
 from dynid.structure.readers.read import MatrixFile, read_matrix
 
 
@@ -59,6 +60,34 @@ def crashing(tmp_path, monkeypatch):
 
     monkeypatch.setattr("dynid.hdf5._read", crash)
     return tmp_path / "k.h5"
+
+
+@pytest.mark.parametrize("name", [b"DIMENSION_SCAL\xe1", b"DIMENSION_SCALX", b"TABLE"])
+def test_an_array_of_another_class_is_no_scale_and_ends_nothing(tmp_path, name):
+    """The function of HDF5 2.0 that tells scales apart aborts on it."""
+    path = tmp_path / "a.h5"
+    result = Result("identification", "A title")
+    result.add("group/x", np.arange(3.0), ("axis",))
+    write_result(result, path)
+    with h5py.File(path, "r+") as file:
+        file["group/x"].attrs["CLASS"] = np.bytes_(name)
+
+    def read():
+        assert read_result(path)["group/x"].dims == ("axis",)
+        os._exit(3)  # the trial ends with 0 or dies
+
+    assert trial(read) == 3
+
+
+def trial(work):
+    """Return how a copy of this process that does some work ends."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        finally:
+            os._exit(1)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
 def test_readers_refuse_in_one_sentence_what_would_crash_them(crashing):

@@ -81,7 +81,7 @@ def _try(work: Callable[[], object], seconds: float) -> None:
 
 
 def _read(name: str) -> None:
-    """Read names, attributes and values, as far as the budget goes."""
+    """Read names, attributes, axes and values, as far as the budget goes."""
     import h5py
 
     budget = _MOST_BYTES
@@ -97,6 +97,7 @@ def _read(name: str) -> None:
                         seen.add(hash(item.id))
                         groups.append(item)
                     elif isinstance(item, h5py.Dataset):
+                        _scales(item)
                         budget -= _value(item, budget)
 
 
@@ -105,6 +106,16 @@ def _names(group: Any) -> list[str]:
         dict(group.attrs)
         return list(group)
     return []
+
+
+def _scales(dataset: Any) -> None:
+    """Follow the axes to what scales them, and ask where the values are stored."""
+    for axis in dataset.dims:
+        with suppress(Exception):
+            for place in range(len(axis)):
+                dict(axis[place].attrs)
+    with suppress(Exception):
+        _ = dataset.is_virtual, dataset.external, dataset.id.get_storage_size()
 
 
 def _value(dataset: Any, budget: int) -> int:

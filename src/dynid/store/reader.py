@@ -172,9 +172,14 @@ def _hard_item(group: Any, key: str) -> Any:
 def _dims(dataset: Any) -> tuple[str, ...]:
     if "dynid_dims" in dataset.attrs:
         return tuple(str(dataset.attrs["dynid_dims"]).split("\n"))
-    if dataset.is_scale:
+    if _is_scale(dataset):
         return (str(dataset.name).rsplit("/", 1)[-1],)
     return tuple(_dim_name(dim) or f"axis_{axis}" for axis, dim in enumerate(dataset.dims, 1))
+
+
+def _is_scale(dataset: Any) -> bool:
+    # As H5DSis_scale, which frees its buffer twice in HDF5 2.0 where the class is another one, and aborts.
+    return dataset.attrs.get("CLASS") in (b"DIMENSION_SCALE", "DIMENSION_SCALE")
 
 
 def _dim_name(dim: Any) -> str:
