@@ -163,8 +163,8 @@ def _refined(
     whole
         The parts that each strain energy is a sum of, without their signs.
     still
-        Which modes have a strain energy that is rounding: rigid-body motions where the elastic modes are far or
-        nothing at all holds them (an eigenvalue of 0).
+        Which modes have a strain energy that is rounding: rigid-body motions if the elastic modes are far, or
+        if nothing at all holds them (an eigenvalue of 0).
     """
     better, may_be = np.where(still, 0.0, square), _ROUNDING * whole
     elastic = float(square[~still].min()) if not still.all() else 0.0
