@@ -8,11 +8,14 @@ one effort, a 1-junction one flow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any, Literal, Protocol, get_args
+from functools import cached_property
+from operator import attrgetter
+from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 from dynid.bondgraph.garbage import no_collection
 from dynid.errors import UsageError
@@ -45,7 +48,7 @@ class Expression(Protocol):
         """Evaluate it: `leaf` gives numbers and names a value, `apply` an operation."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Node:
     """One node.
 
@@ -71,8 +74,7 @@ class Node:
     domain: str = ""
 
 
-@dataclass(frozen=True)
-class Bond:
+class Bond(NamedTuple):
     """One bond; power is positive from `tail` to `head`."""
 
     tail: str
@@ -135,11 +137,16 @@ class BondGraph:
         ]
         if faults:
             raise UsageError("; ".join(fault.message for fault in faults))
-        self._bonds_at: dict[str, list[Bond]] = {name: [] for name in self.nodes}
+
+    @cached_property
+    def _bonds_at(self) -> dict[str, list[Bond]]:
+        """The bonds at every node, in the user's order."""
+        found: dict[str, list[Bond]] = {name: [] for name in self.nodes}
         for bond in self.bonds:
-            for end in (bond.tail, bond.head):
-                if end in self._bonds_at:
-                    self._bonds_at[end].append(bond)
+            for end in bond:
+                if end in found:
+                    found[end].append(bond)
+        return found
 
     def value(self, name: str) -> Fraction:
         """Return the exact value of an element or the modulus of a two-port."""
@@ -188,7 +195,7 @@ def bond_sign(graph: BondGraph, name: str) -> int:
     return 1 if graph.bonds_of(name)[0].head == name else -1
 
 
-def graph_faults(types: Mapping[str, str], bonds: Iterable[Bond]) -> list[GraphFault]:
+def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphFault]:
     """List what is wrong with the shape of a graph: loose ends, and nodes with too many bonds.
 
     Parameters
@@ -198,19 +205,15 @@ def graph_faults(types: Mapping[str, str], bonds: Iterable[Bond]) -> list[GraphF
     bonds
         Bonds between those nodes; bonds to other names are left to the caller to report.
     """
-    ins = dict.fromkeys(types, 0)
-    outs = dict.fromkeys(types, 0)
-    faults: list[GraphFault] = []
-    for index, bond in enumerate(bonds):
-        if bond.tail == bond.head:
-            faults.append(GraphFault(f"the bond '{bond}' ends where it starts", bond=index))
-            continue
-        if bond.tail in outs:
-            outs[bond.tail] += 1
-        if bond.head in ins:
-            ins[bond.head] += 1
+    faults = [
+        GraphFault(f"the bond '{bond}' ends where it starts", bond=index)
+        for index, bond in enumerate(bonds)
+        if bond.tail == bond.head
+    ]
+    proper = [bond for bond in bonds if bond.tail != bond.head] if faults else bonds
+    ins, outs = (Counter(map(attrgetter(end), proper)) for end in ("head", "tail"))
     for name, kind in types.items():
-        message = _arity_fault(name, kind, ins[name], outs[name])
+        message = _arity_fault(name, kind, ins.get(name, 0), outs.get(name, 0))
         if message:
             faults.append(GraphFault(message, node=name))
     return faults
@@ -219,6 +222,8 @@ def graph_faults(types: Mapping[str, str], bonds: Iterable[Bond]) -> list[GraphF
 def _arity_fault(name: str, kind: str, ins: int, outs: int) -> str:
     if ins + outs == 0:
         return f"{_describe(kind)} '{name}' has no bond; connect it or drop it"
+    if kind in JUNCTIONS:
+        return ""
     if kind in ONE_PORTS and ins + outs > 1:
         return f"{_describe(kind)} '{name}' has {ins + outs} bonds but only one port; put a junction between"
     if kind in TWO_PORTS and (ins, outs) != (1, 1):

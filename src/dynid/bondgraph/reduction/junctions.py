@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import count
 from typing import NamedTuple
 
@@ -86,7 +87,6 @@ class JunctionStructure:
         self.junctions: dict[str, Junction] = {}
         self.couplings: list[Coupling] = []
         self.place: dict[str, str] = {}
-        self._names = Names(graph.nodes)
         self._merged = _merge_like_junctions(graph)
         self._between: dict[tuple[str, str], str] = {}  # bare junction of a bond at a two-port
         for name, root in self._merged.items():
@@ -94,9 +94,9 @@ class JunctionStructure:
             junction.members.append(name)
             self.place[name] = root
         two_ports = {name: None for name, node in graph.nodes.items() if node.type in TWO_PORTS}
-        for bond in graph.bonds:
-            if bond.tail not in two_ports and bond.head not in two_ports:
-                self._add_bond(bond.tail, bond.head)
+        for tail, head in graph.bonds:
+            if tail not in two_ports and head not in two_ports:
+                self._add_bond(tail, head)
         for name in two_ports:
             self._add_two_port(name)
         self.tied: dict[str, list[Coupling]] = {name: [] for name in self.junctions}
@@ -166,6 +166,10 @@ class JunctionStructure:
                 self._attach(neighbour, self._between[bond], incoming=incoming)
         return self._between[bond]
 
+    @cached_property
+    def _names(self) -> Names:
+        return Names(self.graph.nodes)
+
     def _bare(self, between: tuple[str, str], kind: str) -> str:
         name = self._names.fresh("_".join(between))
         self.junctions[name] = Junction(name, kind, between=between)
@@ -198,8 +202,11 @@ class Names:
 
 def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:
     """Map every junction to the first of those it is one with (like junctions joined by plain bonds)."""
-    nodes = graph.nodes
-    root = {name: name for name, node in nodes.items() if node.type in JUNCTIONS}
+    kinds = {name: node.type for name, node in graph.nodes.items() if node.type in JUNCTIONS}
+    root = {name: name for name in kinds}
+    like = [bond for bond in graph.bonds if bond.tail in kinds and kinds[bond.tail] == kinds.get(bond.head)]
+    if not like:
+        return root
     order = {name: index for index, name in enumerate(root)}
 
     def find(name: str) -> str:
@@ -208,12 +215,11 @@ def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:
             name = root[name]
         return name
 
-    for bond in graph.bonds:
-        if bond.tail in root and bond.head in root and nodes[bond.tail].type == nodes[bond.head].type:
-            a, b = sorted((find(bond.tail), find(bond.head)), key=order.__getitem__)
-            if a == b:
-                raise _ring(graph, bond.tail, bond.head)
-            root[b] = a
+    for tail, head in like:
+        a, b = sorted((find(tail), find(head)), key=order.__getitem__)
+        if a == b:
+            raise _ring(graph, tail, head)
+        root[b] = a
     return {name: find(name) for name in root}
 
 

@@ -179,10 +179,12 @@ class Network:
         elif one is not None and other is not None:
             if other in one.entries or self.tie(one, other) != _BOND:  # one more
                 self.retie(one, other, None)
-            elif two_port is not None:
+                self.add_entry(one, other, size)
+                self.add_entry(other, one, minus)
+                return
+            one.entries[other], other.entries[one] = size, minus
+            if two_port is not None:
                 self.retie(one, other, Tie(two_port, inverse))
-            self.add_entry(one, other, size)
-            self.add_entry(other, one, minus)
 
     @cached_property
     def _minus_one(self) -> Register:
@@ -210,7 +212,7 @@ class Network:
 
     def diagonal(self, row: Row) -> Register:
         """Return the sum of the immittances on a junction."""
-        return self.program.sum(term.register for term in row.terms)
+        return self.program.sum([term.register for term in row.terms])
 
     def remove(self, row: Row) -> None:
         """Take an eliminated junction out."""
@@ -224,8 +226,8 @@ def reach(structure: JunctionStructure, root: str) -> dict[str, int]:
     """Return the junctions that influence the root, with their distance; fixed ones separate."""
     depth, queue = {root: 0}, [root]
     for name in queue:
-        for coupling in structure.tied[name]:
-            other = coupling.head if coupling.tail == name else coupling.tail
+        for tail, head, _, _ in structure.tied[name]:
+            other = head if tail == name else tail
             if other not in depth and structure.junctions[other].fixing is None:
                 depth[other] = depth[name] + 1
                 queue.append(other)

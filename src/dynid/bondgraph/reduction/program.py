@@ -42,7 +42,7 @@ class Op(IntEnum):
 
 
 #: Looked up once: planning compares operations millions of times.
-_ADD, _MUL, _DIV, _NEG = Op.ADD, Op.MUL, Op.DIV, Op.NEG
+_CONSTANT, _PARAMETER, _LAPLACE, _ADD, _SUB, _MUL, _DIV, _NEG = tuple(Op)
 
 Register = int
 
@@ -80,17 +80,17 @@ class Program:
         self._point = point
         self.zero = self.constant(0)
         self.one = self.constant(1)
-        self.s = self._emit(Op.LAPLACE, None, 0, point.laplace)
+        self.s = self._emit(_LAPLACE, None, 0, point.laplace)
 
     # --- writing -------------------------------------------------------------------------------
 
     def constant(self, value: int) -> Register:
         """Write an integer."""
-        return self._emit(Op.CONSTANT, value, 0, self._point.residue(value))
+        return self._emit(_CONSTANT, value, 0, self._point.residue(value))
 
     def parameter(self, name: str) -> Register:
         """Write the value of a node."""
-        return self._emit(Op.PARAMETER, name, 0, self._point.values[name])
+        return self._emit(_PARAMETER, name, 0, self._point.values[name])
 
     def add(self, a: Register, b: Register) -> Register:
         """Write a + b."""
@@ -112,7 +112,7 @@ class Program:
             return self.neg(b)
         if self.ops[b][0] is _NEG:
             return self.add(a, self.ops[b][1])
-        return self.zero if a == b else self._emit(Op.SUB, a, b, self._images[a] - self._images[b])
+        return self.zero if a == b else self._emit(_SUB, a, b, self._images[a] - self._images[b])
 
     def neg(self, a: Register) -> Register:
         """Write -a."""
@@ -186,9 +186,9 @@ class Program:
     def _emit(self, op: Op, a: Any, b: int, image: Any) -> Register:
         entry = (op, a, b)
         key = (op, b, a) if (op is _ADD or op is _MUL) and b < a else entry
-        register = self._known.get(key)
-        if register is None:
-            register = self._known[key] = len(self.ops)
+        following = len(self.ops)
+        register = self._known.setdefault(key, following)
+        if register == following:
             self.ops.append(entry)
             self._images.append(image)
         return register
@@ -197,7 +197,7 @@ class Program:
         """Return the nodes whose values the wanted registers are made of."""
         needed = self._needed(list(wanted))
         ops = (self.ops[register] for register in filter(needed.__getitem__, range(len(needed))))
-        return {str(name) for op, name, _ in ops if op is Op.PARAMETER}
+        return {str(name) for op, name, _ in ops if op is _PARAMETER}
 
     def vanishing(self, wanted: Iterable[Register], divisors: Iterable[Register], point: Point) -> bool:
         """Tell whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
@@ -213,11 +213,11 @@ class Program:
                     values.append(values[a] + values[b])
                 elif op is _MUL:
                     values.append(values[a] * values[b])
-                elif op is Op.PARAMETER:
+                elif op is _PARAMETER:
                     values.append(point.values[a])
-                elif op is Op.CONSTANT:
+                elif op is _CONSTANT:
                     values.append(point.residue(a))
-                elif op is Op.LAPLACE:
+                elif op is _LAPLACE:
                     values.append(point.laplace)
                 else:
                     values.append(_ARITHMETIC[op](values[a], values[b]))
@@ -233,7 +233,7 @@ class Program:
         for register in range(len(needed) - 1, -1, -1):
             if needed[register]:
                 op, a, b = self.ops[register]
-                if op >= Op.ADD:
+                if op >= _ADD:
                     needed[a] = needed[b] = 1
         return needed
 
@@ -291,22 +291,18 @@ _ARITHMETIC: dict[Op, Callable[[Any, Any], Any]] = {
 
 def operands(op: Op, a: Any, b: int) -> tuple[Register, ...]:
     """Return the registers that an operation reads."""
-    if op <= Op.LAPLACE:
+    if op <= _LAPLACE:
         return ()
-    return (a,) if op is Op.NEG else (a, b)
+    return (a,) if op is _NEG else (a, b)
 
 
 def _execute(
     op: Op, a: Any, b: int, memory: dict[Register, Any], values: Mapping[str, Any], s: Any, one: Any
 ) -> Any:
-    match op:
-        case Op.CONSTANT:
-            return one * a if a != 1 else one
-        case Op.PARAMETER:
-            return values[a]
-        case Op.LAPLACE:
-            return s
-        case Op.NEG:
-            return -memory[a]
-        case _:
-            return _ARITHMETIC[op](memory[a], memory[b])
+    if op >= _ADD:
+        return -memory[a] if op is _NEG else _ARITHMETIC[op](memory[a], memory[b])
+    if op is _PARAMETER:
+        return values[a]
+    if op is _LAPLACE:
+        return s
+    return one * a if a != 1 else one
