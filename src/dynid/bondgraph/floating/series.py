@@ -1,4 +1,8 @@
-"""Laurent series with a few exact leading terms: how a transfer function begins at 0, infinity, j omega."""
+"""Laurent series with a few leading terms: how a transfer function begins at 0, infinity, j omega.
+
+Which terms vanish is decided modulo a large prime, where numbers do not grow; what the others are is known
+in balls, as wide as the rounding errors.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,14 @@ from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from dynid.bondgraph.algebra.modular import axis_point
+from dynid.bondgraph.algebra.modular import axis_point, numeric_point, prime_for
 from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.errors import NumericalError
 
 #: First and last number of terms that are carried before giving up.
-_FIRST, _LAST = 4, 256
+_FIRST, _LAST = 1, 256
+#: Bits of the balls, until they say all of the first term that a double can.
+_PRECISIONS, _BITS = (128, 512, 2048, 8192, 32768), 100
 _NEVER = 1 << 60
 
 
@@ -28,7 +34,7 @@ class Series:
     start
         The lowest power; without coefficients all that is known is that no power below occurs.
     coefficients
-        Exact numbers (flint `fmpq`, or `nmod`).
+        Numbers that know whether they are zero (`Certain`, or flint `nmod`).
     terms
         Most coefficients that are kept.
     """
@@ -36,14 +42,16 @@ class Series:
     __slots__ = ("coefficients", "start", "terms")
 
     def __init__(self, start: int, coefficients: list[Any], terms: int) -> None:
-        leading = next((k for k, c in enumerate(coefficients) if c != 0), len(coefficients))
+        leading = next((k for k, c in enumerate(coefficients) if c), len(coefficients))
         self.start, self.coefficients, self.terms = start + leading, coefficients[leading:], terms
 
     def __add__(self, other: Series) -> Series:
-        start = min(self.start, other.start)
-        end = min(self._end, other._end, start + self.terms)
-        total = [self._at(power) + other._at(power) for power in range(start, end)]
-        return Series(start, total, self.terms) if total else Series(end, [], self.terms)
+        one, later = (self, other) if self.start <= other.start else (other, self)
+        end = min(one._end, later._end, one.start + self.terms)
+        total = one.coefficients[: end - one.start]
+        for place, c in zip(range(later.start - one.start, len(total)), later.coefficients, strict=False):
+            total[place] = total[place] + c
+        return Series(one.start, total, self.terms) if total else Series(end, [], self.terms)
 
     def __neg__(self) -> Series:
         return Series(self.start, [-c for c in self.coefficients], self.terms)
@@ -60,7 +68,7 @@ class Series:
         size = min(len(a), len(b))
         return Series(
             self.start + other.start,
-            [sum(a[i] * b[k - i] for i in range(k + 1)) for k in range(size)],
+            [sum((a[i] * b[k - i] for i in range(1, k + 1)), a[0] * b[k]) for k in range(size)],
             self.terms,
         )
 
@@ -70,7 +78,7 @@ class Series:
         a, b = self.coefficients, other.coefficients
         quotient: list[Any] = []
         for k in range(min(len(a), len(b))):
-            quotient.append((a[k] - sum(quotient[i] * b[k - i] for i in range(k))) / b[0])
+            quotient.append(sum((-quotient[i] * b[k - i] for i in range(k)), a[k]) / b[0])
         return Series(self.start - other.start, quotient, self.terms)
 
     @property
@@ -78,9 +86,45 @@ class Series:
         """The first power that is not known."""
         return _NEVER if self.start >= _NEVER else self.start + len(self.coefficients)
 
-    def _at(self, power: int) -> Any:
-        place = power - self.start
-        return self.coefficients[place] if 0 <= place < len(self.coefficients) else 0
+
+class Certain:
+    """A number known twice: modulo a large prime, where it vanishes only if it is zero, and in a ball.
+
+    Parameters
+    ----------
+    residue, ball
+        Both (flint `nmod` and `arb`).
+    """
+
+    __slots__ = ("ball", "residue")
+
+    def __init__(self, residue: Any, ball: Any) -> None:
+        self.residue, self.ball = residue, ball
+
+    def __bool__(self) -> bool:
+        return bool(self.residue)
+
+    def __add__(self, other: Certain) -> Certain:
+        return Certain(self.residue + other.residue, self.ball + other.ball)
+
+    def __mul__(self, other: Certain | int) -> Certain:
+        if isinstance(other, int):
+            return Certain(self.residue * other, self.ball * other)
+        return Certain(self.residue * other.residue, self.ball * other.ball)
+
+    def __truediv__(self, other: Certain) -> Certain:
+        return Certain(self.residue / other.residue, self.ball / other.ball)
+
+    def __neg__(self) -> Certain:
+        return Certain(-self.residue, -self.ball)
+
+    def __float__(self) -> float:
+        return float(self.ball.mid())
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether the ball says what double it is."""
+        return bool(self.ball.rel_accuracy_bits() > _BITS)
 
 
 class _Point(NamedTuple):
@@ -91,18 +135,50 @@ class _Point(NamedTuple):
     laplace: tuple[int, list[Any]]
 
 
-def _rational(planned: Planned, power: int) -> _Point:
-    """Return the expansion over the rationals in t, s = t^power."""
-    from flint import fmpq
+def _certain(planned: Planned, power: int) -> _Point:
+    """Return the expansion at 0 in t, s = t^power: numbers in balls of the working precision."""
+    from flint import arb, fmpq
 
     exact = {name: planned.graph.value(name) for name in planned.valued}
-    values = {name: fmpq(value.numerator, value.denominator) for name, value in exact.items()}
-    return _Point(fmpq, values, (power, [fmpq(1)]))
+    at = numeric_point(exact, prime_for(exact.values()))
+    values = {
+        name: Certain(at.values[name], arb(fmpq(value.numerator, value.denominator)))
+        for name, value in exact.items()
+    }
+
+    def field(number: int) -> Certain:
+        return Certain(at.residue(number), arb(number))
+
+    return _Point(field, values, (power, [field(1)]))
+
+
+def _sharp(
+    planned: Planned, registers: Iterable[int], power: int, known: Callable[[Series], bool]
+) -> dict[int, Series]:
+    """Return the series of registers in t, s = t^power, with as many bits as their first terms take.
+
+    Raises
+    ------
+    NumericalError
+        Where no number of bits is enough.
+    """
+    from flint import ctx
+
+    wanted = list(registers)
+    for precision in _PRECISIONS:
+        with ctx.workprec(precision):
+            run = _expanded(planned, wanted, _certain(planned, power), known)
+        if all(series.coefficients[0].is_sharp for series in run.values() if series.coefficients):
+            return run
+    raise NumericalError(
+        f"a response of this graph at rest or for fast inputs is lost in rounding at {_PRECISIONS[-1]} bits",
+        remedy="Ask for fewer stages, or for its zeros and poles instead.",
+    )
 
 
 def leading_terms(
     reduced: ReducedGraph, registers: Iterable[int], *, at_infinity: bool
-) -> dict[int, tuple[int, Any]]:
+) -> dict[int, tuple[int, float]]:
     """Return how registers that do not vanish begin: (k, c) for c s^k as s goes to 0 or to infinity.
 
     Parameters
@@ -115,13 +191,12 @@ def leading_terms(
         Whether as s grows, or falls to 0.
     """
     sign = -1 if at_infinity else 1
-    point = _rational(reduced, sign)
-    run = _expanded(reduced, registers, point, lambda series: bool(series.coefficients))
-    return {register: (sign * series.start, series.coefficients[0]) for register, series in run.items()}
+    run = _sharp(reduced, registers, sign, lambda series: bool(series.coefficients))
+    return {register: (sign * series.start, float(series.coefficients[0])) for register, series in run.items()}
 
 
 def limits_at_rest(planned: Planned, registers: Iterable[int]) -> dict[int, float]:
-    """Return the limits of registers as s goes to 0, correctly rounded; infinite at a pole.
+    """Return the limits of registers as s goes to 0, rounded; infinite at a pole.
 
     Parameters
     ----------
@@ -130,7 +205,7 @@ def limits_at_rest(planned: Planned, registers: Iterable[int]) -> dict[int, floa
     registers
         What to evaluate; they may vanish.
     """
-    run = _expanded(planned, registers, _rational(planned, 1), _knows_its_limit)
+    run = _sharp(planned, registers, 1, _knows_its_limit)
     return {register: _limit(series) for register, series in run.items()}
 
 
@@ -161,7 +236,7 @@ def _knows_its_limit(series: Series) -> bool:
 def _limit(series: Series) -> float:
     if series.start < 0:
         return math.inf
-    return as_float(series.coefficients[0]) if series.start == 0 else 0.0
+    return float(series.coefficients[0]) if series.start == 0 else 0.0
 
 
 def _expanded(
@@ -174,7 +249,7 @@ def _expanded(
         return Series(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
 
     while True:
-        values = {n: series(0, v) if v != 0 else Series(_NEVER, [], terms) for n, v in point.values.items()}
+        values = {n: series(0, v) if v else Series(_NEVER, [], terms) for n, v in point.values.items()}
         start, coefficients = point.laplace
         try:
             run = planned.run(wanted, values, series(start, *coefficients), series(0, point.field(1)))
@@ -188,11 +263,3 @@ def _expanded(
                 remedy="Ask for fewer stages, or for its zeros and poles instead.",
             )
         terms *= 4
-
-
-def as_float(value: Any) -> float:
-    """Return an exact number rounded, infinite where doubles end."""
-    try:
-        return int(value.p) / int(value.q)
-    except OverflowError:
-        return math.copysign(math.inf, 1 if value > 0 else -1)
