@@ -115,10 +115,7 @@ def _double(
 def _certified(planned: Planned, registers: list[int], omega: float, again: Again | None) -> list[complex]:
     """Return the channels at one frequency to full double precision; inf at a pole."""
     if omega == 0.0:  # where storages block, hardly a program can be run
-        from dynid.bondgraph.floating.series import limits_at_rest
-
-        limits = limits_at_rest(planned, registers)
-        return [complex(limits[register]) for register in registers]
+        return _at_rest(planned, registers, again)
     found = _planned_again(planned, omega, again) if len(planned.program.ops) > _LONG else None
     found = found or _in_balls(planned, registers, omega) or _on_a_mode(planned, registers, omega)
     if found is None:
@@ -128,6 +125,21 @@ def _certified(planned: Planned, registers: list[int], omega: float, again: Agai
             remedy="Leave this frequency out, or move it by a little.",
         )
     return found
+
+
+def _at_rest(planned: Planned, registers: list[int], again: Again | None) -> list[complex]:
+    """Return the limits of registers at rest; a large graph is planned again where they hang on its loops."""
+    from dynid.bondgraph.floating.series import PRECISIONS, limits_at_rest
+
+    if again is not None and len(planned.program.ops) > _LONG:
+        try:
+            limits = limits_at_rest(planned, registers, PRECISIONS[:1])
+        except NumericalError:
+            planned = planned.balanced()
+            return _at_rest(planned, again(planned), None)
+    else:
+        limits = limits_at_rest(planned, registers)
+    return [complex(limits[register]) for register in registers]
 
 
 def _planned_again(planned: Planned, omega: float, again: Again | None) -> list[complex] | None:

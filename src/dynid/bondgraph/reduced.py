@@ -46,7 +46,16 @@ class Planned(ABC):
         self.storages = [name for name in self.valued if graph.nodes[name].type in STORAGES]
         self._plan(random_point(self.valued, self._prime))
         if not self._holds_with_numbers():
-            self._plan(numeric_point(self._values, self._prime))
+            self._plan(self.modulo())
+
+    @property
+    def exact(self) -> Mapping[str, Fraction]:
+        """The exact values of elements and two-ports, by name."""
+        return self._values
+
+    def modulo(self) -> Point:
+        """Return these values, and a random s, modulo a large prime."""
+        return numeric_point(self._values, self._prime)
 
     @cached_property
     def units(self) -> Units:
@@ -85,7 +94,7 @@ class Planned(ABC):
         other = copy(self)
         other._balanced = True
         with no_collection():
-            other._plan(numeric_point(self._values, self._prime))
+            other._plan(self.modulo())
         return other
 
     @abstractmethod
@@ -102,8 +111,7 @@ class Planned(ABC):
 
     def _holds_with_numbers(self) -> bool:
         """Tell whether every divisor stays nonzero with the graph's values, at a random s."""
-        point = numeric_point(self._values, self._prime)
-        return not self.program.vanishing(self.answers(), self.pivots(), point)
+        return not self.program.vanishing(self.answers(), self.pivots(), self.modulo())
 
     def run(self, registers: Iterable[int], values: dict[str, Any], laplace: Any, one: Any) -> dict[int, Any]:
         """Run the program for these registers on any number type."""

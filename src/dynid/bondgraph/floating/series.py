@@ -7,18 +7,19 @@ in balls, as wide as the rounding errors.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from dynid.bondgraph.algebra.modular import axis_point, numeric_point, prime_for
+from dynid.bondgraph.algebra.modular import axis_point
 from dynid.bondgraph.reduced import Planned, ReducedGraph
 from dynid.errors import NumericalError
 
 #: First and last number of terms that are carried before giving up.
 _FIRST, _LAST = 1, 256
 #: Bits of the balls, until they say all of the first term that a double can.
-_PRECISIONS, _BITS = (128, 512, 2048, 8192, 32768), 100
+PRECISIONS = (128, 1024, 8192, 65536)
+_BITS = 100
 _NEVER = 1 << 60
 
 
@@ -135,25 +136,34 @@ class _Point(NamedTuple):
     laplace: tuple[int, list[Any]]
 
 
+def _residues(planned: Planned, power: int) -> _Point:
+    """Return the expansion at 0 in t, s = t^power, modulo a large prime."""
+    at = planned.modulo()
+    return _Point(at.residue, at.values, (power, [at.residue(1)]))
+
+
 def _certain(planned: Planned, power: int) -> _Point:
-    """Return the expansion at 0 in t, s = t^power: numbers in balls of the working precision."""
+    """Return the same expansion in numbers that are known in balls of the working precision as well."""
     from flint import arb, fmpq
 
-    exact = {name: planned.graph.value(name) for name in planned.valued}
-    at = numeric_point(exact, prime_for(exact.values()))
+    field, residues, _ = _residues(planned, power)
     values = {
-        name: Certain(at.values[name], arb(fmpq(value.numerator, value.denominator)))
-        for name, value in exact.items()
+        name: Certain(residues[name], arb(fmpq(value.numerator, value.denominator)))
+        for name, value in planned.exact.items()
     }
 
-    def field(number: int) -> Certain:
-        return Certain(at.residue(number), arb(number))
+    def certain(number: int) -> Certain:
+        return Certain(field(number), arb(number))
 
-    return _Point(field, values, (power, [field(1)]))
+    return _Point(certain, values, (power, [certain(1)]))
 
 
 def _sharp(
-    planned: Planned, registers: Iterable[int], power: int, known: Callable[[Series], bool]
+    planned: Planned,
+    registers: Iterable[int],
+    power: int,
+    known: Callable[[Series], bool],
+    precisions: Sequence[int] = PRECISIONS,
 ) -> dict[int, Series]:
     """Return the series of registers in t, s = t^power, with as many bits as their first terms take.
 
@@ -165,13 +175,14 @@ def _sharp(
     from flint import ctx
 
     wanted = list(registers)
-    for precision in _PRECISIONS:
+    _, terms = _expanded(planned, wanted, _residues(planned, power), known)
+    for precision in precisions:
         with ctx.workprec(precision):
-            run = _expanded(planned, wanted, _certain(planned, power), known)
+            run, _ = _expanded(planned, wanted, _certain(planned, power), known, terms)
         if all(series.coefficients[0].is_sharp for series in run.values() if series.coefficients):
             return run
     raise NumericalError(
-        f"a response of this graph at rest or for fast inputs is lost in rounding at {_PRECISIONS[-1]} bits",
+        f"a response of this graph at rest or for fast inputs is lost in rounding at {precisions[-1]} bits",
         remedy="Ask for fewer stages, or for its zeros and poles instead.",
     )
 
@@ -192,10 +203,14 @@ def leading_terms(
     """
     sign = -1 if at_infinity else 1
     run = _sharp(reduced, registers, sign, lambda series: bool(series.coefficients))
-    return {register: (sign * series.start, float(series.coefficients[0])) for register, series in run.items()}
+    return {
+        register: (sign * series.start, float(series.coefficients[0])) for register, series in run.items()
+    }
 
 
-def limits_at_rest(planned: Planned, registers: Iterable[int]) -> dict[int, float]:
+def limits_at_rest(
+    planned: Planned, registers: Iterable[int], precisions: Sequence[int] = PRECISIONS
+) -> dict[int, float]:
     """Return the limits of registers as s goes to 0, rounded; infinite at a pole.
 
     Parameters
@@ -204,8 +219,15 @@ def limits_at_rest(planned: Planned, registers: Iterable[int]) -> dict[int, floa
         What the program was written for.
     registers
         What to evaluate; they may vanish.
+    precisions
+        How many bits to try.
+
+    Raises
+    ------
+    NumericalError
+        Where they are not enough.
     """
-    run = _sharp(planned, registers, 1, _knows_its_limit)
+    run = _sharp(planned, registers, 1, _knows_its_limit, precisions)
     return {register: _limit(series) for register, series in run.items()}
 
 
@@ -223,9 +245,9 @@ def orders_on_axis(planned: Planned, registers: Iterable[int], omega: Fraction) 
     omega
         The frequency, rad/s.
     """
-    at = axis_point({name: planned.graph.value(name) for name in planned.valued}, omega)
+    at = axis_point(planned.exact, omega)
     point = _Point(at.residue, at.values, (0, [at.laplace, at.residue(1)]))
-    run = _expanded(planned, registers, point, _knows_its_limit)
+    run, _ = _expanded(planned, registers, point, _knows_its_limit)
     return {register: series.start for register, series in run.items()}
 
 
@@ -240,10 +262,14 @@ def _limit(series: Series) -> float:
 
 
 def _expanded(
-    planned: Planned, registers: Iterable[int], point: _Point, known: Callable[[Series], bool]
-) -> dict[int, Series]:
-    """Return the series of registers, with as many terms as it takes to know them."""
-    wanted, terms = list(registers), _FIRST
+    planned: Planned,
+    registers: Iterable[int],
+    point: _Point,
+    known: Callable[[Series], bool],
+    terms: int = _FIRST,
+) -> tuple[dict[int, Series], int]:
+    """Return the series of registers, with as many terms as it takes to know them, and how many that is."""
+    wanted = list(registers)
 
     def series(start: int, *coefficients: Any) -> Series:
         return Series(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
@@ -254,7 +280,7 @@ def _expanded(
         try:
             run = planned.run(wanted, values, series(start, *coefficients), series(0, point.field(1)))
             if all(map(known, run.values())):
-                return run
+                return run, terms
         except _TooFew:
             pass
         if terms >= _LAST:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from dynid.bondgraph.floating.counts import Counts, modular_ratios
 from dynid.bondgraph.floating.discs import Discs
 from dynid.bondgraph.floating.roots import EstimatedRoot, cancelling, checked, settled
-from dynid.bondgraph.floating.series import as_float, leading_terms
+from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import spectrum
 from dynid.bondgraph.floating.systems import natural_equations, zero_equations
 from dynid.bondgraph.natural import determinant
@@ -65,12 +64,12 @@ class FloatEngine:
         return spectrum(zero_equations(self.reduced, channel))
 
     @cached_property
-    def at_zero(self) -> dict[int, tuple[int, Any]]:
+    def at_zero(self) -> dict[int, tuple[int, float]]:
         """How every channel begins as s falls to 0: the power and the coefficient."""
         return leading_terms(self.reduced, self._reached(), at_infinity=False)
 
     @cached_property
-    def at_infinity(self) -> dict[int, tuple[int, Any]]:
+    def at_infinity(self) -> dict[int, tuple[int, float]]:
         """How every channel ends as s grows."""
         return leading_terms(self.reduced, self._reached(), at_infinity=True)
 
@@ -109,7 +108,7 @@ class FloatTransferFunction(Verdicts):
     @property
     def gain(self) -> float:
         """The factor k of T(s) = k prod(s - zeros) / prod(s - poles)."""
-        return 0.0 if self.vanishes else as_float(self.engine.at_infinity[self._register][1])
+        return 0.0 if self.vanishes else self.engine.at_infinity[self._register][1]
 
     @property
     def dc_gain(self) -> float:
@@ -169,8 +168,8 @@ class FloatTransferFunction(Verdicts):
         return counts.times_s() if self.engine.reduced.graph.integrates(port) else counts
 
 
-def _limit(power: int, coefficient: Any) -> float:
+def _limit(power: int, coefficient: float) -> float:
     """Return the limit of c x^k as x falls to 0."""
     if power == 0:
-        return as_float(coefficient)
-    return 0.0 if power > 0 else math.copysign(math.inf, 1 if coefficient > 0 else -1)
+        return coefficient
+    return 0.0 if power > 0 else math.copysign(math.inf, coefficient)
