@@ -56,9 +56,8 @@ def schedule(program: Program, wanted: Sequence[int], value: Callable[[str], Fra
 def _registers(program: Program, value: Callable[[str], Fraction]) -> Registers:
     """Return the registers of a program as arrays, with the numbers of its leaves."""
     ops, count = program.ops, len(program.ops)
-    codes = np.fromiter([op for op, _, _ in ops], np.int64, count)
-    first = np.fromiter([a if op > Op.LAPLACE else 0 for op, a, _ in ops], np.int64, count)
-    second = np.fromiter([b for _, _, b in ops], np.int64, count)
+    operations, one, other = zip(*ops, strict=True)
+    codes, first = np.fromiter(operations, np.int64, count), list(one)
     numbers = np.zeros((count, 3))
     numbers[program.s, 0] = 1.0
     leaves = np.flatnonzero(codes < Op.LAPLACE)
@@ -66,12 +65,15 @@ def _registers(program: Program, value: Callable[[str], Fraction]) -> Registers:
     exact = (value(name) if op is Op.PARAMETER else name for op, name, _ in read)
     parts = chain.from_iterable(_doubled(number) for number in exact)
     numbers[leaves] = np.fromiter(parts, np.float64, 3 * len(leaves)).reshape(-1, 3)
-    return Registers(codes, first, second, numbers)
+    for leaf in (program.s, *leaves.tolist()):  # a name, or a number
+        first[leaf] = 0
+    a, b = (np.fromiter(each, np.int64, count) for each in (first, other))
+    return Registers(codes, a, b, numbers)
 
 
 def _doubled(exact: Fraction | int) -> tuple[float, float, float]:
     """Return a number as a sum of two doubles, with a bound on what they miss."""
-    numerator, denominator = exact.numerator, exact.denominator
+    numerator, denominator = exact.as_integer_ratio()
     try:
         high = numerator / denominator
         above, below = high.as_integer_ratio()

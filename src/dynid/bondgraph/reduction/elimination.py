@@ -109,9 +109,10 @@ class Elimination:
     def _eliminate_on_loop(self, row: Row, neighbours: list[Row], own: Register) -> None:
         """Eliminate a junction by its multiport equivalent: the Schur complement of the nodal form."""
         net, program = self.net, self.program
-        factors = {other: program.mul(net.entry(other, row), program.inv(own)) for other in neighbours}
+        inverse = program.inv(own)
+        factors = {other: program.mul(other.entries[row], inverse) for other in neighbours}
         changes = {
-            (one, other): program.neg(program.mul(factor, net.entry(row, other)))
+            (one, other): program.neg(program.mul(factor, row.entries[other]))
             for one, factor in factors.items()
             for other in neighbours
         }

@@ -12,6 +12,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import repeat
 from typing import Any, Protocol, Self, TypeVar
 
 
@@ -202,28 +203,36 @@ class Program:
     def vanishing(self, wanted: Iterable[Register], divisors: Iterable[Register], point: Point) -> bool:
         """Tell whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
         divisors = list(divisors)
-        values: list[Any] = []
         try:
-            for needed, (op, a, b) in zip(self._needed([*wanted, *divisors]), self.ops, strict=False):
-                if not needed:
-                    values.append(None)
-                elif op is _DIV:
-                    values.append(values[a] / values[b])
-                elif op is _ADD:
-                    values.append(values[a] + values[b])
-                elif op is _MUL:
-                    values.append(values[a] * values[b])
-                elif op is _PARAMETER:
-                    values.append(point.values[a])
-                elif op is _CONSTANT:
-                    values.append(point.residue(a))
-                elif op is _LAPLACE:
-                    values.append(point.laplace)
-                else:
-                    values.append(_ARITHMETIC[op](values[a], values[b]))
-        except ZeroDivisionError:
-            return True
+            values = self._at(point, repeat(1))
+        except ZeroDivisionError:  # but what nobody needs may be infinite
+            try:
+                values = self._at(point, self._needed([*wanted, *divisors]))
+            except ZeroDivisionError:
+                return True
         return not all(values[divisor] for divisor in divisors)
+
+    def _at(self, point: Point, needed: Iterable[int]) -> list[Any]:
+        """Return the values of registers at a point, as far as they are needed."""
+        values: list[Any] = []
+        for wanted, (op, a, b) in zip(needed, self.ops, strict=False):
+            if not wanted:
+                values.append(None)
+            elif op is _DIV:
+                values.append(values[a] / values[b])
+            elif op is _ADD:
+                values.append(values[a] + values[b])
+            elif op is _MUL:
+                values.append(values[a] * values[b])
+            elif op is _PARAMETER:
+                values.append(point.values[a])
+            elif op is _CONSTANT:
+                values.append(point.residue(a))
+            elif op is _LAPLACE:
+                values.append(point.laplace)
+            else:
+                values.append(_ARITHMETIC[op](values[a], values[b]))
+        return values
 
     def _needed(self, wanted: list[Register]) -> bytearray:
         """Mark the registers that others depend on, up to the last one wanted."""
