@@ -6,10 +6,10 @@ the unknown that does so.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.lti.model import StateSpace
+    from dynid.lti.settled import Rational
+
+Matrix = TypeVar("Matrix")
 
 
 def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpace:
@@ -48,14 +51,35 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     Singular
         Where the equations have no unique solution.
     """
+    return rounded(*_derived(reduced, initial), [str(port) for port in reduced.outputs])
+
+
+def rational_matrices(reduced: ReducedGraph, initial: Sequence[str], inputs: Sequence[str]) -> Rational:
+    """Return the matrices of `state_space` before they are rounded, with a column for each input named."""
+    from flint import fmpq, fmpq_mat
+
+    from dynid.lti.settled import Rational
+
+    _, rates, outputs, _ = _derived(reduced, initial)
+    without_input_rates(rates, outputs)
+
+    def filled(forms: Collection[Form], symbols: Sequence[Symbol]) -> Any:
+        entries = [form.get(symbol, fmpq(0)) for form in forms for symbol in symbols]
+        return fmpq_mat(len(forms), len(symbols), entries)
+
+    return Rational(*_matrices(rates, outputs, inputs, filled))
+
+
+def _derived(
+    reduced: ReducedGraph, initial: Sequence[str]
+) -> tuple[Descriptor, dict[str, Form], list[Form], list[str]]:
+    """Return the equations of a graph, what they come down to, and its inputs with those of stored energy."""
     junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
     system = Descriptor(
         reduced.structure, junctions, Field.rational(reduced.graph), inputs=reduced.inputs, initial=initial
     )
-    forms = [system.output(port) for port in reduced.outputs]
-    rates, outputs = solve(system.equations, forms)
-    columns = [*reduced.inputs, *(f"initial:{name}" for name in initial)]
-    return rounded(system, rates, outputs, columns, [str(port) for port in reduced.outputs])
+    rates, outputs = solve(system.equations, [system.output(port) for port in reduced.outputs])
+    return system, rates, outputs, [*reduced.inputs, *(f"initial:{name}" for name in initial)]
 
 
 def natural_order(graph: BondGraph, junctions: Collection[str] | None = None) -> int:
@@ -229,19 +253,34 @@ def rounded(
     from dynid.lti.model import StateSpace
 
     without_input_rates(rates, outputs)
-    highest = max((s[2] for form in outputs for s in form if len(s) == 3), default=0)
-    states: list[Symbol] = [("w", name) for name in rates]
-    inputs: list[list[Symbol]] = [[("u", name, k) for name in columns] for k in range(highest + 1)]
-    feedthrough = [_matrix(outputs, symbols) for symbols in inputs]
+    A, B, C, feedthrough = _matrices(rates, outputs, columns, _matrix)
     return StateSpace(
-        A=_matrix(rates.values(), states),
-        B=_matrix(rates.values(), inputs[0]),
-        C=_matrix(outputs, states),
+        A=A,
+        B=B,
+        C=C,
         D=feedthrough[0],
-        higher=tuple(feedthrough[1:]),
+        higher=feedthrough[1:],
         inputs=tuple(columns),
         outputs=tuple(ports),
         states=tuple(system.name(name) for name in rates),
+    )
+
+
+def _matrices(
+    rates: dict[str, Form],
+    outputs: list[Form],
+    columns: Sequence[str],
+    filled: Callable[[Collection[Form], Sequence[Symbol]], Matrix],
+) -> tuple[Matrix, Matrix, Matrix, tuple[Matrix, ...]]:
+    """Return A, B, C and the feedthrough matrices, each filled from forms, one row a form."""
+    highest = max((s[2] for form in outputs for s in form if len(s) == 3), default=0)
+    states: list[Symbol] = [("w", name) for name in rates]
+    inputs: list[list[Symbol]] = [[("u", name, k) for name in columns] for k in range(highest + 1)]
+    return (
+        filled(rates.values(), states),
+        filled(rates.values(), inputs[0]),
+        filled(outputs, states),
+        tuple(filled(outputs, symbols) for symbols in inputs),
     )
 
 

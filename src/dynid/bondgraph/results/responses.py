@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -110,11 +111,12 @@ def add_time_response(
     system = state_space(reduced, tuple(initial))
     stored = [(f"{STORED}{name}", Impulse(float(value))) for name, value in initial.items()]
     driven: dict[str, Sequence[tuple[str, Signal]]] = {"zero_state": signals, "zero_input": stored}
-    solved = {
-        part: _solved(system, driving, times)
+    settled = {
+        part: _settled(reduced, system, driving, tuple(initial), times)
         for part, driving in driven.items()
         if driving or not any(driven.values())
     }
+    solved = {part: found for part, (found, _) in settled.items()}
     outputs = {"response": np.asarray(sum(part.outputs for part in solved.values()))}
     outputs |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
     sources = np.zeros((len(times), len(reduced.inputs)))
@@ -125,15 +127,23 @@ def add_time_response(
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
     if _has_dirac(system, [*signals, *stored]):
         notes.append(_DIRAC)
+    doubt = max(doubt for _, doubt in settled.values())
+    if doubt:
+        notes.append(f"rounding moves an output by about {doubt:.1g} of its largest value")
     if notes:
         result.annotate(_TIME, note="; ".join(notes))
 
 
-def _solved(
-    system: StateSpace, driving: Sequence[tuple[str, Signal]], times: NDArray[np.float64]
-) -> Response:
-    """Return the response to signals; several may drive the same source."""
-    from dynid.lti.propagate import response
+def _settled(
+    reduced: ReducedGraph,
+    system: StateSpace,
+    driving: Sequence[tuple[str, Signal]],
+    initial: Sequence[str],
+    times: NDArray[np.float64],
+) -> tuple[Response, float]:
+    """Return the response to signals, and the part of an output in doubt; several may drive one source."""
+    from dynid.bondgraph.state_space import rational_matrices
+    from dynid.lti.settled import settled_response
 
     columns = [system.inputs.index(name) for name, _ in driving]
     driven = replace(
@@ -144,7 +154,8 @@ def _solved(
         inputs=(),
         input_units=(),
     )
-    return response(driven, [signal for _, signal in driving], times)
+    rational = partial(rational_matrices, reduced, initial, [name for name, _ in driving])
+    return settled_response(driven, [signal for _, signal in driving], times, rational)
 
 
 def _has_dirac(system: StateSpace, driving: Sequence[tuple[str, Signal]]) -> bool:
