@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.augmented import AugmentedModel
-from dynid.identification.kernels.compile import inlined, kernel
+from dynid.identification.kernels.compile import kernel
 from dynid.identification.kernels.lanes import LANES, accumulate, product, row_product
 from dynid.identification.kernels.steps import Linear, Tables, linear, linearise, place, work
 
@@ -32,34 +32,25 @@ def prepare(t: Tables, at: Linear) -> NDArray[np.bool_]:
     return missed
 
 
-@inlined
-def _propagate(t: Tables, at: Linear, node: int, driven: Array, moved: Array) -> None:
-    """Take the state, in front of the signals' (1 x n + q), to a node from the one before it.
-
-    `moved` is left with the next state and its derivatives by the logarithms beside each of its numbers.
-    """
-    n, fed, wide, beside = t.lower.shape[1], at.forward.shape[1], at.forward.shape[2], 1 + len(at.logs)
-    for i in range(fed - n):
-        driven[0, n + i] = t.W[node - 1, i]
-    here = t.which[node - 1] * fed * wide
-    row_product(1, fed, wide, driven, 0, fed, at.forward, here, wide, moved, 0, wide)
-    for i in range(n):
-        driven[0, i] = moved[0, i * beside]
-
-
 @kernel
 def free(t: Tables, at: Linear, C: Array, outputs: Array, by_state: Array) -> None:
     """Fill outputs from rest (times x channels), and their derivatives by the first state (… x n)."""
-    n, channels, tall = t.lower.shape[1], len(C), at.phis.shape[2]
+    n, fed, wide = t.lower.shape[1], at.forward.shape[1], at.forward.shape[2]
+    channels, beside, tall = len(C), 1 + len(at.logs), at.phis.shape[2]
     pitch = tall // n
-    driven, moved = np.zeros((1, at.forward.shape[1])), np.zeros((1, at.forward.shape[2]))
+    driven, moved = np.zeros((1, fed)), np.zeros((1, wide))
     width = -(-n // LANES) * LANES
     seen, next_seen = np.zeros((channels, width)), np.zeros((channels, width))
     seen[:, :n] = C
     for node in range(len(t.sample)):
         if node > 0:
-            _propagate(t, at, node, driven, moved)
-            phi = t.which[node - 1] * (1 + len(at.logs)) * tall
+            length = t.which[node - 1]
+            for i in range(fed - n):
+                driven[0, n + i] = t.W[node - 1, i]
+            row_product(1, fed, wide, driven, 0, fed, at.forward, length * fed * wide, wide, moved, 0, wide)
+            for i in range(n):
+                driven[0, i] = moved[0, i * beside]
+            phi = length * beside * tall
             product(channels, n, width, seen, 0, width, at.phis, phi, pitch, next_seen, 0, width)
             seen, next_seen = next_seen, seen
         sample = t.sample[node]
@@ -85,22 +76,27 @@ def sensitive(
     by_parameter: Array,
 ) -> None:
     """Fill outputs from a first state, states (times x n), and derivatives by the logarithms (… x p)."""
-    n, p, channels, tall = t.lower.shape[1], len(at.logs), len(C), at.phis.shape[2]
-    driven, moved = np.zeros((1, at.forward.shape[1])), np.zeros((1, at.forward.shape[2]))
-    width = -(-(1 + p) // LANES) * LANES
+    n, fed, wide = t.lower.shape[1], at.forward.shape[1], at.forward.shape[2]
+    p, channels, tall = len(at.logs), len(C), at.phis.shape[2]
+    pitch = tall // n
+    driven, moved, width = np.zeros((1, fed)), np.zeros((1, wide)), -(-(1 + p) // LANES) * LANES
     # Beside the sensitivities a column of zeros, which the state itself takes when it is read.
     slopes, ahead, seen = np.zeros((n, width)), np.zeros((n, width)), np.zeros((channels, width))
     for i in range(n):
         driven[0, i] = start[i]
     for node in range(len(t.sample)):
         if node > 0:
-            _propagate(t, at, node, driven, moved)
+            length = t.which[node - 1]
+            for i in range(fed - n):
+                driven[0, n + i] = t.W[node - 1, i]
+            row_product(1, fed, wide, driven, 0, fed, at.forward, length * fed * wide, wide, moved, 0, wide)
             for i in range(n):
+                driven[0, i] = moved[0, i * (1 + p)]
                 slopes[i, 0] = 0.0
                 for j in range(1 + p):
                     ahead[i, j] = moved[0, i * (1 + p) + j]
-            phi = t.which[node - 1] * (1 + p) * tall
-            accumulate(n, n, width, at.phis, phi, tall // n, slopes, 0, width, ahead, 0, width)
+            phi = length * (1 + p) * tall
+            accumulate(n, n, width, at.phis, phi, pitch, slopes, 0, width, ahead, 0, width)
             slopes, ahead = ahead, slopes
         sample = t.sample[node]
         if sample < 0:
