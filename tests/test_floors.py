@@ -64,7 +64,7 @@ LIBRARIES = {
 
 def imports_of(path):
     """Yield every module that a file imports, wherever in it; a name imported from a package as a module."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -139,3 +139,29 @@ def test_packages_import_each_other_in_no_circle():
     ]:
         order += ready
     assert sorted(order) == sorted(below)
+
+
+# Lines of a function, its docstring apart: what is longer is several things. Where it is not, why:
+LONGEST = 35
+LONGER = {
+    "cli.study.study": "half of it are the names of its options",
+    "identification.kernels.simulate.sensitive": "machine code: handing arrays over takes longer than a step",
+    "identification.kernels.walk.walk": "machine code, as above",
+    "bench.cases.suspension.by_filterpy": "a peer's filter as its users write it",
+    "bench.cases.suspension.by_dynamax": "a peer's filter as its users write it",
+}
+
+
+def lengths_of(path):
+    """Yield every function of a file, with its lines less those of its docstring."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef):
+            told = node.body[0] if ast.get_docstring(node, clean=False) is not None else None
+            said = told.end_lineno - told.lineno + 1 if told else 0
+            yield f"{module_of(path)}.{node.name}", node.end_lineno - node.lineno + 1 - said
+
+
+def test_functions_are_short():
+    long = {name: lines for path in ROOT.rglob("*.py") for name, lines in lengths_of(path) if lines > LONGEST}
+    assert {name: lines for name, lines in long.items() if name not in LONGER} == {}
+    assert set(LONGER) <= set(long), "these are short enough by now"

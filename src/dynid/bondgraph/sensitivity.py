@@ -10,7 +10,7 @@ not, roots meet there and part with a root of the parameter: the rate is infinit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -134,21 +134,26 @@ def sensitivity(
     ]
     units = np.array([float(size) for size in sizes])
     dc, high, *found = _rates(reduced, register, scaled, [*_gains(others), *around.values()])
-    rates = dict(zip(around, found, strict=True))
-
-    @guarded("a sensitivity")
-    def of(given: Sequence[Root], sign: int) -> NDArray[np.complex128]:
-        """Look up the rates of roots; the lower of a pair has the conjugate."""
-        rows = []
-        for root in given:
-            upper = rates[complex(root.value.real, abs(root.value.imag))]
-            finite = np.isfinite(upper)
-            rate = np.where(finite, upper, 0) * sign / root.multiplicity / units
-            rate = np.where(finite, rate if root.value.imag >= 0 else rate.conj(), np.inf)
-            rows += [rate + 0] * root.multiplicity  # + 0: no -0
-        return np.array(rows, dtype=complex).reshape(len(rows), len(parameters))
-
+    of = partial(_of_roots, dict(zip(around, found, strict=True)), units)
     return Sensitivity(of(zeros, -1), of(poles, 1), dc.real / units, high.real / units)
+
+
+@guarded("a sensitivity")
+def _of_roots(
+    residues: Mapping[complex, NDArray[np.complex128]],
+    units: NDArray[np.float64],
+    roots: Sequence[Root],
+    sign: int,
+) -> NDArray[np.complex128]:
+    """Return the rates of roots by their residues; the lower of a pair has the conjugate."""
+    rows = []
+    for root in roots:
+        upper = residues[complex(root.value.real, abs(root.value.imag))]
+        finite = np.isfinite(upper)
+        rate = np.where(finite, upper, 0) * sign / root.multiplicity / units
+        rate = np.where(finite, rate if root.value.imag >= 0 else rate.conj(), np.inf)
+        rows += [rate + 0] * root.multiplicity  # + 0: no -0
+    return np.array(rows, dtype=complex).reshape(len(rows), len(units))
 
 
 def _gains(roots: NDArray[np.complex128]) -> tuple[_Circle, _Circle]:

@@ -22,7 +22,7 @@ from dynid.lti.timeline import Timeline, timeline
 from dynid.structure.joints import Unknown
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.motion import drive, prescribed_state, signals_of
+from dynid.structure.motion import Drive, drive, prescribed_state, signals_of
 from dynid.structure.response import Channel, Load
 
 if TYPE_CHECKING:
@@ -152,18 +152,14 @@ def augmented(
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
     driven = drive(model, loads, channels)
     fixed = model.dense({unknown.name: 0.0 for unknown in unknowns})
-    system, mass, rows = driven.system(*fixed), driven.mass(fixed[0]), driven.rows
-    A_slopes = np.stack(
-        [_change(mass, unknown.letter, driven.others(as_array(unknown.pattern))) for unknown in unknowns]
-    )
-    accelerations = np.array(driven.orders)[:, None] == 2
-    C_slopes = np.where(accelerations, rows @ A_slopes[:, model.size :], 0.0)
+    system = driven.system(*fixed)
+    A_slopes, C_slopes = _slopes(driven, driven.mass(fixed[0]), unknowns)
     initial, known = prescribed_state(model, loads, float(times[0]))
     started, d = _at_start(system.A, A_slopes, unknowns)
     poles = np.linalg.eigvals(started).astype(complex)
     check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
     line = timeline(signals_of(loads), times, float(times[0]))
-    _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), rows.size * len(times) * 2)
+    _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), driven.rows.size * len(times) * 2)
     entering = system.B @ line.H / d[:, None]
     w_scale = drive_scale(started, entering)
     return AugmentedModel(
@@ -213,6 +209,15 @@ def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
             remedy="Use fewer samples or channels, or a smaller model.",
             names=("samples",),
         )
+
+
+def _slopes(driven: Drive, M: Array, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
+    """Return the changes of system and output matrix by a unit of each unknown (p x …)."""
+    by_A = np.stack(
+        [_change(M, unknown.letter, driven.others(as_array(unknown.pattern))) for unknown in unknowns]
+    )
+    accelerations = np.array(driven.orders)[:, None] == 2
+    return by_A, np.where(accelerations, driven.rows @ by_A[:, len(M) :], 0.0)
 
 
 def _change(M: Array, letter: str, pattern: Array) -> Array:

@@ -139,16 +139,18 @@ def finished(
     omega = np.sqrt(square)
     dissipation = np.einsum("im,im->m", shapes, times(C, shapes))
     damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
-    # Entries rounded by half a unit in the last place move omega^2 by that part of `whole`.
-    moved = _UNIT * whole
-    open_to_zero = rigid | undecided
-    uncertainty = np.where(
-        open_to_zero, np.sqrt(moved), moved / np.where(open_to_zero, 1.0, omega) + _UNIT * omega
-    )
     return Modes(
         omega, damping, shapes, residuals, int(rigid.sum()), massless, float(np.sqrt(counted)), method,
-        uncertainty, undecided,
+        _uncertainty(omega, rigid | undecided, whole), undecided,
     )  # fmt: skip
+
+
+def _uncertainty(omega: Array, open_to_zero: NDArray[np.bool_], whole: Array) -> Array:
+    """Return what entries rounded by half a unit in the last place make of frequencies."""
+    moved = _UNIT * whole  # that part of the energies of a shape's parts moves omega^2
+    return np.where(
+        open_to_zero, np.sqrt(moved), moved / np.where(open_to_zero, 1.0, omega) + _UNIT * omega
+    )
 
 
 def _refined(
