@@ -1,7 +1,8 @@
 """What the suite chooses where a scene leaves it open, and the benchmark whose table justifies it.
 
 Code takes its thresholds from here; results, `dynid bench` and the documentation quote the same sentences.
-To change one: run the benchmark it names, look at its table, and change the number.
+To change one: run the benchmark it names, look at its table, and change the number. Of limits no table shows
+a crossing: up to them the better way can be afforded.
 """
 
 from __future__ import annotations
@@ -34,6 +35,25 @@ class Default(Generic[T]):
         return f"{self.sentence.format(value=self.value)} (bench {self.benchmark})"
 
 
+@dataclass(frozen=True)
+class Limit(Generic[T]):
+    """A limit of cost: up to it the better way is taken, beyond it another, or the user is asked.
+
+    Parameters
+    ----------
+    value
+        The size.
+    sentence
+        The limit in words; ``{value}`` stands for the value.
+    """
+
+    value: T
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence.format(value=self.value)
+
+
 # Bond graphs: which engine.
 EXACT_ROOTS = Default(
     400, "zeros-poles", "exact zeros and poles up to {value:,} storages, float above"
@@ -58,19 +78,34 @@ PLANNED_ANEW = Default(
     "graphs are planned anew where more than {value:,} operations would be left to ball arithmetic",
 )
 
+SPARSE_REFINEMENT = Default(
+    150, "pencils", "eigenvalues of sparse pencils are refined by sparse factors from {value} equations on"
+)
+SHARED_POLYNOMIALS = Limit(
+    4000, "samples share polynomials of up to {value:,} terms; with more each is run on the shared plan"
+)
+LOOKING_AHEAD = Limit(800, "causality is assigned looking ahead on loops of up to {value} junctions")
+
 # Time responses.
 HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")
+LONG_STEPS = Limit(60, "exponentials over many steps are made to all digits of up to {value} states")
 
 # Structures: modes, responses, bases.
 DENSE_MODES = Default(200, "modes", "modes by dense matrices up to {value} DOFs")
-ALL_MODES = Default(4000, "modes", "all modes up to {value:,} DOFs")
+ALL_MODES = Limit(4000, "all modes up to {value:,} DOFs; of more a number or a band is to be given")
 FEW_MODES = Default(4, "many-modes", "by sparse Lanczos where at most one mode in {value} is asked for")
 FEW_FREQUENCIES = Default(
     6, "structure-response", "large sparse structures respond by modes at more than {value} frequencies"
 )
+DENSE_STRUCTURES = Limit(
+    400, "structures of up to {value} DOFs are assembled dense, and respond by a solution at every frequency"
+)
 BACKEND = Default("splu", "modes", "sparse matrices are factorised by {value}")
 MASTERS: Default[Literal["qr"]] = Default(
     "qr", "reduction", "masters are chosen by pivoted {value} of the modes"
+)
+SINGLE_MASTERS = Limit(
+    2000, "effective independence drops DOFs one by one once {value:,} are left, a quarter at a time before"
 )
 BASIS_BAND = Default(5.0, "basis", "a basis keeps all modes below {value:g} times the band of interest")
 
@@ -87,10 +122,15 @@ COMPILED = Default(
     "filters",
     "compiled kernels where a pass linearised at every sample would take more than {value:g} s without",
 )
+FORCING_TABLE = Limit(1_000_000, "kernels keep what signals force in a table of up to {value:,} numbers")
 
 #: All of them, by name.
 CHOICES: dict[str, Default[object]] = {
     name.lower(): value for name, value in globals().items() if isinstance(value, Default)
+}
+#: All limits of cost that choose a way, by name.
+LIMITS: dict[str, Limit[object]] = {
+    name.lower(): value for name, value in globals().items() if isinstance(value, Limit)
 }
 
 

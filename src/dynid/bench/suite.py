@@ -142,7 +142,7 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
         "remark": case.remark,
     }
     if case.default is not None:
-        said["beaten"] = "; ".join(beaten(case, done))
+        said["beaten"] = "; ".join(beaten(case, case.default, done))
     group = f"bench/{name}"
     result.annotate(group, title=case.title, size=case.size, measure=case.measure, **said)
     front = pareto([figure for rows in done.values() for figure in rows])
@@ -198,16 +198,14 @@ def pareto(figures: Iterable[Figure]) -> list[Figure]:
     ]
 
 
-def beaten(case: Benchmark, done: Mapping[str, list[Figure]]) -> list[str]:
-    """Say which peers are both faster and more accurate than the suite's default, and at which size."""
-    if case.default is None:
-        return []
+def beaten(case: Benchmark, chosen: Callable[[int], str], done: Mapping[str, list[Figure]]) -> list[str]:
+    """Say which peers are both faster and more accurate than what the suite chooses, and at which size."""
     peers = [each.name for each in case.alternatives if each.peer and each.name in done]
     sizes = sorted({row.size for rows in done.values() for row in rows})
     said = []
     for size in sizes:
         at = {name: row for name, rows in done.items() for row in rows if row.size == size}
-        default = at.get(case.default(size))
+        default = at.get(chosen(size))
         if default is None:
             said.append(f"at {case.size} {size:,} the default has no figures")
             continue

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.choices import LONG_STEPS
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.exponential import accurate_exponential, balance, exponential, rescaled
 from dynid.lti.floating import guarded
@@ -29,8 +30,8 @@ ComplexArray = NDArray[np.complex128]
 _NEAR_POLE = 1e-4
 
 
-# From this many steps in one on, the exponential over them is worth its digits, up to this many states.
-_MANY, _SMALL = 100, 60
+# From this many steps in one on, the exponential over them is worth its digits.
+_MANY = 100
 # Phase, rad, beyond which double precision keeps less than three digits of a motion.
 _FARTHEST_PHASE = 1e-3 / float(np.finfo(float).eps)
 # A motion that has decayed by this exponent has no phase that matters.
@@ -229,7 +230,7 @@ def _runs(line: Timeline) -> list[tuple[int, int]]:
 
 def _power(A: Array, h: float, count: int) -> Array | None:
     """Return exp(A h)^count to all digits where that many steps would lose some; else none."""
-    return accurate_exponential(A, count * h) if count >= _MANY and len(A) <= _SMALL else None
+    return accurate_exponential(A, count * h) if count >= _MANY and len(A) <= LONG_STEPS.value else None
 
 
 def joint_step(A: Array, drive: Array, G: Array, h: float) -> tuple[Array, Array]:

@@ -15,8 +15,8 @@ from dynid.lti.generator import Array, Smooth, inside, require, require_finite
 from dynid.lti.lines import line_derivatives
 from dynid.lti.polynomials import TAYLOR_DEGREE, factorials, shift, time_scale
 
-# A rotation costs two generator states a line; from ten lines on the Taylor polynomial is smaller.
-_ROTATING_LINES = 9
+# A rotation costs two generator states a line; with more lines than these the Taylor polynomial is smaller.
+_ROTATING_LINES = TAYLOR_DEGREE // 2
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid.choices import DENSE_STRUCTURES
 from dynid.errors import UsageError
 from dynid.structure.damping import Modal, Proportional
 from dynid.structure.joints import Joint
 from dynid.structure.matrices import Array, Label, Matrix, combined
 from dynid.structure.model import StructuralModel
-
-#: Up to this many DOFs the matrices are arrays, beyond they are sparse.
-MOST_DENSE = 400
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,7 @@ class Assembly:
             values = np.concatenate([block.ravel() for _, block in blocks])
         free = (rows >= 0) & (columns >= 0)
         rows, columns, values = rows[free], columns[free], values[free]
-        if n > MOST_DENSE:
+        if n > DENSE_STRUCTURES.value:
             from scipy.sparse import coo_array  # heavy import, for large models only
 
             return coo_array((values, (rows, columns)), shape=(n, n)).tocsc()

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.choices import FEW_FREQUENCIES
+from dynid.choices import DENSE_STRUCTURES, FEW_FREQUENCIES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.frequency import WORST_CONDITION, second_order_response
 from dynid.lti.resonance import on_a_pole
-from dynid.structure.assembly import MOST_DENSE
 from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
 from dynid.structure.modes import modes
 from dynid.structure.modes.pencil import scaled, times
@@ -32,9 +31,8 @@ ComplexArray = NDArray[np.complex128]
 METHODS = ("auto", "direct", "modal")
 """How a response can be computed."""
 
-# Up to this size, which assembled matrices are dense to, a dense solution at every frequency is the simplest
-# and the most accurate.
-_DENSE = MOST_DENSE
+# Up to this size a dense solution at every frequency is the simplest and the most accurate.
+_DENSE = DENSE_STRUCTURES.value
 # A bound on cost: up to this size a dense solution tells what is infinite at an undamped pole, in seconds.
 _MOST_AT_A_POLE = 2000
 # Modes are kept up to this multiple of the highest frequency: what they leave over is then smooth in the

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.choices import DENSE_STRUCTURES
 from dynid.errors import FileError, UsageError
-from dynid.structure.assembly import MOST_DENSE
 from dynid.structure.damping import Modal, Proportional
 from dynid.structure.joints import Joint
 from dynid.structure.matrices import Label, Matrix, as_array, nothing, triplets
@@ -58,7 +58,7 @@ def imported(
     given = tuple(labels) or found
     if len(given) not in (0, n):
         raise UsageError(f"there are {len(given)} DOF labels, but {n} DOFs", names=("labels",))
-    dense = n <= MOST_DENSE or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
+    dense = n <= DENSE_STRUCTURES.value or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
     sized = {role: as_array(matrix) if dense else matrix for role, matrix in matrices.items()}
     M, K = sized["mass"], sized["stiffness"]
     C = sized.get("damping", nothing(n, sparse=not dense))

@@ -12,10 +12,9 @@ from __future__ import annotations
 import random
 
 from dynid.bondgraph.causality.strokes import Strokes
+from dynid.choices import LOOKING_AHEAD
 
 _PRIME = (1 << 61) - 1
-#: Most junctions on loops that are looked at together.
-_MOST = 800
 
 
 class Completion:
@@ -30,7 +29,7 @@ class Completion:
     def __init__(self, strokes: Strokes) -> None:
         self.loops = _junctions_on_loops(strokes)
         #: Whether there is anything to look at, and not too much of it.
-        self.feasible = 0 < len(self.loops) <= _MOST
+        self.feasible = 0 < len(self.loops) <= LOOKING_AHEAD.value
 
     def possible(self, strokes: Strokes) -> bool:
         """Tell whether the open bonds can be given strokes that obey every rule."""

@@ -17,9 +17,9 @@ from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.natural import determinant
 from dynid.bondgraph.reduced import Channel, ReducedGraph
 from dynid.bondgraph.sampling.polynomials import Factor, factors
+from dynid.choices import SHARED_POLYNOMIALS
 
-#: Most terms of a polynomial; with more, every sample is run alone on the shared plan.
-_TERMS = 4000
+_TERMS = SHARED_POLYNOMIALS.value
 #: The residue that stands for s: any but 0 does.
 _LAPLACE = 0x2F6E2B1D
 

@@ -13,14 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.choices import FORCING_TABLE
 from dynid.identification.augmented import AugmentedModel, Transition
 from dynid.identification.kernels.compile import inlined, kernel
 from dynid.identification.kernels.lanes import LANES, accumulate, product
 
 Array = NDArray[np.float64]
 
-# Numbers in the table of forcing: beyond, its making would take longer than it saves.
-_MOST_FORCING = 1_000_000
 # The series' first omitted term, over the sum: rounding of the state, a digit more for the sensitivities.
 _REMAINDER = 1e-15
 #: Norm of the longest step that the series takes: beyond, cancellation would cost more than a digit.
@@ -121,7 +120,7 @@ def _forcing(model: AugmentedModel) -> Array:
     """Return the table of forcing, by Horner's scheme from the highest degree down; empty if it is large."""
     line, drive = model.line, model.drive[model.states // 2 :]
     degrees = _degree(REACH) + 1
-    if len(line.lengths) * degrees * drive.size > _MOST_FORCING:
+    if len(line.lengths) * degrees * drive.size > FORCING_TABLE.value:
         return np.empty((0, degrees, *drive.shape))
     forcing = np.empty((len(line.lengths), degrees, *drive.shape))
     for table, h in zip(forcing, line.lengths, strict=True):

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.choices import SPARSE_REFINEMENT
 from dynid.errors import Singular, Undecided
 from dynid.lti.pencil.blocks import diagonal_blocks
 
@@ -33,9 +34,6 @@ _SWEEPS, _STEPS = 12, 3
 _NOISE, _SURE = 1e-12, 1e-7
 #: Relative error bound beyond which an eigenvalue is not trusted; below this share of the others it may be 0.
 TOLERANCE, _SMALL = 1e-8, 1e-8
-#: Blocks from this size on are refined by sparse factors where they are sparse: of time alone, as each
-#: eigenvalue's bound comes from its own residual, whichever factors led to it.
-_LARGE = 150
 #: Roundings that a residual is allowed.
 _ROUNDINGS = 8
 
@@ -62,7 +60,7 @@ class FiniteEigenvalues:
 
 
 def finite_eigenvalues(
-    F: Any, G: Any, count: int | None = None, *, origin: int | None = None
+    F: Any, G: Any, count: int | None = None, *, origin: int | None = None, sparse: bool | None = None
 ) -> FiniteEigenvalues:
     """Return the finite eigenvalues of the real square pencil sF - G, with error bounds.
 
@@ -74,6 +72,9 @@ def finite_eigenvalues(
         How many there are, where that is known exactly.
     origin
         How many of them are 0, where that is known exactly.
+    sparse
+        Whether they are refined by sparse factors; absent: in blocks that are large and sparse. It changes
+        the time alone: each bound comes from an eigenvalue's own residual, whichever factors led to it.
 
     Raises
     ------
@@ -92,7 +93,8 @@ def finite_eigenvalues(
     parts = [_of_single_entries(F, G, [block for block in blocks if len(block[0]) == 1])]
     dynamic = np.diff(F.indptr) > 0
     for rows, columns in (block for block in blocks if len(block[0]) > 1 and dynamic[block[0]].any()):
-        parts.append(_of_block(F[rows][:, columns], G[rows][:, columns], sure=count is not None))
+        block = F[rows][:, columns], G[rows][:, columns]
+        parts.append(_of_block(*block, sure=count is not None, sparse=sparse))
     value, bound = (np.concatenate(part) for part in zip(*parts, strict=True))
     if count is not None and len(value) != count:
         raise Undecided(
@@ -138,13 +140,17 @@ def _of_single_entries(F: Any, G: Any, blocks: list[tuple[Any, Any]]) -> tuple[C
 # --- one irreducible block -----------------------------------------------------------------------
 
 
-def _of_block(F: Any, G: Any, *, sure: bool) -> tuple[Complex, Real]:
+def _of_block(F: Any, G: Any, *, sure: bool, sparse: bool | None) -> tuple[Complex, Real]:
     """Return eigenvalues and error bounds of one block; `sure`: the count is checked elsewhere."""
     if F.count_nonzero() == 0:
         return np.zeros(0, complex), np.zeros(0)
     F, G, unit = scaled(F, G)
     small_F, small_G = _deflated(*_without_algebraic(F, G), sure=sure)
     starts = _eigenvalues(small_F, small_G)
+    if sparse is None:
+        sparse = F.shape[0] >= SPARSE_REFINEMENT.value and F.nnz + G.nnz <= F.shape[0] ** 2 / 10
+    if not sparse:
+        F, G = F.toarray(), G.toarray()
     values, bounds = _polished(F, G, starts)
     return values * unit, bounds * unit
 
@@ -231,8 +237,6 @@ def _polished(F: Any, G: Any, starts: Complex) -> tuple[Complex, Real]:
     """Refine eigenvalues on the pencil itself and bound their errors; conjugates share the work."""
     if not np.isfinite(starts).all():
         raise Undecided("an eigenvalue cannot be told from infinity", remedy=EXACT)
-    if F.shape[0] < _LARGE or F.nnz + G.nnz > F.shape[0] ** 2 / 10:
-        F, G = F.toarray(), G.toarray()
     upper = starts[starts.imag >= 0]
     values, bounds = np.empty_like(upper), np.empty(len(upper))
     for k, start in enumerate(upper):

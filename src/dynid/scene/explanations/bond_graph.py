@@ -13,7 +13,7 @@ from dynid.bondgraph.need import dropped
 from dynid.bondgraph.question import NUMERIC, RESULTS, Analysis
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.results.causality import add_causality
-from dynid.choices import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
+from dynid.choices import COMPILED_RESPONSES, EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
 from dynid.errors import NumericalError
 from dynid.numerals import counted
 from dynid.progress import tell
@@ -28,9 +28,6 @@ from dynid.scene.explanations.explanation import (
 )
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene
-
-#: Operations from which a frequency response is compiled, as in `dynid.bondgraph.frequency`.
-_LONG = 2000
 
 
 def explain(scene: Scene) -> Explanation:
@@ -128,7 +125,7 @@ def _engine_seconds(size: _Size) -> float:
 
 
 def _response_seconds(size: _Size) -> float:
-    if size.operations > _LONG:  # compiled, in doubled precision
+    if size.operations > COMPILED_RESPONSES.value:  # compiled, in doubled precision
         return 0.4 + 1e-8 * size.operations * size.frequencies
     return size.operations * (8e-6 + 3e-8 * size.frequencies)
 

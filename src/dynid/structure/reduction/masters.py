@@ -13,7 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.choices import MASTERS
+from dynid.choices import MASTERS, SINGLE_MASTERS
 from dynid.errors import Singular, UsageError
 from dynid.structure.labels import listed
 from dynid.structure.matrices import Array, Label
@@ -28,8 +28,7 @@ HOPELESS = 1 / float(np.sqrt(np.finfo(float).eps))
 
 # A combination of modes that masters see less than this, relative to the modes, is to be seen by others.
 _BARELY = 1e-3
-# Effective independence drops DOFs one by one below this number, above it a quarter at a time.
-_ONE_BY_ONE = 2000
+_ONE_BY_ONE = SINGLE_MASTERS.value
 
 
 @dataclass(frozen=True)
