@@ -6,6 +6,7 @@ from itertools import pairwise
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.reduced import ReducedGraph
 from dynid.bondgraph.transfer import TransferFunction
+from dynid.errors import Singular
 
 ISOLATOR = (
     "Sf v_in, 0 base, 1 body, I m_s 10, R b 50, TF tuning 1/100, 1 fluid, I I_f 20000, C C_a 1/100000000",
@@ -52,6 +53,15 @@ def port(text):
 
 def reduced(types, values, bonds, inputs, *outputs):
     return ReducedGraph(build(types, values, bonds), inputs, [port(output) for output in outputs])
+
+
+def solvable(made):
+    """Reduce a random graph; None where it has no unique solution."""
+    types, values, bonds, inputs, (node, quantity) = made
+    try:
+        return reduced(types, values, bonds, inputs, f"{node}.{quantity}")
+    except Singular:
+        return None
 
 
 def written(nodes, bonds, *outputs, inputs=None):

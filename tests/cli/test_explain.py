@@ -13,7 +13,7 @@ from dynid.cli.summary.explanation import seconds_text, size_text
 from dynid.identification.kernels.compiled import VARIABLE
 from dynid.scene.dispatch import run_scene
 from dynid.scene.explanations import explain
-from dynid.scene.explanations.explanation import peak_megabytes
+from dynid.scene.explanations.cost import peak_megabytes
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.yaml.source import parse_source
 from dynid.store import write_result

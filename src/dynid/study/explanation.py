@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dynid.progress import tell
 from dynid.scene.batch import why_alone
 from dynid.scene.explanations import explain
-from dynid.scene.explanations.explanation import Cost, Explanation, Fact, file_kilobytes
+from dynid.scene.explanations.cost import Cost, file_kilobytes
+from dynid.scene.explanations.explanation import Explanation, Fact
 from dynid.scene.outcomes import Outcome
 from dynid.study.execute import valid_samples
 from dynid.study.executors.processes import cores

@@ -8,7 +8,8 @@ from textwrap import wrap
 
 from dynid.cli.summary.causality import causality_lines
 from dynid.cli.summary.identifiability import identifiability_lines
-from dynid.scene.explanations.explanation import Cost, Explanation
+from dynid.scene.explanations.cost import Cost
+from dynid.scene.explanations.explanation import Explanation
 
 #: Seconds below which a part of the work is not worth a word, and the share of the whole.
 _LEAST, _SHARE = 0.5, 0.1

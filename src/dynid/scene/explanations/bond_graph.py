@@ -18,14 +18,8 @@ from dynid.errors import NumericalError
 from dynid.numerals import counted
 from dynid.progress import tell
 from dynid.result import Result
-from dynid.scene.explanations.explanation import (
-    Cost,
-    Explanation,
-    Fact,
-    file_kilobytes,
-    peak_megabytes,
-    speed,
-)
+from dynid.scene.explanations.cost import Cost, file_kilobytes, peak_megabytes, speed
+from dynid.scene.explanations.explanation import Explanation, Fact
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene
 

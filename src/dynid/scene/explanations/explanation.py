@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import NamedTuple
 
 from dynid.errors import DynidError
 from dynid.result import Result
-
-# The probe of `speed` on the machine that the rates of the explanations are from, s.
-_REFERENCE = 1.0e-3
+from dynid.scene.explanations.cost import Cost
 
 
 class Fact(NamedTuple):
@@ -20,33 +16,6 @@ class Fact(NamedTuple):
 
     topic: str
     text: str
-
-
-@dataclass(frozen=True)
-class Cost:
-    """What a run is expected to cost.
-
-    The time is counted from what will be done and rates measured once, or from pieces of the work itself;
-    it is right within a factor of a few.
-
-    Parameters
-    ----------
-    parts
-        Seconds of each part of the work, without the start of the program.
-    megabytes
-        Memory of the process at its peak.
-    kilobytes
-        Size of the result's file.
-    """
-
-    parts: Mapping[str, float]
-    megabytes: float
-    kilobytes: float
-
-    @property
-    def seconds(self) -> float:
-        """Seconds of all of it."""
-        return sum(self.parts.values())
 
 
 @dataclass(frozen=True)
@@ -69,32 +38,3 @@ class Explanation:
     facts: Sequence[Fact]
     cost: Cost | None = None
     obstacle: DynidError | None = field(default=None)
-
-
-@cache
-def speed() -> float:
-    """Return how fast this machine is, over the one that rates are from: from a probe of milliseconds."""
-    best = min(_probe() for _ in range(5))
-    return _REFERENCE / best
-
-
-def _probe() -> float:
-    began = time.thread_time()
-    total = 0
-    for k in range(20_000):
-        total += k & 7
-    return time.thread_time() - began
-
-
-def peak_megabytes() -> float:
-    """Return the memory that the process has used at its peak so far, MB; a guess where nothing tells."""
-    try:
-        import resource
-    except ImportError:  # not on every system
-        return 100.0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def file_kilobytes(arrays: int, values: float) -> float:
-    """Return the size of a file of so many arrays that hold so many numbers (complex ones are two)."""
-    return 8.0 + 0.8 * arrays + 8 * values / 1000

@@ -15,14 +15,8 @@ from dynid.lti.floating import guarded
 from dynid.numerals import counted
 from dynid.progress import tell
 from dynid.result import Result
-from dynid.scene.explanations.explanation import (
-    Cost,
-    Explanation,
-    Fact,
-    file_kilobytes,
-    peak_megabytes,
-    speed,
-)
+from dynid.scene.explanations.cost import Cost, file_kilobytes, peak_megabytes, speed
+from dynid.scene.explanations.explanation import Explanation, Fact
 from dynid.scene.kinds.grids import angular_frequencies, record_of
 from dynid.scene.kinds.identification import expected_values, interest_of, models_of, reductor_of, setting
 from dynid.scene.kinds.structures import build_structure

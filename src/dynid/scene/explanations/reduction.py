@@ -11,14 +11,8 @@ from dynid.choices import DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, UsageError
 from dynid.numerals import counted
 from dynid.result import Result
-from dynid.scene.explanations.explanation import (
-    Cost,
-    Explanation,
-    Fact,
-    file_kilobytes,
-    peak_megabytes,
-    speed,
-)
+from dynid.scene.explanations.cost import Cost, file_kilobytes, peak_megabytes, speed
+from dynid.scene.explanations.explanation import Explanation, Fact
 from dynid.scene.kinds.grids import angular_frequencies
 from dynid.scene.kinds.reduction import methods_of
 from dynid.scene.kinds.structures import build_structure
