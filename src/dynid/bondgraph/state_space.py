@@ -111,7 +111,7 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
     states. The only output is the input that holds y at zero.
 
     The equations are exact and substitution is sparse, but written in states of their own far parts of a
-    long line of power weigh on each other by huge coefficients: for zeros alone use `zero_blocks`.
+    long line of power weigh on each other by huge coefficients: for zeros alone use `zero_parts`.
 
     Parameters
     ----------
@@ -133,33 +133,6 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
     with _unreached(port, source):
         rates, outputs = solve(equations, [system.signal(source)])
     return rounded(system, rates, outputs, [], [source])
-
-
-def zero_blocks(reduced: ReducedGraph, port: Port, source: str) -> tuple[StateSpace, ...]:
-    """Return the irreducible parts of the zero dynamics, each without what the others do to it.
-
-    Together their eigenvalues are those of `zero_dynamics`: the constrained equations are brought to block
-    triangular form by their structure alone, so that what lies at infinity is taken off without arithmetic
-    and blocks stay as small and as well scaled as the parts of the graph that they come from. A chain with
-    the force at one end and the velocity at the other falls into one block a stage.
-
-    Parameters
-    ----------
-    reduced, port, source
-        As for `zero_dynamics`.
-
-    Returns
-    -------
-    tuple
-        Systems without inputs and outputs, each with at least one state; no zeros: none.
-
-    Raises
-    ------
-    Singular
-        Where the input does not reach the output.
-    """
-    system, solved = _solved_blocks(reduced, port, source)
-    return tuple(rounded(system, rates, [], [], []) for _, rates in solved)
 
 
 #: Most states of a part whose characteristic polynomial is formed.
@@ -188,6 +161,11 @@ class ZeroPart:
 
 def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart, ...]:
     """Return the irreducible parts of the zero dynamics with their elements and characteristic polynomials.
+
+    The constrained equations are brought to block triangular form by their structure alone, so that what lies
+    at infinity is taken off without arithmetic and parts stay as small and as well scaled as those of the
+    graph that they come from. A chain with the force at one end and the velocity at the other falls into one
+    part a stage.
 
     Parameters
     ----------

@@ -7,7 +7,6 @@ import re
 from dynid.errors import UsageError
 from dynid.report.style import COLOURS, resolved
 
-FORMATS = ("svg", "png", "pdf")
 #: Pixels of a PNG per inch; a figure's own unit is 1/96 inch.
 _PPI = 192
 _HEAD = re.compile(r'<svg\b[^>]*\bviewBox="([^"]*)"[^>]*>')
@@ -26,7 +25,7 @@ def as_file(svg: str, form: str) -> bytes:
     svg
         The figure, as drawn.
     form
-        One of `FORMATS`.
+        ``svg``, ``png`` or ``pdf``.
 
     Returns
     -------

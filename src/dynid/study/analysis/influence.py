@@ -18,8 +18,6 @@ from dynid.study.analysis.design import sortable
 
 Floats = NDArray[np.float64]
 
-#: Half width of a 95 % interval in standard errors.
-WIDE = 1.959963984540054
 _MOST_BINS = 50
 _FEWEST_A_BIN = 10
 
@@ -49,11 +47,6 @@ class Indices:
     total_error: Floats | None
     estimator: str
     samples: int
-
-    def intervals(self) -> Floats:
-        """Return the 95 % intervals of the first order, shape (inputs, 2)."""
-        half = WIDE * self.first_error
-        return np.stack([self.first - half, self.first + half], axis=-1)
 
 
 def from_design(a: Floats, b: Floats, mixed: Floats) -> Indices | None:
