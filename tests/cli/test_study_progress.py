@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from dynid.cli.study_progress import Rate, duration, showing, words
-from dynid.study.execute import Progress
+from dynid.study.running import Progress
 
 
 def test_the_rate_is_that_of_the_last_minute():

@@ -7,7 +7,8 @@ from dynid.errors import Diverged, UsageError
 from dynid.identification.estimate import identify
 from dynid.identification.estimators.output_error import OutputError
 from dynid.identification.measurement import Experiment, Measurement, Simulation, simulated
-from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
+from dynid.identification.preparation import prepare
+from dynid.identification.preparation_steps import BandPass, Decimate, Detrend
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Random, Sampled, Sine, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

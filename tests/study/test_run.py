@@ -16,12 +16,13 @@ from dynid.scene.load import load_scene
 from dynid.scene.outcomes import Outcome, Outcomes
 from dynid.store import open_stored, read_result
 from dynid.study import execute, journal, lock
-from dynid.study.execute import TooManyFailures, run_study, valid_samples
+from dynid.study.execute import run_study, valid_samples
 from dynid.study.executors import hire
 from dynid.study.executors.serial import SerialCrew
 from dynid.study.merge import merge_studies
 from dynid.study.packing import packed
 from dynid.study.plan import make_plan
+from dynid.study.running import TooManyFailures
 from dynid.study.stored import StudyFile
 from tests.cli import conftest
 from tests.study.small import SCENE, STUDY, assert_same, planned, written

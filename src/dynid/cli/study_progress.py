@@ -13,7 +13,7 @@ import click
 from dynid.numerals import counted
 
 if TYPE_CHECKING:
-    from dynid.study.execute import Progress, Report
+    from dynid.study.running import Progress, Report
 
 _SECONDS = 10.0  # between two plain lines
 _WINDOW = 60.0  # the rate is that of the last minute

@@ -4,58 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import NumericalError
 from dynid.scene.outcomes import Block, Outcomes
-from dynid.study.drive import Chunk, drive
 from dynid.study.file import Heading, write_study
 from dynid.study.journal import Journal
-from dynid.study.keys import Keys, as_texts, found_in, sample_keys
+from dynid.study.keys import Keys, found_in, sample_keys
 from dynid.study.lock import locked
 from dynid.study.packing import packed
+from dynid.study.running import Progress, Report, Run, TooManyFailures, judged
 from dynid.study.stored import open_study
-from dynid.study.work import Job
 
 if TYPE_CHECKING:
     from dynid.study.executors import Crew
     from dynid.study.plan import Plan
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a study is.
-
-    Parameters
-    ----------
-    total
-        Its samples.
-    finished
-        Those that are finished, and safe.
-    failed
-        Those among them that failed.
-    kept
-        Those among them that were finished when this run of it began.
-    """
-
-    total: int
-    finished: int
-    failed: int
-    kept: int
-
-
-Report = Callable[[Progress], None]
-
-
-class TooManyFailures(NumericalError):
-    """More samples failed than were to be tolerated."""
 
 
 def shard_of(plan: Plan, shard: tuple[int, int] | None) -> range:
@@ -123,11 +90,11 @@ def run_study(
             Journal.discard(journal_name(name))
             if report is not None:
                 report(done)
-            return _judged(done, max_failures)
+            return judged(done, max_failures)
         journal = Journal(journal_name(name))
         stack.callback(journal.close)
         _import(name, heading.keys, journal, retry_failed)
-        run = _Run(plan, numbers, heading, journal, max_failures, report, retry_failed)
+        run = Run(plan, numbers, heading, journal, max_failures, report, retry_failed)
         try:
             run.go(crew)
         except (KeyboardInterrupt, TooManyFailures):
@@ -182,16 +149,6 @@ def _finished_file(name: str, heading: Heading) -> Progress | None:
         return Progress(count, count, int(np.sum(study.exit_codes > 0)), count) if same else None
 
 
-def _judged(progress: Progress, max_failures: int | None) -> Progress:
-    """Return how far a study is, unless too much of it failed."""
-    if max_failures is not None and progress.failed > max_failures:
-        raise TooManyFailures(
-            f"{progress.failed} samples failed, more than the {max_failures} of --max-failures",
-            remedy="Their errors are in study/error.",
-        )
-    return progress
-
-
 def _import(name: str, keys: Keys, journal: Journal, retry_failed: bool) -> None:
     """Bring what is still valid of an older file into the journal."""
     if not Path(name).exists():
@@ -213,85 +170,6 @@ def _those(block: Block, rows: NDArray[np.intp]) -> Block | None:
     """Return the samples of a block that stand in rows, numbered by these rows."""
     _, places, wanted = np.intersect1d(block.rows, rows, return_indices=True)
     return block.taken(places, wanted) if len(places) else None
-
-
-class _Run:
-    """One go at a study; also its outcomes, in the order of the plan.
-
-    Samples with one key are one: what becomes of the first is what became of all.
-    """
-
-    def __init__(
-        self,
-        plan: Plan,
-        numbers: range,
-        heading: Heading,
-        journal: Journal,
-        max_failures: int | None,
-        report: Report | None,
-        retry_failed: bool,
-    ) -> None:
-        self.plan = plan
-        self.numbers = numbers
-        self.journal = journal
-        self.max_failures = max_failures
-        self.report = report
-        _, first, self.one, self.copies = np.unique(
-            as_texts(heading.keys), return_index=True, return_inverse=True, return_counts=True
-        )
-        self.first = first  # the row of the first of those that are one
-        self.keys = heading.keys
-        self.where = journal.numbers(heading.keys[first])  # in the journal; -1: not finished
-        self.failed = np.zeros(len(first), dtype=bool)
-        known = self.where >= 0
-        self.failed[known] = journal.failed[self.where[known]]
-        if retry_failed:
-            self.where[self.failed], self.failed[:] = -1, False
-        self.kept = self._count(self.where >= 0)
-
-    def between(self, start: int, stop: int) -> Iterator[Block]:
-        """Yield the samples of rows start … stop - 1, one record of the journal at a time."""
-        where = self.where[self.one[start:stop]]
-        there = np.flatnonzero(where >= 0)
-        return self.journal.blocks(where[there], there + start)
-
-    @property
-    def progress(self) -> Progress:
-        finished, failed = self._count(self.where >= 0), self._count(self.failed)
-        return Progress(len(self.keys), finished, failed, self.kept)
-
-    @property
-    def is_complete(self) -> bool:
-        return bool(np.all(self.where >= 0))
-
-    def _count(self, which: NDArray[np.bool_]) -> int:
-        return int(self.copies[which].sum())
-
-    def go(self, crew: Crew) -> None:
-        """Run what is not finished."""
-        self._tell()
-        todo = np.sort(self.first[self.where < 0])
-        if len(todo):
-            job = Job.of(self.plan.base, self.plan.collect, self.plan.size)
-            drive(crew, job, self.plan, self.numbers.start + todo * self.numbers.step, self._arrived)
-
-    def _arrived(self, chunks: list[Chunk]) -> None:
-        rows = [(numbers - self.numbers.start) // self.numbers.step for numbers, _ in chunks]
-        place = self.journal.append(
-            [(self.keys[own], outcomes) for own, (_, outcomes) in zip(rows, chunks, strict=True)]
-        )
-        for own, (_, outcomes) in zip(rows, chunks, strict=True):
-            ones = self.one[own]
-            self.where[ones] = np.arange(place, place + len(own))
-            self.failed[ones] = outcomes.failed
-            place += len(own)
-        self._tell()
-
-    def _tell(self) -> None:
-        progress = self.progress
-        if self.report is not None:
-            self.report(progress)
-        _judged(progress, self.max_failures)
 
 
 def valid_samples(plan: Plan, target: str | os.PathLike[str], shard: tuple[int, int] | None = None) -> int:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.identification.measurement import Experiment, Measurement
-    from dynid.identification.preparation import Preparation
+    from dynid.identification.preparation_steps import Preparation
     from dynid.lti.generator import Record
     from dynid.scene.load import Scene
     from dynid.scene.schema.common import Dof, SignalPart
@@ -62,7 +62,7 @@ def _prepared(scene: Scene, experiment: Experiment, given: Sequence[PrepareModel
 
 
 def _preparation(given: PrepareModel) -> Preparation:
-    from dynid.identification.preparation import BandPass, Decimate, Detrend
+    from dynid.identification.preparation_steps import BandPass, Decimate, Detrend
     from dynid.scene.schema.reductions import in_radians
 
     if given.band_pass is not None:
