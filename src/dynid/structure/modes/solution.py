@@ -137,20 +137,22 @@ def finished(
     shapes = pencil.scale[:, None] * shapes
     shapes = shapes * _signs(shapes)
     omega = np.sqrt(square)
-    dissipation = np.einsum("im,im->m", shapes, times(C, shapes))
-    damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
     return Modes(
-        omega, damping, shapes, residuals, int(rigid.sum()), massless, float(np.sqrt(counted)), method,
-        _uncertainty(omega, rigid | undecided, whole), undecided,
+        omega, _damping(C, omega, rigid, shapes), shapes, residuals, int(rigid.sum()), massless,
+        float(np.sqrt(counted)), method, _uncertainty(omega, rigid | undecided, whole), undecided,
     )  # fmt: skip
+
+
+def _damping(C: Matrix, omega: Array, rigid: NDArray[np.bool_], shapes: Array) -> Array:
+    """Return damping ratios; rigid-body modes have none."""
+    dissipation = np.einsum("im,im->m", shapes, times(C, shapes))
+    return np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
 
 
 def _uncertainty(omega: Array, open_to_zero: NDArray[np.bool_], whole: Array) -> Array:
     """Return what entries rounded by half a unit in the last place make of frequencies."""
     moved = _UNIT * whole  # that part of the energies of a shape's parts moves omega^2
-    return np.where(
-        open_to_zero, np.sqrt(moved), moved / np.where(open_to_zero, 1.0, omega) + _UNIT * omega
-    )
+    return np.where(open_to_zero, np.sqrt(moved), moved / np.where(open_to_zero, 1.0, omega) + _UNIT * omega)
 
 
 def _refined(

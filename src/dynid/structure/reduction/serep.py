@@ -14,7 +14,7 @@ from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import scaled
-from dynid.structure.reduction.masters import Masters, checked_condition, indices_of
+from dynid.structure.reduction.masters import Indices, Masters, checked_condition, indices_of
 from dynid.structure.reduction.reduction import Reduction, interesting, masters_for_modes, without_rounding
 from dynid.structure.reduction.selection import (
     Interest,
@@ -89,21 +89,26 @@ def on_modes(
     whole = basis.shapes / scaled(matrices[2], matrices[0]).scale[:, None]
     share = whole[kept] / np.linalg.norm(whole, axis=0)
     condition = checked_condition(seen, share, basis.numbers, labels)
-    if len(kept) == len(basis.numbers):
-        inverse = np.asarray(np.linalg.inv(seen), dtype=np.float64)
-        T = basis.shapes @ inverse
-        T[kept] = np.eye(len(kept))
-        names: tuple[Label, ...] = labels
-        rigid: tuple[int, ...] = ()
-    else:
-        inverse, T = np.eye(len(basis.numbers)), basis.shapes
-        names = tuple(f"mode_{number}" for number in basis.numbers)
-        rigid = basis.rigid if retained else ()
+    T, inverse, names = _coordinates(basis, kept, labels)
+    rigid = basis.rigid if retained and len(kept) != len(basis.numbers) else ()
     reduced = _projected(model.projected(T, names, rigid), matrices, basis, inverse)
     rule = mode_rule(modes, interest, count)
     return Reduction(
         reduced, labels, basis.numbers, condition, retained=retained, rule=rule, doubt=basis.doubt
     )
+
+
+def _coordinates(
+    basis: Selected, kept: Indices, labels: tuple[Label, ...]
+) -> tuple[Array, Array, tuple[Label, ...]]:
+    """Return T, the modes in the coordinates, and the names of these: as many masters, else the modes."""
+    if len(kept) != len(basis.numbers):
+        names = tuple(f"mode_{number}" for number in basis.numbers)
+        return basis.shapes, np.eye(len(basis.numbers)), names
+    inverse = np.asarray(np.linalg.inv(basis.shapes[kept]), dtype=np.float64)
+    T = basis.shapes @ inverse
+    T[kept] = np.eye(len(kept))
+    return T, inverse, labels
 
 
 def _projected(
