@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -14,8 +14,16 @@ COUNT = 10
 Mesh = Callable[[int], tuple[Any, Any]]
 
 
-def lowest_modes(mesh: Mesh, **described: Any) -> Benchmark:
-    """Return the benchmark of a mesh, described as in `Benchmark`."""
+def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchmark:
+    """Return the benchmark of a mesh by some of the solvers, described as in `Benchmark`."""
+    every = (
+        Alternative("splu", _house(mesh, "splu")),
+        Alternative("splu-uncounted", _house(mesh, "splu", proof=False)),
+        Alternative("dense", _house(mesh, "dense"), most=4000),
+        Alternative("cholespy", _house(mesh, "cholespy"), needs=("cholespy",)),
+        Alternative("pardiso", _house(mesh, "pardiso"), needs=("pypardiso",)),
+        Alternative("eigsh", _eigsh(mesh), peer=True),
+    )
 
     def error(dofs: int, found: Any) -> float:
         import numpy as np
@@ -30,14 +38,7 @@ def lowest_modes(mesh: Mesh, **described: Any) -> Benchmark:
 
     return Benchmark(
         size="DOFs",
-        alternatives=(
-            Alternative("splu", _house(mesh, "splu")),
-            Alternative("splu-uncounted", _house(mesh, "splu", proof=False)),
-            Alternative("dense", _house(mesh, "dense"), most=4000),
-            Alternative("cholespy", _house(mesh, "cholespy"), needs=("cholespy",)),
-            Alternative("pardiso", _house(mesh, "pardiso"), needs=("pypardiso",)),
-            Alternative("eigsh", _eigsh(mesh), peer=True),
-        ),
+        alternatives=[each for each in every if each.name in solvers],
         error=error,
         measure="largest relative difference of omega^2 from a subspace iteration",
         default=default,

@@ -18,6 +18,7 @@ def plate(dofs: int) -> tuple[Any, Any]:
 
 BENCHMARK = lowest_modes(
     plate,
+    ("splu", "splu-uncounted", "dense", "cholespy", "pardiso", "eigsh"),
     title="The lowest ten modes of a simply supported plate",
     sizes=(100, 1000, 5000),
     full=(200, 400, 4000, 10_000, 100_000),

@@ -18,8 +18,9 @@ def solid(dofs: int) -> tuple[Any, Any]:
 
 BENCHMARK = lowest_modes(
     solid,
+    ("splu", "splu-uncounted", "pardiso", "eigsh"),
     title="The lowest ten modes of an elastic block, clamped on one face",
-    sizes=(300, 2000),
-    full=(1000, 8000, 25_000, 86_000),
+    sizes=(300,),
+    full=(2000, 8000, 25_000, 86_000),
     remark="splu-uncounted and the peer do not prove that no mode is missed",
 )
