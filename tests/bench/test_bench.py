@@ -112,7 +112,7 @@ def test_nothing_that_came_to_an_end_is_an_error(monkeypatch):
 
 def test_a_default_run_ends_within_three_minutes():
     assert (
-        sum(place.seconds for place in BENCHMARKS.values()) <= 150 < DEFAULT_RUN < 180
+        sum(place.seconds for place in BENCHMARKS.values()) <= 155 < DEFAULT_RUN < 180
     )  # the last work that is begun takes its time, too
 
 

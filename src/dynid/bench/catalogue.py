@@ -37,7 +37,7 @@ BENCHMARKS = {
     "reduction": Place("reduction", 9),
     "basis": Place("basis", 5),
     "modes": Place("modes", 13),
-    "modes-of-solids": Place("modes_of_solids", 4),
+    "modes-of-solids": Place("modes_of_solids", 3),
     "many-modes": Place("many_modes", 2),
     "structure-response": Place("structure_response", 3),
     "startup": Place("startup", 17),
