@@ -71,6 +71,12 @@ def counted(count: int, what: str) -> str:
     return f"{count:,} {what if count == 1 else several}"
 
 
+def span_text(low: float, high: float, digits: int = 4) -> str:
+    """Write a range, or one number where both ends print alike."""
+    first, last = f"{low:.{digits}g}", f"{high:.{digits}g}"
+    return first if first == last else f"{first} … {last}"
+
+
 def root_text(root: complex) -> str:
     """Write a root, or the upper one of a conjugate pair for both."""
     if root.imag == 0:

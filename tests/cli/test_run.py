@@ -233,6 +233,20 @@ def test_setting_a_parameter_that_the_scene_does_not_have_is_refused(dynid):
     assert err == "--set parameters.mass:1:1: the scene has no parameter 'mass'\n"
 
 
+def test_setting_a_part_of_a_joint_that_the_scene_does_not_have_is_refused(dynid, folder):
+    (folder / "rod.yaml").write_text(
+        "dynid: 1\nkind: identification\nstructure: {lumped: {masses: [1, 1]}}\n"
+        "joints: {root: {dofs: [1], k: {value: 3}}, a.b: {dofs: [1, 2], k: {value: 3}}}\n"
+        "analysis: {modes: {count: 2}}\n"
+    )
+    code, _, err = dynid("check", "rod.yaml", "--set", "joints.rooot.k.value=3")
+    said = "--set joints.rooot.k.value:1:1: the scene has no joint 'rooot'; did you mean 'root'?\n1 fault\n"
+    assert (code, err) == (2, said)
+    new = ("--set", "joints.tip.k.value=4", "--set", "joints.tip.dofs=[2]")
+    for fine in (("--set", "joints.root.k.value=4"), ("--set", "joints.a.b.k.value=4"), new):
+        assert dynid("check", "rod.yaml", *fine)[0] == 0
+
+
 MATRIX = """\
 dynid: 1
 kind: bond-graph

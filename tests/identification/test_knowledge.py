@@ -66,6 +66,27 @@ def test_a_sharp_prior_outweighs_the_record_and_a_vague_one_does_not(estimator):
     assert np.all(np.abs(parameter(vague, "estimate") - parameter(free, "estimate")) < deviation)
 
 
+@pytest.mark.parametrize("width", [0.3, 0.01, 1e-4])
+def test_a_prior_that_the_record_contradicts_is_named_however_sharp_it_is(width):
+    """By the same distance, which is that of the record's own estimate in deviations of both."""
+    measurement = simulated(0.05, samples=200)
+    free = run(model(), measurement)
+    far = run(model(belief=Belief(1.9e4 * np.exp(6 * width + 0.1), width)), measurement)
+    apart = diagnostic(far, "prior_conflict")
+    own = parameter(free, "estimate")[0]
+    deviation = np.hypot(parameter(free, "standard_error")[0] / own, np.sqrt(np.log1p(width**2)))
+    expected = np.abs(np.log(1.9e4 / own) + 6 * width + 0.1) / deviation
+    # The record's information is taken where the prior has drawn the estimate.
+    np.testing.assert_allclose(apart[0], expected, rtol=0.3)
+    assert apart[1] == 0
+    assert diagnostic(far, "prior_contradicted").tolist() == [expected > 4, False]
+    said = "the prior of j3.k and the record contradict each other"
+    assert any(warning.startswith(said) for warning in diagnostic(far, "warnings")) == (expected > 4)
+    near = run(model(belief=Belief(float(own), width)), measurement)
+    assert not diagnostic(near, "prior_contradicted").any()
+    assert "identification/diagnostics/prior_conflict" not in free
+
+
 def test_the_information_of_a_prior_adds_to_the_record():
     """As wide as the record's own bound: with one unknown, the two weigh the same."""
     c = JointParameter(value=20.0)

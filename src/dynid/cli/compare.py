@@ -31,6 +31,7 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
     Provenance (versions, creation time, the scene's text) is not compared.
     """
     from dynid.checks import compare as differences_between
+    from dynid.numerals import counted
     from dynid.store import open_stored
 
     with open_stored(first) as one, open_stored(second) as other:
@@ -38,5 +39,5 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
     if not quiet:
         for difference in differences:
             click.echo(str(difference))
-        click.echo("no differences" if not differences else f"{len(differences)} differences")
+        click.echo(counted(len(differences), "difference") if differences else "no differences")
     return 1 if differences else 0

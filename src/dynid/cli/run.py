@@ -113,7 +113,7 @@ def _warn(result: Result, scene: str) -> None:
     group = "identification/diagnostics"
     if f"{group}/converged" not in result or result.value(f"{group}/converged"):
         return
-    from dynid.report.answers.identification import farthest
+    from dynid.report.answers.identification import contradicted, farthest
 
     warning = f"{scene}: warning: not converged:"
     if not result.value(f"{group}/settled"):
@@ -121,7 +121,8 @@ def _warn(result: Result, scene: str) -> None:
         reason = f"the estimate of {name} is {distance:.2g} standard errors"
         click.echo(f"{warning} {reason} from the optimum of this record", err=True)
     if not result.value(f"{group}/explained"):
-        click.echo(f"{warning} the residuals are not noise: check model, units and starts", err=True)
+        priors = "".join(f"the prior of {name}, " for name in contradicted(result))
+        click.echo(f"{warning} the residuals are not noise: check {priors}model, units and starts", err=True)
 
 
 def refuse_overwriting(scene: str, target: str, junit: str | None, report: str | None = None) -> None:

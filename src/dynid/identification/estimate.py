@@ -158,7 +158,8 @@ def identify_all(
         small ones that are not white leave the error bars nominal).
         Priors count as measurements do, in estimates, `standard_error` and `cramer_rao`;
         `cramer_rao_without_prior` is the bound of the records alone, infinite where they tell nothing.
-        `at_bound` says which estimates stand at a bound: their standard errors are nominal.
+        `prior_conflict` of the diagnostics is how many deviations a prior and the records are apart, 0
+        without a prior. `at_bound` says which estimates stand at a bound: their standard errors are nominal.
         What differs in unit along an axis has the units beside it, as `unit`.
         Of several records `history`, `first_pass` and `measurement` hold a group each, ``record_1``, …, and
         the channels of the diagnostics are called ``record_1.<channel>``.

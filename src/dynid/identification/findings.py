@@ -23,7 +23,7 @@ from dynid.identification.estimators.estimation import Estimation
 from dynid.identification.information import Information, untold
 from dynid.identification.model_error import ModelError
 from dynid.identification.residuals import Consistency, autocorrelation
-from dynid.identification.verdict import Facts, Sensor, verdict, warnings
+from dynid.identification.verdict import CONTRADICTED, Facts, Sensor, verdict, warnings
 from dynid.result import Result
 from dynid.structure.response import common_unit
 
@@ -282,6 +282,10 @@ class Findings(ABC):
         result.add(f"{group}/explained", explained)
         result.add_axis(f"{group}/parameter", [unknown.name for unknown in self.ensemble.unknowns])
         result.add(f"{group}/distance_to_optimum", np.abs(self.step) / deviations, ("parameter",))
+        if self.ensemble.knowledge.believed.any():
+            conflict = self.ensemble.knowledge.conflict(self._final.logs, deviations)
+            result.add(f"{group}/prior_conflict", conflict, ("parameter",))
+            result.add(f"{group}/prior_contradicted", conflict > CONTRADICTED, ("parameter",))
         result.add_axis(f"{group}/channel", [place.name for place in self._channels])
         unit = common_unit(place.unit for place in self._channels)
         result.add(f"{group}/residual_rms", self._residual_rms, ("channel",), unit)
@@ -319,7 +323,10 @@ class Findings(ABC):
         correlation = self.information.correlation()
         judged = any(np.isnan(record.given).any() for record in self.ensemble.records)
         spare = self.information.freedom - len(names) if judged else None
-        facts = Facts(names, deviations, correlation, errors, self._sensors, self._consistency, spare)
+        conflict = self.ensemble.knowledge.conflict(self._final.logs, deviations)
+        facts = Facts(
+            names, deviations, correlation, errors, self._sensors, self._consistency, spare, conflict
+        )
         distance = np.abs(self.step) / deviations
         result.add(f"{group}/verdict", verdict(names, distance, settled=settled, explained=explained))
         said = [*warnings(facts), *self._remarks]

@@ -14,6 +14,9 @@ from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
 
+# What the records tell of a parameter, relative to its prior, below which the two are not compared.
+_TOLD = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
@@ -72,6 +75,23 @@ class Knowledge:
     def residual(self, logs: Array) -> Array:
         """Return the residuals of the pseudo-observations over their deviations (count)."""
         return np.asarray(((self.means - logs) / self.deviations)[self.believed])
+
+    def conflict(self, logs: Array, deviations: Array) -> Array:
+        """Return how far priors and records are apart, in deviations of that distance (p); 0 without a prior.
+
+        It is the normalised residual of a pseudo-observation: its residual over the deviation that this has
+        once the estimate has followed it. Where records tell less than a millionth of what a prior does,
+        there is nothing to compare: 0.
+
+        Parameters
+        ----------
+        logs, deviations
+            The estimate, and its deviations with the priors (p).
+        """
+        free = 1 - (deviations / self.deviations) ** 2
+        told = self.believed & (free > _TOLD)
+        apart = np.abs(self.means - logs) / self.deviations
+        return np.where(told, apart / np.sqrt(np.where(told, free, 1.0)), 0.0)
 
     def informed(self, prior: Prior) -> Prior:
         """Return the prior of a filter's pass with the pseudo-observations taken into account."""

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 # What is worth a warning: a correlation, a standard error of a logarithm, an error in standard errors, a part
 # of the samples that are missing or stand at the channel's extreme.
 _TOGETHER, _VAGUE, _OFF, _GAPS, _CLIPPED = 0.95, 0.5, 5.0, 0.2, 0.01
+# How many deviations a prior and a record are apart that contradict each other: by chance one in 16,000.
+CONTRADICTED = 4.0
 # Residuals below this part of the signal are rounding and holds, whatever their colour.
 _ROUNDING = 1e-6
 # With fewer values than this beyond the unknowns the noise that they tell is off by a quarter, as a rule.
@@ -38,7 +40,8 @@ class Facts(NamedTuple):
 
     Parameters `names` with their `deviations` (of the logarithms), `correlation`, and `errors` of the
     estimates in bounds (NaN where the truth is not known); the `sensors`; the filter's `consistency`, if it
-    is known; and how many values are left to tell the noise by, beyond the unknowns, where it is not given.
+    is known; how many values are left to tell the noise by, beyond the unknowns, where it is not given; and
+    how far priors and record are apart, in deviations of that distance (0 without a prior).
     """
 
     names: Sequence[str]
@@ -48,6 +51,7 @@ class Facts(NamedTuple):
     sensors: Sequence[Sensor]
     consistency: Consistency | None = None
     spare: int | None = None
+    conflict: Array | None = None
 
 
 def verdict(names: Sequence[str], distance: Array, *, settled: bool, explained: bool) -> str:
@@ -73,7 +77,22 @@ def verdict(names: Sequence[str], distance: Array, *, settled: bool, explained: 
 
 def warnings(facts: Facts) -> list[str]:
     """Return what to be wary of, in words; nothing where all is well."""
-    return [*_of_parameters(facts), *_of_residuals(facts), *_of_record(facts), *_of_filter(facts)]
+    return [
+        *_of_priors(facts),
+        *_of_parameters(facts),
+        *_of_residuals(facts),
+        *_of_record(facts),
+        *_of_filter(facts),
+    ]
+
+
+def _of_priors(facts: Facts) -> Iterator[str]:
+    for name, apart in zip(facts.names, () if facts.conflict is None else facts.conflict, strict=False):
+        if apart > CONTRADICTED:
+            yield (
+                f"the prior of {name} and the record contradict each other ({apart:.2g} deviations apart): "
+                "correct its value, or give it a larger relative_deviation"
+            )
 
 
 def _of_parameters(facts: Facts) -> Iterator[str]:

@@ -102,19 +102,24 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
 
 
 def _check_assignments(source: Source, assignments: Iterable[str]) -> None:
-    """Refuse to set a parameter that the scene does not have: nothing would use it."""
-    parameters = source.data.get("parameters") if isinstance(source.data, dict) else None
+    """Refuse to set a parameter, or a part of a joint, that the scene does not have: nothing would use it."""
+    paths = [assignment.partition("=")[0].strip() for assignment in assignments]
+    data = source.data if isinstance(source.data, dict) else {}
     faults = []
-    for assignment in assignments:
-        path = assignment.partition("=")[0].strip()
+    for path in paths:
         holder, _, name = path.partition(".")
-        if holder == "parameters" and isinstance(parameters, dict) and name and "." not in name:
-            known = [str(key) for key in parameters]
-            if name not in known:
-                message = f"the scene has no parameter '{name}'{did_you_mean(name, known)}"
-                faults.append(Fault(f"--set {path}", 1, 1, message))
+        known = [str(key) for key in data[holder]] if isinstance(data.get(holder), dict) else None
+        if known is None or not name:
+            continue
+        joint, _, part = name.partition(".")
+        if holder == "parameters" and not part and name not in known:
+            faults.append((path, f"the scene has no parameter '{name}'{did_you_mean(name, known)}"))
+        whole = {f"joints.{joint}", f"joints.{joint}.dofs"}  # which may be added
+        known_joint = any(name.startswith(f"{other}.") for other in known)
+        if holder == "joints" and part and not known_joint and whole.isdisjoint(paths):
+            faults.append((path, f"the scene has no joint '{joint}'{did_you_mean(joint, known)}"))
     if faults:
-        raise SceneError(faults)
+        raise SceneError(Fault(f"--set {path}", 1, 1, message) for path, message in faults)
 
 
 def check_source(source: Source) -> Scene:

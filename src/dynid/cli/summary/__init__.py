@@ -37,6 +37,8 @@ def summary(result: Result, note: str) -> str:
         return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
     module = import_module(_KINDS[result.kind])
     lines = [_headline(result.title, method(result), note), "", *module.lines(result)]
+    while not lines[-1]:
+        lines.pop()
     if said := doubts(result):
         lines += ["", *(f"  {line}" for sentence in said for line in wrap(sentence, 104))]
     if need := need_lines(result):

@@ -64,6 +64,6 @@ def _reduction(result: Result) -> Iterable[str]:
             yield f"    {number:>2}. {first}"
             yield from (f"          {line}" for line in rest)
         if place == 0 and len(own) > _MOST:
-            yield f"    … {len(own) - _MOST} more steps in the file"
+            yield f"    … {counted(len(own) - _MOST, 'more step')} in the file"
     if len(outputs) > _MOST_OUTPUTS:
         yield f"  … {counted(len(outputs) - _MOST_OUTPUTS, 'more output')} in the file"

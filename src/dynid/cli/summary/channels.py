@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.cli.summary.sensitivities import sensitivity_lines
 from dynid.numerals import MOST_ROOTS, counted, limit, root_text, roots_text
-from dynid.report.answers.channels import Channel, channels, in_numbers, same_poles
+from dynid.report.answers.channels import Channel, channels, in_numbers, same_poles, unit_of
 from dynid.result import Result
 
 #: Most channels that are told in full, most rows of the table of the others, and longest formula shown.
@@ -73,7 +73,7 @@ def _channel(result: Result, output: str, source: str, *, alone: bool, poles: bo
     yield from _roots(result, output, source, "zeros", "zero_stability")
     if poles:
         yield from _poles(result, output, source)
-    yield from _numbers(result, properties)
+    yield from _numbers(result, properties, unit_of(result, output, source))
     yield from sensitivity_lines(result, f"bond_graph/sensitivities/{output}/{source}")
 
 
@@ -88,9 +88,13 @@ def _poles(result: Result, output: str, source: str) -> Iterable[str]:
 def _roots(result: Result, output: str, source: str, name: str, verdict: str) -> Iterable[str]:
     roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
     said = f"bond_graph/properties/{output}/{source}/{verdict}"
-    if roots is not None or said in result:
-        yield from _hanging(f"    {name}   ", roots_text(roots.data) if roots is not None else "")
+    if roots is not None:
+        yield from _hanging(f"    {name}   ", roots_text(roots.data))
         yield from _wrapped(result, said)
+    elif said in result:
+        first, *rest = _wrapped(result, said)
+        yield f"    {name}   {first.lstrip()}"
+        yield from rest
 
 
 def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
@@ -113,10 +117,10 @@ def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
             yield f"    expanded {part} of {counted(int(terms), 'term')} in the file"
 
 
-def _numbers(result: Result, group: str) -> Iterable[str]:
+def _numbers(result: Result, group: str, unit: str) -> Iterable[str]:
     if f"{group}/order" in result:
         order, relative, dc, high = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
-        yield f"    order {order} · relative degree {relative} · T(0) = {dc} · T(∞) = {high}"
+        yield f"    order {order} · relative degree {relative} · T(0) = {dc}{unit} · T(∞) = {high}{unit}"
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
         head = "    hidden modes (natural modes that this channel does not show)  "

@@ -8,6 +8,7 @@ from io import StringIO
 
 from dynid.cli.summary.identifiability import identifiability_lines
 from dynid.cli.summary.responses import response_lines
+from dynid.numerals import counted
 from dynid.report.answers.identification import parameters, prepared, record, verdict
 from dynid.result import Result
 
@@ -42,8 +43,8 @@ def _modes(result: Result) -> Iterable[str]:
     count, size = len(get["omega"]), len(result[f"{group}/dof"].data)
     without = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
     rigid = int(result.value(f"{group}/rigid"))
-    said = f"  {count} modes of {size} DOFs; {rigid or 'no'} rigid-body mode{'s' * (rigid != 1)}"
-    yield f"{said}, {len(without) or 'no'} massless DOF{'s' * (len(without) != 1)}"
+    said = f"  {counted(count, 'mode')} of {counted(size, 'DOF')}; {_none_or(rigid, 'rigid-body mode')}"
+    yield f"{said}, {_none_or(len(without), 'massless DOF')}"
     if len(without):
         shown = ", ".join(without[:_SHOWN])
         yield f"    massless: {shown}{f' … {without[-1]}' if len(without) > _SHOWN else ''}"
@@ -56,6 +57,10 @@ def _modes(result: Result) -> Iterable[str]:
         yield line.rstrip()
     if count > _MOST_MODES:
         yield f"    … up to {get['omega'][-1]:.5g} rad/s"
+
+
+def _none_or(count: int, what: str) -> str:
+    return counted(count, what) if count else f"no {what}s"
 
 
 def _table(result: Result) -> list[str]:

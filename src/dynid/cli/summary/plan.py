@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dynid.cli.summary.identifiability import identifiability_lines, table
+from dynid.numerals import span_text
 from dynid.report.answers.identifiability import bound_text
 from dynid.report.answers.plan import gain_text, reached
 from dynid.result import Result
@@ -70,7 +71,7 @@ def _bands(result: Result, names: list[str]) -> Iterable[str]:
     yield ""
     yield "  best bands, the same force spread evenly over one (steady state)"
     rows = [
-        (f"{dof}: {low:.4g} … {high:.4g} rad/s", *map(bound_text, bounds))
+        (f"{dof}: {span_text(low, high)} rad/s", *map(bound_text, bounds))
         for dof, low, high, bounds in zip(*get.values(), strict=True)
     ]
     yield from table(("", *names), rows)

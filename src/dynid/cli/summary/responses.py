@@ -7,7 +7,7 @@ from textwrap import wrap
 
 import numpy as np
 
-from dynid.numerals import counted
+from dynid.numerals import counted, span_text
 from dynid.result import Result
 
 #: Most channels and outputs that are listed.
@@ -24,8 +24,8 @@ def _frequency(result: Result, group: str) -> Iterable[str]:
     if f"{group}/omega" not in result:
         return
     omega, response = result[f"{group}/omega"].data, np.abs(result[f"{group}/response"].data)
-    span = f"{omega[0]:.4g} … {omega[-1]:.4g} rad/s"
-    yield f"  frequency response at {counted(len(omega), 'frequency')}, {span}"
+    span = span_text(omega[0], omega[-1])
+    yield f"  frequency response at {counted(len(omega), 'frequency')}, {span} rad/s"
     outputs, inputs = (result[f"{group}/{axis}"].data for axis in ("output", "input"))
     channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
     for k, m in channels[:_MOST]:

@@ -12,6 +12,7 @@ from dynid.identification.planning.excitation import add_excitation, present_lin
 from dynid.identification.planning.lines import lines
 from dynid.identification.planning.sensors import add_sensors, every_channel, every_dof, sensors
 from dynid.lti.floating import guarded
+from dynid.numerals import counted
 from dynid.progress import tell
 from dynid.result import Result
 from dynid.structure import labels
@@ -89,7 +90,7 @@ def plan(
         result = Result("plan")
         result.merge(known)
         channels = wanted.candidates or every_channel(model, wanted.quantities)
-        tell(f"ranking {len(channels)} sensors")
+        tell(f"ranking {counted(len(channels), 'sensor')}")
         found = sensors(model, experiment, expected, channels, wanted.noise)
         add_sensors(result, found, own, names, wanted.sensors or len(own))
         if all(load.motion is None for load in experiment.loads):

@@ -47,6 +47,12 @@ def same_poles(result: Result, channels: list[Channel]) -> bool:
     )
 
 
+def unit_of(result: Result, output: str, source: str) -> str:
+    """Return the unit of a channel, a space before it; nothing where no domain tells it, or it has none."""
+    unit = str(result.group_attrs.get(f"bond_graph/transfer_function/{output}/{source}", {}).get("unit", "1"))
+    return "" if unit == "1" else f" {unit}"
+
+
 def in_numbers(result: Result, group: str) -> Iterable[str]:
     """Write a short transfer function in numbers."""
     if f"{group}/gain" in result:
@@ -99,7 +105,7 @@ def _channel(result: Result, output: str, source: str, *, poles: bool) -> Iterat
         ("T(s)", tuple(_formula(result, transfer))),
         ("zeros", tuple(_roots(result, output, source, "zeros", "zero_stability"))),
         *(_poles(result, output, source) if poles else ()),
-        *_degrees(result, properties),
+        *_degrees(result, properties, unit_of(result, output, source)),
         ("hidden modes", tuple(_hidden(result, properties))),
     ]
     yield facts(*items)
@@ -136,10 +142,10 @@ def _poles(result: Result, output: str, source: str) -> list[tuple[str, tuple[st
     return [("poles", tuple(lines))]
 
 
-def _degrees(result: Result, group: str) -> list[tuple[str, tuple[str, ...]]]:
+def _degrees(result: Result, group: str, unit: str) -> list[tuple[str, tuple[str, ...]]]:
     titles = ("order", "relative degree", "T(0)", "T(∞)")
     return [
-        (title, (limit(result.value(f"{group}/{name}")),))
+        (title, (f"{limit(result.value(f'{group}/{name}'))}{unit if title.startswith('T') else ''}",))
         for title, name in zip(titles, _NUMBERS, strict=True)
         if f"{group}/{name}" in result
     ]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.numerals import counted, memory_text, time_text
+from dynid.numerals import counted, memory_text, span_text, time_text
 from dynid.report.answers.blocks import Block, Grid, Note, Part
 from dynid.report.scenes import plain_data
 from dynid.result import Result
@@ -47,7 +47,7 @@ def _frequency(result: Result, group: str) -> Iterator[Block]:
         peak = int(np.argmax(response[:, k, m]))
         top = f"{response[peak, k, m]:.4g}".replace("inf", "∞")
         rows.append((f"{outputs[k]} over {inputs[m]}", top, f"{omega[peak]:.4g}"))
-    span = f"{counted(len(omega), 'frequency')}, {omega[0]:.4g} … {omega[-1]:.4g} rad/s"
+    span = f"{counted(len(omega), 'frequency')}, {span_text(omega[0], omega[-1])} rad/s"
     yield Grid(("", "largest magnitude", "at, rad/s"), tuple(rows), caption=span)
     yield from more(len(channels), _MOST, "channel")
 

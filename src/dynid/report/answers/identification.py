@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid.numerals import counted, percent, quantity, with_error
+from dynid.numerals import counted, percent, quantity, span_text, with_error
 from dynid.report.answers.blocks import Block, Grid, Note, Part
 from dynid.report.answers.common import more
 from dynid.report.answers.identifiability import identifiability_parts
@@ -144,7 +144,7 @@ def _responses(result: Result, said: str) -> str:
     """Say what frequency responses were measured, and where."""
     omega = result[f"{_MEASURED}/omega"].data
     unknowns = len(result["identification/parameters/name"].data)
-    lines = f"{counted(len(omega), 'line')}, {omega[0]:.5g} … {omega[-1]:.5g} rad/s"
+    lines = f"{counted(len(omega), 'line')}, {span_text(omega[0], omega[-1], 5)} rad/s"
     return f"{counted(unknowns, 'unknown parameter')}; {lines}, of the frequency responses {said}"
 
 
@@ -159,6 +159,13 @@ def farthest(result: Result) -> tuple[str, float]:
     distance = result["identification/diagnostics/distance_to_optimum"].data
     k = int(np.argmax(distance))
     return str(result["identification/diagnostics/parameter"].data[k]), float(distance[k])
+
+
+def contradicted(result: Result) -> list[str]:
+    """Return the parameters whose priors the record contradicts."""
+    group = "identification/diagnostics"
+    told = result.get(f"{group}/prior_contradicted")
+    return [] if told is None else [str(name) for name in result[f"{group}/parameter"].data[told.data]]
 
 
 def verdict(result: Result) -> Iterator[str]:

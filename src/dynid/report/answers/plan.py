@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from dynid.numerals import counted
+from dynid.numerals import counted, span_text
 from dynid.report.answers.blocks import Block, Grid, Note, Part
 from dynid.report.answers.identifiability import bound_text, identifiability_parts
 from dynid.result import Result
@@ -80,7 +80,7 @@ def _excitation(result: Result) -> Iterator[Block]:
         yield Note(f"Of settled motion: the slowest mode takes {wait:.2g} s to decay to a hundredth.")
     bands = {name: result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")}
     spans = tuple(
-        (f"{dof}: {low:.4g} … {high:.4g} rad/s", *map(bound_text, bounds))
+        (f"{dof}: {span_text(low, high)} rad/s", *map(bound_text, bounds))
         for dof, low, high, bounds in zip(*bands.values(), strict=True)
     )
     yield Grid(("", *names), spans, caption="best bands, the same force spread evenly over one")

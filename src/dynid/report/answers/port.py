@@ -73,7 +73,11 @@ def _operating_points(result: Result) -> Iterator[str]:
     if f"{group}/input" in result:
         for place, name in enumerate(result[f"{group}/input"].data):
             effort, flow = (result[f"{group}/operating_{key}"].data[place] for key in ("effort", "flow"))
-            yield f"{name} = 1 gives e = {effort:.4g}, f = {flow:.4g}"
+            told = (
+                f"{letter} = {value:.4g} {result[f'{group}/operating_{key}'].units}".rstrip()
+                for letter, key, value in (("e", "effort", effort), ("f", "flow", flow))
+            )
+            yield f"{name} = 1 gives {', '.join(told)}"
     note = result.group_attrs.get(group, {}).get("note")
     if note:
         yield str(note)

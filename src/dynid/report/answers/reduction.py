@@ -104,8 +104,9 @@ def notes(result: Result) -> Iterator[str]:
     for name in _names(result):
         masters = _of(result, name, "masters")
         if len(masters):
-            few = ", ".join(map(str, masters[:12])) + (", …" if len(masters) > 12 else "")
-            yield f"{name}: masters {few}"
+            dofs = result["reduction/dof"].data[masters - 1]
+            few = ", ".join(map(str, dofs[:12])) + (", …" if len(masters) > 12 else "")
+            yield f"{name}: {'master' if len(masters) == 1 else 'masters'} {few}"
 
 
 def _span(numbers: list[int]) -> str:

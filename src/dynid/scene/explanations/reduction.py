@@ -76,7 +76,7 @@ def _bases(
 
 
 def _kept(made: Reduction) -> Iterator[str]:
-    yield f"{made.model.size} coordinates"
+    yield counted(made.model.size, "coordinate")
     if made.masters:
         yield f"masters {_listed(made.masters)}"
     if made.modes:
@@ -125,7 +125,7 @@ def _cost(
 ) -> Cost:
     n = float(structure.size)
     one = (0.005 + (12 * _DENSE * n**3 if solver == "dense" else _SPARSE * n * (20 + max(sizes)))) / speed()
-    parts = dict(seconds) or {f"reducing by {len(sizes)} methods": one * len(sizes)}
+    parts = dict(seconds) or {f"reducing by {counted(len(sizes), 'method')}": one * len(sizes)}
     parts["modes of the full structure"] = one
     parts["comparison"] = (0.01 + 1e-7 * n * sum(size for size in sizes)) * len(sizes) / speed()
     values = n + sum(size * n + 5 * size**2 for size in sizes)

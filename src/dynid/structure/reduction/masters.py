@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.choices import MASTERS, SINGLE_MASTERS
 from dynid.errors import Singular, UsageError
+from dynid.numerals import counted
 from dynid.structure.labels import listed
 from dynid.structure.matrices import Array, Label
 from dynid.structure.model import StructuralModel
@@ -80,7 +81,8 @@ def chosen(choose: Choice, count: int, shapes: Array, mass: Array) -> Indices:
     """
     if count > len(mass):
         raise UsageError(
-            f"{count} masters are asked for, but the structure has {len(mass)} DOFs", names=("masters",)
+            f"{counted(count, 'master')} asked for, but the structure has {counted(len(mass), 'DOF')}",
+            names=("masters",),
         )
     if choose == "mass":
         return np.sort(np.argsort(-mass, kind="stable")[:count])
@@ -132,7 +134,10 @@ def _typical(shapes: Array) -> float:
 def _effectively_independent(count: int, shapes: Array) -> Indices:
     """Drop the DOFs of least leverage until `count` are left (Kammer's backward deletion)."""
     if count < shapes.shape[1]:
-        raise UsageError(f"{count} masters cannot tell {shapes.shape[1]} modes apart", names=("masters",))
+        raise UsageError(
+            f"{counted(count, 'master')} cannot tell {counted(shapes.shape[1], 'mode')} apart",
+            names=("masters",),
+        )
     kept = np.arange(len(shapes))
     while len(kept) > count:
         Q = np.linalg.qr(shapes[kept])[0]
@@ -205,7 +210,7 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
     """
     if len(numbers) > len(masters):
         raise UsageError(
-            f"{len(numbers)} modes are more than {_counted(masters)} can tell apart",
+            f"{len(numbers)} modes are more than {counted(len(masters), 'master')} can tell apart",
             remedy="Take fewer modes or more masters; `masters: {count: N}` chooses them.",
             names=("modes",),
         )
@@ -221,11 +226,8 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
         f"mode {hidden[0]} is" if len(hidden) == 1 else f"a combination of the modes {listed(hidden)} is"
     )
     raise Singular(
-        f"{subject} invisible at the {_counted(masters)} {listed(masters)} (condition {worst:.2g})",
+        f"{subject} invisible at the {counted(len(masters), 'master')} {listed(masters)} "
+        f"(condition {worst:.2g})",
         remedy="Add a master where it moves, leave it out, or let `masters: {choose: qr}` choose.",
         names=("masters",),
     )
-
-
-def _counted(masters: Sequence[Label]) -> str:
-    return f"{len(masters)} master{'s' * (len(masters) != 1)}"
