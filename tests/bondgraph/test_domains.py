@@ -1,5 +1,6 @@
 """Units of a graph's variables follow from the physical domains of its nodes."""
 
+from fractions import Fraction
 from pathlib import Path
 from typing import get_args
 
@@ -7,6 +8,8 @@ import pytest
 
 import dynid
 from dynid.bondgraph.domains import UNITS, quotient
+from dynid.bondgraph.graph import Node
+from dynid.errors import UsageError
 from dynid.report.drawing.domains import COLOUR, ELEMENT_UNITS
 from dynid.scene.schema.bond_graph import Domain
 
@@ -59,6 +62,16 @@ def test_results_bear_the_units_of_their_domains(motor):
     assert motor["bond_graph/properties/J.f/voltage/dc_gain"].units == "rad/(s.V)"
     assert motor["bond_graph/properties/J.f/voltage/relative_degree"].units == ""
     assert motor.group_attrs["bond_graph/transfer_function/L.f/torque"]["unit"] == "A/(N.m)"
+
+
+@pytest.mark.parametrize(("domain", "hint"), [("mecanical", "; did you mean 'mechanical'?"), ("optical", "")])
+def test_a_domain_that_there_is_not_is_refused_where_a_node_is_made(domain, hint):
+    with pytest.raises(UsageError) as refused:
+        Node("m", "I", Fraction(2), domain=domain)
+    said = f"node 'm': there is no domain '{domain}'{hint}"
+    assert refused.value.problem == said
+    assert refused.value.remedy.startswith("It is one of mechanical, rotational, ")
+    assert refused.value.names == ("m",)
 
 
 def test_without_domains_nothing_is_said_of_units():

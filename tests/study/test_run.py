@@ -1,6 +1,7 @@
 """A study from its scene to its file, and on again after whatever came between."""
 
 import errno
+import fcntl
 import os
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from dynid.errors import FileError, UsageError
 from dynid.scene.load import load_scene
 from dynid.scene.outcomes import Outcome, Outcomes
 from dynid.store import open_stored, read_result
-from dynid.study import execute, journal, lock
+from dynid.study import execute, journal
 from dynid.study.execute import run_study, valid_samples
 from dynid.study.executors import hire
 from dynid.study.executors.serial import SerialCrew
@@ -392,7 +393,7 @@ def test_what_is_written_beside_a_study_follows_no_link(tmp_path, suffix):
 
 
 def test_a_lock_whose_last_holder_removes_it_just_then_is_made_anew(undisturbed, tmp_path, monkeypatch):
-    take, taken = lock.fcntl.flock, []
+    take, taken = fcntl.flock, []
 
     def removed(descriptor, how):
         take(descriptor, how)
@@ -403,17 +404,24 @@ def test_a_lock_whose_last_holder_removes_it_just_then_is_made_anew(undisturbed,
             (tmp_path / "s.h5.lock").unlink()
             (tmp_path / "s.h5.lock").touch()
 
-    monkeypatch.setattr(lock.fcntl, "flock", removed)
+    monkeypatch.setattr(fcntl, "flock", removed)
     run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
     assert len(taken) == 3
     assert_same(tmp_path / "s.h5", undisturbed)
+
+
+def test_a_system_without_locks_is_told_in_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)  # as on Windows
+    with pytest.raises(UsageError, match=r"cannot be run on this system: .* \(flock\)\. .*WSL"):
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    assert not list(tmp_path.glob("s.h5*"))
 
 
 def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch):
     def none(*_):
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(lock.fcntl, "flock", none)
+    monkeypatch.setattr(fcntl, "flock", none)
     with pytest.raises(FileError, match=r"s\.h5\.lock cannot be locked: No locks available"):
         run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
 

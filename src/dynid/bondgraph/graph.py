@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 from dynid.bondgraph.garbage import no_collection
 from dynid.errors import UsageError
+from dynid.words import did_you_mean
 
 NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1"]
 Quantity = Literal["e", "f", "q", "p"]
@@ -65,6 +66,11 @@ class Node:
         own name stands for its value.
     domain
         Its physical domain, where it is told: one of `dynid.bondgraph.domains`.
+
+    Raises
+    ------
+    UsageError
+        Where there is no such domain.
     """
 
     name: str
@@ -72,6 +78,18 @@ class Node:
     value: Fraction | None = None
     formula: Expression | None = None
     domain: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.domain:
+            return
+        from dynid.bondgraph.domains import UNITS
+
+        if self.domain not in UNITS:
+            raise UsageError(
+                f"node '{self.name}': there is no domain '{self.domain}'{did_you_mean(self.domain, UNITS)}",
+                remedy=f"It is one of {', '.join(UNITS)}.",
+                names=(self.name,),
+            )
 
 
 class Bond(NamedTuple):

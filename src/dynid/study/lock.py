@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from dynid.errors import FileError
+from dynid.errors import FileError, UsageError
 
 
 @contextmanager
@@ -19,6 +18,8 @@ def locked(target: str) -> Iterator[None]:
     ------
     FileError
         When another process holds it, with its name, or when it cannot be taken.
+    UsageError
+        On a system without such locks: Windows.
     """
     name = f"{target}.lock"
     descriptor = _acquire(name, target)
@@ -32,6 +33,13 @@ def locked(target: str) -> Iterator[None]:
 
 
 def _acquire(name: str, target: str) -> int:
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        raise UsageError(
+            "a study cannot be run on this system: it has no locks that end with their process (flock)",
+            remedy="Run it on Linux or macOS; on Windows, in its subsystem for Linux (WSL).",
+        ) from None
     while True:
         try:
             descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
