@@ -4,8 +4,9 @@ import re
 from importlib.resources import files
 
 import pytest
+from click.shell_completion import ShellComplete
 
-from dynid.cli import COMMANDS, GROUPS
+from dynid.cli import COMMANDS, GROUPS, cli
 
 TOPICS = {
     item.name.removesuffix(".md"): item.read_text()
@@ -97,3 +98,20 @@ def test_the_citation_is_one_entry_for_the_software_and_one_a_paper(dynid):
     assert code == 0
     assert re.findall(r"^@(\w+)", out, re.MULTILINE) == ["software", "article", "article"]
     assert out.count("{") == out.count("}")
+
+
+@pytest.mark.parametrize(
+    ("typed", "begun", "completed"),
+    [
+        ([], "ru", ["run"]),
+        (["help"], "gr", ["graphs"]),
+        (["help"], "pl", ["plan", "plot"]),
+        (["new"], "bo", ["bond-graph"]),
+        (["new"], "c", ["chain"]),
+        (["schema"], "ide", ["identification"]),
+        (["bench"], "zeros", ["zeros-poles"]),
+    ],
+)
+def test_the_shell_completes(typed, begun, completed):
+    offered = ShellComplete(cli, {}, "dynid", "_DYNID_COMPLETE").get_completions(typed, begun)
+    assert [item.value for item in offered] == completed

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import click
 
+from dynid.cli.completion import among
 from dynid.cli.progress import showing
 from dynid.errors import UsageError
 
 
+def _benchmarks() -> Iterable[str]:
+    from dynid.bench import BENCHMARKS
+
+    return BENCHMARKS
+
+
 @click.command()
-@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=among(_benchmarks))
 @click.option("-o", "--output", type=click.Path(), help="Write the figures to this HDF5 file.")
 @click.option("--report", type=click.Path(), help="Write the tables and work-precision plots to this page.")
 @click.option(

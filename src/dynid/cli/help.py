@@ -6,14 +6,21 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.completion import among
 from dynid.errors import UsageError
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 
+def _names() -> list[str]:
+    from dynid.cli import COMMANDS
+
+    return [*_topics(), *COMMANDS]
+
+
 @click.command("help")
-@click.argument("topic", required=False)
+@click.argument("topic", required=False, shell_complete=among(_names))
 def help_(topic: str | None) -> int:
     """Explain a TOPIC at length, or a command; without one, list the topics."""
     from dynid.cli import COMMANDS, cli
@@ -30,7 +37,7 @@ def help_(topic: str | None) -> int:
     else:
         from dynid.words import did_you_mean
 
-        names = [*topics, *COMMANDS]
+        names = _names()
         raise UsageError(
             f"no topic '{topic}'{did_you_mean(topic, names)}", remedy=f"There are {', '.join(names)}."
         )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.completion import among
 from dynid.errors import FileError, UsageError
 
 if TYPE_CHECKING:
@@ -20,8 +21,14 @@ _SCHEMA = "dynid.schema.json"
 _COMPANIONS = {"record": ("record.csv",), "frf": ("frf.csv",), "study": ("bond-graph.yaml",)}
 
 
+def _names() -> list[str]:
+    """Return the templates there are."""
+    files = (item.name for item in _folder().iterdir())
+    return [*sorted(name.removesuffix(".yaml") for name in files if name.endswith(".yaml")), _CHAIN]
+
+
 @click.command()
-@click.argument("name")
+@click.argument("name", shell_complete=among(_names))
 @click.option("-o", "--output", type=click.Path(), help="The file to write; default ./NAME.yaml.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @click.option("--no-schema", is_flag=True, help=f"Write no {_SCHEMA}, which editors complete keys from.")
@@ -78,12 +85,7 @@ def new(
 
 def _refuse_options(name: str, netlist: str | None, *, chained: bool) -> None:
     """Refuse a template that is not there, and options that are another's."""
-    names = [
-        *sorted(
-            item.name.removesuffix(".yaml") for item in _folder().iterdir() if item.name.endswith(".yaml")
-        ),
-        _CHAIN,
-    ]
+    names = _names()
     if name not in names:
         from dynid.words import did_you_mean
 

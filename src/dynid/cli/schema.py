@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 
 import click
 
+from dynid.cli.completion import among
 from dynid.errors import UsageError
 
 
+def _kinds() -> Iterable[str]:
+    from dynid.scene.load import KINDS
+
+    return KINDS
+
+
 @click.command()
-@click.argument("kind", required=False)
+@click.argument("kind", required=False, shell_complete=among(_kinds))
 def schema(kind: str | None) -> int:
     """Print the JSON Schema of scenes: of one KIND, or of all."""
     from dynid.scene.load import KINDS
