@@ -13,6 +13,7 @@ from dynid.identification.ensemble import Ensemble
 from dynid.identification.estimators.estimation import Sweep
 from dynid.identification.filtering.filter import Pass
 from dynid.identification.findings import Findings, Named
+from dynid.identification.findings_result import add_diagnostics, add_parameters, add_stages
 from dynid.identification.measurement import Experiment
 from dynid.identification.record_results import (
     add_history,
@@ -57,26 +58,26 @@ class Outcome(Findings):
     dofs: Sequence[Label]
 
     @property
-    def _measured(self) -> Sequence[Sequence[Named]]:
+    def measured(self) -> Sequence[Sequence[Named]]:
         """What is measured, record by record."""
         return [experiment.measurement.channels for experiment in self.experiments]
 
     @property
-    def _word(self) -> str:
+    def word(self) -> str:
         """What a record is called."""
         return "record"
 
     @property
-    def _sensors(self) -> list[Sensor]:
+    def sensors(self) -> list[Sensor]:
         """The channels as records of time."""
         return [
             Sensor(
                 place.name,
                 self.ensemble.records[place.record].data.values[:, place.column],
-                self._final.residuals[place.record][:, place.column],
+                self.final.residuals[place.record][:, place.column],
                 self.experiments[place.record].measurement.step,
             )
-            for place in self._channels
+            for place in self.channels
         ]
 
     @cached_property
@@ -88,7 +89,7 @@ class Outcome(Findings):
         return [history.innovations for history in sweeps[-1] if history.innovations is not None]
 
     @property
-    def _consistency(self) -> Consistency | None:
+    def consistency(self) -> Consistency | None:
         """Mean square of the innovations of all records, as of one channel."""
         every = self.innovations
         return None if every is None else consistency(np.concatenate([e.ravel() for e in every])[:, None])
@@ -97,7 +98,7 @@ class Outcome(Findings):
     def _state_deviations(self) -> list[Array]:
         """Deviations of the states (rows that are kept x n, scaled) of each record, given all records."""
         known = self.information.root()
-        each = zip(self.ensemble.records, self._final.parts, self._noise, strict=True)
+        each = zip(self.ensemble.records, self.final.parts, self.noise, strict=True)
         return [state_deviations(record, part, noise, known) for record, part, noise in each]
 
     def result(self, result: Result, true_states: Callable[[], Sequence[Array | None]]) -> Result:
@@ -110,13 +111,13 @@ class Outcome(Findings):
         true_states
             Gives of each record the states (times x n) that it was made with, where they are known.
         """
-        self._add_parameters(result)
+        add_parameters(result, self)
         if any(map(result.wants_below, _OF_TIME)):
             self._add_histories(result, true_states())
-        self._add_stages(result)
-        self._add_diagnostics(result)
+        add_stages(result, self)
+        add_diagnostics(result, self)
         if self.model_error is not None:
-            self.model_error.add_to(result, [place.name for place in self._channels])
+            self.model_error.add_to(result, [place.name for place in self.channels])
         return result
 
     def _add_histories(self, result: Result, true_states: Sequence[Array | None]) -> None:
@@ -127,13 +128,13 @@ class Outcome(Findings):
             self._add_sweep(result, "identification/first_pass", sweeps[0])
         for k, record in enumerate(self.ensemble.records):
             group = self._group("identification/measurement", k)
-            add_measurement(result, group, record, self.experiments[k], self._final.parts[k])
+            add_measurement(result, group, record, self.experiments[k], self.final.parts[k])
             self._add_findings(result, k, true_states[k])
 
     def _whole_records(self) -> Sweep:
         """Return the history of an estimator of whole records: it knows as much at any time."""
         sweep, deviations = [], self.information.deviations()
-        for part, bands in zip(self._final.parts, self._state_deviations, strict=True):
+        for part, bands in zip(self.final.parts, self._state_deviations, strict=True):
             states, root = part.predicted.states[kept(len(part.residual))], np.diag(deviations)
             every = np.ones((len(states), 1))
             sweep.append(Pass(every * part.logs, every * deviations, states, bands, root))
@@ -141,7 +142,7 @@ class Outcome(Findings):
 
     def _group(self, parent: str, k: int) -> str:
         """Return the group of a record: of a single one the parent itself."""
-        return f"{parent}/record_{k + 1}" if self._several else parent
+        return f"{parent}/record_{k + 1}" if self.several else parent
 
     def _add_sweep(self, result: Result, parent: str, sweep: Sweep) -> None:
         for k, (record, history) in enumerate(zip(self.ensemble.records, sweep, strict=True)):
@@ -151,7 +152,7 @@ class Outcome(Findings):
 
     def _add_findings(self, result: Result, k: int, true: Array | None) -> None:
         """Add what is found of a record beside its prediction: states, residuals, innovations."""
-        model, part = self.ensemble.records[k].model, self._final.parts[k]
+        model, part = self.ensemble.records[k].model, self.final.parts[k]
         measurement = self.experiments[k].measurement
         rows = kept(len(part.residual))
         states = (part.predicted.states[rows] * model.scale, self._state_deviations[k] * model.scale)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynid.identification.diagnostics import is_coloured, whiteness
 from dynid.identification.findings import Findings, Named
+from dynid.identification.findings_result import add_diagnostics, add_parameters, add_stages
 from dynid.identification.frf.estimator import FrfLikelihood
 from dynid.identification.frf.measurement import FrfMeasurement, unstacked
 from dynid.result import Result
@@ -38,12 +39,12 @@ class FrfOutcome(Findings):
     measurement: FrfMeasurement
 
     @property
-    def _measured(self) -> Sequence[Sequence[Named]]:
+    def measured(self) -> Sequence[Sequence[Named]]:
         """What is measured: one set of responses."""
         return [self.measurement.channels]
 
     @property
-    def _word(self) -> str:
+    def word(self) -> str:
         """What a set of responses is called."""
         return "response"
 
@@ -52,18 +53,18 @@ class FrfOutcome(Findings):
         return np.asarray(unstacked(values) * self.measurement.profile)
 
     @property
-    def _residual_rms(self) -> Array:
+    def residual_rms(self) -> Array:
         """RMS of the complex residuals (channels)."""
-        residual = np.abs(self._complex(self._final.residuals[0]))
+        residual = np.abs(self._complex(self.final.residuals[0]))
         return np.asarray(np.sqrt(np.nanmean(residual**2, axis=0)))
 
     @property
-    def _remarks(self) -> Sequence[str]:
+    def remarks(self) -> Sequence[str]:
         """Say of which responses the residuals are no noise, and where they are largest."""
         said = []
-        sizes = np.abs(unstacked(self._final.residuals[0]))
-        for place, part in zip(self._channels, self.residual_ratio, strict=True):
-            if part < _ROUNDING or not is_coloured(whiteness(self._series(place))):
+        sizes = np.abs(unstacked(self.final.residuals[0]))
+        for place, part in zip(self.channels, self.residual_ratio, strict=True):
+            if part < _ROUNDING or not is_coloured(whiteness(self.series(place))):
                 continue
             at = self.measurement.omega[int(np.nanargmax(sizes[:, place.column]))]
             said.append(
@@ -75,12 +76,12 @@ class FrfOutcome(Findings):
     def result(self) -> Result:
         """Return everything under ``identification/``."""
         result = Result("identification")
-        self._add_parameters(result)
-        self._add_stages(result)
+        add_parameters(result, self)
+        add_stages(result, self)
         self._add_measurement(result)
-        self._add_diagnostics(result)
+        add_diagnostics(result, self)
         if self.model_error is not None:
-            self.model_error.add_to(result, [place.name for place in self._channels])
+            self.model_error.add_to(result, [place.name for place in self.channels])
         return result
 
     def _add_measurement(self, result: Result) -> None:
@@ -92,7 +93,7 @@ class FrfOutcome(Findings):
         result.add_axis(f"{group}/channel", [channel.name for channel in channels])
         result.add(f"{group}/unit", units, ("channel",))
         result.add(f"{group}/measured", self._complex(record.data.values), dims, unit)
-        result.add(f"{group}/predicted", self._complex(self._final.parts[0].predicted.outputs), dims, unit)
+        result.add(f"{group}/predicted", self._complex(self.final.parts[0].predicted.outputs), dims, unit)
         if record.data.noise is not None:
             result.add(f"{group}/noise", np.sqrt(2) * record.data.noise, ("channel",), unit)
         if self.measurement.deviation is not None:
