@@ -37,10 +37,6 @@ def irreducible_blocks(equations: Sequence[Form]) -> list[Block]:
     Singular
         Where the determinant vanishes whatever the coefficients are.
     """
-    import numpy as np
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
-
     place: dict[str, int] = {}
     entries = [
         (row, place.setdefault(symbol[1], len(place)))
@@ -53,6 +49,28 @@ def irreducible_blocks(equations: Sequence[Form]) -> list[Block]:
         raise contradiction()
     if not size:
         return []
+    by_row, by_column = _parts(entries, size)
+    blocks = [Block([], []) for _ in range(max(by_row) + 1)]
+    block_of = {name: by_column[column] for name, column in place.items()}
+    for row, form in enumerate(equations):
+        own = {s: v for s, v in form.items() if s[0] != "u" and block_of[s[1]] == by_row[row]}
+        blocks[by_row[row]].rows.append(row)
+        blocks[by_row[row]].forms.append(own)
+    return blocks
+
+
+def _parts(entries: Sequence[tuple[int, int]], size: int) -> tuple[list[int], list[int]]:
+    """Return the irreducible part that each row and each column of a square pattern belongs to.
+
+    Raises
+    ------
+    Singular
+        Where no diagonal can be chosen.
+    """
+    import numpy as np
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
     rows, columns = np.array(entries).T
     pattern = csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
     column_of = maximum_bipartite_matching(pattern, perm_type="column")
@@ -61,11 +79,5 @@ def irreducible_blocks(equations: Sequence[Form]) -> list[Block]:
     row_of = np.empty(size, dtype=int)
     row_of[column_of] = np.arange(size)
     reads = csr_array((np.ones(len(rows), dtype=np.int8), (rows, row_of[columns])), shape=(size, size))
-    count, label = connected_components(reads, directed=True, connection="strong")
-    blocks = [Block([], []) for _ in range(count)]
-    block_of = {name: label[row_of[column]] for name, column in place.items()}
-    for row, form in enumerate(equations):
-        own = {s: v for s, v in form.items() if s[0] != "u" and block_of[s[1]] == label[row]}
-        blocks[label[row]].rows.append(row)
-        blocks[label[row]].forms.append(own)
-    return blocks
+    _, label = connected_components(reads, directed=True, connection="strong")
+    return label.tolist(), label[row_of].tolist()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -73,10 +73,14 @@ def _estimates(result: Result) -> Picture:
     panel = Panel(Axis(label), Axis("", names=tuple(names)), layers, height=max(90.0, 30.0 * len(names)))
     about = "The best that any estimator could do with this record is the Cramér–Rao bound."
     svg = chart("estimates", "Estimates", [[panel]], about)
+    return Picture(svg, about, _table(result, names))
+
+
+def _table(result: Result, names: Sequence[str]) -> Table:
     columns = {
         title: result[f"{GROUP}/{name}"].data
         for name, title in _COLUMNS.items()
         if f"{GROUP}/{name}" in result
     }
     rows = zip(names, *(values.tolist() for values in columns.values()), strict=True)
-    return Picture(svg, about, Table(("parameter", *columns), tuple(rows)))
+    return Table(("parameter", *columns), tuple(rows))

@@ -75,6 +75,13 @@ def step_disagreement(
             f"'step' is {step:.9g} s",
             int(rows[row + 1]),
         )
+    return _drift(given, rows, step, rounding)
+
+
+def _drift(
+    given: NDArray[np.float64], rows: NDArray[np.intp], step: float, rounding: NDArray[np.float64]
+) -> Disagreement | None:
+    """Compare times, at their rows and rounded by so much, with those that lie step after step."""
     span = int(rows[-1] - rows[0])
     mean = float(given[-1] - given[0]) / span
     away = np.abs(given - given[0] - mean * (rows - rows[0]))
