@@ -162,3 +162,26 @@ analysis: {modes: {count: 2}}
     assert "Beware: rounding of the stiffness" in (folder / "stiff.html").read_text()
     (folder / "soft.yaml").write_text(scene.replace("1.0e13", "1.0e6"))
     assert "beware" not in dynid("run", "soft.yaml")[1]
+
+
+def test_a_free_response_beside_an_excitation_is_called_so(dynid, folder):
+    scene = """\
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1], links: [{dofs: [1], k: 4}]}}
+excitation: {dof: 1, kind: step, amplitude: 8}
+initial: {1: {x: 1}}
+analysis:
+  outputs: [{dof: 1}]
+  time: {stop: 1, step: 0.5}
+"""
+    note = "Note: the free response to the initial motion"
+    (folder / "a.yaml").write_text(scene)
+    said = dynid("run", "a.yaml")[1]
+    assert note in said
+    assert "at the end -0.4161" in said  # cos 2: of the motion at the start alone
+    driven = "{dof: 1, kind: step, amplitude: 8}"
+    (folder / "a.yaml").write_text(scene.replace("step: 0.5", f"step: 0.5, input: {driven}"))
+    said = dynid("run", "a.yaml")[1]
+    assert note not in said
+    assert "at the end 2.416" in said  # 2 - cos 2

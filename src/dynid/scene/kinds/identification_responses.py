@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from dynid.scene.schema.common import Dof, TimeGrid
 
 
+#: What is said of a time response where the scene has an excitation that does not drive it.
+_FREE = (
+    "the free response to the initial motion; the excitation is the record's, and a response that it drives "
+    "names it under time: input"
+)
+
+
 def _response_loads(scene: Scene, model: IdentificationScene, grid: TimeGrid, record: Record) -> list[Load]:
     """Return what drives a time response: its own input; nothing, with an initial motion; the excitation."""
     if grid.input or model.initial:
@@ -53,6 +60,8 @@ def responses(
     if wanted.time is not None:
         tell("time response")
         result.merge(time_response(structure, values=values, **time_question(scene)))
+        if model.initial and model.excitation and not wanted.time.input:
+            result.annotate("structure/time_response", note=_FREE)
     return result
 
 
