@@ -312,7 +312,7 @@ def test_one_is_one_and_a_response_of_nothing_has_no_largest_value(dynid, folder
     (folder / "one.yaml").write_text(ONE)
     code, said, _ = dynid("run", "one.yaml")
     assert code == 0
-    assert "frequency response at 1 frequency, 3 … 3 rad/s\n    |m.f over g| is 0 at all of them" in said
+    assert "frequency response at 1 frequency, 3 rad/s\n    |m.f over g| is 0 at all of them" in said
     assert "at 1 frequency\n" in dynid("check", "--explain", "one.yaml")[1]
 
 

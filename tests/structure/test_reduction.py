@@ -409,7 +409,7 @@ def test_what_makes_no_sense_is_refused(options, error, said):
         (lambda: METHODS["irs"](iterations=0), "IRS takes at least one iteration"),
         (
             lambda: chosen("effective-independence", 1, np.eye(4)[:, :2], np.ones(4)),
-            "1 masters cannot tell 2",
+            "1 master cannot tell 2 modes apart",
         ),
         (lambda: reduce(unjoined(), "guyan"), "nothing says which DOFs are masters"),
     ],

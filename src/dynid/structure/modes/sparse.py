@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _ATTEMPTS = 6
 # Modes computed above those asked for, to find a gap; and the relative gap wide enough to count in.
 _SPARE, _GAP = 1, 1e-6
-# A body has six rigid motions at most: of so many pairs one is elastic, which tells how far the others are.
+# A body has six rigid motions at most: of one pair more one is elastic, which tells how far the others are.
 _RIGID = 6
 # Relative distance of a limit to a mode at which rounding decides on which side of it the mode lies.
 _HIT = 1e-8
@@ -64,7 +64,9 @@ class Spectrum:
         NumericalError
             If modes stay missing, or cannot be counted.
         """
-        self._extend(max(count, _RIGID) + _SPARE)
+        self._extend(count + _SPARE)
+        if len(self.square) <= _RIGID and self.square.max(initial=0.0) < self._shift:
+            self._extend(_RIGID + _SPARE)
         value = self._proved(count) if proof else 0.0
         if len(self.square) < count:
             raise too_many(count, len(self.square))
