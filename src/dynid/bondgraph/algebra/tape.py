@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import chain
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -56,8 +57,8 @@ def schedule(program: Program, wanted: Sequence[int], value: Callable[[str], Fra
 def _registers(program: Program, value: Callable[[str], Fraction]) -> Registers:
     """Return the registers of a program as arrays, with the numbers of its leaves."""
     ops, count = program.ops, len(program.ops)
-    operations, one, other = zip(*ops, strict=True)
-    codes, first = np.fromiter(operations, np.int64, count), list(one)
+    codes = np.fromiter(map(itemgetter(0), ops), np.int64, count)
+    first = list(map(itemgetter(1), ops))
     numbers = np.zeros((count, 3))
     numbers[program.s, 0] = 1.0
     leaves = np.flatnonzero(codes < Op.LAPLACE)
@@ -67,8 +68,9 @@ def _registers(program: Program, value: Callable[[str], Fraction]) -> Registers:
     numbers[leaves] = np.fromiter(parts, np.float64, 3 * len(leaves)).reshape(-1, 3)
     for leaf in (program.s, *leaves.tolist()):  # a name, or a number
         first[leaf] = 0
-    a, b = (np.fromiter(each, np.int64, count) for each in (first, other))
-    return Registers(codes, a, b, numbers)
+    second = map(itemgetter(2), ops)
+    one, other = (np.fromiter(operands, np.int64, count) for operands in (first, second))
+    return Registers(codes, one, other, numbers)
 
 
 def _doubled(exact: Fraction | int) -> tuple[float, float, float]:
