@@ -16,7 +16,8 @@ from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 
 #: The force on the first mass.
 FORCE = "force"
-_GOLDEN = Fraction(618034, 1000000)
+#: The golden section, in millionths.
+_GOLDEN, _MILLION = 618_034, 1_000_000
 
 
 class Stage(NamedTuple):
@@ -35,11 +36,12 @@ def uniform(stages: int) -> list[Stage]:
 def distinct(stages: int) -> list[Stage]:
     """Return stages whose values are spread evenly over 0.75 to 1.25 times those of `uniform`."""
 
-    def spread(place: int) -> Fraction:
-        return round(Fraction(3, 4) + place * _GOLDEN % 1 / 2, 6)
+    def spread(value: Fraction, place: int) -> Fraction:
+        half, odd = divmod(place * _GOLDEN % _MILLION, 2)  # rounded half to even
+        return Fraction(value.numerator * (750_000 + half + (half & odd)), value.denominator * _MILLION)
 
     return [
-        Stage(*(value * spread(3 * index + place) for place, value in enumerate(Stage())))
+        Stage(*(spread(value, 3 * index + place) for place, value in enumerate(Stage())))
         for index in range(1, stages + 1)
     ]
 

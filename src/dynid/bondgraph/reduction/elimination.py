@@ -49,10 +49,9 @@ class Elimination:
             self._remove(row)
         return neighbours
 
-    def _remove(self, *rows: Row) -> None:
-        """Take out eliminated junctions, after which the network is whole."""
-        for row in rows:
-            self.net.remove(row)
+    def _remove(self, row: Row) -> None:
+        """Take out an eliminated junction, after which the network is whole."""
+        self.net.remove(row)
         self.story.done()
 
     def _absorb_leaf(self, leaf: Row, into: Row, own: Register) -> None:
@@ -176,7 +175,8 @@ class Elimination:
                 net.feed(row, source, program.neg(_dot(program, left, solved)))
             self.story.driven(row)
         self.story.constrained(bare, partner)
-        self._remove(bare, partner)
+        self.net.remove(bare)
+        self._remove(partner)
         return around
 
 
