@@ -245,7 +245,14 @@ def test_what_is_not_a_result_cannot_be_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "text.h5").write_text("kind: x")
     h5py.File(tmp_path / "other.h5", "w").close()
-    cases = {"pipe": "regular", "": "regular", "nope.h5": "no such file", "text.h5": "not an HDF5 file"}
+    (tmp_path / "scene.yaml").write_text("kind: x")
+    cases = {
+        "scene.yaml": "dynid run",
+        "pipe": "regular",
+        "": "regular",
+        "nope.h5": "no such file",
+        "text.h5": "not an HDF5 file",
+    }
     for name, words in (cases | {"other.h5": "not a result"}).items():
         with pytest.raises(FileError, match=words):
             read_result(f"{tmp_path}/{name}")

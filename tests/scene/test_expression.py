@@ -65,6 +65,7 @@ def test_float_values(text, value):
         ("a and b", 3, "'and'"), ("not a", 1, "'not'"), ("[x for x in y]", 1, "'['"),
         ("__import__", 1, "underscores"),
         ("ﬁ + 1", 1, "'fi'"), ("a b", 1, "missing"), ("1 +", 3, "missing"), ("(1", 1, "not closed"),
+        ("min(1", 4, "in quotes"),
         ("1)+(2", 2, "closes nothing"), ("", 1, "missing"), ("  ", 1, "missing"), ("1e999", 1, "too large"),
         ("(" * 300 + ")" * 300, 101, "nested"), ("x" * 1001, 1001, "1000 characters"), ("a; b", 2, "';'"),
         ("a\\b", 2, "no meaning"),
@@ -206,6 +207,7 @@ def test_all_faulty_parameters_are_told_and_only_they():
     assert "function" in faults["sin"]
     assert "division by zero" in faults["z"]
     assert "true" in faults["t"]
+    assert "reserved" in faults["lambda"]
 
 
 def test_a_parameter_downstream_of_a_cycle_is_not_blamed():

@@ -33,6 +33,9 @@ def reading(name: str) -> Iterator[None]:
         raise FileError(f"{name} cannot be read: permission denied", names=[name]) from None
     except (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, MemoryError) as error:
         # A damaged file can make h5py raise nearly anything.
+        if name.endswith((".yaml", ".yml")):
+            remedy = f"If it is a scene, name the file that `dynid run {name}` writes."
+            raise FileError(f"{name} is not a result", remedy=remedy, names=[name]) from error
         problem = f"{name} is not an HDF5 file, or a damaged one"
         raise FileError(problem, remedy="Run its scene again.", names=[name]) from error
 

@@ -139,7 +139,8 @@ def _check_tokens(text: str) -> None:
         number = match["number"] or ""
         position = match.end()
     if opened:
-        raise ExpressionError("this parenthesis is not closed", text, opened[-1])
+        sentence = "this parenthesis is not closed; between { } an expression with a comma stands in quotes"
+        raise ExpressionError(sentence, text, opened[-1])
 
 
 def _check_parenthesis(token: str, opened: list[int], text: str, column: int) -> None:
