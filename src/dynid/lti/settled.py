@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 _TRUSTED, _REFUSED = 1e-10, 1e-3
 #: Instants of the repetition.
 _CHECKED = 100
-#: Products that propagating in more bits may take, and doublings of the bits.
-_MOST_PRODUCTS, _DOUBLINGS = 20_000_000, 4
+#: Products that propagating in more bits may take (seconds), what a step costs beside its own, and doublings.
+_MOST_PRODUCTS, _STEP, _DOUBLINGS = 10_000_000, 100, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def settled_response(
         else timeline(signals, t, min(0.0, float(t[0])))
     )
     size = len(system.A) + len(system.C) + (0 if line is None else len(line.G))
-    if line is not None and len(line.nodes) * size**2 <= _MOST_PRODUCTS:
+    if line is not None and len(line.nodes) * (_STEP + size**2) <= _MOST_PRODUCTS:
         outputs = _settled(rational(), line)
         if outputs is not None:
             return found._replace(outputs=outputs), 0.0
