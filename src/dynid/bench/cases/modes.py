@@ -1,4 +1,4 @@
-"""The lowest ten modes of a plate."""
+"""The lowest ten modes of a plate; with `--size modes=100000` it has 99,739 DOFs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The lowest ten modes of a solid, whose factors fill more than those of a plate."""
+"""The lowest ten modes of a solid, whose factors fill more than those of a plate.
+
+With `--size modes-of-solids=86000` it has 86,490 DOFs.
+"""
 
 from __future__ import annotations
 

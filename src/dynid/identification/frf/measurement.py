@@ -156,6 +156,17 @@ def check_cost(model: StructuralModel, lines: int) -> None:
         )
 
 
+def _refuse_poles(solved: NDArray[np.complex128], omega: Array) -> None:
+    infinite = ~np.isfinite(solved).all(axis=(1, 2))
+    if infinite.any():
+        raise Singular(
+            f"at {float(omega[np.argmax(infinite)]):.6g} rad/s a frequency response is infinite: "
+            "that line lies on an undamped pole",
+            remedy="Leave that line out, or give the structure some damping.",
+            names=("measurement.frf", "measurement"),
+        )
+
+
 def responses(
     model: StructuralModel, channels: Sequence[Frf], omega: Array, logs: Array | None = None
 ) -> Response:
@@ -186,14 +197,7 @@ def responses(
     where = where.reshape(2, len(channels))
     n = len(M)
     solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
-    infinite = ~np.isfinite(solved).all(axis=(1, 2))
-    if infinite.any():
-        raise Singular(
-            f"at {float(omega[np.argmax(infinite)]):.6g} rad/s a frequency response is infinite: "
-            "that line lies on an undamped pole",
-            remedy="Leave that line out, or give the structure some damping.",
-            names=("measurement.frf", "measurement"),
-        )
+    _refuse_poles(solved, omega)
     driven, read = solved[:, :, where[0]], solved[:, :, where[1]]
     factor = (1j * omega[:, None]) ** [channel.channel.order for channel in channels]
     H = factor * np.einsum("cn,lnc->lc", rows, driven)
