@@ -99,8 +99,12 @@ def reduced(number: int, title: str, result) -> str:
     }
     size = len(result[f"{group}/mode"].data)
     warning = result.value(f"{group}/warning")
-    said = f"{size} coordinates, chosen by the band of the excitation, made anew as the joints converge."
-    return "\n".join([table(number, title, result, others), said, f"The run says: *{warning}*.", ""])
+    said = (
+        f"{size} coordinates: modes chosen by the band of the excitation, and residual vectors at joints, "
+        "sensors and\nforce; made anew as the joints converge."
+    )
+    warned = [f"The run says: *{warning}*."] if warning else []
+    return "\n".join([table(number, title, result, others), said, *warned, ""])
 
 
 def history(result, title: str) -> Panel:

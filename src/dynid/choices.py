@@ -108,6 +108,9 @@ SINGLE_MASTERS = Limit(
     2000, "effective independence drops DOFs one by one once {value:,} are left, a quarter at a time before"
 )
 BASIS_BAND = Default(5.0, "basis", "a basis keeps all modes below {value:g} times the band of interest")
+RESIDUALS: Default[Literal["auto"]] = Default(
+    "auto", "residuals", "residual vectors ({value}) go with modes with joints, if the excitation has a band"
+)
 
 # Identification.
 ESTIMATOR: Default[Literal["auto"]] = Default(

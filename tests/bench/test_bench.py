@@ -32,6 +32,7 @@ SMALL = {
     "filters": (100, 0.05),
     "estimators": (200, 2.0),
     "basis": (7, 0.05),
+    "residuals": (5, 1e-3),
     "reduction": (300, 1e-10),
     "modes": (300, 1e-10),
     "modes-of-solids": (300, 1e-10),

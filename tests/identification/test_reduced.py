@@ -15,7 +15,7 @@ structure:
 joints:
   root: {dofs: [1], k: {start: 2.5e3, true: 5.0e3}}
   support: {dofs: [10], k: {start: 5.0e3, true: 1.0e4}, c: {start: 10, true: 20}}
-reduction: {method: joint-aware, modes: {count: 8}}
+reduction: {method: joint-aware, modes: {count: 8}, residuals: none}
 excitation: [{dof: 6, kind: multisine, amplitude: [100, 100, 100], frequency: [45, 250, 300]}]
 measurement:
   step: 0.002
@@ -24,6 +24,7 @@ measurement:
   simulate: {noise_ratio: 0, settle: 20, model: full}
 estimator: {method: filter, passes: 2}
 """
+AWARE = "{method: joint-aware, modes: {count: 8}, residuals: none}"
 SEREP = "{method: serep, masters: [1, 6, 10], modes: [2, 3, 4]}"
 
 
@@ -40,16 +41,30 @@ def test_a_basis_that_follows_the_joints_finds_them_where_the_papers_does_not():
     start = result["identification/parameters/start"].data
     np.testing.assert_array_equal(start, [2.5e3, 5e3, 10])
     assert result.value("identification/diagnostics/passes") > 2  # the basis was made anew
-    _, paper = errors(BEAM.replace("{method: joint-aware, modes: {count: 8}}", SEREP))
+    _, paper = errors(BEAM.replace(AWARE, SEREP))
     assert paper.max() > 20
 
 
+def test_joints_get_residual_vectors_where_neither_these_nor_masters_are_named():
+    def coordinates(text):
+        result, found = errors(text)
+        return len(result["identification/history/component"].data) / 2, found
+
+    size, found = coordinates(BEAM.replace(", residuals: none", ""))
+    assert size == 8 + 3  # DOFs 1, 6 and 10, of joints, sensors and the force
+    assert found.max() < 1e-4  # 0.29 without
+    np.testing.assert_array_equal(found, coordinates(BEAM.replace("none", "auto"))[1])
+    for plain in ("[]", "none", "none, masters: {count: 8}"):
+        assert coordinates(BEAM.replace("none", plain))[0] == 8
+    assert coordinates(BEAM.replace("residuals: none", "masters: {count: 8}"))[0] == 8
+
+
 def test_residual_vectors_at_the_joints_find_them_better_with_as_many_coordinates():
-    text = BEAM.replace("modes: {count: 8}", "modes: {count: 5}, residuals: [1, 6, 10]")
+    text = BEAM.replace("modes: {count: 8}, residuals: none", "modes: {count: 5}, residuals: [1, 6, 10]")
     result, found = errors(text)
     assert len(result["identification/history/component"].data) == 16
     assert found.max() < 0.01  # 0.29 without
-    with_masters = BEAM.replace("modes: {count: 8}", "masters: [1, 6], residuals: [1]")
+    with_masters = BEAM.replace("modes: {count: 8}, residuals: none", "masters: [1, 6], residuals: [1]")
     assert faults_of(with_masters)[0].startswith("9:12: with residual vectors the coordinates are modal")
 
 
@@ -57,16 +72,14 @@ def test_residual_vectors_at_the_joints_find_them_better_with_as_many_coordinate
     "reduction", [SEREP, "{method: craig-bampton, masters: [1, 6, 10], modes: {count: 3}}"]
 )
 def test_records_of_the_reduced_model_itself_are_explained_by_it(reduction):
-    text = BEAM.replace("{method: joint-aware, modes: {count: 8}}", reduction)
+    text = BEAM.replace(AWARE, reduction)
     result, found = errors(text.replace("model: full", "model: reduced"))
     assert found.max() < 0.05
     assert result.value("identification/diagnostics/converged")
 
 
 def test_masters_and_modes_come_from_the_scene_where_they_are_not_given():
-    result, found = errors(
-        BEAM.replace("{method: joint-aware, modes: {count: 8}}", "{method: craig-bampton}")
-    )
+    result, found = errors(BEAM.replace(AWARE, "{method: craig-bampton}"))
     components = list(result["identification/history/component"].data)
     # The ends of the joints, then the sensors and the force, then the modes inside.
     assert components[:3] == ["theta_1.displacement", "w_6.displacement", "w_4.displacement"]
@@ -75,7 +88,7 @@ def test_masters_and_modes_come_from_the_scene_where_they_are_not_given():
 
 
 def test_responses_are_those_of_the_reduced_model():
-    text = BEAM[: BEAM.index("measurement:")].replace("{method: joint-aware, modes: {count: 8}}", SEREP)
+    text = BEAM[: BEAM.index("measurement:")].replace(AWARE, SEREP)
     text += "analysis:\n  outputs: [{dof: 3, quantity: displacement}]\n"
     text += "  frequency: {start: 30, stop: 60, points: 3}\n  time: {stop: 0.1, step: 0.01}\n"
     reduced = dynid.run(check(text))["structure/frequency_response/response"].data

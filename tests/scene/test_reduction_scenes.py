@@ -112,7 +112,7 @@ FIRST = "{method: serep, masters: [1, 3, 5], modes: [1, 2, 3]}"
         ("{masters: [1]}", "11:5: reduction.0 needs the key 'method'"),
         ("{method: guyan, modes: [1]}", "11:21: 'modes' is not a key of reduction.0"),
         ("{method: joint-aware, residuals: [1, 9]}", "11:42: there is no DOF 9; the structure has 5"),
-        ("{method: modal, residuals: all}", "11:32: 'residuals' cannot be 'all'; it can only be auto"),
+        ("{method: modal, residuals: all}", "11:32: 'residuals' cannot be 'all'; it is one of auto, none"),
         ("{method: irs, iterations: 0}", "11:31: 'iterations' must be at least 1, not 0"),
         ("{method: dynamic, frequency: -1}", "11:34: -1 is negative"),
         ("serep", "11:5: this entry must be a mapping, not 'serep'"),

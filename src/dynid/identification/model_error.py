@@ -162,15 +162,18 @@ def _step(ensemble: Likelihood, fit: JointFit) -> Array:
 def _reference(
     model: StructuralModel, full: StructuralModel, dofs: list[Label], values: dict[str, float]
 ) -> tuple[StructuralModel, str]:
-    """Return the full model, or one of many more modes with the joints as estimated; and its name."""
+    """Return the full model, or one of many more modes with the joints as estimated, and its name.
+
+    Residual vectors keep it from the weakness of modes alone, which it would share with the reduced model.
+    """
     count = _FINER * model.size
     if full.size <= max(_MOST_DOFS, count):
         return full, f"full model of {full.size} DOFs"
     from dynid.structure.reduction.joint_aware import JointAware
     from dynid.structure.reduction.selection import Interest, ModeRange
 
-    method = JointAware(None, ModeRange(count=count), Interest(tuple(dofs)), values)
-    return method.reduce(full).model, f"model of {count} modes"
+    method = JointAware(None, ModeRange(count=count), Interest(tuple(dofs)), values, residuals="auto")
+    return method.reduce(full).model, f"model of {count} modes and residual vectors"
 
 
 def _frequencies(model: StructuralModel, values: dict[str, float], count: int | None) -> Array:

@@ -59,7 +59,7 @@ class Sampled(Smooth):
         require(
             len(values) >= (1 if self.hold == "zero" else 2),
             "a sampled signal needs two samples or more",
-            names=("file", "path"),
+            names=("file", "path", "samples"),
         )
         require(0 < self.step < math.inf, "a sampled signal's step must be positive", names=("file", "step"))
         require_finite("file", start=self.start, values=values)

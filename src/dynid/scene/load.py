@@ -74,6 +74,7 @@ class Scene:
             ("joints", name),
         ]
         candidates += [("parameters", name), (name,)]
+        candidates += [("measurement", name), ("measurement", "simulate", name)]
         found = next((path for path in candidates if path in self.source.marks), None)
         place = tuple(int(part) if part.isdecimal() else part for part in name.split("."))
         return place if found is None and place[0] in self.source.data else found

@@ -15,7 +15,7 @@ _SENSORS, _DRIVEN = ("w_4", "w_6"), "w_4"
 
 
 @lru_cache(maxsize=1)
-def _beam(elements: int) -> Any:
+def beam_with_joints(elements: int) -> Any:
     """Return Yang's beam with its two joints, started at half their true values."""
     from dynid.structure.assembly import Support
     from dynid.structure.beam import beam
@@ -40,7 +40,7 @@ def _identified(reduce: Callable[[Any], Any]) -> Callable[[int], Callable[[], An
         from dynid.lti.signals import Multisine
         from dynid.structure.response import Channel, Load
 
-        full = _beam(elements)
+        full = beam_with_joints(elements)
         loads = [Load(_DRIVEN, Multisine([100.0] * 3, list(_OMEGA)))]
         channels = tuple(Channel(dof, "velocity") for dof in _SENSORS)
         measurement = Measurement(_STEP, _SAMPLES, channels, Simulation(0.0, 1, _SETTLE))

@@ -5,9 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 from dynid.errors import UsageError
+from dynid.scene.schema.reductions import JointAwareModel, Reduction
 from dynid.structure.reduction.methods import METHODS as _CLASSES
 
-METHODS = tuple(_CLASSES)
+#: Joint-aware with its modes alone; what is called joint-aware has residual vectors.
+ALONE = "joint-aware-modes"
+METHODS = (*_CLASSES, ALONE)
+
+
+def name_of(part: Reduction) -> str:
+    """Return what a reduction of a scene is called among the alternatives."""
+    return (
+        ALONE if isinstance(part, JointAwareModel) and part.residuals in (None, [], "none") else part.method
+    )
 
 
 def sizes_around(size: int, most: int) -> list[int]:
@@ -21,7 +31,7 @@ def described(name: str, size: int, ends: int) -> dict[str, Any]:
     Parameters
     ----------
     name
-        The method.
+        The method, or `ALONE`.
     size
         Coordinates.
     ends
@@ -37,6 +47,8 @@ def described(name: str, size: int, ends: int) -> dict[str, Any]:
         return {"method": name, **chosen}
     if name == "serep":
         return {"method": name, **chosen, "modes": {"count": size}}
+    if name == ALONE:
+        return {"method": "joint-aware", "modes": {"count": size}, "residuals": "none"}
     if size <= ends:
         raise UsageError(f"{ends} DOFs of joints, sensors and loads leave no coordinate for modes")
     modes = {"modes": {"count": size - ends}}

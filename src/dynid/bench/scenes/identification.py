@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from dynid.bench.alternative import Alternative
 from dynid.bench.scenes.aspect import Aspect
-from dynid.bench.scenes.bases import METHODS, described, sizes_around
+from dynid.bench.scenes.bases import METHODS, described, name_of, sizes_around
 from dynid.bench.scenes.modes import solvers
 from dynid.bench.scenes.propagation import propagation
-from dynid.choices import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD
+from dynid.choices import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD, RESIDUALS
 from dynid.lti.polynomials import HOLDS
 from dynid.result import Result
 from dynid.scene.dispatch import run_scene
-from dynid.scene.kinds.identification import interest_of, reductor_of, responding_structure
+from dynid.scene.kinds.identification import interest_of, reduction_of, reductor_of, responding_structure
 from dynid.scene.kinds.identification_responses import time_question, which_modes
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene, check_source
@@ -81,12 +81,12 @@ def basis(scene: Scene) -> Aspect:
     chosen, because = ("full", n), "no reduction is asked for"
     size = max(1, n // 2)
     tried = [size]
-    if method is not None:
+    if method is not None and (part := reduction_of(scene)) is not None:
         size = method.reduce(structure).model.size
-        own = scene.source.data["reduction"]
-        chosen, because = (own["method"], size), f"as asked for; chosen by default: {BASIS_BAND}"
+        own, name = scene.source.data["reduction"], name_of(part)
+        chosen, because = (name, size), f"as asked for; chosen by default: {BASIS_BAND}; {RESIDUALS}"
         tried = sizes_around(size, n)
-        points.append((Alternative(own["method"], _identified(scene, {"reduction": own})), size))
+        points.append((Alternative(name, _identified(scene, {"reduction": own})), size))
     ends = len(
         dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(scene).dofs])
     )

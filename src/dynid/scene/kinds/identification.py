@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dynid.identification.measurement import Experiment
     from dynid.scene.batch import Outcome
     from dynid.scene.kinds.reductions import LocatedReductor
+    from dynid.scene.schema.reductions import Reduction
     from dynid.structure.reduction.selection import Interest
 
 
@@ -219,12 +220,34 @@ def _estimator(given: EstimatorModel) -> Estimator:
 
 def reductor_of(scene: Scene) -> LocatedReductor | None:
     """Return the reduction of a scene, made for its sensors, loads and the band of its excitation."""
-    model = cast("IdentificationScene", scene.model)
-    if model.reduction is None:
+    part = reduction_of(scene)
+    if part is None:
         return None
     from dynid.scene.kinds.reductions import build_reductor
 
-    return build_reductor(model.reduction, interest_of(scene), "reduction")
+    return build_reductor(part, interest_of(scene), "reduction")
+
+
+def reduction_of(scene: Scene) -> Reduction | None:
+    """Return the reduction as a scene describes it, with residual vectors where it leaves that open.
+
+    An excitation without a highest frequency leaves them out: there they gain nothing, and cost much.
+    """
+    model = cast("IdentificationScene", scene.model)
+    if model.reduction is None or not _is_limited(scene):
+        return model.reduction
+    from dynid.scene.kinds.reductions import with_residuals
+
+    return with_residuals(model.reduction)
+
+
+def _is_limited(scene: Scene) -> bool:
+    """Tell whether the band of interest ends below half the sampling rate."""
+    measurement = cast("IdentificationScene", scene.model).measurement
+    if measurement is None or measurement.frf is not None:
+        return True
+    step = min(float(record.step or math.inf) for record in measurement.each)
+    return (interest_of(scene).band or math.inf) < math.pi / step
 
 
 def interest_of(scene: Scene) -> Interest:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynid.choices import RESIDUALS
 from dynid.errors import NumericalError, UsageError
 from dynid.scene.schema.common import ChirpSignal, MultisineSignal, RandomSignal, SineSignal
-from dynid.scene.schema.reductions import DynamicModel, MastersModel, ModesModel, in_radians
+from dynid.scene.schema.reductions import DynamicModel, JointAwareModel, MastersModel, ModesModel, in_radians
 from dynid.structure.reduction.joint_aware import JointAware
 from dynid.structure.reduction.masters import Masters
 from dynid.structure.reduction.methods import METHODS, Reductor
@@ -69,6 +70,13 @@ def build_reductor(part: Reduction, interest: Interest, place: str) -> LocatedRe
         return LocatedReductor(METHODS[part.method](**options, interest=interest), place)
 
 
+def with_residuals(part: Reduction) -> Reduction:
+    """Return a reduction with residual vectors at the joints, where its scene leaves that open."""
+    if isinstance(part, JointAwareModel) and part.masters is None and part.residuals is None:
+        return part.model_copy(update={"residuals": RESIDUALS.value})
+    return part
+
+
 def read_reduction(data: Mapping[str, Any]) -> Reduction:
     """Return a part of a scene that describes a reduction in numbers and words alone."""
     from pydantic import TypeAdapter
@@ -80,6 +88,8 @@ def read_reduction(data: Mapping[str, Any]) -> Reduction:
 
 
 def _option(value: Any) -> Any:
+    if value == "none":
+        return ()
     if isinstance(value, MastersModel):
         return Masters(value.count, value.choose)
     if isinstance(value, ModesModel):

@@ -13,7 +13,10 @@ from dynid.scene.schema.plain import listing, mapping, mapping_of, signals
 from dynid.scene.yaml.source import Source
 from dynid.words import did_you_mean
 
-_METHODS = ("full", "serep", "guyan", "dynamic", "irs", "craig-bampton", "modal", "joint-aware")
+_METHODS = (
+    *("full", "serep", "guyan", "dynamic", "irs", "craig-bampton", "modal", "joint-aware"),
+    "joint-aware-modes",  # without residual vectors
+)
 _SOLVERS = ("dense", "splu", "cholespy", "pardiso")
 _HOLDS = ("spline", "linear", "zero")
 

@@ -81,7 +81,7 @@ class _Modal(Part):
 
 _Residuals = Annotated[
     Annotated[list[Dof], Field(max_length=100_000), once("DOF"), Tag("list")]
-    | Annotated[Literal["auto"], Tag("text")],
+    | Annotated[Literal["auto", "none"], Tag("text")],
     Discriminator(_listed),
 ]
 
@@ -113,14 +113,18 @@ class SerepModel(_OnModes):
 
 
 class JointAwareModel(_OnModes):
-    """SEREP on modes of the structure with its joints at their current values; or with residual vectors."""
+    """Modes of the structure with its joints at their current values, with residual vectors or at masters.
+
+    Absent, an identification that names no masters has residual vectors, if its excitation ends at a
+    frequency below half the sampling rate. A comparison takes the basis as it is named.
+    """
 
     method: Literal["joint-aware"]
     residuals: _Residuals | None = None
 
     @model_validator(mode="after")
     def _masters_or_residuals(self) -> Self:
-        if self.residuals and self.masters is not None:
+        if self.residuals not in (None, [], "none") and self.masters is not None:
             raise fault(
                 "with residual vectors the coordinates are modal: give 'masters' or 'residuals', not both"
             )
