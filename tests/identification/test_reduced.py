@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
+from dynid.errors import DynidError
 from tests.scene.written import JOINTS, check, faults_of
 
 BEAM = """\
@@ -129,3 +130,13 @@ def test_a_mistake_in_a_reduction_is_one_sentence_at_its_place(right, wrong, fau
 def test_a_record_of_a_reduced_model_needs_one():
     found = faults_of(JOINTS.replace("model: full", "model: reduced"))
     assert found == ["1:1: the record is to be simulated with the reduced model, but there is no 'reduction'"]
+
+
+def test_what_is_wrong_with_samples_is_said_where_they_stand():
+    text = BEAM.replace("{method: joint-aware, modes: {count: 8}, residuals: none}", "{method: guyan}")
+    text = text.replace("multisine, amplitude: [100, 100, 100], frequency: [45, 250, 300]", "random")
+    for wrong, line in (("samples: 1", 13), ("step: 1.0e-300", 12)):
+        scene = check(text.replace("samples: 800" if line == 13 else "step: 0.002", wrong))
+        with pytest.raises(DynidError) as caught:
+            dynid.run(scene)
+        assert scene.locate(caught.value).line == line
