@@ -281,6 +281,14 @@ def test_faults_of_a_study_have_their_place(tmp_path, text, said):
     assert str(caught.value).startswith(str(tmp_path / "masses.yaml"))
 
 
+def test_a_misspelt_key_hides_no_other_fault(tmp_path):
+    text = "vary: {parameters.m: {valus: [1], values: [1, 2]}, parameters.mm: [1, 2]}\n"
+    with pytest.raises(SceneError) as caught:
+        plan_of(tmp_path, f"{text}expct: []\n")
+    said = [(fault.line, fault.column, fault.message.split()[0]) for fault in caught.value.faults]
+    assert said == [(4, 23, "'valus'"), (4, 52, "mass.yaml"), (5, 1, "'expct'")]
+
+
 def test_a_quantity_that_a_parameter_leads_back_to_is_refused(tmp_path):
     scene = SCENE.replace("{m: 2, b: 1}", "{m: 2 * b, b: 1}")
     with pytest.raises(SceneError, match=r"it is defined by itself: "):

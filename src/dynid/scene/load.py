@@ -133,25 +133,39 @@ def check_source(source: Source) -> Scene:
     """
     from pydantic import ValidationError
 
-    from dynid.scene.schema.faults import located_faults
+    from dynid.scene.schema.faults import located_faults, without_unknown_keys
     from dynid.scene.schema.outline import read_names, whole_faults
 
     source = as_current(source)
     model = _model_of(source)
     names, faults = read_names(source)
     faults += whole_faults(source, names)
+    data = _with_text_keys(source.data)
     try:
-        validated = model.model_validate(_with_text_keys(source.data), context=names)
-    except ValidationError as error:
-        faults += located_faults(source, model, error)
-    if faults:
-        raise SceneError(faults)
+        try:
+            validated = model.model_validate(data, context=names)
+        except ValidationError as error:
+            faults += located_faults(source, model, error)
+            validated = model.model_validate(without_unknown_keys(data, error), context=names)
+    except ValidationError:
+        raise SceneError(faults) from None
     scene = Scene(source, validated)
     if scene.kind == "study":
-        from dynid.scene.kinds.study import check_study
-
-        check_study(scene)
+        faults += _study_faults(scene)
+    if faults:
+        raise SceneError(faults)
     return scene
+
+
+def _study_faults(scene: Scene) -> tuple[Fault, ...]:
+    """Return what is wrong with a study and the scene it varies."""
+    from dynid.scene.kinds.study import check_study
+
+    try:
+        check_study(scene)
+    except SceneError as error:
+        return tuple(error.faults)
+    return ()
 
 
 def _model_of(source: Source) -> type[SceneModel]:

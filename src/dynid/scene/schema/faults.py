@@ -57,6 +57,20 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
     return [_fault(source, model, item) for items in places.values() for item in _one_of_a_union(items)]
 
 
+def without_unknown_keys(data: Any, error: ValidationError) -> Any:
+    """Return a scene's data less the keys that it does not have, so that what else is wrong shows as well."""
+    unknown = {_unknown_key(data, item["loc"]) for item in error.errors() if item["type"] == "extra_forbidden"}
+
+    def kept(part: Any, path: tuple[Any, ...]) -> Any:
+        if isinstance(part, dict):
+            return {
+                key: kept(value, (*path, key)) for key, value in part.items() if (*path, key) not in unknown
+            }
+        return [kept(value, (*path, at)) for at, value in enumerate(part)] if isinstance(part, list) else part
+
+    return kept(data, ())
+
+
 def _one_of_a_union(errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Join what every member of a union says of one value: it must be one type or another."""
     wanted = [_WANTED[item["type"]] for item in errors if item["type"] in _WANTED]
@@ -76,9 +90,10 @@ def _is_misspelt(error: dict[str, Any], strange: Mapping[tuple[Any, ...], list[s
 
 def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:
     loc, kind = tuple(error["loc"]), error["type"]
-    path = data_path(source.data, loc)
-    name = _dotted(path[:-1]) or "a scene"
-    if kind in ("extra_forbidden", "invalid_key"):
+    strange = kind in ("extra_forbidden", "invalid_key")
+    path = _unknown_key(source.data, loc) if strange else data_path(source.data, loc)
+    if strange:
+        name = _dotted(path[:-1]) or "a scene"
         holder = _model_at(model, loc[:-1])
         known = list(holder.model_fields) if holder else []
         message = f"'{loc[-1]}' is not a key of {name}{did_you_mean(str(loc[-1]), known)}"
@@ -154,6 +169,13 @@ def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
             path.append(part)
             data = data[part]
     return tuple(path)
+
+
+def _unknown_key(data: Any, loc: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return where a key is that its mapping does not have; a member of a union may be called as another is."""
+    without = (loc[:place] + loc[place + 1 :] for place in range(len(loc) - 1))
+    paths = [data_path(data, some) for some in (loc, *without)]
+    return next((path for path in paths if path[-1:] == loc[-1:]), paths[0])
 
 
 def _as_int_key(data: dict[Any, Any], part: Any) -> int | None:
