@@ -59,7 +59,9 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
 
 def without_unknown_keys(data: Any, error: ValidationError) -> Any:
     """Return a scene's data less the keys that it does not have, so that what else is wrong shows as well."""
-    unknown = {_unknown_key(data, item["loc"]) for item in error.errors() if item["type"] == "extra_forbidden"}
+    unknown = {
+        _unknown_key(data, item["loc"]) for item in error.errors() if item["type"] == "extra_forbidden"
+    }
 
     def kept(part: Any, path: tuple[Any, ...]) -> Any:
         if isinstance(part, dict):
@@ -172,7 +174,7 @@ def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _unknown_key(data: Any, loc: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return where a key is that its mapping does not have; a member of a union may be called as another is."""
+    """Return where a key is that its mapping does not have; a member of a union may bear another's name."""
     without = (loc[:place] + loc[place + 1 :] for place in range(len(loc) - 1))
     paths = [data_path(data, some) for some in (loc, *without)]
     return next((path for path in paths if path[-1:] == loc[-1:]), paths[0])
