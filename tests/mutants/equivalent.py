@@ -7,8 +7,6 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.program:Program._last_uses: (max(last, default=-1), -1, -1): → (max(last, default=-1), 1, -1):": (
         "registers 0 and 1 are the constants 0 and 1, which read no others"
     ),
-    f"{_REDUCTION}.elimination:_dot: am.add(program.mul(left[0], right[0]), program.mul(left[1], right[1])) → "
-    "am.add(program.mul(left[1], right[1]), program.mul(left[0], right[0]))": "a sum in another order",
     f"{_REDUCTION}.notation:_needed: ge(max(wanted, default=-1), -1, -1): → ge(max(wanted, default=-2), -1, -1):": (
         "of nothing wanted, both ranges are empty"
     ),

@@ -186,6 +186,8 @@ def _alternatives(node: ast.AST) -> Iterator[tuple[str, int | None, object]]:
             yield "op", None, _ARITHMETIC[type(op)]()
         case ast.BoolOp(op=op):
             yield "op", None, ast.And() if isinstance(op, ast.Or) else ast.Or()
+        case ast.Call(func=ast.Attribute(attr="add" | "mul"), args=[_, _]):
+            pass  # sums and products are the same either way round
         case ast.Call(args=[first, second, *rest]):
             if ast.dump(first) != ast.dump(second) and not isinstance(first, ast.Starred):
                 yield "args", None, [second, first, *rest]
