@@ -235,7 +235,7 @@ def test_poles_alone_call_no_propagation(monkeypatch):
     def refuse(*_):
         raise AssertionError("a time response was computed")
 
-    monkeypatch.setattr("dynid.lti.propagate.response", refuse)
+    monkeypatch.setattr("dynid.lti.settled.settled_response", refuse)
     data = graph_scene({"u": "Se", "j": "1", "m": "I", "r": "R"}, {"m": 2, "r": 3},
                        [("u", "j"), ("j", "m"), ("j", "r")], ["u"], ("m", "f"), ["poles"])  # fmt: skip
     found = run(data)["bond_graph/transfer_function/m.f/u/poles"].data

@@ -31,7 +31,7 @@ def test_a_run_writes_the_page_that_its_file_gives(dynid, made):
     [
         (["report", "small.h5", "-o", "small.h5"], 2, "would overwrite the result"),
         (["report", "none.h5"], 4, "none.h5: no such file"),
-        (["report", "small.yaml"], 4, "not an HDF5 file"),
+        (["report", "small.yaml"], 4, "small.yaml is not a result. If it is a scene, name the file"),
         (["report", "small.h5", "-o", "no/such.html"], 4, "there is no folder no"),
         (["run", "small.yaml", "--report", "small.yaml"], 2, "the page would overwrite small.yaml"),
         (["run", "small.yaml", "--report", "small.h5"], 2, "the page would overwrite small.h5"),

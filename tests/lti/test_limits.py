@@ -52,7 +52,7 @@ def test_a_signal_that_takes_too_long_is_refused_by_kind_and_key(kind, parameter
         ("impact", {"amplitude": 1, "duration": 1e-310}, ("impact", "duration")),
         ("random", {"amplitude": 1, "seed": 1, "band": (3, 2)}, ("random", "band")),
         ("random", {"amplitude": 1, "seed": -1}, ("random", "seed")),
-        ("file", {"values": [1.0]}, ("file", "path")),
+        ("file", {"values": [1.0]}, ("file", "path", "samples")),
         ("file", {"values": [1.0, 2.0], "hold": "cubic"}, ("file", "hold")),
     ],
 )

@@ -60,7 +60,9 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, and suggest one where there is none."""
-        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+        if args and args[0].startswith("-"):
+            ctx.fail(f"No such option '{args[0]}'")
+        if args and args[0] not in COMMANDS:
             from dynid.words import did_you_mean
 
             ctx.fail(f"no command '{args[0]}'{did_you_mean(args[0], COMMANDS)}")
