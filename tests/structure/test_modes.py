@@ -1,5 +1,6 @@
 """Natural frequencies and damping of small structures."""
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -143,3 +144,23 @@ def test_a_mass_that_rounding_alone_ties_to_others_is_a_rigid_body(seed):
     found = modes(np.eye(13) + blur + blur.T, np.zeros((13, 13)), K)
     assert (found.rigid, found.omega[0]) == (1, 0.0)
     np.testing.assert_allclose(found.omega[1:] ** 2, np.linalg.eigvalsh(K[1:, 1:]), rtol=1e-8)
+
+
+def test_a_nearly_free_mass_makes_no_other_massless():
+    for squares in ([1e-30, 1e4], [1e-30, 1e-10, 1.0, 1e10, 1e20]):
+        found = modes(np.eye(len(squares)), np.zeros((len(squares),) * 2), np.diag(squares))
+        assert found.massless == 0
+        np.testing.assert_allclose(found.omega**2, squares, rtol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_spectrum_of_more_decades_than_doubles_have_is_resolved_in_all_its_parts(seed):
+    # Coupled to the full, so that nothing is read off the diagonal; K is graded, which fixes each mode.
+    random = np.random.default_rng(seed)
+    A, D = random.normal(size=(5, 5)), np.sqrt([1e-30, 3, 1e-10, 1, 1e4])
+    K, M = (A @ A.T + np.eye(5)) * D * D[:, None], np.eye(5) + 0.3 * np.diag(random.random(4), 1)
+    M = (M + M.T) / 2
+    with mpmath.workdps(100):
+        L = mpmath.cholesky(mpmath.matrix(M.tolist())) ** -1
+        exact = sorted(float(x) for x in mpmath.eigsy(L * mpmath.matrix(K.tolist()) * L.T, eigvals_only=True))
+    np.testing.assert_allclose(modes(M, np.zeros((5, 5)), K).omega ** 2, exact, rtol=1e-8)

@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 
 from dynid.errors import Singular, UsageError
 from dynid.structure.beam import beam
+from dynid.structure.frame import Member, frame
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes
@@ -488,3 +489,35 @@ def test_a_body_that_turns_about_its_joint_does_so_freely_on_its_modes_too(EI, m
     assert (found.rigid, found.omega[0], len(found.omega)) == (1, 0.0, reduced.size)
     count = options["modes"].count
     np.testing.assert_allclose(found.omega[1:count], exact[1:count], rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        ("guyan", {}),
+        ("irs", {"iterations": 1}),
+        ("irs", {"iterations": 2}),
+        ("craig-bampton", {"modes": ModeRange(count=3)}),
+        ("joint-aware", {"modes": ModeRange(count=7)}),
+    ],
+)
+def test_a_master_that_moves_all_as_a_rigid_body_strains_no_joint(method, options):
+    # Of the frame, free to slide: u of all follows u_6, and the joint's own DOFs do so by rounding alone.
+    heights = [0.35280827892659583, 0.3383978762520954, 0.12967617953061406]
+    members = [
+        Member((1, 2), 1e5, 52.9059727299273, 0.7, elements=2),
+        Member((2, 3), 1e5, 15.956684536035205, 0.7, elements=3),
+    ]
+    joints = [
+        Joint("ground", ("theta_5",), 286.81454422996336, None, 0.2),
+        Joint("link", ("theta_3", "w_2"), 2166.869580888279, 10.5, 0.8),
+    ]
+    model = frame([(float(x), y) for x, y in enumerate(heights)], members, joints=joints)
+    masters = [model.dofs[k - 1] for k in (3, 6, 9, 15, 16, 17, 18)]
+    reduction = reduce(model, method, masters=masters, **options)
+    M, _, K = model.dense()
+    T = reduction.basis.T
+    exact = np.sqrt(eigh(T.T @ K @ T, T.T @ M @ T, eigvals_only=True)[1:])
+    found = modes(*reduction.with_joints())
+    assert (found.rigid, found.omega[0], len(found.omega)) == (1, 0.0, reduction.size)
+    np.testing.assert_allclose(found.omega[1:], exact, rtol=1e-8)

@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
@@ -20,6 +21,8 @@ from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, 
 
 # Beyond this a matrix with all its zeros is not made: 5000 x 5000 takes 0.2 GB.
 _MOST_DENSE = 5000
+# Motion that is rounding, relative to the largest in the same column of a basis.
+_ROUNDING = 16 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,10 +317,26 @@ class StructuralModel:
         ones, count = np.ones(len(places)), len(places)
         return csc_array((ones, (np.arange(count), places)), shape=(count, self.size))
 
+    def _unstrained(self, rows: Array, block: Array) -> NDArray[np.bool_]:
+        """Tell the coordinates whose forces in a joint, as its DOFs are read, are rounding of the basis.
+
+        Beside the exact stiffness of the others that would be one of its own, some 30 orders below them.
+        """
+        rounding = np.outer(np.abs(block).sum(axis=1), self._blur)
+        return np.asarray(np.all(np.abs(block @ rows) <= rounding, axis=0))
+
+    @cached_property
+    def _blur(self) -> Array:
+        """What rounding of a basis may make of a displacement, by coordinate (n)."""
+        assert self.basis is not None
+        return np.asarray(_ROUNDING * np.abs(self.basis.parent.expand(self.basis.T)).max(axis=0))
+
     def _pattern(self, joint: Joint, block: Array, letter: str) -> Matrix:
         rows = self._rows(joint)
         if isinstance(rows, np.ndarray):
-            if letter == "k" and self.basis is not None:
-                rows[:, list(self.basis.rigid)] = 0.0
+            if letter != "m" and self.basis is not None:
+                rows[:, self._unstrained(rows, block)] = 0.0
+                if letter == "k":
+                    rows[:, list(self.basis.rigid)] = 0.0
             return np.asarray(rows.T @ block @ rows)
         return (rows.T @ type(rows)(block) @ rows).tocsc()

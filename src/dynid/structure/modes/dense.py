@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 
 # A spread of eigenvalues beyond which the low ones lose digits to the high ones in one decomposition.
 _SPREAD = 1e4
+# The widest part of a spectrum that one shift resolves: to eps times its root at both ends.
+_WINDOW = 1e16
 
 
 def eigenpairs(pencil: Pencil) -> tuple[Array, Array, int]:
@@ -29,7 +31,7 @@ def eigenpairs(pencil: Pencil) -> tuple[Array, Array, int]:
     K, M = np.asarray(pencil.K), np.asarray(pencil.M)
     back, K, M = _condensed(K, M, pencil.without_mass)
     T, K, M = _condensed_to_range(K, M)
-    square, shapes = _both_ends(K, M)
+    square, shapes = _beside_free(K, M)
     return square, back @ (T @ shapes), pencil.size - len(M)
 
 
@@ -99,11 +101,34 @@ def _solved(K: Array, right: Array) -> Array:
     return np.asarray(cho_solve(factor, right / d[:, None]) / d[:, None])
 
 
-def _both_ends(K: Array, M: Array) -> tuple[Array, Array]:
-    """Solve the regular problem; where the spectrum is wide, the low part by the inverted problem.
+def _beside_free(K: Array, M: Array) -> tuple[Array, Array]:
+    """Solve the regular problem; DOFs that nothing at all holds are rigid bodies, and exactly so.
+
+    The other modes have no momentum with them: the free DOFs follow by their mass.
+    """
+    from scipy.linalg import cholesky, solve_triangular
+
+    held = np.any(K, axis=0)
+    if held.all():
+        return _by_windows(K, M)
+    rigid = solve_triangular(cholesky(M[np.ix_(~held, ~held)]), np.eye(int(np.sum(~held))))
+    follow = -rigid @ (rigid.T @ M[np.ix_(~held, held)])
+    square, elastic = _by_windows(
+        K[np.ix_(held, held)], M[np.ix_(held, held)] + M[np.ix_(held, ~held)] @ follow
+    )
+    shapes = np.zeros((len(K), len(K)))
+    first = rigid.shape[1]
+    shapes[~held, :first] = rigid
+    shapes[~held, first:], shapes[held, first:] = follow @ elastic, elastic
+    return np.concatenate([np.zeros(first), square]), shapes
+
+
+def _by_windows(K: Array, M: Array) -> tuple[Array, Array]:
+    """Solve the regular problem; where the spectrum is wide, the low part by inverted problems.
 
     ``eigh(K, M)`` has absolute errors of eps times the highest eigenvalue; ``eigh(M, K + a M)``, whose
-    eigenvalues are 1/(lambda + a), resolves the lowest ones instead.
+    eigenvalues are 1/(lambda + a), resolves those about a instead. From the top down each window of the
+    spectrum is taken from a problem of its own; one is enough but for spectra of 16 decades and more.
     """
     from scipy.linalg import eigh
 
@@ -115,15 +140,19 @@ def _both_ends(K: Array, M: Array) -> tuple[Array, Array]:
     stiff = np.diag(K) > 0
     bound = (np.diag(K)[stiff] / np.diag(M)[stiff]).min(initial=top)  # where rounding drowns the lowest
     elastic = float(square[square > 10 * rounding].min(initial=bound))
-    if square[0] < -1e-3 * top or elastic * _SPREAD > top > 0:
+    if top == 0 or square[0] < -1e-3 * top or elastic * _SPREAD > top:
         return square, shapes
-    try:
-        inverse, inverted = eigh(M, K + elastic * M)
-    except np.linalg.LinAlgError:  # K is indefinite: said by who checks the eigenvalues
-        return square, shapes
-    split = int(np.count_nonzero(square < np.sqrt(elastic * top)))
-    low = inverse[::-1][:split]
-    square[:split] = 1 / low - elastic
-    # Unit modal mass: the eigenvectors have unit phi^T (K + a M) phi.
-    shapes[:, :split] = inverted[:, ::-1][:, :split] / np.sqrt(low)
+    levels = max(1, int(np.ceil(np.log(top / elastic) / np.log(_WINDOW))))
+    ratio = float((top / elastic) ** (1 / levels))
+    for level in reversed(range(levels)):
+        shift = elastic * ratio**level
+        try:
+            inverse, inverted = eigh(M, K + shift * M)
+        except np.linalg.LinAlgError:  # K is indefinite: said by who checks the eigenvalues
+            break
+        split = int(np.count_nonzero(square < shift * np.sqrt(ratio)))
+        low = inverse[::-1][:split]
+        square[:split] = 1 / low - shift
+        # Unit modal mass: the eigenvectors have unit phi^T (K + a M) phi.
+        shapes[:, :split] = inverted[:, ::-1][:, :split] / np.sqrt(low)
     return square, shapes

@@ -60,11 +60,10 @@ class JointAware:
             As of `Serep.reduce`.
         """
         values = {unknown.name: unknown.start for unknown in model.unknowns} | dict(self.values or {})
-        matrices = model.with_joints(values)
         if not self.residuals:
-            return on_modes(model, matrices, self.masters, self.modes, self.interest, retained=True)
+            return on_modes(model, values, self.masters, self.modes, self.interest)
         return on_modes_and_residuals(
-            model, matrices, self.modes, self.residuals, self.interest, retained=True
+            model, model.with_joints(values), self.modes, self.residuals, self.interest, retained=True
         )
 
     def at(self, values: Mapping[str, float]) -> JointAware:

@@ -5,13 +5,13 @@ Sources: K. T. Yang 1997, eqs 4–9; J. O'Callahan, P. Avitabile & R. Riemer, IM
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.matrices import Array, Label, Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import scaled
 from dynid.structure.reduction.masters import Indices, Masters, checked_condition, indices_of
@@ -62,21 +62,20 @@ class Serep:
         Singular
             If a mode is invisible at the masters.
         """
-        matrices, retained = (model.M, model.C, model.K), not model.joints
-        return on_modes(model, matrices, self.masters, self.modes, self.interest, retained=retained)
+        return on_modes(model, None, self.masters, self.modes, self.interest)
 
 
 @guarded("the reduction on modes")
 def on_modes(
     model: StructuralModel,
-    matrices: tuple[Matrix, Matrix, Matrix],
+    values: Mapping[str, float] | None,
     masters: Sequence[Label] | Masters | None,
     modes: Sequence[int] | ModeRange | None,
     interest: Interest,
-    *,
-    retained: bool,
 ) -> Reduction:
-    """Reduce a structure on modes of `matrices`: its own, or those with joints, which are then `retained`."""
+    """Reduce a structure on modes without its joints; or with these, at `values` of the unknown ones."""
+    matrices = (model.M, model.C, model.K) if values is None else model.with_joints(values)
+    retained = values is not None or not model.joints
     if masters is not None and not isinstance(masters, Masters):
         indices_of(model, masters)  # what is wrong with them is said before the modes are computed
     count = fixed_count(masters)
@@ -91,7 +90,7 @@ def on_modes(
     condition = checked_condition(seen, share, basis.numbers, labels)
     T, inverse, names = _coordinates(basis, kept, labels)
     rigid = basis.rigid if retained and len(kept) != len(basis.numbers) else ()
-    reduced = _projected(model.projected(T, names, rigid), matrices, basis, inverse)
+    reduced = _projected(model.projected(T, names, rigid), values, matrices, basis, inverse)
     rule = mode_rule(modes, interest, count)
     return Reduction(
         reduced, labels, basis.numbers, condition, retained=retained, rule=rule, doubt=basis.doubt
@@ -112,18 +111,21 @@ def _coordinates(
 
 
 def _projected(
-    reduced: StructuralModel, matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, inverse: Array
+    reduced: StructuralModel,
+    values: Mapping[str, float] | None,
+    matrices: tuple[Matrix, Matrix, Matrix],
+    basis: Selected,
+    inverse: Array,
 ) -> StructuralModel:
     """Project the stiffness (eq 9) by what the modes say of it: ``U^T K U = U^T M U Omega^2``.
 
     The product loses as many digits as the stiffness is worse conditioned than its low modes; the
     frequencies do not. What joints are in the modes' stiffness is taken off again.
     """
+    energy = basis.shapes.T @ np.asarray(matrices[0] @ basis.shapes) * basis.omega**2
     assert reduced.basis is not None
-    T, M, K = reduced.basis.T, matrices[0], matrices[2]
-    energy = basis.shapes.T @ np.asarray(M @ basis.shapes) * basis.omega**2
-    strained = T.copy()
-    strained[:, list(reduced.basis.rigid)] = 0.0
-    joints = strained.T @ np.asarray((K - reduced.basis.parent.K) @ strained)
-    rest = without_rounding(inverse.T @ energy @ inverse, T, K) - joints
-    return replace(reduced, K=(rest + rest.T) / 2)
+    K = without_rounding(inverse.T @ energy @ inverse, reduced.basis.T, matrices[2])
+    if values is not None:
+        joints = replace(reduced, K=np.zeros_like(reduced.K)).with_joints(values)[2]
+        K = K - as_array(joints)
+    return replace(reduced, K=(K + K.T) / 2)
