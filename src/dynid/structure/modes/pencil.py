@@ -37,9 +37,9 @@ class Pencil:
         return np.flatnonzero(self.M.diagonal() == 0)
 
 
-# A DOF this much faster by itself than the slowest (in squares), and this much lighter than the heaviest, moves
-# without mass to all digits. The one alone would be said of heavy DOFs beside one that is nearly free, the
-# other of rotations in large units of length.
+# A DOF this much faster by itself than the slowest (in squares), and this much lighter than the heaviest,
+# moves without mass to all digits. The one alone would be said of heavy DOFs beside one that is nearly free,
+# the other of rotations in large units of length.
 _MASSLESS = 1e28
 # The least shift relative to the bound, large against rounding. The lowest elastic eigenvalue of n DOFs is
 # about the bound over n^2 (strings, plates) or more (solids): a shift far below it would make rigid-body
