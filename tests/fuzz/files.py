@@ -22,7 +22,7 @@ from dynid.errors import DynidError
 from dynid.scene.kinds.tables import read_columns
 from dynid.store import write_result
 from dynid.structure.readers.read import MatrixFile, read_matrix
-from tests.fuzz.record import RECORD, kept_records
+from tests.fuzz.record import RECORD, asked, kept_records
 from tests.scene.test_formats import stored
 from tests.structure.test_readers import WRITERS
 
@@ -131,5 +131,7 @@ def main(count: int = 2000, *, keep: bool = False) -> int:
 
 
 if __name__ == "__main__":
-    numbers = [int(argument) for argument in sys.argv[1:] if argument.isdigit()]
-    sys.exit(min(main(*numbers, keep="--keep" in sys.argv), 1))
+    given = asked(__doc__)
+    given.add_argument("trials", nargs="?", type=int, default=2000)
+    told = given.parse_args()
+    sys.exit(min(main(told.trials, keep=told.keep), 1))

@@ -148,5 +148,9 @@ def main(seconds: float = 600, *, keep: bool = False) -> int:
 
 
 if __name__ == "__main__":
-    numbers = [float(argument) for argument in sys.argv[1:] if argument.replace(".", "").isdigit()]
-    sys.exit(min(main(*numbers, keep="--keep" in sys.argv), 1))
+    from tests.fuzz.record import asked
+
+    given = asked(__doc__)
+    given.add_argument("seconds", nargs="?", type=float, default=600)
+    told = given.parse_args()
+    sys.exit(min(main(told.seconds, keep=told.keep), 1))

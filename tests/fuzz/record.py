@@ -8,6 +8,7 @@ A process of its own judges a thousand scenes, so that what ends or stops it is 
 
 from __future__ import annotations
 
+import argparse
 import json
 import multiprocessing
 import resource
@@ -125,6 +126,15 @@ def kept_records(path=RECORD, **new):
     return kept
 
 
+def asked(about: str) -> argparse.ArgumentParser:
+    """Return what reads a fuzz's command line, with its help."""
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    parser.add_argument("--keep", action="store_true", help=f"write the counts to {RECORD.name}")
+    return parser
+
+
 def again(command: str = "check", *, path: Path = RECORD) -> int:
     """Judge those on record as broken once more; note the mended ones, and return how many are broken."""
     record, every = kept_records(path)[command], bases()
@@ -154,8 +164,15 @@ def main(count: int = 100_000, first: int = 0, *, command: str = "check", kept: 
 
 
 if __name__ == "__main__":
-    numbers = [int(argument) for argument in sys.argv[1:] if argument.isdigit()]
-    chosen = "run" if "run" in sys.argv else "check"
-    if "again" in sys.argv:
+    given = asked(__doc__)
+    given.add_argument("words", nargs="*", metavar="COUNT|FIRST|run|again")
+    told = given.parse_args()
+    numbers = [int(word) for word in told.words if word.isdigit()]
+    if strange := [
+        word for word in told.words if not word.isdigit() and word not in ("check", "run", "again")
+    ]:
+        given.error(f"what is {strange[0]!r}?")
+    chosen = "run" if "run" in told.words else "check"
+    if "again" in told.words:
         sys.exit(min(again(chosen), 1))
-    sys.exit(min(main(*numbers, command=chosen, kept="--keep" in sys.argv), 1))
+    sys.exit(min(main(*numbers, command=chosen, kept=told.keep), 1))

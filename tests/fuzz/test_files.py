@@ -6,7 +6,10 @@ Damaged files by the thousand are judged by `python -m tests.fuzz.files`.
 import contextlib
 import os
 import pickle
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -112,3 +115,13 @@ def test_what_the_guided_fuzzer_feeds_is_judged():
 def test_damage_is_the_same_for_the_same_seed():
     whole = bytes(range(256))
     assert {spoilt(3, whole)} == {spoilt(3, whole)} != {spoilt(4, whole)}
+
+
+@pytest.mark.parametrize("fuzz", ["files", "guided", "record"])
+def test_a_fuzz_says_what_it_does_instead_of_doing_it(fuzz):
+    for asked, code in (("--help", 0), ("--halp", 2)):
+        command = [sys.executable, "-m", f"tests.fuzz.{fuzz}", asked]
+        told = subprocess.run(
+            command, cwd=Path(__file__).parents[2], capture_output=True, timeout=60, check=False
+        )
+        assert (told.returncode, b"usage: " in told.stdout + told.stderr) == (code, True)

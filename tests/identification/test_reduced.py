@@ -99,6 +99,20 @@ def test_responses_are_those_of_the_reduced_model():
     assert np.abs(reduced / full - 1).max() > 0.1  # as wrong as that basis is
 
 
+def test_the_force_of_a_time_response_is_a_master():
+    text = BEAM[: BEAM.index("excitation:")].replace("{start: 2.5e3, true: 5.0e3}", "5.0e3")
+    text = text.replace("{start: 5.0e3, true: 1.0e4}", "1.0e4").replace("{start: 10, true: 20}", "20")
+    text += "analysis:\n  outputs: [{dof: 3, quantity: displacement}]\n"
+    text += "  time: {stop: 0.1, step: 0.01, input: {kind: step, dof: 7, amplitude: 1}}\n"
+    chosen, named = (
+        dynid.run(check(text.replace(AWARE, f"{{method: guyan{masters}}}")))[
+            "structure/time_response/response"
+        ]
+        for masters in ("", ", masters: [1, 10, 3, 7]")
+    )
+    np.testing.assert_allclose(chosen.data, named.data, rtol=1e-9)
+
+
 def test_an_initial_motion_of_the_reduced_model_is_the_nearest_one():
     text = JOINTS[: JOINTS.index("excitation")].replace("{start: 1.0e4, true: 2.0e4}", "2.0e4")
     text = text.replace("{start: 10, true: 20}", "20").replace(

@@ -226,3 +226,17 @@ def test_an_indefinite_block_of_a_joint_is_refused_at_the_joint(tmp_path, capsys
         main(["run", str(scene), "-o", str(tmp_path / "s.h5")])
     assert stop.value.code == 2
     assert "s.yaml:5:3: a joint's matrix must not be indefinite" in capsys.readouterr().err
+
+
+def test_a_response_between_two_dofs_has_both_among_its_masters():
+    text = """\
+dynid: 1
+kind: reduction
+structure:
+  beam: {elements: 4, length: 4, EI: 100.0, rhoA: 0.1, supports: [{node: 1, fix: [w, theta]}]}
+reduction: [{method: guyan}]
+frequency: {start: 1, stop: 20, points: 3}
+inputs: [7]
+outputs: [{dofs: [3, 5], quantity: displacement}]
+"""
+    assert list(dynid.run(check(text))["reduction/guyan/masters"].data) == [7, 3, 5]

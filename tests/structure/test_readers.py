@@ -17,6 +17,7 @@ from dynid.errors import FileError, UsageError
 from dynid.structure.damping import Modal, Proportional
 from dynid.structure.imported import from_state_space, imported
 from dynid.structure.joints import Joint
+from dynid.structure.model import StructuralModel
 from dynid.structure.readers.read import MatrixFile, matrix_file, read_labels, read_matrix
 from tests.copies import told_by_a_copy
 
@@ -552,3 +553,13 @@ def test_a_state_space_must_tell_a_structure(tmp_path):
     savemat(tmp_path / "s.mat", {"A": np.full((2, 2), np.nan)})
     with pytest.raises(UsageError, match="entries that are no numbers"):
         from_state_space(tmp_path / "s.mat")
+
+
+@pytest.mark.parametrize(("half", "missing"), [(np.triu, "lower"), (np.tril, "upper")])
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_triangle_alone_is_told_which_one_is_missing(tmp_path, half, missing, sparse):
+    path = tmp_path / "k.npz"
+    save_npz(path, csr_array(half(K))) if sparse else np.savez(path, half(K))
+    stored = read_matrix(MatrixFile(path), "stiffness").matrix
+    with pytest.raises(UsageError, match=f"its {missing} triangle is missing"):
+        StructuralModel(np.eye(len(K)), np.zeros_like(K), stored)

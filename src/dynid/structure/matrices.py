@@ -186,11 +186,21 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
         i, j = sorted((int(rows[at]), int(columns[at])))
         raise UsageError(
             f"{NAMES[name]} is not symmetric: entry ({i + 1}, {j + 1}) is {matrix[i, j]:.6g}, "
-            f"({j + 1}, {i + 1}) is {matrix[j, i]:.6g}",
+            f"({j + 1}, {i + 1}) is {matrix[j, i]:.6g}{_missing_triangle(matrix)}",
             remedy="Structural matrices are symmetric; check how it was written.",
             names=(NAMES[name],),
         )
     return _frozen(matrix - difference / 2)
+
+
+def _missing_triangle(matrix: Matrix) -> str:
+    """Say that all on one side of the diagonal is zero, if it is."""
+    rows, columns, entries = triplets(matrix)
+    sides = np.sign(columns - rows)[entries != 0]
+    for side, name in ((-1, "lower"), (1, "upper")):
+        if not np.any(sides == side):
+            return f"; its {name} triangle is missing, and both must be stored"
+    return ""
 
 
 def _frozen(matrix: Matrix) -> Matrix:

@@ -273,6 +273,7 @@ def interest_of(scene: Scene) -> Interest:
         dofs += [
             *(model.analysis.inputs or ()),
             *(dof for output in model.analysis.outputs or () for dof in output.ends),
+            *(part.dof for part in (model.analysis.time.input if model.analysis.time else ())),
         ]
         if band is None and model.analysis.frequency is not None:
             band = float(angular_frequencies(model.analysis.frequency)[-1])

@@ -56,7 +56,7 @@ def interest_of(model: ReductionScene) -> Interest:
     """Return what reduced models are for: the DOFs and the band of the responses."""
     if model.frequency is None:
         return Interest()
-    asked = [*(model.inputs or ()), *(output.dof for output in model.outputs or ())]
+    asked = [*(model.inputs or ()), *(dof for output in model.outputs or () for dof in output.ends)]
     return Interest(tuple(dict.fromkeys(asked)), float(angular_frequencies(model.frequency)[-1]))
 
 
