@@ -5,12 +5,13 @@ Source: T. G. Dickens, J. M. Nakagawa & M. J. Wittbrodt, *Computers & Structures
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from dynid.errors import Singular
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
@@ -103,16 +104,12 @@ def _loads(model: StructuralModel, residuals: Residuals, interest: Interest) -> 
 
 def _residuals(matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, loads: Indices) -> Array:
     """Return static responses to unit loads beyond the modes, of unit stiffness and orthogonal (n x k)."""
-    M, _, K = matrices
     if not len(loads):
         return basis.shapes[:, :0]
-    elastic = basis.omega[basis.omega > 0]
-    largest = float(np.abs(K.diagonal()).max() / max(np.abs(M.diagonal()).max(), 1e-300))
-    shift = _SHIFT * (elastic.min() ** 2 if len(elastic) else 1e-8 * largest)
-    held: Any = K + shift * M
+    M, held, solve = matrices[0], *_held(matrices, basis)
     forces = np.zeros((len(basis.shapes), len(loads)))
     forces[loads, np.arange(len(loads))] = 1.0
-    X = solver(held, "the static response does not exist", "Check the stiffness of massless DOFs.")(forces)
+    X = solve(forces)
     energy = (X * np.asarray(held @ X)).sum(axis=0)
     X = X / np.sqrt(energy)
     for _ in range(2):  # twice is enough
@@ -120,3 +117,19 @@ def _residuals(matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, loads: 
     values, vectors = np.linalg.eigh(X.T @ (held @ X))
     kept = values > _SPANNED
     return np.asarray(X @ (vectors[:, kept] / np.sqrt(values[kept])))
+
+
+def _held(
+    matrices: tuple[Matrix, Matrix, Matrix], basis: Selected
+) -> tuple[Matrix, Callable[[Array], Array]]:
+    """Return the stiffness, of a free structure shifted by a little mass, and what solves with it."""
+    M, _, K = matrices
+    what = "the static response does not exist", "Check the stiffness of massless DOFs."
+    if not basis.free:
+        try:
+            return K, solver(K, *what)
+        except Singular:  # so soft a mode that rounding leaves it open
+            pass
+    largest = float(np.abs(K.diagonal()).max() / max(np.abs(M.diagonal()).max(), 1e-300))
+    held: Any = K + _SHIFT * (basis.elastic**2 or 1e-8 * largest) * M
+    return held, solver(held, *what)

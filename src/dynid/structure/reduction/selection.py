@@ -68,13 +68,17 @@ class Interest:
 class Selected(NamedTuple):
     """Modes by `numbers` (from 1): `omega` (r), rad/s, and `shapes` (n x r), normed to unit modal mass.
 
-    `doubt` says which of them rounding leaves open, as `Modes.doubt` does.
+    `doubt` says which of them rounding leaves open, as `Modes.doubt` does. `free`: whether the structure has
+    rigid-body modes, chosen or not; `elastic`: rad/s, the lowest frequency that is none of these, 0 if no
+    such mode was computed.
     """
 
     numbers: tuple[int, ...]
     omega: Array
     shapes: Array
     doubt: str
+    free: bool
+    elastic: float
 
     @property
     def rigid(self) -> tuple[int, ...]:
@@ -101,11 +105,16 @@ def selected(matrices: tuple[Matrix, Matrix, Matrix], wanted: Sequence[int] | Mo
         found = modes(*matrices, count=wanted.count, below=wanted.below)
         if wanted.below is not None and not len(found.omega):
             raise UsageError(f"no mode lies below {wanted.below:g} rad/s", names=("modes",))
-        return Selected(tuple(range(1, len(found.omega) + 1)), found.omega, found.shapes, found.doubt)
-    numbers = _checked(wanted)
-    found = modes(*matrices, count=max(numbers))
-    places = np.array(numbers) - 1
-    return Selected(numbers, found.omega[places], found.shapes[:, places], found.doubt)
+        numbers = tuple(range(1, len(found.omega) + 1))
+    else:
+        numbers = _checked(wanted)
+        found = modes(*matrices, count=max(numbers))
+    places = np.array(numbers, dtype=np.intp) - 1
+    elastic = float(found.omega[found.omega > 0].min(initial=np.inf))
+    return Selected(
+        numbers, found.omega[places], found.shapes[:, places], found.doubt,
+        free=found.rigid > 0, elastic=elastic if np.isfinite(elastic) else 0.0,
+    )  # fmt: skip
 
 
 def wanted_modes(
