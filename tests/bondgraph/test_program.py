@@ -37,6 +37,13 @@ def test_a_named_part_counts_as_one_in_what_holds_it_and_a_parameter_needs_no_na
     assert product in shared(program, [whole], 2)
 
 
+def test_parameters_are_those_that_a_register_is_made_of(program):
+    x, y, z = (program.parameter(name) for name in "xyz")
+    ratio = program.div(program.mul(program.s, x), program.add(program.neg(y), program.constant(2)))
+    assert program.parameters([ratio]) == {"x", "y"}
+    assert program.parameters([z, program.s]) == {"z"}
+
+
 @pytest.mark.parametrize(
     ("kind", "fixed", "said"),
     [

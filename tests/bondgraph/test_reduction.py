@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynid.bench.cases import ladder
 from dynid.bondgraph.graph import Bond, BondGraph, Node, graph_faults
 from dynid.bondgraph.reduction import singularity
 from dynid.bondgraph.reduction.junctions import Names, unique
+from dynid.bondgraph.reduction.program import operands
 from dynid.errors import Singular, UsageError
 from tests.bondgraph.graphs import at, parse, reduced, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
@@ -250,6 +252,18 @@ def test_a_ring_of_like_junctions_leaves_what_they_do_not_share_open(kind, unkno
         written(nodes, "u -> a -> b -> c -> a, b -> r", "r.e")
 
 
+@pytest.mark.parametrize(
+    ("nodes", "bonds", "words"),
+    [
+        ("Se u, TF n 2, Se w", "u -> n -> w", "^sources 'u' and 'w' contradict each other"),
+        ("Sf u, 0 j", "u -> j", "^source 'u' meets a balance without a solution"),
+    ],
+)
+def test_one_source_meets_what_several_contradict(nodes, bonds, words):
+    with pytest.raises(Singular, match=words):
+        written(nodes, bonds, "u.f" if "Se" in nodes else "j.e")
+
+
 @pytest.mark.parametrize(("most", "named"), [(1, False), (2, True)])
 def test_those_concerned_are_named_in_graphs_up_to_a_size(monkeypatch, most, named):
     monkeypatch.setattr(singularity, "_MOST", most)
@@ -319,6 +333,21 @@ def test_all_faults_of_a_graph_are_listed_at_once():
     faults = graph_faults(types, [Bond(*pair) for pair in pairs])
     assert [fault.node for fault in faults if fault.node] == ["r", "n", "k"]
     assert [fault.bond for fault in faults if fault.bond is not None] == [1]
+
+
+def test_a_balanced_plan_has_short_ways_through_a_ladder():
+    """Each doubling of a ladder adds one round of eliminations, which lengthens the way by a few steps."""
+
+    def way(plan):
+        lengths = []
+        for op, a, b in plan.program.ops:
+            lengths.append(1 + max((lengths[register] for register in operands(op, a, b)), default=0))
+        (answer,) = plan.channels().values()
+        return lengths[answer]
+
+    short, long = (ladder.reduced(stages) for stages in (50, 200))
+    assert way(long.balanced()) - way(short.balanced()) <= 20
+    assert way(long) - way(short) > 1000
 
 
 def test_a_ladder_of_a_thousand_nodes_needs_no_recursion():

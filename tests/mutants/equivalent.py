@@ -21,6 +21,9 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.network:reach: depth, queue = ({{root: 0}}, [root]) → depth, queue = ({{root: 1}}, [root])": (
         "distances are compared with one another only"
     ),
-    f"{_REDUCTION}.elimination:Elimination._eliminate_on_loop: net.retie(one, other, None) → "
-    "net.retie(other, one, None)": "a tie is of a pair, without order",
+    f"{_REDUCTION}.reducer:Reducer._eliminate_in_turn: and len(other.entries) <= most: → and len(other.entries) < "
+    "most:": "leaves that the first turn leaves are the first of the second",
+    f"{_REDUCTION}.junctions:_merge_like_junctions.find: root[name] = root[root[name]] → pass": (
+        "halving the way to a root saves time alone"
+    ),
 }

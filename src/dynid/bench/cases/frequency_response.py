@@ -107,11 +107,11 @@ def _polynomials(stages: int) -> Callable[[], Any]:
     return work
 
 
-def distance(found: Any, exact: Callable[[Any], list[complex]]) -> float:
+def distance(found: Any, exact: Callable[[Any], list[complex]], count: int = 25) -> float:
     """Return the largest relative error of a response, looked at in some places."""
     import numpy as np
 
-    places = np.linspace(0, POINTS - 1, 25).astype(int)
+    places = np.linspace(0, POINTS - 1, count).astype(int)
     true = np.array(exact(frequencies()[places]))
     places, true = places[abs(true) > _LEAST], true[abs(true) > _LEAST]
     with np.errstate(all="ignore"):

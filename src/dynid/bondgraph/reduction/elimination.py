@@ -7,7 +7,7 @@ junction states a constraint.
 
 from __future__ import annotations
 
-from dynid.bondgraph.reduction.network import Network, Row, Term, Tie
+from dynid.bondgraph.reduction.network import BOND, Network, Row, Term, Tie
 from dynid.bondgraph.reduction.program import Program, Register
 from dynid.bondgraph.reduction.telling import Untold
 
@@ -90,7 +90,7 @@ class Elimination:
         self.story.moved(leaf, size)
         leaf.terms = [Term(seen.name, program.inv(seen.register))]
         into.entries[leaf], leaf.entries[into] = program.one, program.neg(program.one)
-        net.retie(into, leaf, Tie(None, False))
+        net.retie(into, leaf, BOND)
         self.story.done()
 
     def _swap(self, leaf: Row, into: Row, seen: Term, two_port: str | None = None) -> None:
@@ -117,7 +117,6 @@ class Elimination:
         }
         for (one, other), change in changes.items():
             self._add(one, other, change, row)
-            net.retie(one, other, None)
         for other, factor in factors.items():
             for source, amount in row.sources.items():
                 net.feed(other, source, program.mul(program.neg(factor), amount))
@@ -170,7 +169,6 @@ class Elimination:
             left = (net.entry(row, partner), net.entry(row, bare))
             for column, solved in columns.items():
                 self._add(row, column, program.neg(_dot(program, left, solved)), partner)
-                net.retie(row, column, None)
             for source, solved in sides.items():
                 net.feed(row, source, program.neg(_dot(program, left, solved)))
             self.story.driven(row)

@@ -33,7 +33,8 @@ class Tie(NamedTuple):
     inverse: bool
 
 
-_BOND = Tie(None, False)
+#: A bond.
+BOND = Tie(None, False)
 
 
 class Row:
@@ -177,8 +178,7 @@ class Network:
         elif one is None and other is not None:
             self._feed(other, junctions[tail].fixing, size)
         elif one is not None and other is not None:
-            if other in one.entries or self.tie(one, other) != _BOND:  # one more
-                self.retie(one, other, None)
+            if other in one.entries or self.tie(one, other) != BOND:  # one more
                 self.add_entry(one, other, size)
                 self.add_entry(other, one, minus)
                 return
@@ -190,16 +190,20 @@ class Network:
     def _minus_one(self) -> Register:
         return self.program.neg(self.program.one)
 
-    def retie(self, a: Row, b: Row, tie: Tie | None) -> None:
-        """Note what ties two junctions from now on; none: more than a bond or two-port."""
+    def retie(self, a: Row, b: Row, tie: Tie) -> None:
+        """Note what alone ties two junctions from now on."""
         self._ties[frozenset((a, b))] = tie
 
     def tie(self, a: Row, b: Row) -> Tie | None:
         """Return what ties two junctions, where it is one bond or two-port."""
-        return self._ties.get(frozenset((a, b)), _BOND) if self._ties else _BOND
+        return self._ties.get(frozenset((a, b)), BOND) if self._ties else BOND
 
     def add_entry(self, row: Row, column: Row, entry: Register) -> None:
-        """Add to a matrix entry off the diagonal; one that is zero both ways is no tie between the two."""
+        """Add to a matrix entry off the diagonal; more than a bond or two-port ties the two from now on.
+
+        One that is zero both ways ties them no more.
+        """
+        self._ties[frozenset((row, column))] = None
         program, own, other = self.program, row.entries, column.entries
         total = own[column] = program.add(own.get(column, program.zero), entry)
         back = other.setdefault(row, program.zero)  # a coupling is known from both sides

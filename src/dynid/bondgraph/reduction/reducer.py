@@ -156,7 +156,7 @@ class Reducer:
         The elimination, with the pivots so far.
     """
 
-    def __init__(self, network: Network, story: Untold, *, balanced: bool = False) -> None:
+    def __init__(self, network: Network, story: Untold, *, balanced: bool) -> None:
         self._balanced = balanced
         self.net, self.program, self.root, self.story = network, network.program, network.root, story
         self.work = Elimination(network, story)

@@ -121,7 +121,7 @@ def snapshots(
     network = Network(structure, program, structure.place[port.node], inputs)
     camera = _Camera(network, port)
     story = Told(network, camera.look)
-    reducer = Reducer(network, story)
+    reducer = Reducer(network, story, balanced=False)
     camera.story, camera.work = story, reducer.work
     camera.look()
     reducer.run(port)
