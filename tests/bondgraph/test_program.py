@@ -1,12 +1,14 @@
 """Programs: what is refused when they are written, and how their parts are named."""
 
+from fractions import Fraction
+
 import pytest
 from flint import nmod
 
 from dynid.bondgraph.reduction.notation import shared
 from dynid.bondgraph.reduction.program import Point, Program
 from dynid.bondgraph.reduction.prototypes import Prototype
-from dynid.bondgraph.reduction.writing import SIGN, TEXT
+from dynid.bondgraph.reduction.writing import ATOM, SIGN, TEXT, Over
 from tests.bondgraph.graphs import written
 
 PRIME = 2**61 - 1
@@ -37,6 +39,20 @@ def test_a_named_part_counts_as_one_in_what_holds_it_and_a_parameter_needs_no_na
     assert product in shared(program, [whole], 2)
 
 
+def test_signs_move_outwards_and_trivial_operations_are_not_written(program):
+    x, y, zero, one = program.parameter("x"), program.parameter("y"), program.zero, program.one
+    minus = program.neg(x)
+    assert program.add(minus, y) == program.add(y, minus) == program.sub(y, x)
+    assert program.sub(y, minus) == program.add(x, y)
+    assert program.mul(minus, y) == program.mul(y, minus) == program.neg(program.mul(x, y))
+    assert program.div(minus, y) == program.div(x, program.neg(y)) == program.neg(program.div(x, y))
+    assert program.mul(x, program.inv(y)) == program.mul(program.inv(y), x) == program.div(x, y)
+    assert program.inv(program.div(x, y)) == program.div(y, x)
+    assert program.mul(x, zero) == program.mul(zero, x) == program.sub(x, x) == program.div(zero, x) == zero
+    assert program.mul(x, one) == program.mul(one, x) == program.add(x, zero) == program.div(x, one) == x
+    assert program.div(x, x) == one
+
+
 def test_parameters_are_those_that_a_register_is_made_of(program):
     x, y, z = (program.parameter(name) for name in "xyz")
     ratio = program.div(program.mul(program.s, x), program.add(program.neg(y), program.constant(2)))
@@ -63,6 +79,12 @@ def test_what_is_zero_sets_nothing():
     graph = written("Se u, 1 j, R r 0, 0 z, C c 2, R q 3", "u -> j -> r, j -> z -> c, z -> q", "j.f")
     (reduction,) = graph.reductions.values()
     assert (reduction.prototype.name_a, reduction.prototype.name_b) == ("r", "z")
+
+
+def test_numbers_are_decimals_where_they_have_one():
+    assert TEXT.number(Fraction(2)) == Over(("2", ATOM))
+    assert TEXT.number(Fraction(5, 2)) == Over(("2.5", ATOM))
+    assert TEXT.number(Fraction(-1, 3)) == Over(TEXT.integer(-1), TEXT.integer(3))
 
 
 def test_a_negative_unit_is_a_sign():

@@ -257,11 +257,17 @@ def test_a_ring_of_like_junctions_leaves_what_they_do_not_share_open(kind, unkno
     [
         ("Se u, TF n 2, Se w", "u -> n -> w", "^sources 'u' and 'w' contradict each other"),
         ("Sf u, 0 j", "u -> j", "^source 'u' meets a balance without a solution"),
+        (
+            "Se u, Se w, 0 j, R r 1",
+            "u -> j -> r, w -> j",
+            "^effort sources .* both fix the effort .*parallel",
+        ),
+        ("Sf u, Sf w, 1 j, R r 1", "u -> j -> r, w -> j", "^flow sources .* both fix the flow .*in series"),
     ],
 )
-def test_one_source_meets_what_several_contradict(nodes, bonds, words):
+def test_what_sources_contradict_is_said(nodes, bonds, words):
     with pytest.raises(Singular, match=words):
-        written(nodes, bonds, "u.f" if "Se" in nodes else "j.e")
+        written(nodes, bonds, "j.e" if "j" in nodes else "u.f")
 
 
 @pytest.mark.parametrize(("most", "named"), [(1, False), (2, True)])
