@@ -39,4 +39,5 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.reducer:Reducer._eliminate_all: row.entries) < 2], most=1) → row.entries) < 2], most=2)": (
         "leaves come first in either turn"
     ),
+    f"{_REDUCTION}.network:: BOND = Tie(None, False) → BOND = Tie(None, True)": "a bond has no modulus to invert",
 }
