@@ -20,8 +20,8 @@ from dynid.errors import DynidError
 
 #: Fewest and most runs, and the time after which no further one is begun, s.
 _FEWEST, _MOST, _ENOUGH = 3, 25, 0.3
-#: Time after which even fewer have to do, s; a first run of so many times that counts itself.
-_LONG, _WHOLE = 1.0, 10
+#: Time after which even fewer have to do, s; a first run of so many times that (compiling takes less) counts.
+_LONG, _WHOLE = 1.0, 60
 
 
 def main(name: str, alternative: str, clock: str = "wall") -> None:

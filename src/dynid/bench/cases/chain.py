@@ -8,6 +8,9 @@ from typing import Any
 from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity
 from dynid.bondgraph.reduced import ReducedGraph
 
+# Bits of a reference: those of a double, and some.
+_CERTAIN = 64
+
 
 def reduced(stages: int) -> ReducedGraph:
     """Return a chain of distinct stages, planned."""
@@ -70,19 +73,21 @@ def true_roots(stages: int) -> tuple[Any, Any]:
 
 
 def exact_response(stages: int, omega: Any) -> list[complex]:
-    """Return the response at frequencies in 120 digits, by superposing impedances to the ground."""
+    """Return the response by superposing impedances to the ground, in as many bits as it takes."""
     from flint import acb, arb, ctx, fmpq
 
-    values = []
-    with ctx.workprec(400):
-        rows = [[acb(arb(fmpq(v.numerator, v.denominator))) for v in stage] for stage in distinct(stages)]
-        for w in omega:
-            s, force, seen = acb(0, float(w)), acb(1), acb(0)
-            for m, k, b in rows[:-1]:
+    def response(w: float, bits: int) -> complex:
+        with ctx.workprec(bits):
+            s, force, seen = acb(0, w), acb(1), acb(0)
+            for m, k, b in ([acb(arb(value)) for value in stage] for stage in rows[:-1]):
                 seen, joint = seen + s * m, k / s + b
                 share = joint / (seen + joint)
                 force, seen = force * share, seen * share
-            m, k, b = rows[-1]
+            m, k, b = (acb(arb(value)) for value in rows[-1])
             value = force / (seen + s * m + k / s + b)
-            values.append(complex(float(value.real.mid()), float(value.imag.mid())))
-    return values
+            if value.rel_accuracy_bits() < _CERTAIN:
+                return response(w, 2 * bits)
+            return complex(float(value.real.mid()), float(value.imag.mid()))
+
+    rows = [[fmpq(v.numerator, v.denominator) for v in stage] for stage in distinct(stages)]
+    return [response(float(w), 400) for w in omega]
