@@ -7,8 +7,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from functools import cache
+from functools import cache, reduce
 from importlib.resources import files
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,18 @@ from dynid.identification.kernels.compiled import VARIABLE
 
 @cache
 def _folder() -> Path:
-    """Return a folder with the scenes that come along, as a user who begins has them."""
+    """Return a folder with the scenes that come along, and their files of data, which are only looked for."""
+    from dynid.scene.files import file_places
+    from dynid.scene.yaml.source import read_source
+
     folder = Path(tempfile.mkdtemp())
     for template in (files("dynid") / "templates").iterdir():
         if template.name.endswith(".yaml"):
             (folder / template.name).write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
+    for scene in folder.glob("*.yaml"):
+        data = read_source(scene).data
+        for place in file_places(data):
+            (folder / str(reduce(getitem, place, data))).touch()
     return folder
 
 
@@ -39,7 +47,9 @@ def _process(*arguments: str) -> Callable[[int], Callable[[], Any]]:
 
 def _ran(arguments: list[str]) -> list[str]:
     """Run Python, and return the arguments."""
-    subprocess.run([sys.executable, *arguments], cwd=_folder(), check=True, capture_output=True)
+    compiled_once = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    command = [sys.executable, *arguments]
+    subprocess.run(command, cwd=_folder(), env=compiled_once, check=True, capture_output=True)
     return arguments
 
 
