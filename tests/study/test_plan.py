@@ -289,6 +289,13 @@ def test_a_misspelt_key_hides_no_other_fault(tmp_path):
     assert said == [(4, 23, "'valus'"), (4, 52, "mass.yaml"), (5, 1, "'expct'")]
 
 
+def test_a_missing_scene_hides_no_misspelt_key(tmp_path):
+    study = tmp_path / "study.yaml"
+    study.write_text("dynid: 1\nkind: study\nscene: none.yaml\nvary: {parameters.m: [1, 2]}\nexpct: []\n")
+    with pytest.raises(SceneError, match=r"study\.yaml:5:1: 'expct' is not a key"):
+        load_scene(study)
+
+
 def test_a_quantity_that_a_parameter_leads_back_to_is_refused(tmp_path):
     scene = SCENE.replace("{m: 2, b: 1}", "{m: 2 * b, b: 1}")
     with pytest.raises(SceneError, match=r"it is defined by itself: "):

@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from dynid.errors import DynidError, Fault, SceneError
+from dynid.errors import DynidError, Fault, FileError, SceneError
 from dynid.scene.formats import as_current
 from dynid.scene.yaml.source import Source, apply_overrides, read_source
 from dynid.words import did_you_mean
@@ -151,21 +151,24 @@ def check_source(source: Source) -> Scene:
         raise SceneError(faults) from None
     scene = Scene(source, validated)
     if scene.kind == "study":
-        faults += _study_faults(scene)
+        faults = _with_study_faults(scene, faults)
     if faults:
         raise SceneError(faults)
     return scene
 
 
-def _study_faults(scene: Scene) -> tuple[Fault, ...]:
-    """Return what is wrong with a study and the scene it varies."""
+def _with_study_faults(scene: Scene, faults: list[Fault]) -> list[Fault]:
+    """Add what is wrong with a study and the scene it varies; that this is missing hides no fault."""
     from dynid.scene.kinds.study import check_study
 
     try:
         check_study(scene)
     except SceneError as error:
-        return tuple(error.faults)
-    return ()
+        return [*faults, *error.faults]
+    except FileError:
+        if not faults:
+            raise
+    return faults
 
 
 def _model_of(source: Source) -> type[SceneModel]:
