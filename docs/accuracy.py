@@ -1,9 +1,9 @@
 """Write docs/accuracy.md, speed against error of all benchmarks: `accuracy.py [FOLDER | FILE.h5…]`.
 
-It measures all benchmarks at all sizes, by the processor's clock, each into a file of its own in the folder,
-by default a new one. What a folder has already is not measured again: name it to go on after an interruption.
-With files it writes what `dynid bench -o FILE.h5` wrote. The plots go to docs/accuracy/. Exit code 1: not all
-benchmarks are on the page.
+It measures all benchmarks at all sizes, by the processor's clock, each into a file of its own in the
+folder, by default a new one. What a folder has already is not measured again: name it to go on after an
+interruption. With files it writes what `dynid bench -o FILE.h5` wrote. The plots go to docs/accuracy/.
+Exit code 1: not all benchmarks are on the page.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
+os.environ["PYTHONPATH"] = str(HERE.parent)  # workers find the peers of `benchmarks/`
 
 from dynid.bench import BENCHMARKS, run_benchmarks  # noqa: E402
-from dynid.choices import CHOICES  # noqa: E402
-from dynid.numerals import memory_text, time_text  # noqa: E402
+from dynid.defaults import CHOICES  # noqa: E402
+from dynid.number_format import memory_text, time_text  # noqa: E402
 from dynid.report import figures  # noqa: E402
-from dynid.report.answers.bench import Row, notes, rows_of, verdict  # noqa: E402
+from dynid.report.content.bench import BenchmarkRow, benchmark_rows, better_peers, remarks  # noqa: E402
 from dynid.result import Result  # noqa: E402
 from dynid.store import read_result, write_result  # noqa: E402
 from tests.hard.catalogue import HALVES, cases  # noqa: E402
@@ -32,10 +33,10 @@ from tests.hard.catalogue import HALVES, cases  # noqa: E402
 PAGE = """\
 # Speed against error
 
-Made by `python docs/accuracy.py`, every number measured by `dynid bench`, or counted. Alternatives of a
-benchmark do the same work, in turns, each in a process and a thread of its own; times are medians of the
-{clock} clock, memory is the rise of the peak, errors are against exact or high-precision references.
-● nothing of the same size is both faster and more accurate; › what the suite takes by default.
+Written by `python docs/accuracy.py`; `dynid bench` measures every number. The alternatives of a benchmark
+do the same work in turns, each in its own process with one thread. Times are medians of the {clock}
+clock, memory is the rise of the peak, errors are against exact or high-precision references. ●
+Pareto-optimal: nothing of the same size is both faster and more accurate; › default of dynid.
 
 Measured on {machine}, with load {load} on {cores} cores at the end.
 
@@ -43,13 +44,13 @@ Measured on {machine}, with load {load} on {cores} cores at the end.
 
 {short}
 
-## What the suite chooses, and the table that says why
+## Defaults and the tables that justify them
 
 {choices}
 
 ## Hard cases
 
-{hard}; each with its source, bound and error in [hard_cases.md](hard_cases.md).
+{hard}; source, bound and error of each are in [hard_cases.md](hard_cases.md).
 
 {benchmarks}
 """
@@ -67,9 +68,9 @@ def names_of(result: Result, group: str) -> list[str]:
     return list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
 
 
-def by_size(result: Result, group: str) -> list[Row]:
+def by_size(result: Result, group: str) -> list[BenchmarkRow]:
     """Return all rows of a benchmark, by size."""
-    every = [row for name in names_of(result, group) for row in rows_of(result, group, name)]
+    every = [row for name in names_of(result, group) for row in benchmark_rows(result, group, name)]
     return sorted(every, key=lambda row: row.size)
 
 
@@ -91,7 +92,7 @@ def summary(result: Result, group: str) -> list[str]:
         ", ".join(dict.fromkeys(row.name for row in chosen)) or "-",
         f"{about['size']}^{grows:.2f}" if grows is not None else "-",
         ("always" if not off else f"not at {', '.join(off)}") if chosen else "-",
-        verdict(result, group) if "beaten" in about else "-",
+        better_peers(result, group) if "beaten" in about else "-",
     ]
 
 
@@ -109,7 +110,7 @@ def section(result: Result, group: str) -> Iterator[str]:
             measured = (time_text(row.time), memory_text(row.memory), f"{row.error:.1e}", row.marks)
             rows.append((f"{size:,}" if place == 0 else "", row.name, *measured))
     yield table((str(about["size"]), "", "time", "memory", "error", ""), rows) + "\n"
-    yield "\n".join(f"- {said}: {text}" for said, text in notes(result, group)) + "\n"
+    yield "\n".join(f"- {said}: {text}" for said, text in remarks(result, group)) + "\n"
 
 
 def machine() -> str:

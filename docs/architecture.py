@@ -1,8 +1,8 @@
-"""Draw docs/architecture.svg, the house as its imports make it: `python docs/architecture.py`.
+"""Draw docs/architecture.svg, the packages and their imports: `python docs/architecture.py`.
 
-Floors are those that `tests/test_floors.py` holds. A package is a box whose area grows with its lines; a line
-leads from a package down to one that it imports, as thick as there are imports. Of the ground floor, which
-everybody stands on, no lines are drawn. Lines pass behind the boxes on their way.
+The layers are those of `tests/test_layers.py`. A package is a box whose area grows with its lines; a line
+leads from a package down to one that it imports, as thick as there are imports. Of the lowest layer, which
+every package imports, no lines are drawn. Lines pass behind the boxes on their way.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 from dynid.report.svg import Svg  # noqa: E402
-from tests.test_floors import EDGES, FLOORS, MODULES, ROOT, package_of  # noqa: E402
+from tests.test_layers import EDGES, LAYERS, MODULES, ROOT, package_of  # noqa: E402
 
 PICTURE = HERE / "architecture.svg"
 WIDTH, MARGIN, GAP = 940.0, 12.0, 30.0
-#: Height of a thousand lines over the whole width; the least height of a floor and width of a box.
+#: Height of a thousand lines over the whole width; the least height of a layer and width of a box.
 THOUSAND, LOW, NARROW = 8.5, 26.0, 74.0
 LETTER = 5.6  # mean width of a small letter
 PLAIN = "s7"
@@ -43,8 +43,8 @@ for module in MODULES:
 IMPORTS = Counter(
     (package_of(module), package_of(name))
     for module, name in EDGES
-    if not any({package_of(module), package_of(name)} <= floor for floor in FLOORS)
-    and package_of(name) not in {"dynid", *FLOORS[0]}
+    if not any({package_of(module), package_of(name)} <= layer for layer in LAYERS)
+    and package_of(name) not in {"dynid", *LAYERS[0]}
 )
 
 
@@ -52,7 +52,7 @@ class Box(NamedTuple):
     """A package where it stands."""
 
     name: str
-    floor: int
+    layer: int
     x: float
     y: float
     width: float
@@ -60,10 +60,10 @@ class Box(NamedTuple):
 
 
 def boxes() -> dict[str, Box]:
-    """Return all packages, floor by floor from the top."""
+    """Return all packages, layer by layer from the top."""
     found, y = {}, MARGIN
-    for number in reversed(range(len(FLOORS))):
-        names = sorted(FLOORS[number] & set(LINES), key=lambda name: (LINES[name] >= 1000, name))
+    for number in reversed(range(len(LAYERS))):
+        names = sorted(LAYERS[number] & set(LINES), key=lambda name: (LINES[name] >= 1000, name))
         total = sum(LINES[name] for name in names)
         height = max(LOW, THOUSAND * total / 1000)
         x = MARGIN
@@ -75,7 +75,7 @@ def boxes() -> dict[str, Box]:
 
 
 def _widths(names: list[str]) -> list[float]:
-    """Share a floor by lines, but leave room for every name."""
+    """Share a layer by lines, but leave room for every name."""
     room = WIDTH - 2 * MARGIN - 4 * (len(names) - 1)
     spare = room - NARROW * len(names)
     total = sum(LINES[name] for name in names)
@@ -117,8 +117,8 @@ def draw() -> str:
     found = boxes()
     svg = Svg(
         "architecture",
-        "The packages of dynid on their floors",
-        "Each package imports only floors below its own: "
+        "The packages of dynid in their layers",
+        "Each package imports only layers below its own: "
         + "; ".join(f"{package} imports {other}" for package, other in sorted(IMPORTS)),
     )
     for (package, other), x in lanes(found).items():

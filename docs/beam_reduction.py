@@ -6,8 +6,7 @@ import numpy as np
 
 import dynid
 from dynid.report.formats import as_file
-from dynid.report.plot import Axis, Line, Marks, Note, Panel, chart
-from dynid.report.plot.layers import hue
+from dynid.report.plot import Annotation, Curve, Markers, PlotAxis, Subplot, chart, series_class
 from dynid.result import Result
 
 HERE = Path(__file__).parent
@@ -19,32 +18,35 @@ LABELS = {
 }
 
 
-def responses(result: Result) -> Panel:
+def responses(result: Result) -> Subplot:
     """Show the mobility at the force, of the full beam and of each reduced one."""
     group = "reduction/frf"
     omega = result[f"{group}/omega"].data
-    layers = [Line(omega, np.abs(result[f"{group}/full"].data[:, 0, 0]), "full, 15 DOFs", hue(6))]
+    layers = [Curve(omega, np.abs(result[f"{group}/full"].data[:, 0, 0]), "full, 15 DOFs", series_class(6))]
     for place, (name, label) in enumerate(LABELS.items()):
         size = result[f"reduction/{name}/T"].data.shape[1]
         response = np.abs(result[f"{group}/{name}"].data[:, 0, 0])
-        layers.append(Line(omega, response, f"{label}, {size}", f"{hue(place)} fine"))
-    x = Axis("angular frequency (rad/s)", low=10, high=400)
-    y = Axis("velocity at DOF 6 over force there (m/(s·N))", log=True)
-    return Panel(x, y, layers, "Beam with two joints, full and reduced", weight=2.2)
+        layers.append(Curve(omega, response, f"{label}, {size}", f"{series_class(place)} fine"))
+    x = PlotAxis("angular frequency (rad/s)", low=10, high=400)
+    y = PlotAxis("velocity at DOF 6 over force there (m/(s·N))", log=True)
+    return Subplot(x, y, layers, "Beam with two joints, full and reduced", weight=2.2)
 
 
-def errors(result: Result) -> Panel:
+def errors(result: Result) -> Subplot:
     """Show how far off the first three natural frequencies are."""
     floor = 1e-14
-    layers = [Note(1, floor, "exact to rounding", shift=(0, -8))]
+    layers = [Annotation(1, floor, "exact to rounding", shift=(0, -8))]
     for place, name in enumerate(LABELS):
         error = np.maximum(np.abs(result[f"reduction/{name}/frequency_error"].data[:3]), floor)
-        layers += [Line([1, 2, 3], error, cls=f"{hue(place)} fine"), Marks([1, 2, 3], error, cls=hue(place))]
+        layers += [
+            Curve([1, 2, 3], error, cls=f"{series_class(place)} fine"),
+            Markers([1, 2, 3], error, cls=series_class(place)),
+        ]
     x, y = (
-        Axis("mode", low=0.8, high=3.2, step=1),
-        Axis("relative error of its frequency", log=True, low=1e-15, high=10),
+        PlotAxis("mode", low=0.8, high=3.2, step=1),
+        PlotAxis("relative error of its frequency", log=True, low=1e-15, high=10),
     )
-    return Panel(x, y, layers, "Natural frequencies with the joints")
+    return Subplot(x, y, layers, "Natural frequencies with the joints")
 
 
 if __name__ == "__main__":

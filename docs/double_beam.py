@@ -1,6 +1,6 @@
-"""What linear joints say of the measured double beam, and what they cannot: `python docs/double_beam.py`.
+"""Identify the measured double beam with linear joints, and show their limits: `python docs/double_beam.py`.
 
-Writes docs/double_beam.md. The data lie beside the project, see configs/measured/double_beam.yaml.
+Writes docs/double_beam.md. The data are not part of the project, see configs/measured/double_beam.yaml.
 """
 
 from pathlib import Path
@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import least_squares, root
 
 import dynid
-from dynid.identification.augmented import augmented
-from dynid.identification.fit import fitter
-from dynid.identification.measurement import Data
-from dynid.scene.kinds.records import experiments
+from dynid.identification.measurement import RecordData
+from dynid.identification.record_model import record_model
+from dynid.identification.time_record import TimeRecord
+from dynid.scene.kinds.measurements import experiments
 from dynid.scene.kinds.structures import build_structure
 
 HERE = Path(__file__).parent
@@ -24,29 +24,31 @@ MASSES = (1.0, 0.25)  # those of the scene
 HEADER = """\
 # The measured double beam
 
-Made by `python docs/double_beam.py` from `configs/measured/double_beam.yaml`: two masses, two joints,
-stiffness and damping of both from nine free decays; three more, one for each place of impact, are predicted.
+Written by `python docs/double_beam.py` from `configs/measured/double_beam.yaml`: a model of two masses
+and two joints, whose stiffness and damping are identified from nine free decays. Three further decays,
+one for each point of impact, are predicted.
 """
 WHY = """\
-Why two masses: one sensor and no force tell what is the same in every free decay, the poles, and there are
-two pairs of them below 300 Hz: four numbers, as many as two joints have. A finite-element model of both beams
-would bring masses and bending stiffnesses that are not published with the data, and no number that these
-decays could test. With the masses given, the four numbers and the joints are the same thing said twice.
+The model has two masses because one sensor without a force identifies only what all free decays share:
+the poles. Two pairs of poles lie below 300 Hz, which are four numbers, as many as two joints have. A
+finite-element model of both beams needs masses and bending stiffnesses that are not published with the
+data, and adds nothing that these decays could test. For given masses, the four numbers are equivalent to
+the joint parameters.
 """
 WORDS = """\
-Every window: two poles fitted to all twelve records of it, amplitudes and phases free, the damping of either
-sign; and the joints of the two masses that would have these poles. `x` is what a window is as loud as, the
-RMS of the velocity.
+In every window two poles are fitted to all twelve records, with free amplitudes and phases and damping of
+either sign. The joint parameters are those of the two masses with these poles. `x` is the RMS of the
+velocity.
 
-What linear joints cannot explain, in these numbers: between the first window and the last the level falls by
-a factor of {fall}, the equivalent stiffness of the root changes by {root:+.2f} %, that of the bolt by
-{bolt:+.2f} %, the equivalent damping of the root from {before:.3g} to {after:.3g} N s/m, that of the bolt
-from {first:.3g} to {last:.3g} N s/m: joints slip less as the amplitude falls. In the last window the
-second line stands at {ratio:.3f} times the first and decays at {rates:.2f} times its rate: what is left there
-is no mode of its own but the second harmonic of the first, which no linear joint makes at all. Where the mode
-gives way to the harmonic its damping is no longer told, and an identification of positive dampers is
-refused (1.6 … 2.0 s). What is left of the records is this, not noise, so that the standard errors above
-are nominal.
+Linear joints cannot explain the following. From the first to the last window the level falls by a factor
+of {fall}; the equivalent stiffness of the root changes by {root:+.2f} %, that of the bolt by {bolt:+.2f}
+%; the equivalent damping of the root from {before:.3g} to {after:.3g} N s/m, that of the bolt from
+{first:.3g} to {last:.3g} N s/m: joints slip less at smaller amplitudes. In the last window the second
+line is at {ratio:.3f} times the first and decays at {rates:.2f} times its rate. It is therefore not a
+mode but the second harmonic of the first mode, which a linear joint does not generate. Where the harmonic
+dominates, the damping of the second mode is not identifiable, and an identification with positive dampers
+is refused (1.6 … 2.0 s). These effects, not noise, are the unexplained part of the records, so the
+standard errors above are nominal.
 """
 
 
@@ -68,10 +70,10 @@ def size(values: np.ndarray) -> float:
 
 
 def predicted(estimate: np.ndarray) -> list[str]:
-    """Return rows of how well the held records are predicted: part of each that is left, in per cent.
+    """Return rows of the unexplained part of each predicted record, in per cent.
 
-    Of a free decay the initial state must come from the record: from all of it, or from its first 0.1 s
-    alone, so that the rest is foreseen.
+    The initial state of a free decay comes from the record: from all of it, or from its first 0.1 s
+    alone, so that the rest is a prediction.
     """
     records = ", ".join(f"{{file: {{row: {row}}}}}" for row in HELD)
     scene = dynid.load_scene(SCENE, [f"measurement.records=[{records}]"])
@@ -80,8 +82,8 @@ def predicted(estimate: np.ndarray) -> list[str]:
     for row, (loads, measurement) in zip(HELD, experiments(scene, [], scene.model.measurement), strict=True):
         values = np.asarray(measurement.source)
         head = np.where(np.arange(len(values))[:, None] < HEAD, values, np.nan)
-        joint = augmented(model, loads, measurement.channels, measurement.record.times)
-        record = fitter(joint, model, measurement.channels, Data(values))
+        joint = record_model(model, loads, measurement.channels, measurement.record.times)
+        record = TimeRecord(joint, RecordData(values))
         left = []
         for known in (values, head):
             fit = record.fit(np.log(estimate), known)
@@ -177,17 +179,20 @@ def main() -> None:
     ]
     left = 100 * result["identification/diagnostics/residual_ratio"].data
     parts = ", ".join(f"{TRAINED[k]}: {left[k]:.0f} %" for k in range(len(left)))
-    lines += ["", f"Of the records used (0.8 s) this is left: {parts}.", "", WHY, "## Two modes", ""]
-    lines += ["| window (s) | f1 (Hz) | f2 (Hz) | ζ1 (%) | ζ2 (%) | left of the signal |"]
+    lines += ["", f"Unexplained part of the records used (0.8 s): {parts}.", "", WHY, "## Two modes", ""]
+    lines += ["| window (s) | f1 (Hz) | f2 (Hz) | ζ1 (%) | ζ2 (%) | unexplained |"]
     lines += ["|---|---|---|---|---|---|", f"| 0 … 0.80 | {modes(result)} | {left.mean():.0f} % |"]
-    lines += ["", "## On the way down", ""]
+    lines += ["", "## Windows of falling amplitude", ""]
     lines += [
         "| window (s) | x (mm/s) | f1 (Hz) | f2 (Hz) | ζ1 (%) | ζ2 (%) | root.k (N/m) | bolt.k (N/m) | "
         "root.c (N s/m) | bolt.c (N s/m) | left |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    lines += [*windows(estimate, result), "## Records that were held back", ""]
-    lines += ["| record | left, initial state from all of it | from the first 0.1 s |", "|---|---|---|"]
+    lines += [*windows(estimate, result), "## Predicted records", ""]
+    lines += [
+        "| record | unexplained, initial state from the whole record | from the first 0.1 s |",
+        "|---|---|---|",
+    ]
     lines += predicted(estimate)
     (HERE / "double_beam.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 

@@ -37,10 +37,8 @@ PAPERS_BASIS = (
 )
 
 ENTRIES = (
-    Entry(
-        "isolator", (), "prototype-m_s.f", "Park & Kim, Figs. 1 and 2: the prototype that a reduction ends in"
-    ),
-    Entry("isolator_port", (), "port-dynamics", "Park & Kim, Figs. 3 and 4: its path, and its free motion"),
+    Entry("isolator", (), "prototype-m_s.f", "Park & Kim, Figs. 1 and 2: the prototype of a reduction"),
+    Entry("isolator_port", (), "port-dynamics", "Park & Kim, Figs. 3 and 4: path and free motion"),
     Entry("isolator_port", (), "equivalent-source", "Park & Kim, Fig. 5: equivalent sources of one side"),
     Entry("isolator", (), "bond-graph", "Park & Kim, Fig. 6(b): the passive tuned isolator"),
     Entry("isolator_port", (), "bond-graph", "the same, cut into source and load at a port (section 4)"),
@@ -48,15 +46,15 @@ ENTRIES = (
     Entry("isolator", (), "bode", "its frequency response"),
     Entry("isolator", (), "poles-m_s.f-v_in", "its poles and zeros (eqs 20, 21)"),
     Entry("isolator", (), "time-response", "its response to a step"),
-    Entry("isolator_port", (), "port-impedances", "what source and load are to each other"),
-    Entry("isolator_port", (), "performance", "what the source gives and the load takes"),
+    Entry("isolator_port", (), "port-impedances", "impedances of source and load"),
+    Entry("isolator_port", (), "performance", "source and load characteristics"),
     Entry("beam_joints", (), "structure", "Yang, Figs. 1 and 6: a beam on a pin, with joints"),
     Entry("table2", (), "structure", "Yang, Fig. 3: the suspension with two joints"),
     Entry("table2", SENSORS, "bode", "Yang, Fig. 4: its responses at the sensors"),
     Entry("table1", (), "history", "Yang, Fig. 5: its joints, identified"),
     Entry("table2", (), "history", "the same with 5 % noise (Table 2)"),
-    Entry("table2", (), "estimates", "its estimates beside the best that any estimator could do"),
-    Entry("table2", (), "prediction", "what was measured and what is predicted"),
+    Entry("table2", (), "estimates", "its estimates with the Cramér–Rao bounds"),
+    Entry("table2", (), "prediction", "measured and predicted values"),
     Entry(
         "beam_reduction", PAPERS_BASIS, "reduction-frf", "Yang, Fig. 7: the beam before and after reduction"
     ),
@@ -66,7 +64,7 @@ ENTRIES = (
     Entry("table3", (), "state-error", "Yang, Fig. 9: state estimation error"),
     Entry("table4", (), "history", "Yang, Fig. 10: the beam's joints with 8 % noise"),
     Entry("beam_joints", (), "modes-animated", "the beam's modes"),
-    Entry("beam_joints", (), "correlation", "which of its joints the record can tell apart"),
+    Entry("beam_joints", (), "correlation", "correlations of its joint parameters"),
     Entry("beam_frf", (), "fit", "joints from measured frequency responses"),
     Entry("dc_motor", (), "nyquist", "a motor: every input to every output"),
     Entry("lattice_all_pass", (), "poles-R.e-source", "a lattice: hidden modes, a zero on the right"),
@@ -103,7 +101,7 @@ def main() -> None:
     folder.mkdir(exist_ok=True)
     results: dict[tuple[str, tuple[str, ...]], dict[str, Figure]] = {}
     names: set[str] = set()
-    lines = ["# Gallery", "", "Made by `python docs/gallery.py` from the scenes in `configs/`.", ""]
+    lines = ["# Gallery", "", "Written by `python docs/gallery.py` from the scenes in `configs/`.", ""]
     with tempfile.TemporaryDirectory() as scratch:
         for entry in ENTRIES:
             key = (entry.scene, entry.overrides)

@@ -1,6 +1,6 @@
-"""Write docs/hard_cases.md, every hard case with its error or refusal: `python docs/hard_cases.py --slow`.
+"""Write docs/hard_cases.md, the hard cases with errors or refusals: `python docs/hard_cases.py --slow`.
 
-Without `--slow` the cases that take minutes are named and not run.
+Without `--slow`, cases that take minutes are listed but not run.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ HEADS = ("case", "known from", "bound", "error, or refusal")
 HEADER = """\
 # Hard cases
 
-Made by `python docs/hard_cases.py{option}` from the {count} cases of `tests/hard`; the tests run them too.
-Each has an answer known from elsewhere, and a bound on the relative error (of an array: of its worst number;
-0: exact). Where no answer can be right the case must be refused, in words that name a remedy.
+Written by `python docs/hard_cases.py{option}` from the {count} cases of `tests/hard`, which the tests
+also run. Each has a known answer from an independent source and a bound on the relative error (of the
+worst number of an array; 0: exact). A case without a valid answer must be refused with an error that
+names a remedy.
 """
 
 

@@ -1,7 +1,7 @@
 """Write docs/licences.md: `python docs/licences.py`, in an environment with the extras.
 
-Licences are what the packages say of themselves. A licence in the core that is not known to leave users free
-is an error.
+Licences are what the packages say of themselves. A licence in the core that is not known to leave users
+free is an error.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ LIBRARIES = {"python-flint": "LGPL-3.0-or-later"}
 #: What packages do not say of themselves, from their licence files.
 UNSAID = {"atheris": "Apache-2.0", "axe-playwright-python": "MIT; axe-core in it MPL-2.0"}
 TEXT = """\
-# Licences of what dynid stands on
+# Licences of dependencies
 
-Made by `python docs/licences.py`, from what the packages say of themselves. dynid is MIT. Nothing in the core
-is under the GPL or AGPL; a test holds that for whatever versions are installed.
+Written by `python docs/licences.py` from the metadata of the packages. dynid is MIT. No core dependency
+is under the GPL or AGPL; a test checks the installed versions.
 
 ## The core
 
-All that `pip install dynid` brings, with what these packages need in turn.
+All packages that `pip install dynid` installs, including indirect dependencies.
 
 {core}
 
-Wheels hold libraries besides. Those that are not as free as the packages themselves:
+Wheels also contain libraries. Those with other licences than the packages:
 
 | wheel | library | licence | so that |
 |---|---|---|---|
@@ -52,8 +52,8 @@ Asked for by name, `pip install dynid[formats]`; `fuzz`, `docs` and `test` are f
 
 {extras}
 
-pypardiso brings Intel's MKL, which is not free software (Intel Simplified Software License): it is used only
-where it is installed, and never by default.
+pypardiso brings Intel's MKL, which is not free software (Intel Simplified Software License): it is used
+only where it is installed, and never by default.
 """
 
 

@@ -1,7 +1,7 @@
-"""Many noisy records of a scene against its bound: `python docs/monte_carlo.py [SEEDS] [PROCESSES]`.
+"""Compare many noisy records of a scene with its bound: `python docs/monte_carlo.py [SEEDS] [PROCESSES]`.
 
-Writes docs/monte_carlo.md. Every seed is a whole run of the scene, from its own start values: the errors are
-those that a user would get, and nothing is left out.
+Writes docs/monte_carlo.md. Every seed is a complete run of the scene from its start values: the errors
+are those that a user would get, without selection.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ WIDE = 1.959963984540054
 HEADER = """\
 # Errors over many records
 
-Made by `python docs/monte_carlo.py {seeds}`: the scenes of Tables 2 and 4, each run with the noise seeds
+Written by `python docs/monte_carlo.py {seeds}`: the scenes of Tables 2 and 4, each run with the noise seeds
 1 … {seeds} from its own start values (half the true ones). RMS is the root mean square error over the
-Cramér–Rao bound of the record, coverage the part of the 95 % intervals that hold the true value; ± is the
-standard error of these figures themselves, with so many records. A perfect estimator has 1 and 95 %.
+Cramér–Rao bound of the record, coverage the share of 95 % intervals that contain the true value; ± is the
+standard error of these figures. An efficient estimator has 1 and 95 %.
 """
 
 

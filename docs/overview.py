@@ -6,14 +6,13 @@ import numpy as np
 
 import dynid
 from dynid.report.formats import as_file
-from dynid.report.plot import Axis, Band, Line, Note, Panel, Rule, chart
-from dynid.report.plot.layers import hue
+from dynid.report.plot import Annotation, Band, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
 
 
-def isolator() -> Panel:
+def isolator() -> Subplot:
     """Show how much of the base's motion the mass sees."""
     result = dynid.run(CONFIGS / "isolator.yaml")
     group = "bond_graph/frequency_response"
@@ -21,15 +20,15 @@ def isolator() -> Panel:
     zeros = result["bond_graph/transfer_function/m_s.f/v_in/zeros"].data
     notch = abs(zeros[0]) / (2 * np.pi)
     layers = [
-        Line(hertz, np.abs(result[f"{group}/response"].data[:, 0, 0]), cls="s7"),
-        Rule(notch, cls="s2 dashed fine", upright=True),
-        Note(notch, 8, f"zero at {notch:.2f} Hz", cls="small s2", shift=(6, 0)),
+        Curve(hertz, np.abs(result[f"{group}/response"].data[:, 0, 0]), cls="s7"),
+        ReferenceLine(notch, cls="s2 dashed fine", upright=True),
+        Annotation(notch, 8, f"zero at {notch:.2f} Hz", cls="small s2", shift=(6, 0)),
     ]
-    x, y = Axis("frequency (Hz)", log=True), Axis("|v_s / v_in|", log=True, low=1e-4, high=20)
-    return Panel(x, y, layers, "Passive tuned isolator, from its bond graph")
+    x, y = PlotAxis("frequency (Hz)", log=True), PlotAxis("|v_s / v_in|", log=True, low=1e-4, high=20)
+    return Subplot(x, y, layers, "Passive tuned isolator, from its bond graph")
 
 
-def suspension() -> Panel:
+def suspension() -> Subplot:
     """Show the filter pass from half the true joint values, in percent of these."""
     result = dynid.run(CONFIGS / "suspension_noisy.yaml")
     group = "identification/history"
@@ -38,12 +37,17 @@ def suspension() -> Panel:
     histories, bands = (
         100 * result[f"{group}/{name}"].data / truth for name in ("estimate", "standard_deviation")
     )
-    layers = [Rule(100.0, cls="line dashed")]
+    layers = [ReferenceLine(100.0, cls="line dashed")]
     for k, name in enumerate(result[f"{group}/parameter"].data):
-        layers.append(Band(time, histories[:, k] - bands[:, k], histories[:, k] + bands[:, k], cls=hue(k)))
-        layers.append(Line(time, histories[:, k], name, hue(k)))
-    x, y = Axis("time (s)", low=0, high=time[-1]), Axis("estimate (% of the true value)", low=40, high=140)
-    return Panel(x, y, layers, "Joints of a suspension, from a record with 5 % noise")
+        layers.append(
+            Band(time, histories[:, k] - bands[:, k], histories[:, k] + bands[:, k], cls=series_class(k))
+        )
+        layers.append(Curve(time, histories[:, k], name, series_class(k)))
+    x, y = (
+        PlotAxis("time (s)", low=0, high=time[-1]),
+        PlotAxis("estimate (% of the true value)", low=40, high=140),
+    )
+    return Subplot(x, y, layers, "Joints of a suspension, from a record with 5 % noise")
 
 
 if __name__ == "__main__":

@@ -17,39 +17,38 @@ sys.path.insert(0, str(HERE.parent))
 from tests.mutants.equivalent import EQUIVALENT  # noqa: E402
 
 HEADER = """\
-# Hostile input, and tests that are tested
+# Hostile input and mutation tests
 
-Made by `python docs/quality.py` from the figures that the commands below keep in `docs/quality`.
+Written by `python docs/quality.py` from the figures in `docs/quality`, which the commands below store.
 """
 SCENES = """\
 ## Hostile scenes
 
-`python -m tests.fuzz.record` spoils the scenes that come along, in eleven ways, and gives each to `dynid
-check`; with `run`, to `dynid run`. What must come of it is an exit code and, where the scene is refused, a
-message at a line and column; no traceback, nothing called a fault of dynid, no more than {check} s of CPU
-time for a check and {run} s for a run, no more than 6 GiB, and not a file changed or made beside the scene.
-The same seed gives the same scene.
+`python -m tests.fuzz.record` mutates the example scenes in eleven ways and passes each to `dynid check`,
+or to `dynid run` with the argument `run`. Required are an exit code and, for a refused scene, a message
+with line and column; no traceback, no internal error, at most {check} s of CPU time for a check and {run}
+s for a run, at most 6 GiB, and no file changed or created beside the scene. The same seed gives the same
+scene.
 """
 FILES = """\
 ## Damaged files
 
-`python -m tests.fuzz.files` flips bits, sets bytes and cuts ends of a good file of every format that is
-read. A file is read, or refused in one sentence.
+`python -m tests.fuzz.files` flips bits, sets bytes and truncates a valid file of every supported format.
+A file must be read or refused with one sentence.
 """
 GUIDED = """\
 ## Guided by coverage
 
-`python -m tests.fuzz.guided` lets Atheris (libFuzzer) change scenes and files so that they reach lines of
-dynid that none before them has reached. Inputs that it kept because they did are its corpus.
+`python -m tests.fuzz.guided` lets Atheris (libFuzzer) mutate scenes and files to reach new lines of
+dynid. Its corpus consists of the inputs that did.
 """
 MUTANTS = """\
 ## Mutants
 
-`python -m tests.mutants` makes one small wrong at a time in the reduction of bond graphs and in the filter
-with the kernels of its steps: another comparison, operator, constant or word, swapped arguments, a missing
-statement, condition or return value. Some test must notice. The wording of messages is left alone, and
-kernels are run as the Python that they are written in. `--sample N --seed S` tries some of them, the same
-ones each time.
+`python -m tests.mutants` introduces one small error at a time into the reduction of bond graphs and into
+the filter with its kernels: another comparison, operator, constant or word, swapped arguments, a missing
+statement, condition or return value. A test must detect it. Messages are not mutated, and kernels run
+uncompiled. `--sample N --seed S` tries a reproducible selection.
 
 {chosen} of the {mutants} mutants were tried, chosen by chance.
 """

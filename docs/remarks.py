@@ -1,4 +1,4 @@
-"""The paper's remarks put to the test: `python docs/remarks.py` draws docs/remarks.png, prints numbers."""
+"""Test the paper's remarks: `python docs/remarks.py` draws docs/remarks.png and prints the numbers."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import numpy as np
 import dynid
 from dynid.errors import NumericalError
 from dynid.report.formats import as_file
-from dynid.report.plot import Axis, Line, Marks, Panel, Rule, chart
+from dynid.report.plot import Curve, Markers, PlotAxis, ReferenceLine, Subplot, chart
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
@@ -30,10 +30,10 @@ def bounds(result) -> dict[str, float]:
 
 def dotted(x, y, label: str, cls: str) -> list:
     """Return a line with a dot at each of its points."""
-    return [Line(x, y, label, cls), Marks(x, y, cls=cls.partition(" ")[0], size=2.5)]
+    return [Curve(x, y, label, cls), Markers(x, y, cls=cls.partition(" ")[0], size=2.5)]
 
 
-def damping() -> Panel:
+def damping() -> Subplot:
     """Show the bounds on stiffness and damping of the suspension's lower joint over its damping."""
     values = np.geomspace(2, 2000, 13)
     k, c = [], []
@@ -47,16 +47,16 @@ def damping() -> Panel:
     for row in zip(values, ratio, 2e4 / (110 * values), strict=True):
         print("  {:7.1f} {:8.3f} {:8.3f}".format(*row))
     layers = [
-        Rule(1.0, cls="hair"),
-        Rule(20.0, cls="hair dashed", upright=True),
-        Line(values, 2e4 / (110 * values), "k / (c ω), ω = 110 rad/s", "s2 dash"),
+        ReferenceLine(1.0, cls="hair"),
+        ReferenceLine(20.0, cls="hair dashed", upright=True),
+        Curve(values, 2e4 / (110 * values), "k / (c ω), ω = 110 rad/s", "s2 dash"),
         *dotted(values, ratio, "bound of c over bound of k, relative", "s1"),
     ]
-    x, y = Axis("damping of the joint (N·s/m)", log=True), Axis("ratio", log=True)
-    return Panel(x, y, layers, "Damping against stiffness (5 % noise)")
+    x, y = PlotAxis("damping of the joint (N·s/m)", log=True), PlotAxis("ratio", log=True)
+    return Subplot(x, y, layers, "Damping against stiffness (5 % noise)")
 
 
-def excitation() -> Panel:
+def excitation() -> Subplot:
     """Show the largest bound over the length of the record, for lines and for random forces."""
     lengths, layers = [100, 200, 400, 800, 1600], []
     for name, dof, label, cls in (("table2", 5, "suspension", "s3"), ("table4", 2, "beam", "s4")):
@@ -73,10 +73,10 @@ def excitation() -> Panel:
         layers += dotted(time, lines, f"{label}, three lines", f"{cls} dashed")
         layers += dotted(time, middle, f"{label}, random", cls)
     x, y = (
-        Axis("length of the record (s)", log=True),
-        Axis("bound of the least certain parameter (%)", log=True),
+        PlotAxis("length of the record (s)", log=True),
+        PlotAxis("bound of the least certain parameter (%)", log=True),
     )
-    return Panel(x, y, layers, "Lines against random forces of the same RMS")
+    return Subplot(x, y, layers, "Lines against random forces of the same RMS")
 
 
 def _largest(name: str, samples: int, *changes: str) -> float:
@@ -90,7 +90,7 @@ def _largest(name: str, samples: int, *changes: str) -> float:
     return max(bounds(result).values())
 
 
-def resonance() -> Panel:
+def resonance() -> Subplot:
     """Show what a basis of four modes does to the estimates, by the line that excites the beam."""
     frf = run("beam_reduction", "reduction=[{method: joint-aware, modes: {count: 4}}]", "expect=[]")
     omega, full, reduced = (frf[f"reduction/frf/{name}"].data for name in ("omega", "full", "joint-aware"))
@@ -120,11 +120,11 @@ def resonance() -> Panel:
     print("resonance: line, largest error %, error of the FRF %, mobility over the largest")
     for row in zip(lines, errors, 100 * left / size, size / np.abs(full[:, 0, 0]).max(), strict=True):
         print("  {:5d} {:9.3f} {:9.3f} {:9.5f}".format(*row))
-    layers = [Rule(natural, cls="hair dashed", upright=True) for natural in (50.35, 96.15, 220.7)]
+    layers = [ReferenceLine(natural, cls="hair dashed", upright=True) for natural in (50.35, 96.15, 220.7)]
     layers += dotted(lines, errors, "largest error of the joints (%)", "s6")
     layers += dotted(lines, 100 * left / size, "error of the FRF there (%)", "s5")
-    x = Axis("line of the excitation (rad/s); dashed: resonances")
-    return Panel(x, Axis("error (%)", log=True), layers, "Reduced beam, four modes, clean record")
+    x = PlotAxis("line of the excitation (rad/s); dashed: resonances")
+    return Subplot(x, PlotAxis("error (%)", log=True), layers, "Reduced beam, four modes, clean record")
 
 
 if __name__ == "__main__":

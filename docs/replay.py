@@ -1,4 +1,4 @@
-"""Replay pages of docs/tutorials as a reader would: `python docs/replay.py PAGE…` writes the outputs anew.
+"""Run the code of documentation pages and update their outputs: `python docs/replay.py PAGE…`.
 
 A page's blocks with a title become files; `console` blocks hold commands after `$ `, each followed by
 what it prints; Python blocks are run in the same folder, and a `text` block right after one holds what it

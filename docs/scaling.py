@@ -1,4 +1,4 @@
-"""Where the time of large studies goes: `python docs/scaling.py` measures and writes docs/scaling.md.
+"""Measure the costs of large studies and write docs/scaling.md: `python docs/scaling.py`.
 
 Every number in the page is measured here, or follows from what is measured here by the formulas in it.
 """
@@ -24,16 +24,15 @@ from distributed import Client, LocalCluster
 
 from dynid.scene.batch import run_batch
 from dynid.scene.load import load_scene
-from dynid.scene.outcomes import Block, Outcomes
-from dynid.study.chunks import Chunks
-from dynid.study.drive import Chunk, drive
+from dynid.scene.outcomes import SampleBlock, SampleOutcomes
 from dynid.study.execute import heading_of
-from dynid.study.executors.crew import Crew
+from dynid.study.executors.executor_base import StudyExecutor
 from dynid.study.file import write_study
 from dynid.study.journal import Journal
 from dynid.study.keys import SIZE, sample_keys
 from dynid.study.packing import packed, unpacked
 from dynid.study.plan import make_plan
+from dynid.study.scheduler import Chunk, Chunks, drive
 from dynid.study.work import JUDGE, Done, Job
 
 HERE = Path(__file__).parent
@@ -94,16 +93,16 @@ def timed(call: Callable[[], Any], repeat: int = 3, clock: Callable[[], float] =
 class Repeated:
     """The same outcomes again and again."""
 
-    def __init__(self, outcomes: Outcomes) -> None:
+    def __init__(self, outcomes: SampleOutcomes) -> None:
         self.outcomes = outcomes
 
-    def between(self, start: int, stop: int) -> Iterator[Block]:
+    def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
         """Yield some rows."""
         rows = np.arange(start, stop)
         return self.outcomes.picked(rows % len(self.outcomes), rows)
 
 
-def measure(folder: Path, client: Client) -> tuple[Costs, Outcomes]:
+def measure(folder: Path, client: Client) -> tuple[Costs, SampleOutcomes]:
     """Measure all costs with a study of the isolator, one after the other."""
     count = 300 if QUICK else 20_000
     study = folder / "study.yaml"
@@ -119,7 +118,7 @@ def measure(folder: Path, client: Client) -> tuple[Costs, Outcomes]:
     content = pickle.dumps(Done(packed(outcomes), 0.0))
     code = timed(lambda: pickle.loads(pickle.dumps(Done(packed(outcomes), 0.0)))) / len(outcomes)
     journal = Journal(str(folder / "j.journal"))
-    one, all_of_them = packed(Outcomes.of(outcomes[:1])), packed(outcomes)
+    one, all_of_them = packed(SampleOutcomes.of(outcomes[:1])), packed(outcomes)
     sync = timed(lambda: journal.append([(keys[:1], one)]), 20, time.perf_counter)
     per_sample = timed(lambda: journal.append([(keys[: len(batch)], all_of_them)])) / len(batch)
     journal.close()
@@ -203,7 +202,7 @@ def rate_of(costs: Costs, seconds: float, samples: int, workers: int) -> tuple[f
 
 
 @lru_cache
-def real_outcomes(path: str) -> Outcomes:
+def real_outcomes(path: str) -> SampleOutcomes:
     """Read outcomes once in each worker: they come back, but do not go there."""
     return unpacked(Path(path).read_bytes())
 
@@ -213,11 +212,11 @@ def pretend(path: str, count: int, seconds: float) -> Done:
     outcomes = real_outcomes(path)
     time.sleep(count * seconds)
     rows = np.arange(count)
-    some = Outcomes(list(outcomes.picked(rows % len(outcomes), rows)), count)
+    some = SampleOutcomes(list(outcomes.picked(rows % len(outcomes), rows)), count)
     return Done(packed(some), count * seconds)
 
 
-class Pretenders(Crew):
+class Pretenders(StudyExecutor):
     """Threads of Dask workers that sleep instead of computing."""
 
     def __init__(self, client: Client, workers: int, path: Path, seconds: float) -> None:
@@ -235,7 +234,7 @@ class Pretenders(Crew):
 
 
 def simulated(
-    folder: Path, client: Client, workers: int, seconds: float, samples: int, outcomes: Outcomes
+    folder: Path, client: Client, workers: int, seconds: float, samples: int, outcomes: SampleOutcomes
 ) -> float:
     """Return the samples per second that the study's own driver and journal reach with sleeping workers."""
     study = folder / "pretend.yaml"
@@ -252,8 +251,8 @@ def simulated(
 
     held = folder / "outcomes"
     held.write_bytes(packed(outcomes).content)
-    crew = Pretenders(client, workers, held, seconds)
-    drive(crew, Job.of(plan.base, (), samples), plan, np.arange(samples), arrived)
+    pool = Pretenders(client, workers, held, seconds)
+    drive(pool, Job.of(plan.base, (), samples), plan, np.arange(samples), arrived)
     journal.close()
     path.unlink()
     # Chunks grow at the start and shrink at the end: what lies between is the steady state.
@@ -262,14 +261,14 @@ def simulated(
     return float(done[last] - done[first]) / (marks[last][0] - marks[first][0])
 
 
-def as_loaded(costs: Costs, folder: Path, client: Client, outcomes: Outcomes) -> Costs:
+def as_loaded(costs: Costs, folder: Path, client: Client, outcomes: SampleOutcomes) -> Costs:
     """Return the costs by the clock, with whatever else this machine does at the moment."""
     message, byte = messages(client, time.perf_counter)
     dumped = pickle.dumps(Done(packed(outcomes), 0.0))
     code = timed(lambda: pickle.loads(dumped), 3, time.perf_counter) / len(outcomes)
     journal = Journal(str(folder / "loaded.journal"))
     keys = np.arange(2 * len(outcomes), dtype="<u8").view(np.uint8).reshape(len(outcomes), SIZE)
-    one, all_of_them = packed(Outcomes.of(outcomes[:1])), packed(outcomes)
+    one, all_of_them = packed(SampleOutcomes.of(outcomes[:1])), packed(outcomes)
     sync = timed(lambda: journal.append([(keys[:1], one)]), 5, time.perf_counter)
     appended = timed(lambda: journal.append([(keys, all_of_them)]), 2, time.perf_counter) / len(keys)
     journal.close()
@@ -277,7 +276,7 @@ def as_loaded(costs: Costs, folder: Path, client: Client, outcomes: Outcomes) ->
     return replace(costs, message=message, byte=byte, code=code, sync=sync, journal=appended)
 
 
-def check(folder: Path, costs: Costs, outcomes: Outcomes) -> list[tuple[int, float, float, float]]:
+def check(folder: Path, costs: Costs, outcomes: SampleOutcomes) -> list[tuple[int, float, float, float]]:
     """Return workers, seconds a sample, and the measured and the modelled samples per second."""
     rows = []
     cases = [(w, s) for s in (0.5, 1e-2, 1e-3) for w in (1, 8, 64)][:-1]
@@ -414,30 +413,31 @@ def page(costs: Costs, rows: list[tuple[int, float, float, float]]) -> str:
 PAGE = """\
 # How far studies scale
 
-Made by `python docs/scaling.py` on {cores} cores: every number is measured by it, or follows from what it
-measured by the model below.
+Written by `python docs/scaling.py` on {cores} cores: every number is measured, or follows from
+measurements by the model below.
 
-## What things cost
+## Costs
 
 {one}
 
-Times are of processors (scheduler and client share a process here, so that a task's cost is that of both);
-only the append is of the clock, since it waits for the disk.
+Times are processor times (scheduler and client share a process here, so the cost of a task includes
+both); only the append is wall-clock time, since it waits for the disk.
 
-Samples travel in chunks: as many as take half a second, at most 4096, so that scheduler and disk see chunks
-and not samples.
+Samples are grouped into chunks of half a second, at most 4096 samples, so that scheduler and disk handle
+chunks instead of samples.
 
-## The model, and how it was checked
+## Model and validation
 
-A study is a closed network of queues. Twice as many chunks as workers are under way; each is worked on by a
-worker, passes the scheduler (one at a time), and then the client, which unpickles it, appends it to the
-journal and makes it durable (one at a time). Mean value analysis gives the rate.
+A study is a closed network of queues. The number of chunks in progress is twice the number of workers.
+Each chunk is computed by a worker, passes the scheduler (one at a time), and then the client, which
+unpickles it, appends it to the journal and makes it durable (one at a time). Mean value analysis gives
+the rate.
 
-It was checked with workers that sleep for as long as samples would take and return real outcomes, through
-the study's own driver, its journal and a real Dask scheduler, as far as this machine drives them. For the
-check the costs are taken by the clock, in the same cluster right before each run, with whatever else the
-machine did at that moment (load {load} on {cores} cores); the start and the end of a run, where chunks grow
-and shrink, do not count:
+The model was validated with workers that sleep for the duration of a sample and return real outcomes,
+with the study's own driver, its journal and a real Dask scheduler, up to the limits of this machine. For
+the validation the costs are wall-clock times, measured in the same cluster right before each run, with
+whatever else the machine did at that moment (load {load} on {cores} cores); the start and the end of a
+run, where chunks grow and shrink, do not count:
 
 {compared}
 
@@ -445,26 +445,27 @@ The median of the ratios is {median}, and {within} of {cases} are within a facto
 
 ## Where 1e6 and 1e8 samples spend their time
 
-Times are for the whole study. Computing is shared by the workers, and runs beside scheduler and client; keys
-come before, the file after. *In one piece* is what the user waits for.
+Times are for the whole study. Computing is shared by the workers and concurrent with scheduler and
+client; keys are computed before, the file is written after. *In one piece* is the total time of the
+study.
 
 {predicted}
 
-- The **scheduler** serves {tasks} tasks a second. Chunks of half a second keep it busy all the time from
-  {scheduler_knee} workers on, whatever a sample takes.
-- The **client** takes {limit} samples a second, however many workers there are: it is busy all the time from
+- The **scheduler** serves {tasks} tasks a second. Chunks of half a second saturate it from
+  {scheduler_knee} workers on, for any duration of a sample.
+- The **client** handles {limit} samples a second for any number of workers: it saturates from
   {client_knees}.
-- The **file** is last: keys and file are the client's too, {file} a sample, and nothing runs beside them.
-- 1e8 samples are {biggest}, and more than one study may have ({most}); {studies} studies with seeds of their
-  own are as good as one.
+- The **file** is written last: the client computes keys and file, {file} per sample, sequentially.
+- 1e8 samples need {biggest} and exceed the limit of one study ({most}); {studies} studies with different
+  seeds are equivalent.
 
-## The layout that lifts it
+## Sharded studies
 
-`--shard I/N` gives every part a client, a journal and a file of its own, so that all of them scale with N; no
-scheduler is needed, for each shard runs on the cores of its node. The column *shards* has as many as keep
-the client below a tenth of its workers' time, and the last column is what one waits for then.
-`dynid study-merge` is one process again, {merge} for {most} samples; files that stay apart can be read side
-by side, as they have the same arrays.
+With `--shard I/N` every part has its own client, journal and file, so all of them scale with N. No
+scheduler is needed, because each shard runs on the cores of its node. The column *shards* is the number
+that keeps the client below a tenth of its workers' time; the last column is the total time with these
+shards. `dynid study-merge` is one process, {merge} for {most} samples; separate files can be read
+together, as they have the same arrays.
 
 ```sh
 # a job array of 100 jobs (Slurm); a job that was killed goes on when it is started again

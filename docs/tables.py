@@ -7,8 +7,7 @@ import numpy as np
 import dynid
 from dynid.errors import NumericalError
 from dynid.report.formats import as_file
-from dynid.report.plot import Axis, Band, Line, Panel, Rule, chart
-from dynid.report.plot.layers import hue
+from dynid.report.plot import Band, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
 from dynid.scene.kinds.structures import build_structure
 from dynid.structure.response import Channel, frequency_response
 
@@ -23,18 +22,18 @@ PAPER = {
     5: {"turn.k": 17.5, "link.k": 34.6, "link.c": 41.5},
     6: {"turn.k": 1.08, "link.k": 1.40, "link.c": 1.95},
 }
-RADIANS = Axis("angular frequency (rad/s)")
+RADIANS = PlotAxis("angular frequency (rad/s)")
 PAPERS_BASIS = "reduction={method: serep, masters: [1, 6, 10], modes: [2, 3, 4]}"
 NOISE = "measurement.simulate.noise_ratio=0.05"
 HEADER = """\
 # The tables of the paper
 
-Made by `python docs/tables.py` from `configs/table1.yaml` … `table6.yaml`. Errors are those of one record
-(noise seed 1, started at half the true values); the bound is the Cramér–Rao bound on the standard error, at
-the true values, with the initial state unknown. What the errors are over 2,000 records of Tables 2 and 4:
-[monte_carlo.md](monte_carlo.md). Where the paper leaves step, duration and amplitude open they are 0.002 s,
-800 samples and 100 N; an error of the paper below the bound (Table 4) is of another record. A clean record
-has no bound: what is left is rounding.
+Written by `python docs/tables.py` from `configs/table1.yaml` … `table6.yaml`. Errors are those of one
+record (noise seed 1, start values half the true values); the bound is the Cramér–Rao bound on the
+standard error, at the true values, with the initial state unknown. Errors over 2,000 records of Tables 2
+and 4: [monte_carlo.md](monte_carlo.md). If the paper does not state step, duration and amplitude, they
+are 0.002 s, 800 samples and 100 N. An error of the paper below the bound (Table 4) belongs to another
+record. A clean record has no bound: its residuals are round-off.
 """
 FIGURES = """\
 ![Joints of the suspension over the first pass.](tables-suspension.svg)
@@ -43,10 +42,10 @@ FIGURES = """\
 ![Responses of the full and of reduced beams.](tables-reduced.svg)
 ![Responses of the suspension at its sensors.](tables-sensors.svg)
 
-The curves of the paper's figures: parameters over the filter's first pass (Figs 5, 8, 10; in the files
-`identification/history`, or `first_pass` where there are several), the rotation at the pin, which no sensor
-measures (Fig. 9), the mobility of the beam with joints, full and reduced (Fig. 7), and the mobilities of the
-suspension between force and sensors, with the joints at their true values and at the starts (Fig. 4).
+The curves of the paper's figures: parameters over the first pass of the filter (Figs 5, 8, 10; stored
+under `identification/history`, or `first_pass` if there are several passes), the unmeasured rotation at
+the pin (Fig. 9), the mobility of the beam with joints, full and reduced (Fig. 7), and the mobilities of
+the suspension between force and sensors, with the joints at their true values and at the starts (Fig. 4).
 """
 
 
@@ -101,13 +100,13 @@ def reduced(number: int, title: str, result) -> str:
     warning = result.value(f"{group}/warning")
     said = (
         f"{size} coordinates: modes chosen by the band of the excitation, and residual vectors at joints, "
-        "sensors and\nforce; made anew as the joints converge."
+        "sensors and\nforce; recomputed as the joints converge."
     )
     warned = [f"The run says: *{warning}*."] if warning else []
     return "\n".join([table(number, title, result, others), said, *warned, ""])
 
 
-def history(result, title: str) -> Panel:
+def history(result, title: str) -> Subplot:
     """Show the parameters over the first pass, in percent of their true values."""
     group = "identification/first_pass"
     if f"{group}/estimate" not in result:
@@ -116,65 +115,72 @@ def history(result, title: str) -> Panel:
     estimate, deviation = (
         100 * result[f"{group}/{name}"].data / true for name in ("estimate", "standard_deviation")
     )
-    layers = [Rule(100.0, cls="line dashed")]
+    layers = [ReferenceLine(100.0, cls="line dashed")]
     for k, name in enumerate(column(result, "name")):
         layers.append(
-            Band(time, estimate[:, k] - deviation[:, k], estimate[:, k] + deviation[:, k], cls=hue(k))
+            Band(
+                time, estimate[:, k] - deviation[:, k], estimate[:, k] + deviation[:, k], cls=series_class(k)
+            )
         )
-        layers.append(Line(time, estimate[:, k], name, hue(k)))
-    x, y = Axis("time (s)", low=0, high=time[-1]), Axis("estimate (% of the true value)", low=40, high=140)
-    return Panel(x, y, layers, title)
+        layers.append(Curve(time, estimate[:, k], name, series_class(k)))
+    x, y = (
+        PlotAxis("time (s)", low=0, high=time[-1]),
+        PlotAxis("estimate (% of the true value)", low=40, high=140),
+    )
+    return Subplot(x, y, layers, title)
 
 
-def hidden_state(result) -> Panel:
+def hidden_state(result) -> Subplot:
     """Show the rotation at the pin as estimated in the pass, and as it was."""
     unseen = "measurement.channels=[{dof: 1, quantity: displacement}, {dof: 2, quantity: velocity}]"
     truth = run(3, unseen)["identification/measurement/measured"].data[:, 0]
     group = "identification/history"
     time, state = result[f"{group}/time"].data, result[f"{group}/state"].data[:, 0]
     layers = [
-        Line(time, 1e3 * truth, "true", hue(6)),
-        Line(time, 1e3 * state, "filter, 8 % noise", "s1 fine"),
+        Curve(time, 1e3 * truth, "true", series_class(6)),
+        Curve(time, 1e3 * state, "filter, 8 % noise", "s1 fine"),
     ]
     size = 1.6e3 * np.abs(truth).max()
-    return Panel(
-        Axis("time (s)", low=0, high=1), Axis("rotation at the pin (mrad)", low=-size, high=size), layers
+    return Subplot(
+        PlotAxis("time (s)", low=0, high=1),
+        PlotAxis("rotation at the pin (mrad)", low=-size, high=size),
+        layers,
     )
 
 
-def suspension_responses() -> Panel:
+def suspension_responses() -> Subplot:
     """Show the mobilities between force and sensors, with the joints as they are and as they start."""
     scene = dynid.load_scene(CONFIGS / "table1.yaml")
     structure = build_structure(scene, scene.model.structure, scene.model.joints)
     omega = np.linspace(10, 300, 600)
     sensors = [Channel(2, "velocity"), Channel(3, "velocity")]
     starts = {unknown.name: unknown.start for unknown in structure.unknowns}
-    layers = [Rule(line, cls="hair dashed", upright=True) for line in (70, 110, 250)]
+    layers = [ReferenceLine(line, cls="hair dashed", upright=True) for line in (70, 110, 250)]
     for values, style, words in ((structure.true_values(), "", "true"), (starts, " dashed", "start")):
         found = frequency_response(structure, [5], sensors, omega, values)
         response = np.abs(found["structure/frequency_response/response"].data[:, :, 0])
         for k, sensor in enumerate(sensors):
             label = f"DOF {sensor.dof}, joints at their {words} values"
-            layers.append(Line(omega, response[:, k], label, f"{hue(k)}{style}"))
-    return Panel(RADIANS, Axis("mobility from DOF 5 (m/(s·N))", log=True), layers)
+            layers.append(Curve(omega, response[:, k], label, f"{series_class(k)}{style}"))
+    return Subplot(RADIANS, PlotAxis("mobility from DOF 5 (m/(s·N))", log=True), layers)
 
 
-def responses() -> Panel:
+def responses() -> Subplot:
     """Show the mobility at the force of the full beam with joints and of two reduced ones."""
     result = dynid.run(CONFIGS / "beam_reduction.yaml")
     omega = result["reduction/frf/omega"].data
     labels = {
-        "full": ("full", hue(6)),
+        "full": ("full", series_class(6)),
         "serep": ("modes without joints (the paper)", "s2 fine"),
         "joint-aware": ("modes with joints", "s1 fine"),
     }
-    layers = [Rule(line, cls="hair dashed", upright=True) for line in (45, 250, 300)]
+    layers = [ReferenceLine(line, cls="hair dashed", upright=True) for line in (45, 250, 300)]
     for name, (label, cls) in labels.items():
-        layers.append(Line(omega, np.abs(result[f"reduction/frf/{name}"].data[:, 0, 0]), label, cls))
-    return Panel(RADIANS, Axis("mobility at the force (m/(s·N))", log=True), layers)
+        layers.append(Curve(omega, np.abs(result[f"reduction/frf/{name}"].data[:, 0, 0]), label, cls))
+    return Subplot(RADIANS, PlotAxis("mobility at the force (m/(s·N))", log=True), layers)
 
 
-def save(name: str, title: str, *row: Panel) -> None:
+def save(name: str, title: str, *row: Subplot) -> None:
     """Write one figure."""
     svg = chart(f"tables-{name}", title, [row], width=1000.0 if len(row) > 1 else 760.0)
     (HERE / f"tables-{name}.svg").write_bytes(as_file(svg, "svg"))

@@ -2,6 +2,14 @@
 
 import signal
 
+from hypothesis import settings
+
+# The same examples in every run, so that a failure is of the change that is tested; other examples are
+# drawn with `--hypothesis-profile fresh`.
+settings.register_profile("same", derandomize=True)
+settings.register_profile("fresh", derandomize=False, print_blob=True)
+settings.load_profile("same")
+
 # Who starts the tests in the background of a script lets them ignore Ctrl-C, and with them every command
 # that they start; some tests are about just that signal.
 signal.signal(signal.SIGINT, signal.default_int_handler)

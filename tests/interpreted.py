@@ -12,10 +12,9 @@ from importlib import import_module
 import numba
 import numpy as np
 
-from dynid.identification.kernels import compile as how
-from dynid.identification.kernels import lanes
+from dynid.identification.kernels import simd
 
-ALGEBRA = "dynid.bondgraph.algebra"
+PROGRAMS = "dynid.bondgraph.program"
 KERNELS = "dynid.identification.kernels"
 
 
@@ -57,14 +56,14 @@ def fused(a, b, c):
 
 
 def interpreted_sweep(patch, lanes_of_a_block=4):
-    """Return `sweep`, interpreted."""
+    """Return `sweep_frequencies`, interpreted."""
     patch.setattr(numba, "njit", lambda function, **_: function)
     patch.setattr("numba.extending.intrinsic", lambda _: fused)
-    doubled, *_, sweep = fresh(patch, ALGEBRA, "doubled", "lowering", "slots", "tape", "sweep")
+    doubled, _, compiler = fresh(patch, PROGRAMS, "doubled", "lowering", "compiler")
     patch.setattr(doubled, "LANES", lanes_of_a_block)
-    patch.setattr(sweep, "LANES", lanes_of_a_block)
-    patch.setattr(sweep, "ThreadPoolExecutor", Serial)
-    return sweep.sweep
+    patch.setattr(compiler, "LANES", lanes_of_a_block)
+    patch.setattr(compiler, "ThreadPoolExecutor", Serial)
+    return compiler.sweep_frequencies
 
 
 # --- identification --------------------------------------------------------------------------------
@@ -81,27 +80,27 @@ def matrix(array, first, stride, rows, columns):
 
 
 def product(rows, count, width, A, a, lda, X, x, ldx, out, o, ldo):
-    assert width % lanes.LANES == 0
+    assert width % simd.LANES == 0
     matrix(out, o, ldo, rows, width)[:] = matrix(A, a, lda, rows, count) @ matrix(X, x, ldx, count, width)
 
 
 def accumulate(rows, count, width, A, a, lda, X, x, ldx, out, o, ldo):
-    assert width % lanes.LANES == 0
+    assert width % simd.LANES == 0
     matrix(out, o, ldo, rows, width)[:] += matrix(A, a, lda, rows, count) @ matrix(X, x, ldx, count, width)
 
 
 def dots(rows, width, A, a, lda, X, x, ldx, out, o, ldo):
-    assert width % lanes.LANES == 0
+    assert width % simd.LANES == 0
     both = matrix(A, a, lda, rows, width) * matrix(X, x, ldx, rows, width)
     matrix(out, o, ldo, rows, 1)[:, 0] = both.sum(axis=1)
 
 
 def interpreted_kernels(patch):
-    """Return the kernels' modules, interpreted: steps, walk, simulate and triangle."""
+    """Return the kernels' modules, interpreted: steps, filter, prediction and triangle."""
     for name in ("kernel", "inlined"):
-        patch.setattr(how, name, lambda function: function)
+        patch.setattr(simd, name, lambda function: function)
     for name, stand_in in {
         "product": product, "row_product": product, "accumulate": accumulate, "dots": dots,
     }.items():  # fmt: skip
-        patch.setattr(lanes, name, stand_in)
-    return fresh(patch, KERNELS, "steps", "walk", "simulate", "triangle")
+        patch.setattr(simd, name, stand_in)
+    return fresh(patch, KERNELS, "steps", "filter_kernel", "prediction_kernel", "triangle_kernel")

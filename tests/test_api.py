@@ -92,6 +92,29 @@ def test_a_note_says_that_a_dirac_impulse_is_not_shown(tmp_path):
     assert "Dirac impulse, which is not shown" in notes
 
 
+@pytest.mark.parametrize(
+    ("outputs", "signal", "named"),
+    [
+        ("m.e", "{kind: step}", "m.e has"),
+        ("m.e", "{kind: step, start: 0.5}", "m.e has"),
+        ("m.f, m.e, r.e", "{kind: impulse}", "m.f, m.e, r.e have"),
+        ("m.f, r.e, m.p", "{kind: step}", ""),  # only the effort of the mass follows the derivative
+        ("m.e, m.f", "{kind: sine, frequency: 3}", ""),  # its derivative does not jump
+    ],
+)
+def test_a_dirac_impulse_is_said_of_the_requested_outputs_that_have_one(tmp_path, outputs, signal, named):
+    scene = tmp_path / "mass.yaml"
+    scene.write_text(
+        "dynid: 1\nkind: bond-graph\ngraph:\n"
+        "  nodes: {v: Sf, j: 1, m: {type: I, value: 1}, r: {type: R, value: 2}}\n"
+        f"  bonds: [v -> j -> m, j -> r]\nanalysis:\n  outputs: [{outputs}]\n"
+        f"  time: {{stop: 1, step: 0.1, input: {signal}}}\n"
+    )
+    note = dynid.run(scene).group_attrs["bond_graph/time_response"].get("note", "")
+    assert ("Dirac impulse, which is not shown" in note) is bool(named)
+    assert named in note
+
+
 def test_names_in_a_scene_are_not_taken_for_seeds(tmp_path):
     scene = tmp_path / "seed.yaml"
     scene.write_text(

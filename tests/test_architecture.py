@@ -4,7 +4,7 @@ import importlib.util
 import re
 from pathlib import Path
 
-from tests.test_floors import MODULES, package_of
+from tests.test_layers import MODULES, package_of
 from tests.test_theory import named, place
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -18,7 +18,7 @@ PACKAGES = {package_of(module) for module in MODULES}
 
 
 def test_the_page_names_every_package_and_no_other():
-    rows = re.findall(r"^\| (?:top|ground)? ?\| (.*?) \|", PAGE.read_text(), re.MULTILINE)
+    rows = re.findall(r"^\| (?:top|lowest)? ?\| (.*?) \|", PAGE.read_text(), re.MULTILINE)
     assert set(re.findall(r"`(\w+)`", " ".join(rows))) == PACKAGES
 
 

@@ -84,7 +84,7 @@ def test_met_expectations(result, path, demand):
         (f"{BASE}relative_degree", {}, "relative_degree is 1, but nothing is expected of it"),
         (f"{BASE}dc_gain", {"value": -math.inf}, "dc_gain is inf, expected -inf"),
         (f"{BASE}dc_gain", {"value": 1e300}, "dc_gain is inf, expected 1e+300"),
-        (f"{BASE}stable", {"value": 1}, "stable is a truth value, expected 1"),
+        (f"{BASE}stable", {"value": 1}, "stable is a Boolean, expected 1"),
         (f"{BASE}stable", {"max": 1}, "stable is true, expected a real number for 'max'"),
         (f"{BASE}prototype", {"value": "e"}, "prototype is 'd', expected 'e'"),
         (f"{BASE}prototype", {"max_abs": 1}, "prototype is 'd', expected a number for 'max_abs'"),

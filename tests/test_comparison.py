@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dynid import choices
-from dynid.bondgraph.floating import systems
-from dynid.bondgraph.results import dynamics, sensitivities
+from dynid import defaults
+from dynid.bondgraph.floating import spectrum
+from dynid.bondgraph.results import prototype, sensitivities
 from dynid.scene.schema.study import MAX_SAMPLES
 from dynid.structure import damping, frf, model
 
@@ -59,16 +59,16 @@ def test_figures_beside_other_tools_are_those_of_the_tables(text, benchmark, siz
 @pytest.mark.parametrize(
     ("text", "number"),
     [
-        ("{} storages; 80 on more", choices.EXACT_ROOTS.value),
-        ("storages; {} on more than 4 loops", choices.EXACT_ROOTS_ON_LOOPS.value),
-        ("on more than {} loops", choices.MANY_LOOPS.value),
-        ("{}; 150 on more", choices.EXACT_POLYNOMIALS.value),
-        ("; {} on more than 4 loops | float", choices.EXACT_POLYNOMIALS_ON_LOOPS.value),
-        ("{} storages | refused; frequency", systems._LARGEST),
+        ("{} storages; 80 on more", defaults.EXACT_ROOTS.value),
+        ("storages; {} on more than 4 loops", defaults.EXACT_ROOTS_ON_LOOPS.value),
+        ("on more than {} loops", defaults.MANY_LOOPS.value),
+        ("{}; 150 on more", defaults.EXACT_POLYNOMIALS.value),
+        ("; {} on more than 4 loops | float", defaults.EXACT_POLYNOMIALS_ON_LOOPS.value),
+        ("{} storages | refused; frequency", spectrum._LARGEST),
         ("| sensitivities | {} storages", sensitivities._STORAGES),
-        ("prototypes | {} storages", dynamics._STORAGES),
-        ("| dense modes | {} DOFs", choices.DENSE_MODES.value),
-        ("{} DOFs | ask for a number", choices.ALL_MODES.value),
+        ("prototypes | {} storages", prototype._STORAGES),
+        ("| dense modes | {} DOFs", defaults.DENSE_MODES.value),
+        ("{} DOFs | ask for a number", defaults.ALL_MODES.value),
         ("ratios of all modes | {} DOFs", damping._MOST_MODAL),
         ("dense matrices | {} DOFs", model._MOST_DENSE),
         ("undamped pole | {} DOFs", frf._MOST_AT_A_POLE),

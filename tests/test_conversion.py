@@ -1,5 +1,6 @@
 """Results in the hands of other libraries."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,12 @@ def test_coordinates_come_from_the_groups_above(isolator):
 def test_a_group_that_is_not_there_is_named(isolator):
     with pytest.raises(UsageError, match=r"did you mean 'bond_graph/frequency_response'\?"):
         isolator.to_xarray("bond_graph/frequency_respnse")
+
+
+def test_a_missing_xarray_is_an_error_that_names_the_extra(isolator, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)  # as if it were not installed
+    with pytest.raises(UsageError, match=r"xarray, which is not installed.*dynid\[xarray\]"):
+        isolator.to_xarray("bond_graph/frequency_response")
 
 
 def test_coordinates_are_those_of_the_nearest_group_above_that_fit():

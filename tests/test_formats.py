@@ -5,7 +5,7 @@ import pytest
 
 import dynid
 import dynid.scene.formats
-import dynid.store.formats
+import dynid.store.reader
 from dynid.errors import FileError, SceneError
 from dynid.result import Result
 from dynid.store import write_result
@@ -64,7 +64,7 @@ def test_a_result_of_an_older_format_is_read(tmp_path, monkeypatch):
             new.add(path.replace("mass", "M"), variable.data, variable.dims, variable.units)
         return new
 
-    monkeypatch.setitem(dynid.store.formats.STEPS, 0, rename)
+    monkeypatch.setitem(dynid.store.reader.STEPS, 0, rename)
     assert set(dynid.open_result(written(tmp_path, 0))) == {"reduction/serep/M"}
 
 

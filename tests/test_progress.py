@@ -7,8 +7,8 @@ import pytest
 
 from dynid import progress
 from dynid.cli import progress as shown
-from dynid.scene.dispatch import run_scene
 from dynid.scene.load import load_scene
+from dynid.scene.run import run_scene
 
 
 class Terminal(io.StringIO):
@@ -18,7 +18,7 @@ class Terminal(io.StringIO):
 
 def heard(scene):
     said = []
-    with progress.heard_by(said.append):
+    with progress.progress_to(said.append):
         run_scene(load_scene(scene))
     return said
 
@@ -38,11 +38,11 @@ def test_a_run_says_what_it_does_in_order(request, scene, expected):
 
 def test_nobody_listens_outside_and_listeners_nest():
     outer, inner = [], []
-    with progress.heard_by(outer.append):
-        with progress.heard_by(inner.append):
-            progress.tell("in")
-        progress.tell("out")
-    progress.tell("nobody")
+    with progress.progress_to(outer.append):
+        with progress.progress_to(inner.append):
+            progress.report_progress("in")
+        progress.report_progress("out")
+    progress.report_progress("nobody")
     assert (outer, inner) == (["out"], ["in"])
 
 
@@ -64,7 +64,7 @@ def test_nothing_is_written_where_nobody_looks(monkeypatch, stream, quiet):
     monkeypatch.setattr(shown, "_PATIENCE", 0.0)
     with shown.showing(quiet) as say:
         say("a filter pass")
-        progress.tell("a filter pass")
+        progress.report_progress("a filter pass")
     assert sys.stderr.getvalue() == ""
 
 

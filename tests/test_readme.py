@@ -38,9 +38,17 @@ def test_the_readme_says_what_is_printed(tmp_path):
             assert replay.matches(printed, said), f"$ {command}\n{said}"
 
 
+def test_the_commands_of_the_readme_run_as_printed_in_a_new_folder(tmp_path):
+    block = re.search(r"^## Your own system\n\n```sh\n(.*?)```", README, re.DOTALL | re.MULTILINE)
+    session = replay.Session(tmp_path)
+    for line in block[1].splitlines():
+        code = session.shell(f"{line}\necho left $?").split()[-1]
+        assert code == ("1" if line.startswith("dynid compare") else "0"), line
+
+
 def test_files_of_the_readme_exist():
     for target in re.findall(r"\]\(([^)#:]+)\)", README):
         assert (ROOT / target).exists(), target
-    for scene in re.findall(r"^\| (`.*?`) \|", README, re.MULTILINE):
+    for scene in re.findall(r"^\| (`.*?`) \|", (ROOT / "docs/scenes.md").read_text(), re.MULTILINE):
         for name in re.findall(r"`([^` …]+)`", scene):
             assert (ROOT / "configs" / name).exists(), name

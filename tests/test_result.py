@@ -67,7 +67,7 @@ def test_values_are_kept_in_few_types(data, dtype):
 
 
 def test_other_types_are_refused():
-    with pytest.raises(TypeError, match="numbers, truth values and texts"):
+    with pytest.raises(TypeError, match="numbers, Booleans and texts"):
         Result("k").add("x", np.array(["2024-01-01"], dtype="datetime64[D]"), ("n",))
 
 

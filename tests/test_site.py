@@ -36,9 +36,9 @@ def test_every_part_of_a_scene_is_shown_once(scenes):
 
 def test_a_key_says_what_it_takes_its_range_and_its_default(scenes):
     text = scenes.text("reference/scenes/index.md")
-    assert "| `points` | integer, 1 … 10,000,000 | `200` | How many. |" in text
-    assert "| `stop` | quantity, > 0 | **needed** | The highest frequency. |" in text
-    assert "| `unit` | `rad/s`, `Hz` | `rad/s` | The unit of `start` and `stop`. |" in text
+    assert "| `points` | integer, 1 … 10,000,000 | `200` | Number of frequencies. |" in text
+    assert "| `stop` | quantity, > 0 | **needed** | Highest frequency. |" in text
+    assert "| `unit` | `rad/s`, `Hz` | `rad/s` | Unit of `start` and `stop`. |" in text
 
 
 def test_a_part_of_another_page_is_linked_there(scenes):

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from dynid import atomic
+from dynid import file_access
 from dynid.checks import compare
 from dynid.errors import FileError
 from dynid.result import Result
@@ -177,7 +177,7 @@ def test_failures_leave_the_old_file_and_nothing_else(tmp_path, monkeypatch, ste
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(atomic.os, step, fail)
+    monkeypatch.setattr(file_access.os, step, fail)
     with pytest.raises(KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else FileError):
         write_result(Result("k"), target)
     monkeypatch.undo()
@@ -396,3 +396,14 @@ def test_what_goes_wrong_with_open_file_is_not_laid_to_the_file(tmp_path):
         raise ValueError("ours")
     with pytest.raises(FileError, match="no such file"), open_stored(tmp_path / "none.h5"):
         pass
+
+
+def test_a_group_in_the_place_of_the_scene_is_refused(tmp_path):
+    path = tmp_path / "r.h5"
+    write_result(make(), path)
+    with h5py.File(path, "a") as file:
+        if "scene" in file:
+            del file["scene"]
+        file.create_group("scene")
+    with pytest.raises(FileError, match="'scene' is not an array stored in the file itself"):
+        read_result(path)

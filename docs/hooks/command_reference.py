@@ -1,4 +1,4 @@
-"""The commands as they explain themselves, and the topics of `dynid help` as pages."""
+"""Pages of the commands' `--help` texts and of the topics of `dynid help`."""
 
 from __future__ import annotations
 
@@ -45,5 +45,5 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Put the commands in their place."""
+    """Insert the commands into the page."""
     return markdown.replace(_MARK, _commands()) if _MARK in markdown else markdown

@@ -1,4 +1,4 @@
-"""Formulas of the pages as MathML, which browsers show by themselves: no script, no network."""
+"""Conversion of formulas to MathML, which browsers render without scripts or network."""
 
 from __future__ import annotations
 

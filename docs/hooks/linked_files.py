@@ -1,4 +1,4 @@
-"""Files of the project that pages link to, as pages of the site: scenes, examples, sources.
+"""Site pages for linked project files: scenes, examples, sources.
 
 A page links to them as they lie in the project (`../configs/isolator.yaml`), so that its links hold where
 the project is read as it is. The site has no such files: each becomes a page that shows it, a folder one that
@@ -69,7 +69,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, **_: object) -> str:
-    """Let the links of a page lead to these."""
+    """Redirect the links of a page to these files."""
     root, source = Path(config.config_file_path).parent, page.file.src_uri
     for target, name in set(_outside(markdown, source, root)):
         there = posixpath.relpath(_uri(name), posixpath.dirname(source) or ".")

@@ -1,4 +1,4 @@
-"""What results hold, from results: the scenes that a page names are run while it is built.
+"""Layout tables of results: the scenes that a page names are run while the page is built.
 
 A page names scenes, and what to set in them, `<!-- layout of: SCENE.yaml PATH=VALUE … -->`, several
 with `;` between. Names that a scene gives stand as `<output>` and the like; every group has its sentence in
@@ -55,7 +55,7 @@ def _studied(scene: Path, overrides: list[str]) -> Result:
 
 
 def _general(path: str, result: Result) -> str:
-    """Return a path with what the scene names replaced by what it stands for."""
+    """Return a path with the scene's own names replaced by placeholders."""
     channels = [group.split("/")[2:] for group in result.group_attrs if "transfer_function/" in group]
     for output, given in channels:
         path = path.replace(f"/{output}/{given}", "/<output>/<input>").replace(f"/{output}", "/<output>")
@@ -96,6 +96,6 @@ def _layout(runs: str, root: Path) -> str:
 
 
 def on_page_markdown(markdown: str, config: MkDocsConfig, **_: object) -> str:
-    """Put the layouts in their places."""
+    """Insert the layout tables into the page."""
     root = Path(config.config_file_path).parent
     return _MARK.sub(lambda mark: _layout(mark["runs"], root), markdown)

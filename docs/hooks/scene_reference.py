@@ -1,4 +1,4 @@
-"""The reference of scenes, made of their JSON Schema.
+"""Reference pages of scenes, generated from their JSON Schema.
 
 A page names the parts that it is about, `<!-- scene parts: SceneModel Expectation -->`, by the classes of the
 schema; each becomes a table of its keys, followed by the parts that it leads to and no other page is about.
@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from mkdocs.exceptions import PluginError
 
-from dynid.scene.load import KINDS, kind_model
-from dynid.scene.schema.common import SceneModel
-from dynid.scene.schema.described import scene_schema
+from dynid.scene.kind import KINDS
+from dynid.scene.schema.base import SceneModel
+from dynid.scene.schema.json_schema import scene_schema
 
 if TYPE_CHECKING:
     from mkdocs.structure.files import Files
@@ -50,7 +50,7 @@ class Reference:
             raise PluginError(f"no page shows the parts {', '.join(sorted(missing))}")
 
     def _root_heading(self, name: str) -> str:
-        kind = next((kind for kind in KINDS if kind_model(kind).__name__ == name), "")
+        kind = next((kind for kind in KINDS if KINDS[kind].load("model").__name__ == name), "")
         if kind:
             return f"kind: {kind}"
         uses = [key for part in self.parts.values() for key, wanted in _keys(part) if name in _links(wanted)]
@@ -85,7 +85,7 @@ class Reference:
         about = part.get("description", "").replace("``", "`")
         lines = [f"## `{self.headings[name]}` {{ #{name} }}", "", about, ""]
         every = {key for key, _ in _keys(self.parts["SceneModel"])} if name.endswith("Scene") else set()
-        lines += ["| key | takes | if absent | meaning |", "| --- | --- | --- | --- |"]
+        lines += ["| key | value | default | meaning |", "| --- | --- | --- | --- |"]
         for key, wanted in _keys(part):
             if key not in every:
                 needed = key in part.get("required", ())
@@ -98,7 +98,7 @@ class Reference:
         return "\n".join(lines)
 
     def _takes(self, wanted: Schema, page: str) -> str:
-        """Say what may stand at a key, in words."""
+        """Return the allowed values of a key in words."""
         if "$ref" in wanted:
             name = wanted["$ref"].rpartition("/")[2]
             there = relpath(self.shown[name], dirname(page)) if self.shown[name] != page else ""
@@ -128,7 +128,7 @@ class Reference:
 
 def _all_parts() -> dict[str, Schema]:
     found: dict[str, Schema] = {}
-    for model in (SceneModel, *(kind_model(kind) for kind in KINDS)):
+    for model in (SceneModel, *(KINDS[kind].load("model") for kind in KINDS)):
         schema = scene_schema(model)
         for name, part in {**schema.get("$defs", {}), model.__name__: schema}.items():
             found[name] = next(one for one in (part, *part.get("anyOf", ())) if "properties" in one)
@@ -194,5 +194,5 @@ def on_files(files: Files, **_: object) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Put the tables in their place."""
+    """Insert the tables into the page."""
     return _MARK.sub(lambda _mark: _reference[0].text(page.file.src_uri), markdown)

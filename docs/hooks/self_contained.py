@@ -1,4 +1,4 @@
-"""A page that would load anything from the network fails the build: the site is read where there is none."""
+"""Check that pages load nothing from the network, since the site must work offline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LOADED = re.compile(
 
 
 def on_post_page(output: str, page: Page, **_: object) -> str:
-    """Refuse what a page loads from elsewhere; links are for the reader to follow."""
+    """Raise an error if a page loads an external resource; external links are allowed."""
     for found in _LOADED.finditer(output):
         raise PluginError(f"{page.file.src_uri} loads {found['url']}; put a copy into docs/assets")
     return output

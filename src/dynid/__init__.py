@@ -14,12 +14,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynid._version import __version__
-from dynid.building import GraphBuilder, StructureBuilder, scene_from
+from dynid.builders import GraphBuilder, StructureBuilder, scene_from
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterable
+    from types import ModuleType
 
+    from dynid import errors, lti
     from dynid.result import Result
     from dynid.scene.load import Scene
 
@@ -27,11 +29,25 @@ __all__ = [
     "GraphBuilder",
     "StructureBuilder",
     "__version__",
+    "errors",
     "load_scene",
+    "lti",
     "open_result",
     "run",
     "scene_from",
 ]
+
+# Packages that users reach as attributes after `import dynid`, and that only their use should load.
+_LAZY = ("errors", "lti")
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import a public package at its first use, so that ``import dynid`` stays quick."""
+    if name in _LAZY:
+        from importlib import import_module
+
+        return import_module(f"dynid.{name}")
+    raise AttributeError(f"module 'dynid' has no attribute {name!r}")
 
 
 def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Scene:
@@ -66,8 +82,8 @@ def run(scene: Scene | str | os.PathLike[str]) -> Result:
     dynid.errors.FileError
         Where a file that the scene names cannot be read.
     """
-    from dynid.scene.dispatch import run_scene
     from dynid.scene.load import Scene
+    from dynid.scene.run import run_scene
 
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
     result = run_scene(loaded)

@@ -1,6 +1,5 @@
-"""Everything that can go wrong, said in words a user can act on.
+"""Errors of dynid, with a problem, a remedy and an exit code.
 
-Each error carries what is wrong, what to do about it, and the exit code of the command line.
 The analyses raise these; only the command line prints them.
 """
 
@@ -11,14 +10,14 @@ from dataclasses import dataclass
 
 
 class DynidError(Exception):
-    """Root of all errors that dynid raises on purpose.
+    """Base of all errors that dynid raises on purpose.
 
     Parameters
     ----------
     problem
         What is wrong, as one clear sentence without a full stop.
     remedy
-        What to do about it, as one or more sentences; may be empty.
+        What to do, as one or more sentences; may be empty.
     names
         The nodes, parameters or files concerned; a scene finds its line through them.
     """
@@ -37,7 +36,7 @@ class DynidError(Exception):
 
 
 class NumericalError(DynidError):
-    """The question is well posed as a scene, but has no trustworthy answer."""
+    """The scene is valid, but its result cannot be computed reliably."""
 
 
 class Singular(NumericalError):
@@ -45,15 +44,15 @@ class Singular(NumericalError):
 
 
 class Diverged(NumericalError):
-    """An iteration or a filter ran away."""
+    """An iteration or a filter diverged."""
 
 
 class NotIdentifiable(NumericalError):
-    """The record does not contain the information that is asked of it."""
+    """The record does not determine the parameters."""
 
 
 class Undecided(NumericalError):
-    """A floating-point method cannot tell; an exact one can."""
+    """A floating-point method leaves the result undecided; an exact one decides it."""
 
 
 class FileError(DynidError):
@@ -63,7 +62,7 @@ class FileError(DynidError):
 
 
 class UsageError(DynidError):
-    """A call or a command that makes no sense."""
+    """Invalid arguments of a call or a command."""
 
     exit_code = 2
 
@@ -78,16 +77,12 @@ class Fault:
     message: str
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}:{self.column}: {_on_one_line(self.message)}"
-
-
-def _on_one_line(message: str) -> str:
-    """Return a message as one printable line, whatever text of the user it repeats."""
-    if message.isprintable():
-        return message
-    return "".join(
-        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in message
-    )
+        # One printable line, whatever text of the user it repeats.
+        message = "".join(
+            letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+            for letter in self.message
+        )
+        return f"{self.file}:{self.line}:{self.column}: {message}"
 
 
 class SceneError(DynidError):

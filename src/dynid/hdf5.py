@@ -1,7 +1,8 @@
-"""HDF5 files that somebody else may have damaged.
+"""HDF5 files of unknown origin, opened after a trial.
 
-The HDF5 library trusts what it reads: a changed byte can make it crash or run for ever, and the process with
-it. So a file is first read by a copy of the process, which may die; only what that survived is opened here.
+The HDF5 library trusts its input: a changed byte can make it crash or loop, and the process with it.
+Therefore a file is first read by a forked copy of the process; only a file that the copy has read is opened
+here.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import signal
 import stat
 import threading
 import warnings
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -22,8 +24,15 @@ if TYPE_CHECKING:
     import h5py
 
 _SECONDS = 30.0
-_MOST_BYTES = 64 * 2**20  # of values read on trial; what is larger is tried by its headers and its beginning
+_MOST_BYTES = 64 * 2**20  # of values read on trial; of larger ones headers and the beginning
 _survived: set[tuple[str, int, int]] = set()
+_MOST_GROWTH = 2000  # of stored bytes by decompression; deflate reaches 1032
+_USUAL_CHUNK = 64 * 2**20  # bytes of a chunk that are read whatever is stored
+_HOPS = 16  # most soft links on the path to an object
+
+
+class Refused(ValueError):
+    """An object of an HDF5 file is not read, although the library might read it."""
 
 
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
@@ -49,6 +58,64 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         _survived.add(key)
     # Files are replaced and never changed in place, so that nothing needs a lock.
     return h5py.File(name, "r", locking=False)
+
+
+def inside(group: Any, path: str) -> Any:
+    """Return the object at a path of a file, or None where there is none.
+
+    Raises
+    ------
+    Refused
+        Where a link on the way leads into another file, or links go in a circle.
+    """
+    import h5py
+
+    item = group["/"] if path.startswith("/") else group
+    parts, hops = deque(path.split("/")), _HOPS
+    while parts:
+        key = parts.popleft()
+        if key in ("", "."):
+            continue
+        link = item.get(key, getlink=True) if isinstance(item, h5py.Group) else None
+        if link is None:
+            return None
+        if isinstance(link, h5py.ExternalLink):
+            raise Refused(f"'{path}' is a link to another file, '{link.filename}'; name that file instead")
+        if isinstance(link, h5py.SoftLink):
+            hops -= 1
+            if not hops:
+                raise Refused(f"the links to '{path}' go in a circle")
+            parts.extendleft(reversed(link.path.split("/")))
+            item = group["/"] if link.path.startswith("/") else item
+        else:
+            item = item[key]
+    return item
+
+
+def check_stored(dataset: Any) -> None:
+    """Raise unless the values of a dataset are stored in the file itself, all of them.
+
+    Raises
+    ------
+    Refused
+        Where they are in other files, or reading them would take far more memory than the file justifies.
+    """
+    name = str(dataset.name).lstrip("/")
+    if dataset.shape is None:
+        raise Refused(f"'{name}' has no values")
+    if dataset.is_virtual:
+        raise Refused(f"'{name}' is put together from other files; name these files instead")
+    if dataset.external:
+        raise Refused(f"the values of '{name}' are in another file")
+    stored = int(dataset.id.get_storage_size())
+    claimed = int(dataset.size) * int(dataset.dtype.itemsize)
+    chunk = int(dataset.dtype.itemsize)
+    for length in dataset.chunks or ():
+        chunk *= int(length)
+    if dataset.chunks and chunk > max(_USUAL_CHUNK, _MOST_GROWTH * stored):
+        raise Refused(f"'{name}' is stored in chunks of {chunk:,} bytes, but has {stored:,} in the file")
+    if claimed > _MOST_GROWTH * stored:
+        raise Refused(f"'{name}' claims {claimed:,} bytes of values, but has {stored:,} bytes in the file")
 
 
 def survives(work: Callable[[], object], seconds: float = _SECONDS) -> bool:
@@ -91,6 +158,8 @@ def _read(name: str) -> None:
             group = groups.pop()
             for key in _names(group):
                 with suppress(Exception):
+                    if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+                        continue  # of another file, or found under its own name
                     item = group[key]
                     dict(item.attrs)
                     if isinstance(item, h5py.Group) and hash(item.id) not in seen:
@@ -124,5 +193,6 @@ def _value(dataset: Any, budget: int) -> int:
     if not 0 <= size <= budget:
         return 0
     with suppress(Exception):
+        check_stored(dataset)
         dataset[()]
     return size

@@ -1,4 +1,4 @@
-"""How far the work is: said by whoever does it, heard by whoever listens, and free where nobody does."""
+"""Progress of the work: reported by computations, received by a listener if there is one."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from typing import TypeVar
 T = TypeVar("T")
 
 Listener = Callable[[str], None]
-"""Hears what is being done, in a few words."""
+"""Receives a short description of the current work."""
 
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
-def heard_by(listener: Listener) -> Iterator[None]:
-    """Within, hand what is told to a listener.
+def progress_to(listener: Listener) -> Iterator[None]:
+    """Pass the progress reported within to a listener.
 
     Parameters
     ----------
     listener
-        Called with a few words, in the thread that does the work; it must be quick.
+        Called with a short text in the thread that does the work; it must return quickly.
 
     Examples
     --------
-    >>> with heard_by(print):
-    ...     tell("reducing the graph")
+    >>> with progress_to(print):
+    ...     report_progress("reducing the graph")
     reducing the graph
-    >>> tell("nobody listens")
+    >>> report_progress("no listener")
     """
     token = _LISTENER.set(listener)
     try:
@@ -38,23 +38,23 @@ def heard_by(listener: Listener) -> Iterator[None]:
         _LISTENER.reset(token)
 
 
-def tell(what: str) -> None:
-    """Say what is being done now."""
+def report_progress(what: str) -> None:
+    """Report the current work."""
     listener = _LISTENER.get()
     if listener is not None:
         listener(what)
 
 
-def counted(things: Collection[T], what: str) -> Iterator[T]:
-    """Yield things, and say before each which of how many it is.
+def tracked(things: Collection[T], what: str) -> Iterator[T]:
+    """Yield items, and report the number of each before it.
 
     Examples
     --------
-    >>> with heard_by(print):
-    ...     found = list(counted("ab", "channel"))
+    >>> with progress_to(print):
+    ...     found = list(tracked("ab", "channel"))
     channel 1 of 2
     channel 2 of 2
     """
     for number, thing in enumerate(things, 1):
-        tell(f"{what} {number} of {len(things)}")
+        report_progress(f"{what} {number} of {len(things)}")
         yield thing

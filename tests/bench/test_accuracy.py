@@ -11,12 +11,12 @@ from dynid.bench.scenes.worker import aspect_of
 from dynid.checks import compare
 from dynid.cli.summary.accuracy import accuracy_lines
 from dynid.errors import SceneError
-from dynid.report.answers import answer
-from dynid.report.answers.blocks import Grid
+from dynid.report.content import content
+from dynid.report.content.blocks import TextTable
 from dynid.result import Result
-from dynid.scene.dispatch import run_scene
-from dynid.scene.kinds.reductions import read_reduction
+from dynid.scene.kinds.reduction import read_reduction
 from dynid.scene.load import check_source
+from dynid.scene.run import run_scene
 from dynid.scene.schema.accuracy import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import parse_source
 from dynid.store import read_result, write_result
@@ -137,12 +137,12 @@ def test_only_what_a_run_gives_again_is_compared(mass):
 
 
 def test_screen_and_page_name_every_alternative_and_the_choice(mass):
-    titles = [part.title for part in answer(mass).parts]
-    assert [title for title in titles if title.startswith("What else")] == [
-        "What else could have been chosen: engine",
-        "What else could have been chosen: propagation",
+    titles = [part.title for part in content(mass).sections]
+    assert [title for title in titles if title.startswith("Alternatives")] == [
+        "Alternatives: engine",
+        "Alternatives: propagation",
     ]
-    rows = {row[0] for part in answer(mass).parts for block in part.blocks if isinstance(block, Grid)
+    rows = {row[0] for part in content(mass).sections for block in part.blocks if isinstance(block, TextTable)
             for row in block.rows}  # fmt: skip
     known = {name for names in ASPECTS["bond-graph"].values() for name in names}
     assert known <= rows

@@ -10,9 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
-from dynid.bench.alternative import PEERS, Alternative
-from dynid.bench.catalogue import DEFAULT_RUN
-from dynid.bench.suite import Figure, beaten, limits, pareto
+from dynid.bench.benchmark import DEFAULT_RUN, PEERS, Alternative
+from dynid.bench.suite import BenchmarkFigure, beaten, limits, pareto
 from dynid.bench.worker import _timed, measured, processor
 from dynid.cli import cli
 from dynid.errors import DynidError, Singular
@@ -143,9 +142,12 @@ def test_long_works_are_repeated_less(duration, runs):
 
 
 def test_the_front_is_what_no_other_beats():
-    fast, good, both, worse = (Figure(1, t, 0, e) for t, e in ((1, 9), (9, 1), (3, 3), (4, 3)))
+    fast, good, both, worse = (BenchmarkFigure(1, t, 0, e) for t, e in ((1, 9), (9, 1), (3, 3), (4, 3)))
     assert pareto([fast, good, both, worse]) == [fast, good, both]
-    assert pareto([fast, Figure(2, 9, 0, 9)]) == [fast, Figure(2, 9, 0, 9)]  # another size is other work
+    assert pareto([fast, BenchmarkFigure(2, 9, 0, 9)]) == [
+        fast,
+        BenchmarkFigure(2, 9, 0, 9),
+    ]  # another size is other work
 
 
 def test_the_page_holds_every_figure_that_was_measured(result):
@@ -215,20 +217,23 @@ def test_the_screen_says_how_time_grows(result):
 
 def test_a_peer_that_beats_the_default_is_named():
     case = benchmark("propagation")
-    figures = {"exponential-spline": [Figure(5, 2.0, 0, 1e-6)], "lsim": [Figure(5, 1.0, 0, 1e-7)]}
+    figures = {
+        "exponential-spline": [BenchmarkFigure(5, 2.0, 0, 1e-6)],
+        "lsim": [BenchmarkFigure(5, 1.0, 0, 1e-7)],
+    }
     assert beaten(case, case.default, figures) == ["at samples 5 by lsim (2 times faster)"]
-    slower = {**figures, "lsim": [Figure(5, 3.0, 0, 1e-7)]}
+    slower = {**figures, "lsim": [BenchmarkFigure(5, 3.0, 0, 1e-7)]}
     assert beaten(case, case.default, slower) == []
     assert "no figures" in beaten(case, case.default, {"lsim": figures["lsim"]})[0]
 
 
 def test_peers_that_do_not_beat_the_default_are_named(result):
-    from dynid.report.answers.bench import verdict
+    from dynid.report.content.bench import better_peers
 
-    assert verdict(result, "bench/propagation") == "none of dop853, lsim, newmark, rk4"
+    assert better_peers(result, "bench/propagation") == "none of dop853, lsim, newmark, rk4"
     alone = run_benchmarks([], {})
     alone.annotate("bench/x", beaten="")
-    assert verdict(alone, "bench/x") == "none; no peer took part"
+    assert better_peers(alone, "bench/x") == "none; no peer took part"
 
 
 def test_records_are_filtered_with_kernels_where_there_are_enough_of_them():
@@ -239,7 +244,7 @@ def test_records_are_filtered_with_kernels_where_there_are_enough_of_them():
 
 
 def test_what_takes_longer_than_it_may_is_seen():
-    figures = {"help": [Figure(1, 2.8)], "import-click": [Figure(1, 2.0)]}
+    figures = {"help": [BenchmarkFigure(1, 2.8)], "import-click": [BenchmarkFigure(1, 2.0)]}
     assert limits(benchmark("startup"), figures) == ["help takes 1.40 times import-click (at most 1.3)"]
 
 
@@ -275,3 +280,17 @@ def test_processor_time_is_that_of_the_work():
     before = processor()
     sleep(0.05)
     assert processor() - before < 0.04
+
+
+def test_peers_of_the_sources_take_part_where_an_interpreter_has_them(monkeypatch):
+    """Alternatives with packages that no part of dynid uses are not in the package."""
+    own = {name: [each.name for each in benchmark(name).alternatives] for name in BENCHMARKS}
+    monkeypatch.setenv(PEERS, sys.executable)
+    added = {
+        name: [each.name for each in benchmark(name).alternatives[len(own[name]) :]] for name in BENCHMARKS
+    }
+    assert {name: names for name, names in added.items() if names} == {
+        "zeros-poles": ["control-slycot", "lcapy"],
+        "filters": ["filterpy", "dynamax"],
+        "estimators": ["filterpy", "dynamax"],
+    }

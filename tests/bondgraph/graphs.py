@@ -3,9 +3,9 @@
 from fractions import Fraction
 from itertools import pairwise
 
+from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.transfer import TransferFunction
+from dynid.bondgraph.plan import ReducedGraph
 from dynid.errors import Singular
 
 ISOLATOR = (

@@ -58,6 +58,14 @@ def determined_at(types, values, bonds, inputs, output, s):
     return found
 
 
+def determinant_at(types, values, bonds, s):
+    """Return the determinant of all equations, every source at zero: it vanishes at the natural modes."""
+    rows, _ = _equations(types, values, bonds, [], s)
+    if len(rows) > 2 * len(bonds):  # a junction without a bond: its balance says 0 = 0, its variable is free
+        return Fraction(0)
+    return _fraction(_matrix(rows).det())
+
+
 def _unknown(bonds, output, s):
     """Return the column of a variable, and what to multiply it by."""
     node, quantity = output
@@ -117,3 +125,11 @@ def _equations(types, values, bonds, inputs, s):
                 equation([(e(one), 1), (f(two), -values[name])])
                 equation([(e(two), 1), (f(one), -values[name])])
     return rows, rights
+
+
+def solvable_at(types, values, bonds, s):
+    """Return whether the equations have a solution whatever each source prescribes, unique or not."""
+    sources = [name for name, kind in types.items() if kind in ("Se", "Sf")]
+    rows, rights = _equations(types, values, bonds, sources, s)
+    joined = [[*row, *right] for row, right in zip(rows, rights, strict=True)]
+    return _matrix(rows).rank() == _matrix(joined).rank()

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.causality.assign import assign_causality
 from dynid.bondgraph.causality.bicausal import zero_causality
-from dynid.bondgraph.natural import characteristic_polynomials
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.causality.scap import assign_causality
+from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
+from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.state_space import zero_parts
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, build, chain, parse, port, reduced, transfers, written
@@ -19,14 +19,14 @@ from tests.bondgraph.random_graphs import random_graph
 
 
 def cases(seed, junctions, loops):
-    """Yield (graph, reduced graph, port, source) of a random graph with a solution."""
+    """Yield (graph, reduced graph, port, source) of a random graph that is determined in all its parts."""
     types, values, bonds, inputs, (node, quantity) = random_graph(random.Random(seed), junctions, loops)
     graph = build(types, values, bonds)
     try:
         work = reduced(types, values, bonds, inputs, f"{node}.{quantity}")
     except Singular:
         return
-    if not assign_causality(graph).conflicts:
+    if not work.undetermined and not assign_causality(graph).conflicts:
         for source in inputs:
             yield graph, work, work.outputs[0], source
 

@@ -11,11 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.causality.assign import assign_causality
+from dynid.bondgraph.causality.scap import assign_causality
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.results.causality import add_causality
 from dynid.bondgraph.state_space import natural_order
 from dynid.errors import Singular
+from dynid.result import Result
 from tests.bondgraph.graphs import ISOLATOR, build, chain, parse
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 
@@ -295,12 +297,27 @@ def test_the_result_has_a_stroke_for_every_bond_and_both_orders():
     assert "note" not in result.group_attrs.get("bond_graph/causality", {})
 
 
-def test_a_conflict_is_a_result_where_only_causality_is_asked_for():
-    nodes, bonds = "Se u, Se v, 0 j, R r 1", "u -> j, v -> j -> r"
-    result = analysed(nodes, bonds, "r.f")
-    assert result["bond_graph/causality/conflicts"].data["nodes"].tolist() == ["u, v, j"]
+@pytest.mark.parametrize("results", [("causality",), ("causality", "properties")])
+@pytest.mark.parametrize(
+    ("nodes", "bonds"),
+    [
+        ("Se u, Se v, 0 j, R r 1", "u -> j, v -> j -> r"),
+        ("Sf u, Sf v, 1 j, TF t 3, R r 2, 1 i", "u -> j -> t -> i -> r, v -> i"),
+        ("Se u, 0 j, TF t 2, TF s 3, 0 i, R r 1", "u -> j -> t -> i -> r, j -> s -> i"),
+    ],
+)
+def test_a_contradiction_is_an_error_also_where_only_causality_is_asked_for(nodes, bonds, results):
     with pytest.raises(Singular):
-        analysed(nodes, bonds, "r.f", results=("causality", "properties"))
+        analysed(nodes, bonds, "r.f", results=results)
+
+
+def test_what_is_undetermined_is_a_warning_where_only_causality_is_asked_for():
+    nodes, bonds = "Se u, R r 1, 0 a, 0 b", "u -> r, a -> b"
+    result = analysed(nodes, bonds, "b.e")
+    assert "the effort of 'a' and 'b' is not determined" in result["bond_graph/warnings"].data[0]
+    assert "bond_graph/causality/bonds" in result
+    with pytest.raises(Singular):
+        analysed(nodes, bonds, "b.e", results=("causality", "properties"))
 
 
 def test_a_state_that_the_numbers_take_away_is_explained():
@@ -311,6 +328,10 @@ def test_a_state_that_the_numbers_take_away_is_explained():
 
 
 def test_a_loop_whose_gain_is_one_is_explained():
-    result = analysed("0 a, 1 b, 0 c, 1 d, Se u, R r 1", "a -> b -> c -> d -> a, u -> b, c -> r", "r.f")
+    ring = "0 a, 1 b, 0 c, 1 d, Se u, R r 1", "a -> b -> c -> d -> a, u -> b, c -> r"
+    with pytest.raises(Singular):
+        analysed(*ring, "r.f")
+    result = Result("bond-graph")
+    add_causality(result, build(*parse(*ring)))
     assert "order_exact" not in [path.rsplit("/", 1)[-1] for path in result]
     assert "no unique solution" in result.group_attrs["bond_graph/causality"]["note"]

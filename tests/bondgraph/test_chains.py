@@ -7,7 +7,7 @@ from flint import fmpz_poly
 
 from dynid.bondgraph.chains import FORCE, Stage, chain, distinct, last_velocity, uniform
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.plan import ReducedGraph
 from tests.bondgraph.graphs import transfers
 from tests.bondgraph.tableau import transfer_at
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.frequency import frequency_response
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph.request import Analysis
 from tests.bondgraph.graphs import at, build, parse, port, transfer, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph
 from tests.bondgraph.test_frequency import exact

@@ -10,7 +10,7 @@ import dynid
 from dynid.bondgraph.domains import UNITS, quotient
 from dynid.bondgraph.graph import Node
 from dynid.errors import UsageError
-from dynid.report.drawing.domains import COLOUR, ELEMENT_UNITS
+from dynid.report.drawing.sketch import COLOUR, ELEMENT_UNITS
 from dynid.scene.schema.bond_graph import Domain
 
 CONFIGS = Path(__file__).parents[2] / "configs"

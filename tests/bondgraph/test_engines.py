@@ -11,15 +11,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sympy import Rational, sympify
 
-from dynid.bondgraph import engines as choosing
+from dynid.bondgraph import engine_choice as choosing
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.exact import ExactEngine
-from dynid.bondgraph.floating.transfer import FloatEngine
-from dynid.bondgraph.formula import expanded, nested
+from dynid.bondgraph.exact_engine import ExactEngine
+from dynid.bondgraph.floating.engine import FloatEngine
+from dynid.bondgraph.formulas.transfer import expanded, nested
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.question import Analysis, Formulas
-from dynid.bondgraph.reduced import ReducedGraph
-from dynid.choices import EXACT_ROOTS
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.request import Analysis, FormulaRequest
+from dynid.defaults import EXACT_ROOTS
 from dynid.errors import NumericalError, Singular, Undecided, UsageError
 from tests.bondgraph.graphs import ISOLATOR, reduced, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
@@ -203,7 +203,7 @@ def test_roots_that_cannot_be_told_apart_raise_or_go_to_the_exact_engine(monkeyp
     result = asked(graph)
     said = result.group_attrs["bond_graph"]
     assert said["engine"] == "exact"
-    assert "cannot tell" in said["engine_reason"]
+    assert "cannot determine" in said["engine_reason"]
 
 
 def test_the_engine_is_chosen_by_size_and_named(monkeypatch):
@@ -324,7 +324,7 @@ def test_names_of_a_program_are_nobody_elses():
 def test_the_symbolic_engine_writes_formulas_alone():
     graph = written(*ISOLATOR, "m_s.f")
     options = {"engine": "symbolic", "results": frozenset({"transfer_function"})}
-    result, expanded_too = (asked(graph, formulas=f, **options) for f in (None, Formulas("expanded")))
+    result, expanded_too = (asked(graph, formulas=f, **options) for f in (None, FormulaRequest("expanded")))
     group = "bond_graph/transfer_function/m_s.f/v_in"
     assert {path for path in result if path.startswith(group)} == {
         f"{group}/program",
@@ -343,5 +343,5 @@ def test_the_symbolic_engine_writes_formulas_alone():
 def test_a_formula_that_was_asked_for_says_why_it_cannot_be_written(name):
     graph = written(f"Se u, 1 j, I {name} 3, R r 1", f"u -> j -> {name}, j -> r", "r.e")
     with pytest.raises(UsageError, match=name) as caught:
-        asked(graph, formulas=Formulas())
+        asked(graph, formulas=FormulaRequest())
     assert caught.value.names == (name,)

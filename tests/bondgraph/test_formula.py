@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from sympy import Rational, sympify
 
 import dynid
-from dynid.bondgraph.algebra.symbolic import apply, quotient, variables
-from dynid.bondgraph.formula import formulas
+from dynid.bondgraph.formulas.symbolic import apply, quotient, variables
+from dynid.bondgraph.formulas.transfer import formulas
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
 from tests.bondgraph.random_graphs import random_graph

@@ -1,5 +1,6 @@
 """The frequency response against exact evaluation, above all where pivots vanish."""
 
+import math
 import random
 from fractions import Fraction
 
@@ -9,8 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bench.cases import ladder
-from dynid.bondgraph.frequency import frequency_response
-from tests.bondgraph.graphs import ISOLATOR, at, polynomial_at, solvable, transfers, written
+from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph.request import Analysis
+from tests.bondgraph.graphs import (
+    ISOLATOR,
+    at,
+    build,
+    chain,
+    parse,
+    polynomial_at,
+    port,
+    reduced,
+    solvable,
+    transfers,
+    written,
+)
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 
 
@@ -196,3 +211,55 @@ def test_a_balanced_plan_gives_the_same_channels(seed, loops):
         for plan in (graph.balanced(), graph)
     )
     assert one == other
+
+
+def spectrum_peak(function, low, high):
+    """Return max |T(j w)| over a band: where d|T|^2/dw vanishes, by the roots of a polynomial in w^2."""
+    above, below = (
+        np.polynomial.Polynomial([float(int(c)) for c in part.coeffs()])
+        for part in (function.numerator, function.denominator)
+    )
+
+    def squared(part):  # |part(j w)|^2 as a polynomial in x = w^2
+        even, odd = (np.polynomial.Polynomial(part.coef[k::2] if len(part.coef) > k else [0]) for k in (0, 1))
+        minus = np.polynomial.Polynomial([0, -1])
+        x = np.polynomial.Polynomial([0, 1])
+        return even(minus) ** 2 + x * odd(minus) ** 2
+
+    P, Q = squared(above), squared(below)
+    turning = (P.deriv() * Q - P * Q.deriv()).roots()
+    inside = [x.real for x in turning if abs(x.imag) < 1e-6 * abs(x) and low**2 < x.real < high**2]
+    return max(math.sqrt(P(x) / Q(x)) for x in [low**2, *inside, high**2])
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("poles", [True, False])
+def test_the_reported_maximum_is_that_of_the_exact_function(seed, poles):
+    rng = random.Random(seed)
+    stages = rng.randint(1, 4)
+    nodes, bonds = chain(stages)
+    low, high, points = 10 ** rng.uniform(-1, 0), 10 ** rng.uniform(1.5, 2.5), rng.randint(5, 60)
+    types, values, pairs = parse(nodes, bonds)
+    for name, kind in types.items():
+        if kind == "R":
+            values[name] *= Fraction(rng.randint(1, 100), 1000)
+    graph, output = build(types, values, pairs), port("m1.f")
+    omega = np.geomspace(low, high, points)
+    results = frozenset({"frequency_response"} | ({"poles"} if poles else set()))
+    result = analyse(graph, Analysis(("F",), (output,), results=results, omega=omega))
+    (function,) = transfers(reduced(types, values, pairs, ["F"], "m1.f")).values()
+    expected = spectrum_peak(function, low, high)
+    assert result["bond_graph/frequency_peaks/magnitude"].data.item() == pytest.approx(expected, rel=1e-8)
+    at = 1j * result["bond_graph/frequency_peaks/omega"].data.item()
+    ratio = abs(polynomial_at(function.numerator, at) / polynomial_at(function.denominator, at))
+    assert ratio == pytest.approx(expected, rel=1e-8)
+
+
+def test_an_undamped_resonance_between_frequencies_is_infinite():
+    types, values, pairs = parse("Se F, 1 j, I m 2, C k 1/98", "F -> j -> m, j -> k")
+    analysis = Analysis(
+        ("F",), (port("m.f"),), results=frozenset({"frequency_response"}), omega=np.linspace(1.0, 20.0, 7)
+    )
+    result = analyse(build(types, values, pairs), analysis)
+    assert result["bond_graph/frequency_peaks/magnitude"].data.item() == math.inf
+    assert result["bond_graph/frequency_peaks/omega"].data.item() == pytest.approx(7.0, rel=1e-14)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import dynid
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.question import Analysis
-from dynid.bondgraph.reduction.writing import latex_name
+from dynid.bondgraph.formulas.printers import latex_name
+from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import reduced
 from tests.bondgraph.random_graphs import random_graph

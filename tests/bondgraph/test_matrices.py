@@ -7,7 +7,7 @@ from fractions import Fraction
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.bondgraph.causality.assign import assign_causality
+from dynid.bondgraph.causality.scap import assign_causality
 from dynid.errors import Singular
 from tests.bondgraph.graphs import at, build, reduced, transfers
 from tests.bondgraph.random_graphs import random_graph

@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.need import dropped
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.model_scope import dropped
+from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import port, reduced, written
 from tests.bondgraph.random_graphs import random_graph

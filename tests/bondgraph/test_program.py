@@ -5,10 +5,10 @@ from fractions import Fraction
 import pytest
 from flint import nmod
 
-from dynid.bondgraph.reduction.notation import shared
-from dynid.bondgraph.reduction.program import Point, Program
+from dynid.bondgraph.formulas.expressions import shared
+from dynid.bondgraph.formulas.printers import ATOM, SIGN, TEXT, PrintedFraction
+from dynid.bondgraph.program.program import ModularPoint, Program
 from dynid.bondgraph.reduction.prototypes import Prototype
-from dynid.bondgraph.reduction.writing import ATOM, SIGN, TEXT, Over
 from tests.bondgraph.graphs import written
 
 PRIME = 2**61 - 1
@@ -17,7 +17,7 @@ PRIME = 2**61 - 1
 @pytest.fixture
 def program():
     values = {name: nmod(value, PRIME) for name, value in {"x": 3, "y": 5, "z": 7}.items()}
-    return Program(Point(PRIME, values, nmod(11, PRIME)))
+    return Program(ModularPoint(PRIME, values, nmod(11, PRIME)))
 
 
 def test_a_division_by_what_is_identically_zero_is_refused(program):
@@ -53,6 +53,15 @@ def test_signs_move_outwards_and_trivial_operations_are_not_written(program):
     assert program.div(x, x) == one
 
 
+def test_registers_that_are_equal_for_all_values_are_one_at_a_general_point():
+    values = {"x": nmod(2**50 + 7, PRIME), "y": nmod(3**30, PRIME), "z": nmod(5**20 + 1, PRIME)}
+    program = Program(ModularPoint(PRIME, values, nmod(7**18, PRIME), general=True))
+    x, y, z = (program.parameter(name) for name in "xyz")
+    product = program.mul(program.add(x, y), z)
+    assert program.add(program.mul(x, z), program.mul(y, z)) == product
+    assert program.sub(program.mul(x, z), product) == program.neg(program.mul(y, z))
+
+
 def test_parameters_are_those_that_a_register_is_made_of(program):
     x, y, z = (program.parameter(name) for name in "xyz")
     ratio = program.div(program.mul(program.s, x), program.add(program.neg(y), program.constant(2)))
@@ -82,9 +91,9 @@ def test_what_is_zero_sets_nothing():
 
 
 def test_numbers_are_decimals_where_they_have_one():
-    assert TEXT.number(Fraction(2)) == Over(("2", ATOM))
-    assert TEXT.number(Fraction(5, 2)) == Over(("2.5", ATOM))
-    assert TEXT.number(Fraction(-1, 3)) == Over(TEXT.integer(-1), TEXT.integer(3))
+    assert TEXT.number(Fraction(2)) == PrintedFraction(("2", ATOM))
+    assert TEXT.number(Fraction(5, 2)) == PrintedFraction(("2.5", ATOM))
+    assert TEXT.number(Fraction(-1, 3)) == PrintedFraction(TEXT.integer(-1), TEXT.integer(3))
 
 
 def test_a_negative_unit_is_a_sign():

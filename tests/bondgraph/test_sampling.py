@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError, Singular
 from dynid.lti.signals import Step

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.natural import characteristic_polynomials
-from dynid.bondgraph.question import Analysis, Parameter
+from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
+from dynid.bondgraph.request import Analysis, SensitivityParameter
 from dynid.bondgraph.sensitivity import sensitivity
 from dynid.errors import NumericalError, Singular
-from dynid.lti.certified import certified_roots, repeated
+from dynid.lti.certified_roots import certified_roots, repeated
 from tests.bondgraph.graphs import ISOLATOR, build, parse, port, reduced, transfers, written
 from tests.bondgraph.random_graphs import random_graph
 
@@ -23,7 +23,9 @@ STEP = Fraction(1, 10**30)
 
 def rates_of(graph, parameters=None):
     """Return {channel: (transfer function, sensitivity)} for the values of all nodes."""
-    chosen = parameters or [Parameter(n, graph.graph.value(n), {n: Fraction(1)}) for n in graph.valued]
+    chosen = parameters or [
+        SensitivityParameter(n, graph.graph.value(n), {n: Fraction(1)}) for n in graph.valued
+    ]
     exact = transfers(graph)
     natural = characteristic_polynomials(graph)
     found = {}
@@ -137,7 +139,9 @@ def test_the_isolator_moves_as_its_equations_say():
 
 def test_a_parameter_behind_several_nodes_counts_through_all_of_them():
     graph = written("Se u, 1 j, I m 2, R b 6", "u -> j, j -> m, j -> b", "m.f")  # pole -b/m
-    both = Parameter("p", Fraction(2), {"m": Fraction(1), "b": Fraction(3)})  # m = p, b = 3 p: the pole stays
+    both = SensitivityParameter(
+        "p", Fraction(2), {"m": Fraction(1), "b": Fraction(3)}
+    )  # m = p, b = 3 p: the pole stays
     ((_, rates),) = rates_of(graph, [both]).values()
     assert rates.poles[0, 0] == 0
     assert rates.dc_gain[0] == pytest.approx(-3 / 36, rel=1e-12)  # T(0) = 1/b

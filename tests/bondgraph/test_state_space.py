@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.state_space import state_space
 from dynid.errors import Singular
 from dynid.lti.signals import Impulse, Sine, Step

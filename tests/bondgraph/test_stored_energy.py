@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
 from dynid.bondgraph.graph import Bond
-from dynid.bondgraph.natural import characteristic_polynomials
-from dynid.bondgraph.question import Analysis
-from dynid.bondgraph.results.zero_input import zero_input_outputs
+from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.results.responses import zero_input_outputs
 from dynid.bondgraph.state_space import state_space
 from dynid.errors import Singular
 from dynid.lti.signals import Step

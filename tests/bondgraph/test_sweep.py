@@ -11,14 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.bondgraph import frequency
-from dynid.bondgraph.algebra.doubled import compiled
-from dynid.bondgraph.algebra.sweep import sweep
-from dynid.bondgraph.algebra.tape import schedule
+from dynid.bondgraph import frequency_response as response_module
 from dynid.bondgraph.chains import FORCE, Stage, chain, distinct, last_velocity, uniform
-from dynid.bondgraph.frequency import frequency_response
+from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.program.compiler import compile_tape, sweep_frequencies
+from dynid.bondgraph.program.doubled import compiled
 from tests.bondgraph.graphs import solvable, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.test_frequency import Gaussian, assert_exact, exact
@@ -27,7 +26,7 @@ from tests.interpreted import interpreted_sweep
 
 def swept(graph, omega):
     registers = list(graph.channels().values())
-    return sweep(graph.program, registers, graph.graph.value, np.asarray(omega, dtype=float))
+    return sweep_frequencies(graph.program, registers, graph.graph.value, np.asarray(omega, dtype=float))
 
 
 def of_either_kind(make, seed):
@@ -78,7 +77,7 @@ def test_flagged_points_are_computed_again(seed):
     if graph is None:
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(frequency, "_LONG", -1)
+        patch.setattr(response_module, "_LONG", -1)
         assert_exact(graph, [0.25, 1.0, 2.0, 3.3], tolerance=4.5e-16)
 
 
@@ -101,7 +100,7 @@ def test_memory_does_not_grow_with_the_chain_and_work_grows_in_step(make):
     needs = {}
     for stages in (50, 100, 400):
         graph = chain_of(make(stages))
-        tape = schedule(graph.program, list(graph.channels().values()), graph.graph.value)
+        tape = compile_tape(graph.program, list(graph.channels().values()), graph.graph.value)
         needs[stages] = (len(tape.rows), tape.slots)
     assert needs[50][1] == needs[400][1] < 12
     assert (needs[400][0] - needs[100][0]) == 6 * (needs[100][0] - needs[50][0])
@@ -131,7 +130,7 @@ def test_graphs_full_of_loops_need_memory_that_grows_more_slowly_than_their_work
     tapes = {}
     for side in (6, 12):
         graph = ReducedGraph(membrane(side)[0], ["u"], [Port(f"v{side - 1}_{side - 1}", "f")], traced=False)
-        tapes[side] = schedule(graph.program, list(graph.channels().values()), graph.graph.value)
+        tapes[side] = compile_tape(graph.program, list(graph.channels().values()), graph.graph.value)
     small, large = tapes[6], tapes[12]
     assert large.slots / small.slots < len(large.rows) / len(small.rows)
     assert large.slots < 10 * 12**2
@@ -190,7 +189,7 @@ def test_an_undamped_ladder_at_a_resonance_of_a_part_is_flagged():
     )
     _, bounds = swept(graph, [1.0])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(frequency, "_LONG", -1)
+        patch.setattr(response_module, "_LONG", -1)
         found = frequency_response(graph, np.array([1.0]))[0, 0, 0]
     (channel,) = transfers(graph).values()
     assert found == pytest.approx(exact(channel, 1.0), rel=1e-15)
@@ -271,7 +270,7 @@ def test_a_value_beyond_all_doubles_is_not_trusted():
     graph = written("Se u, 1 j, I m 1, R r 1", "u -> j -> m, j -> r", "m.f")
     registers = list(graph.channels().values())
     exact_ = graph.graph.value
-    _, bounds = sweep(
+    _, bounds = sweep_frequencies(
         graph.program, registers, lambda name: 10**400 if name == "m" else exact_(name), np.array([1.0])
     )
     assert not np.isfinite(bounds).any()

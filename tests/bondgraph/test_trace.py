@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sympy import Rational, sympify
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
 from tests.bondgraph.random_graphs import random_graph

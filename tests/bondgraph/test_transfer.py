@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.question import Analysis
+from dynid.bondgraph.request import Analysis
 from tests.bondgraph.graphs import ISOLATOR, polynomial_at, transfer, transfers, written
 
 
@@ -139,7 +139,7 @@ def test_the_isolator_obeys_equations_20_to_23(m_s, b, area, inertia, compliance
 def test_gains_are_the_limits_of_the_function(top, bottom):
     from flint import fmpz_poly
 
-    from dynid.bondgraph.transfer import TransferFunction
+    from dynid.bondgraph.exact_engine import TransferFunction
 
     def polynomial(coefficients):
         size = math.lcm(*(c.denominator for c in coefficients))
@@ -230,7 +230,7 @@ def test_roots_that_nobody_asks_for_are_not_computed(monkeypatch):
     def refuse(_):
         raise AssertionError("nobody asked for roots")
 
-    monkeypatch.setattr("dynid.bondgraph.transfer.certified_roots", refuse)
+    monkeypatch.setattr("dynid.bondgraph.exact_engine.certified_roots", refuse)
     graph = written("Se u, 1 j, R r 1, I m 1", "u -> j -> r, j -> m", "m.f")
     asked = Analysis(graph.inputs, graph.outputs, frozenset({"transfer_function"}))
     result = analyse(graph.graph, asked)

@@ -1,4 +1,4 @@
-"""`dynid check` tells which files of data a run would miss, in the run's words, and opens none of them."""
+"""`dynid check` names the files of data that a run would miss, and what is wrong in them, in its words."""
 
 import os
 import re
@@ -76,7 +76,12 @@ def test_every_missing_file_of_a_record_is_told_at_its_key_in_the_words_of_the_r
     assert ran[0] == 4
     assert ran[2].strip() in err
     for name in ("force.csv", "record.csv"):
-        (folder / name).write_text("not looked into")
+        (folder / name).write_text("not a table")
+    code, _, err = dynid("check", "a.yaml")
+    assert code == 4
+    assert dynid("run", "a.yaml")[2].strip() in err
+    for name in ("force.csv", "record.csv"):
+        (folder / name).write_text("1\n" * 50)
     assert dynid("check", "a.yaml")[::2] == (0, "")
 
 
@@ -174,6 +179,7 @@ def test_a_study_looks_for_the_files_of_the_scene_it_varies_and_of_what_it_sets(
 
 def test_what_the_user_gave_a_name_is_no_file():
     data = {
+        "kind": "identification",
         "parameters": {"path": "2*a"},
         "graph": {"nodes": {"path": "Se"}},
         "joints": {"path": {"k": {"path": "x"}}},

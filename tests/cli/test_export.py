@@ -162,7 +162,7 @@ def test_an_axis_of_another_length_labels_nothing(dynid, tmp_path, monkeypatch):
 
 def test_rows_of_long_arrays_come_in_batches(dynid, result, monkeypatch):
     dynid("export", result, "--parquet", "-o", "whole")
-    monkeypatch.setattr("dynid.store.tables.grouped._VALUES", 1)
+    monkeypatch.setattr("dynid.store.tables._VALUES", 1)
     dynid("export", result, "--parquet", "-o", "parts")
     name = "f-omega-output-input.parquet"
     assert parquet.read_table(f"whole/{name}").equals(parquet.read_table(f"parts/{name}"))
@@ -219,7 +219,7 @@ def test_a_failing_disk_leaves_the_old_file(dynid, study, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("dynid.store.tables.write._words", full)
+    monkeypatch.setattr("dynid.store.tables._words", full)
     code, _, err = dynid("export", study, "--csv")
     assert code == 4
     assert "No space left" in err

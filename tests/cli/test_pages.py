@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from dynid.study.executors.serial import SerialCrew
+from dynid.study.executors.serial import SerialExecutor
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLES = DOCS / "examples"
@@ -76,7 +76,7 @@ def at_once(tmp_path, monkeypatch, dynid):
     """The commands of a script in this process, one sample after the other; in a copy of the project."""
     shutil.copytree(EXAMPLES / "project", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dynid.study.executors.hire", lambda *_: SerialCrew())
+    monkeypatch.setattr("dynid.study.executors.make_executor", lambda *_: SerialExecutor())
 
     def run(script):
         said = []

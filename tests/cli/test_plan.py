@@ -96,11 +96,11 @@ def test_joints_side_by_side_are_named_with_what_is_seen_of_them(dynid):
     text = SCENE.replace("joints:\n", "joints:\n  i: {dofs: [1, 2], k: {start: 500, true: 900}}\n")
     code, out, _ = dynid("plan", write(text))
     assert code == 0
-    assert "i.k, j.k cannot be told apart: the record shows only i.k + j.k" in out
+    assert "i.k, j.k cannot be distinguished: the record shows only i.k + j.k" in out
     code, _, err = dynid("run", "s.yaml")
     assert code == 3
     assert err.startswith(
-        "s.yaml:7:21: i.k, j.k cannot be told apart in this record, which shows only i.k + j.k."
+        "s.yaml:7:21: i.k, j.k cannot be distinguished in this record, which shows only i.k + j.k."
     )
 
 
@@ -126,7 +126,7 @@ def test_joints_side_by_side_are_named_with_what_is_seen_of_them(dynid):
         (
             SCENE + "plan: {excitation: {band: [9000, 9900]}}\n",
             2,
-            "s.yaml:14:21: no sine between 9e+03 and 9.9e+03 rad/s has a whole period",
+            "s.yaml:14:21: no sine between 9e+03 rad/s (1.43e+03 Hz) and 9.9e+03 rad/s",
         ),
         (SCENE.replace("dof: 3, kind", "dof: 3, knid"), 2, "s.yaml:8:"),
     ],

@@ -1,5 +1,6 @@
 """`dynid run`: what it writes, what it says, and with which exit code it leaves."""
 
+import html
 import os
 import re
 from xml.etree import ElementTree
@@ -131,7 +132,13 @@ SINGULAR = {
         "nodes: {V1: Se, a: 0, b: 1, c: 1, d: 0, r: {type: R, value: 1}, t: {type: TF, value: 2}}\n"
         "  bonds: [V1 -> a -> b -> d, a -> t -> c -> d -> r]",
         "r.f",
-        r"s.yaml:4:\d+: the flow of 'b' and 'c' is not determined",
+        r"s.yaml:4:\d+: source 'V1' meets a balance without a solution through 'c' and 'b'",
+    ),
+    "a contradiction that no output needs": (
+        "nodes: {V1: Se, bus: 0, r: {type: R, value: 1}, x: 1, V2: Se}\n"
+        "  bonds: [V1 -> bus -> r, bus -> x, V2 -> x]",
+        "r.f",
+        r"s.yaml:4:\d+: sources 'V1' and 'V2' contradict each other through 'x'",
     ),
 }
 
@@ -148,6 +155,31 @@ def test_a_graph_without_a_unique_solution_is_one_located_sentence_that_names_it
     assert re.match(message, err)
     assert err.count("\n") == 1
     assert not (folder / "s.h5").exists()
+
+
+def test_what_is_undetermined_is_a_warning_where_no_output_depends_on_it(dynid, folder):
+    (folder / "s.yaml").write_text(
+        "dynid: 1\nkind: bond-graph\ngraph:\n"
+        "  nodes: {V1: Se, a: 0, b: 0, r: {type: R, value: 4}, x: 1, y: 1}\n"
+        "  bonds: [V1 -> a -> b -> r, b -> a, x -> y]\n"
+        "analysis: {inputs: [V1], outputs: [r.f]}\n"
+    )
+    code, out, err = dynid("run", "s.yaml", "--report", "s.html")
+    assert code == 0
+    assert "T(s) = 0.25" in out
+    floats = "the flow of 'x' and 'y' is not determined"
+    ring = "the flow through the bond 'b -> a' is not determined"
+    assert [line.partition(":")[0] for line in err.splitlines()] == ["s.yaml"] * 2
+    assert f"s.yaml: warning: {ring}" in err
+    assert f"s.yaml: warning: {floats}" in err
+    shown = dynid("show", "s.h5")[1]
+    page = (folder / "s.html").read_text()
+    for words in (ring, floats):
+        assert words in out
+        assert words in shown
+        assert f"{words[0].upper()}{words[1:]}" in html.unescape(page)
+    said = [line.partition(": warning: ")[2] for line in err.splitlines()]
+    assert list(read_result("s.h5")["bond_graph/warnings"].data) == said
 
 
 @pytest.mark.parametrize(

@@ -87,3 +87,50 @@ def test_one_of_a_thing_is_one(dynid, folder):
     with h5py.File(folder / "b.h5", "r+") as file:
         file["structure/modes/omega"][0] = 1.0
     assert dynid("compare", "a.h5", "b.h5")[1].endswith("\n1 difference\n")
+
+
+def test_a_scene_in_hertz_is_answered_in_hertz(dynid, folder):
+    hertz = "frequency: {start: 0.05, stop: 4, points: 3, unit: Hz}"
+    scene = GRAPH.replace("frequency: {start: 3, stop: 3, points: 1}", hertz)
+    scene = scene.replace("[properties,", "[poles, properties,").replace(
+        "b: {type: R, value: 1}", "b: {type: R, value: 0.5}"
+    )
+    (folder / "a.yaml").write_text(scene)
+    code, out, _ = dynid("run", "a.yaml", "--report", "a.html")
+    assert code == 0
+    assert "at 3 frequencies, 0.05 … 4 Hz" in out
+    # m = 2, k = 2, b = 0.5: w = 1 rad/s; |f/F| is largest there, 1/b, |q/F| = 1/(b w_d) at sqrt(1 - 2 zeta^2)
+    assert "|m.f over F| is largest, 2 at 0.1592 Hz" in out
+    assert "|k.q over F| is largest, 2.016 at 0.1566 Hz" in out
+    assert "f_n = 0.1592 Hz, ζ = 0.125" in out
+    assert "poles   -0.125 ± 0.9922j rad/s (0.1592 Hz)" in out
+    page = (folder / "a.html").read_text()
+    assert "at, Hz" in page
+    assert "2.016" in page
+    assert "is largest, 2, at 0.1592 Hz" in page
+
+
+def test_structures_in_hertz_are_answered_in_hertz(dynid, folder):
+    """m = 2, c = 1, k = 800: w_n = 20 rad/s; |v/F| is largest there, 1/c."""
+    structure = (
+        "dynid: 1\nkind: {}\nstructure: {{lumped: {{masses: [2], links: [{{dofs: [1], k: 800, c: 1}}]}}}}\n"
+    )
+    hertz = "frequency: {start: 1, stop: 10, points: 5, unit: Hz}"
+    (folder / "a.yaml").write_text(
+        structure.format("identification")
+        + f"analysis: {{inputs: [1], outputs: [{{dof: 1, quantity: velocity}}], {hertz}}}\n"
+    )
+    code, out, _ = dynid("run", "a.yaml", "--report", "a.html")
+    assert code == 0
+    assert "is largest, 1 at 3.183 Hz" in out
+    assert "at, Hz" in (folder / "a.html").read_text()
+    (folder / "b.yaml").write_text(
+        structure.format("reduction") + f"reduction: [{{method: guyan, masters: [1]}}]\n{hertz}\n"
+    )
+    code, out, _ = dynid("run", "b.yaml", "--report", "b.html")
+    assert code == 0
+    assert " f1 " in out
+    assert "3.183" in out
+    assert "f in Hz, joints included" in out
+    assert "rad/s" not in out
+    assert "f in Hz, joints included" in (folder / "b.html").read_text()

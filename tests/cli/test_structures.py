@@ -158,10 +158,10 @@ analysis: {modes: {count: 2}}
     (folder / "stiff.yaml").write_text(scene)
     code, out, _ = dynid("run", "stiff.yaml", "--report", "stiff.html")
     assert code == 0
-    assert "  beware: rounding of the stiffness leaves the frequency of mode 1 open by" in out
-    assert "Beware: rounding of the stiffness" in (folder / "stiff.html").read_text()
+    assert "  warning: rounding of the stiffness leaves the frequency of mode 1 open by" in out
+    assert "Warning: rounding of the stiffness" in (folder / "stiff.html").read_text()
     (folder / "soft.yaml").write_text(scene.replace("1.0e13", "1.0e6"))
-    assert "beware" not in dynid("run", "soft.yaml")[1]
+    assert "warning" not in dynid("run", "soft.yaml")[1]
 
 
 def test_a_free_response_beside_an_excitation_is_called_so(dynid, folder):

@@ -79,7 +79,7 @@ def test_inputs_that_go_together_are_said(dynid, tmp_path):
     x = np.random.default_rng(0).random(200)
     write(tmp_path / "s.h5", {"a.x": x, "a.y": x + 0.01}, {"p/y": x})
     _, out, _ = dynid("show", tmp_path / "s.h5")
-    assert "a.x and a.y go together (correlation 1): their parts overlap" in out
+    assert "a.x and a.y are correlated (1): their parts overlap" in out
 
 
 def test_an_interrupted_study_can_be_shown(dynid, tmp_path):

@@ -10,10 +10,7 @@ import time
 
 import pytest
 
-from dynid.cli.watching.board import Board, Notice
-from dynid.cli.watching.files import files_of, stamp
-from dynid.cli.watching.loop import Watch
-from dynid.cli.watching.server import serving
+from dynid.cli.watch import Board, Notice, Watch, files_of, serving, stamp
 from dynid.errors import UsageError
 from dynid.store import read_result as open_result
 
@@ -146,8 +143,8 @@ collect: [bond_graph/properties/m.f/F/dc_gain, bond_graph/transfer_function/m.f/
 def test_of_a_study_so_many_samples_are_shown_as_a_short_wait_allows(
     folder, points, looks, said, monkeypatch
 ):
-    monkeypatch.setattr("dynid.cli.watching.sample.SECONDS", 60.0)  # however slow the machine is
-    monkeypatch.setattr("dynid.cli.watching.sample.MOST", 50)
+    monkeypatch.setattr("dynid.cli.watch.SECONDS", 60.0)  # however slow the machine is
+    monkeypatch.setattr("dynid.cli.watch.MOST", 50)
     (folder / "study.yaml").write_text(STUDY.replace("POINTS", str(points)))
     board = Board()
     Watch("study.yaml", (), "live.h5", board).show()

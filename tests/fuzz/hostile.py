@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from copy import deepcopy
 
-from dynid.scene.yaml.dump import dump
+from dynid.scene.yaml.writer import dump
 from tests.fuzz.mutation import at, paths
 
 #: What leaves this name in the folder has been run.

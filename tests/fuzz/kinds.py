@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from dynid.scene.yaml.dump import dump
+from dynid.scene.yaml.writer import dump
 from tests.fuzz import hostile
 from tests.fuzz.mutation import spoiled_data, spoiled_text, wrong_type
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from copy import deepcopy
 from pathlib import Path
 
-from dynid.scene.yaml.dump import dump
 from dynid.scene.yaml.source import read_source
+from dynid.scene.yaml.writer import dump
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").rglob("*.yaml"))
 TEMPLATES = sorted((Path(__file__).parents[2] / "src/dynid/templates").glob("*.yaml"))

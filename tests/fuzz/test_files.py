@@ -17,8 +17,8 @@ import pytest
 from scipy.io import savemat
 
 from dynid.errors import DynidError, FileError
-from dynid.scene.kinds.tables import read_columns
 from dynid.structure.readers.read import MatrixFile, read_matrix
+from dynid.tables.read import read_columns
 from tests.fuzz.files import spoilt
 from tests.fuzz.guided import scene
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from dynid.identification.augmented import AugmentedModel, Transition, augmented
-from dynid.identification.filtering.filter import Prior, _History, _walk, filter_pass
-from dynid.identification.filtering.linearised import PART
-from dynid.identification.fit import fitter
+from dynid.identification.filter import PART, FilterPrior, _History, _walk, filter_pass
 from dynid.identification.measurement import Measurement, Simulation, data
+from dynid.identification.record_model import RecordModel, Transition, record_model
+from dynid.identification.time_record import TimeRecord
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -78,16 +77,16 @@ def _covariances(samples: int, parts: int) -> dict[str, Any]:
     loads = [Load(1, Multisine([100.0, 100.0], [90.0, 50.0]))]
     taken = Measurement(0.01, samples, channels, Simulation(0.05, 1))
     record, times = data(model, loads, taken), taken.record.times
-    joined = augmented(model, loads, channels, times[:2])
-    prior = fitter(joined, model, channels, record).wide_prior(np.log([9.9e3]))
+    joined = record_model(model, loads, channels, times[:2])
+    prior = TimeRecord(joined, record).wide_prior(np.log([9.9e3]))
     origin, smallest, symmetric = prior.logs, [], True
     for rows in np.array_split(np.arange(samples), parts):
         here = slice(max(rows[0] - 1, 0), rows[-1] + 1)
         values = record.values[here].copy()
         values[: rows[0] - here.start] = np.nan  # the last sample of the part before: it has been heard
-        joined = augmented(model, loads, channels, times[here])
+        joined = record_model(model, loads, channels, times[here])
         done = filter_pass(joined, values, prior, record.noise, origin)
-        prior = Prior(done.states[-1], done.logs[-1], done.whole)
+        prior = FilterPrior(done.states[-1], done.logs[-1], done.whole)
         P = done.whole @ done.whole.T
         symmetric &= bool((P == P.T).all())
         size = np.sqrt(np.diag(P))
@@ -131,7 +130,7 @@ def _margin(kind: type) -> float:
 # --- the suite's own pass in single and double precision -------------------------------------------
 
 
-class _Rounded(AugmentedModel):
+class _Rounded(RecordModel):
     """A model whose numbers and steps are of one precision."""
 
     def transition(self, logs: np.ndarray, h: float) -> Transition:
@@ -139,7 +138,7 @@ class _Rounded(AugmentedModel):
         return Transition(*(part.astype(self.C.dtype) for part in exact))
 
 
-def _rounded(model: AugmentedModel, kind: type) -> _Rounded:
+def _rounded(model: RecordModel, kind: type) -> _Rounded:
     own = {field.name: getattr(model, field.name) for field in fields(model)}
     own["line"] = replace(model.line, W=model.line.W.astype(kind))
     numbers = {
@@ -162,8 +161,8 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
     )
     taken = Measurement(0.002, 800, channels, Simulation(0.05, 1, 10.0))
     record = data(structure, loads, taken)
-    model = augmented(structure, loads, channels, taken.record.times)
-    prior = fitter(model, structure, channels, record).wide_prior(np.log([u.start for u in model.unknowns]))
+    model = record_model(structure, loads, channels, taken.record.times)
+    prior = TimeRecord(model, record).wide_prior(np.log([u.start for u in model.unknowns]))
     z, S = np.concatenate([prior.state, prior.logs]).astype(kind), prior.root.astype(kind)
     n, p, count = model.states, model.parameters, len(record.values)
     shapes = [(count, size) for size in (p, p, n, n)] + [record.values.shape]

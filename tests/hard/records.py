@@ -188,13 +188,85 @@ def _files() -> list[Case]:
         _from_file("four of five samples missing", sparse),
         _from_file("four of five samples missing, 5 % noise", sparse, 0.05),
         refused("a dead sensor", *_swapped(measured(dead), r"3\.velocity")),
-        refused("a record in µm/s taken for m/s", *_swapped(measured(whole * 1e6), "are void"), slow=True),
+        refused("a record in µm/s taken for m/s", *_swapped(measured(whole * 1e6), "are invalid"), slow=True),
+        _rejected("noise instead of a record", np.random.default_rng(0).standard_normal((800, 2))),
+        *(_noise_on_one_line(seed) for seed in (1, 2)),
+        _uncontradicted("one sine in one channel", 150.0),
+        _uncontradicted("one sine in one channel, a sample late", 150.0, -0.3),
         refused(
-            "noise instead of a record",
-            *_swapped(measured(np.random.default_rng(0).standard_normal((800, 2))), "."),
+            "a record clipped at 40 % of its peaks", *_swapped(measured(clipped), "are invalid"), slow=True
         ),
-        refused("a record clipped at 40 % of its peaks", *_swapped(measured(clipped), "are void"), slow=True),
     ]  # fmt: skip
+
+
+def _rejected(name: str, y: np.ndarray) -> Case:
+    """Return a case whose record bears no model out: it is answered, and the answer is called rejected."""
+    scene, files = measured(y)
+
+    def verdicts() -> list[str]:
+        result = run(scene, files)
+        each = ("converged", "explained")
+        return [str(result.value(f"identification/diagnostics/{verdict}")) for verdict in each]
+
+    return Case(f"{name} is rejected", "identification", "by hand", verdicts, ["False", "False"])
+
+
+def _pair(omega: float, phase: float = 0.0) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return two masses joined by an unknown bolt, one sine and one channel, and the record's file.
+
+    The record is solved here with 5 % noise; the force that it belongs to leads the scene's by `phase`.
+    """
+    step, samples, k, c = 0.002, 900, 2e4, 3.0
+    K = np.array([[1.5e4 + k, -k], [-k, k]])
+    C = np.array([[4 + c, -c], [-c, c]])
+    x = np.linalg.solve(K + 1j * omega * C - omega**2 * np.diag([1.2, 0.8]), [20, 0])
+    y = np.imag(-(omega**2) * x[1] * np.exp(1j * (omega * step * np.arange(samples) + phase)))
+    y += 0.05 * np.sqrt(np.mean(y**2)) * np.random.default_rng(3).standard_normal(samples)
+    scene = {
+        "dynid": 1,
+        "kind": "identification",
+        "structure": {"lumped": {"masses": [1.2, 0.8], "links": [{"dofs": [1], "k": 1.5e4, "c": 4}]}},
+        "joints": {"bolt": {"dofs": [1, 2], "k": {"start": 1.2e4}, "c": {"start": 1.8}}},
+        "excitation": [{"dof": 1, "kind": "sine", "amplitude": 20, "frequency": omega}],
+        "measurement": {
+            "step": step,
+            "samples": samples,
+            "channels": [{"dof": 2, "quantity": "acceleration"}],
+            "file": {"path": "record.csv"},
+        },
+    }
+    return scene, {"record.csv": "\n".join(["a", *map(repr, y.tolist()), ""])}
+
+
+def _uncontradicted(name: str, omega: float, phase: float = 0.0) -> Case:
+    """Return a case whose record fits any such model: two numbers of one line, two unknowns."""
+    scene, files = _pair(omega, phase)
+
+    def verdicts() -> list[str]:
+        result = run(scene, files)
+        return [
+            str(result.value(f"identification/diagnostics/{verdict}"))
+            for verdict in ("converged", "redundancy")
+        ]
+
+    return Case(f"{name} is not converged", "identification", "by hand: 2 numbers", verdicts, ["False", "0"])
+
+
+def _noise_on_one_line(seed: int) -> Case:
+    """Return a case of noise alone in one channel, for a scene with one sine."""
+    scene, _ = _pair(150.0)
+    y = np.random.default_rng(seed).standard_normal(900)
+    files = {"record.csv": "\n".join(["a", *map(repr, y.tolist()), ""])}
+    name = f"noise (seed {seed}) for a response to one sine is rejected"
+
+    def verdicts() -> list[str]:
+        result = run(scene, files)
+        return [
+            str(result.value(f"identification/diagnostics/{verdict}"))
+            for verdict in ("converged", "explained")
+        ]
+
+    return Case(name, "identification", "by hand", verdicts, ["False", "False"])
 
 
 def _swapped(given: tuple[Any, Files], says: str) -> tuple[Any, str, Files]:
@@ -276,7 +348,9 @@ def _cases() -> list[Case]:
         noisy("started at 0.01, 100, 30 and 0.05 times the truth", _started((0.01, 100, 30, 0.05))),
         noisy("started at a tenth of the truth", _started((0.1, 0.1, 0.1, 0.1))),
         *_files(),
-        refused("two joints between the same masses", suspension({"joints": twins}), "cannot be told apart"),
+        refused(
+            "two joints between the same masses", suspension({"joints": twins}), "cannot be distinguished"
+        ),
         refused("one sample", suspension({"measurement.samples": 1}), "fewer values than unknowns"),
         refused(
             "a force of zero, at rest",

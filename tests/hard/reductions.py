@@ -11,6 +11,7 @@ import numpy as np
 from tests.hard.case import Case, Refusal
 from tests.hard.scenes import run
 from tests.hard.structures import Rows, chain_rows, frequencies, imported, lumped
+from tests.structure.oracle import exact, irs
 
 #: What is retained exactly, and by which method: all of it by as many modes; where what is condensed has no
 #: mass by static condensation; and the modes between a boundary by as many fixed-interface modes.
@@ -82,6 +83,18 @@ def _chain(masses: list[float], springs: dict[tuple[int, ...], float]) -> tuple[
     return (*chain_rows(masses, springs), (lumped(masses, [*springs.items()]), {}))
 
 
+def _graded(name: str, masses: list[float], links: dict[tuple[int, ...], float], masters: list[int]) -> Case:
+    """Return IRS of a chain whose springs and masses differ by many decades."""
+    method = {"method": "irs", "masters": masters}
+
+    def known() -> dict[str, Any]:
+        return {"omega": irs(*exact(masses, list(links.items())), masters, 1)}
+
+    ask = partial(_reduced, lumped(masses, [*links.items()]), {}, method)
+    source = "the method's formulas by mpmath with 90 digits"
+    return Case(f"irs on a graded chain of {name}", "structure", source, ask, known, 1e-9)
+
+
 def _refused(name: str, method: dict[str, Any], says: str) -> Case:
     """Of a row of three, held at both ends, the middle mass is a node of the second mode."""
     row = lumped([1.0, 1.0, 1.0], [((1,), 1.0), ((1, 2), 1.0), ((2, 3), 1.0), ((3,), 1.0)])
@@ -105,6 +118,20 @@ def _cases() -> list[Case]:
         cases += _on(f"masses and springs times {unit:g}", M, K, _methods([1, 3], [1, 2], 1), 1e-13, 2, chain)
     M, K, chain = _chain([1.0] * 3, {(1,): 1.0, (1, 2): 1e10, (2, 3): 1e10})
     cases += _on("cond(K) of 1e10", M, K, _methods([1, 3], [1, 2], 1), 1e-5, 2, chain)
+    cases += [
+        _graded(
+            "6, 11 decades",
+            [3.94, 0.0583, 21500.0, 0.000607, 6.6e-05, 129000.0],
+            {(1, 2): 47.8, (2, 3): 0.00152, (3, 4): 2.12e6, (4, 5): 0.0818, (5, 6): 3.09e8, (1,): 0.00326},
+            [1, 3, 4],
+        ),
+        _graded(
+            "5, 9 decades",
+            [2.5e-5, 310.0, 0.0078, 4.4e4, 1.2],
+            {(1, 2): 7.1e6, (2, 3): 0.042, (3, 4): 9.3e5, (4, 5): 0.61, (1,): 0.0077},
+            [2, 4, 5],
+        ),
+    ]
     # Static condensation onto the middle of a symmetric row: (1/2, 1, 1/2), so k = 1, m = 3/2.
     row = lumped([1.0] * 3, [((1,), 1.0), ((1, 2), 1.0), ((2, 3), 1.0), ((3,), 1.0)])
     guyan = {"method": "guyan", "masters": [2]}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynid.identification.estimate import identify
+from dynid.identification.identify import identify
 from dynid.identification.measurement import Measurement, Simulation
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter

@@ -1,15 +1,20 @@
 """After a run: correlations, residuals, innovations, states with bands, and words."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import signal, stats
 
-from dynid.identification.estimators.output_error import OutputError
-from dynid.identification.estimators.passes import Filter
+from dynid.identification.estimators.filter_passes import Filter
+from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.information import information
-from dynid.identification.measurement import Measurement
-from dynid.identification.residuals import autocorrelation, consistency, spectrum
-from dynid.identification.verdict import Facts, Sensor, verdict, warnings
+from dynid.identification.measurement import Experiment, Measurement, RecordData
+from dynid.identification.posterior import ChannelOfRecord
+from dynid.identification.prediction import Trajectory
+from dynid.identification.residual_tests import autocorrelation, consistency, spectrum
+from dynid.identification.time_record import TimeRecord
+from dynid.identification.verdict import warnings
 from dynid.structure.response import Channel
 from tests.identification.cases import VELOCITIES, diagnostic, parameter, run, simulated, suspension
 
@@ -187,21 +192,42 @@ NOISE = np.random.default_rng(8).standard_normal((300, 2))
 MEASURED = 10 * np.sin(np.arange(600.0) ** 1.1).reshape(300, 2) + NOISE
 
 
-def facts(measured=MEASURED, residual=NOISE, **changed):
+def posterior(measured=MEASURED, residual=NOISE, **changed):
+    """Return a posterior as the warnings read it, of one record with two channels."""
+    channels = (Channel(1, "velocity"), Channel(2, "velocity"))
+    experiment = Experiment((), Measurement(0.01, 300, channels, measured))
+    record = TimeRecord(SimpleNamespace(channels=channels), RecordData(measured), experiment)
+    information = {"deviations": np.array([0.01, 0.02]), "correlation": np.eye(2)}
+    information |= {name: changed.pop(name) for name in list(changed) if name in information}
     given = {
-        "names": ("a.k", "b.k"),
-        "deviations": np.array([0.01, 0.02]),
-        "correlation": np.eye(2),
-        "errors": np.array([1.0, np.nan]),
-        "sensors": [Sensor(f"{k + 1}.velocity", measured[:, k], residual[:, k], 0.01) for k in range(2)],
+        "prior_conflict": np.zeros(2),
+        "error_in_bounds": np.array([1.0, np.nan]),
+        "consistency": None,
     }
-    return Facts(**(given | changed))
+    return SimpleNamespace(
+        likelihood=SimpleNamespace(names=("a.k", "b.k"), records=[record]),
+        information=SimpleNamespace(
+            deviations=lambda: information["deviations"],
+            correlation=lambda: information["correlation"],
+            freedom=600,
+        ),
+        channels=[
+            ChannelOfRecord(0, column, channel.name, channel.unit) for column, channel in enumerate(channels)
+        ],
+        fit=SimpleNamespace(parts=[SimpleNamespace(predicted=Trajectory(measured - residual, None))]),
+        comparison=SimpleNamespace(lacks_fit=False),
+        shapes=[None, None],
+        contradicted_noise=[],
+        noise_test=None,
+        model_error=None,
+        **(given | changed),
+    )
 
 
 def test_where_all_is_well_nothing_is_said(noisy):
-    assert warnings(facts()) == []
+    assert warnings(posterior()) == []
     assert diagnostic(noisy, "warnings").tolist() == []
-    assert diagnostic(noisy, "verdict") == "converged"
+    assert diagnostic(noisy, "verdict") == "converged: optimum found, the model explains the record"
 
 
 def coloured():
@@ -212,17 +238,17 @@ def coloured():
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"errors": np.array([7.3, 1.0])}, "a.k is 7.3 bounds off its true value"),
-        ({"deviations": np.array([0.01, 0.8])}, "b.k is hardly known: its standard error is 80 % of it"),
+        ({"error_in_bounds": np.array([7.3, 1.0])}, "a.k is 7.3 bounds off its true value"),
+        ({"deviations": np.array([0.01, 0.8])}, "b.k is poorly known: its standard error is 80 % of it"),
         (
             {"correlation": np.array([[1, -0.97], [-0.97, 1]])},
-            "a.k and b.k are hardly told apart (correlation -0.970): the record knows their product better",
+            "a.k and b.k are hardly distinguishable (correlation -0.970): the record determines their ",
         ),
         (
             {"correlation": np.array([[1, 0.97], [0.97, 1]])},
-            "a.k and b.k are hardly told apart (correlation 0.970): the record knows their ratio better",
+            "a.k and b.k are hardly distinguishable (correlation 0.970): the record determines their ratio",
         ),
-        ({"residual": coloured()}, "is no white noise; it is strongest at 60"),
+        ({"residual": coloured()}, "is not white noise; it is strongest at 60"),
         ({"measured": np.clip(MEASURED, -5, 5)}, "1.velocity stands at its extreme value in"),
         (
             {"measured": np.where(np.arange(300)[:, None] % 3 == 0, np.nan, MEASURED)},
@@ -230,22 +256,14 @@ def coloured():
         ),
         (
             {"consistency": consistency(1.3 * NOISE)},
-            "the filter's innovations are larger than it takes them for: mean square 1.",
+            "the filter's innovations are larger than it assumes: mean square 1.",
         ),
     ],
 )
 def test_each_trouble_is_one_sentence(changed, said):
-    found = warnings(facts(**changed))
+    found = warnings(posterior(**changed))
     assert any(said in sentence for sentence in found), found
     assert len(found) <= 2  # two channels
-
-
-def test_the_verdict_names_every_reason():
-    distance = np.array([0.1, 4.0])
-    assert verdict(("a", "b"), distance, settled=True, explained=True) == "converged"
-    assert verdict(("a", "b"), distance, settled=False, explained=False) == (
-        "NOT converged: 4 standard errors of b from the optimum, and the residuals are not noise"
-    )
 
 
 def test_a_clipped_record_is_said_to_be_one():

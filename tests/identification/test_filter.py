@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dynid.errors import Diverged
-from dynid.identification.filtering.filter import check_run_away, filter_pass
-from dynid.identification.kernels.compiled import VARIABLE
+from dynid.identification.filter import check_run_away, filter_pass
+from dynid.identification.kernels import VARIABLE
 from tests.identification.cases import suspension
 from tests.identification.test_kernels import fits_of, origin_of
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from dynid.errors import UsageError
-from dynid.identification.augmented import augmented
 from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
-from dynid.identification.fit import fitter
 from dynid.identification.measurement import Measurement, data
+from dynid.identification.record_model import record_model
+from dynid.identification.time_record import TimeRecord
 from tests.identification.cases import (
     LOADS,
     VELOCITIES,
@@ -59,8 +59,8 @@ def test_the_jacobian_is_the_derivative_of_the_rate():
     channels = VELOCITIES  # without direct terms: H is constant, and nothing is left out
     model, measurement = suspension(0.5), simulated(samples=40, channels=channels)
     record = data(model, LOADS, measurement)
-    joint = augmented(model, LOADS, channels, measurement.record.times)
-    fits = fitter(joint, model, channels, record)
+    joint = record_model(model, LOADS, channels, measurement.record.times)
+    fits = TimeRecord(joint, record)
     flow = Flow(fits, InvariantImbedding(input_deviation=3.0))
     rng = np.random.default_rng(1)
     prior = fits.wide_prior(np.log([u.start for u in joint.unknowns]))

@@ -7,14 +7,14 @@ from scipy.optimize import least_squares
 from scipy.stats import kstest
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.augmented import augmented
-from dynid.identification.diagnostics import is_explained, is_settled, whiteness
-from dynid.identification.estimators.passes import Filter
-from dynid.identification.filtering.filter import Prior, filter_pass
-from dynid.identification.fit import fitter
+from dynid.identification.estimators.filter_passes import Filter
+from dynid.identification.filter import FilterPrior, filter_pass
 from dynid.identification.information import information
 from dynid.identification.measurement import data
 from dynid.identification.prediction import free_prediction, prediction
+from dynid.identification.record_model import record_model
+from dynid.identification.residual_tests import is_explained, is_optimal, whiteness
+from dynid.identification.time_record import TimeRecord
 from dynid.lti.signals import Impact, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -56,11 +56,11 @@ def oracle(logs, x0):
 def test_sensitivities_are_the_derivatives_of_the_prediction():
     model = oscillator()
     channels = tuple(Channel(1, q) for q in ("displacement", "velocity", "acceleration"))
-    joint = augmented(model, LOADS, channels, T)
+    joint = record_model(model, LOADS, channels, T)
     logs, x0 = np.log([K, C]), np.array([0.01, -0.3])
     y = oracle(logs, x0)
     record = data(model, LOADS, simulated(channels=channels, samples=60, settle=0.0))
-    fit = fitter(joint, model, channels, record).fit(logs, y)
+    fit = TimeRecord(joint, record).fit(logs, y)
     np.testing.assert_allclose(fit.predicted.outputs, y, rtol=0, atol=1e-11 * np.abs(y).max())
     np.testing.assert_allclose(fit.predicted.states[0] * joint.scale, x0, rtol=1e-9)
     found = prediction(joint, logs, fit.predicted.states[0], *free_prediction(joint, logs))
@@ -105,7 +105,7 @@ def test_nearly_collinear_parameters_pass_and_collinear_ones_do_not():
         return information(("a", "b", "c"), np.concatenate([a, b, other], axis=1), x0, 50**0.5, 50)
 
     record(a + 1e-6 * rng.standard_normal(a.shape)).check()
-    with pytest.raises(NotIdentifiable, match="a, b cannot be told apart"):
+    with pytest.raises(NotIdentifiable, match="a, b cannot be distinguished"):
         record(2 * a).check()
     with pytest.raises(NotIdentifiable, match="b cannot be seen"):
         record(0 * a).check()
@@ -119,11 +119,11 @@ def test_the_filter_is_the_extended_kalman_filter_of_the_augmented_state():
     channels = (Channel(1, "velocity"), Channel(1, "acceleration"))
     count, sigma = 12, np.array([0.02, 0.5])
     loads = LOADS[:1]
-    joint = augmented(model, loads, channels, T[:count])
+    joint = record_model(model, loads, channels, T[:count])
     y = oracle(np.log([K, C]), [0.0, 0.0])[:count, 1:] + 0.01 * np.sin(np.arange(2 * count)).reshape(count, 2)
     z, P = np.array([0.001, 0.02, np.log(0.8 * K), np.log(1.3 * C)]), np.diag([1e-4, 1e-2, 0.04, 0.09])
     S = np.concatenate([joint.scale, np.ones(2)])
-    prior = Prior(z[:2] / joint.scale, z[2:], np.linalg.cholesky(P) / S[:, None])
+    prior = FilterPrior(z[:2] / joint.scale, z[2:], np.linalg.cholesky(P) / S[:, None])
     walked = filter_pass(joint, y, prior, sigma, z[2:].copy(), 0.0)
 
     def acceleration(t, z):
@@ -209,9 +209,9 @@ def test_whiteness_is_a_p_value_for_white_and_zero_for_coloured_residuals():
 
 def test_settled_is_half_a_standard_error_from_the_optimum_or_next_to_nothing():
     error = np.array([0.01, 0.01])
-    assert is_settled(np.array([0.001, -0.004]), error)
-    assert not is_settled(np.array([0.001, -0.006]), error)
-    assert is_settled(np.array([5e-5, 5e-5]), 1e-3 * error)
+    assert is_optimal(np.array([0.001, -0.004]), error)
+    assert not is_optimal(np.array([0.001, -0.006]), error)
+    assert is_optimal(np.array([5e-5, 5e-5]), 1e-3 * error)
 
 
 def test_explained_are_residuals_that_are_small_or_white():
@@ -226,8 +226,8 @@ def test_the_distance_to_the_optimum_is_the_one_that_a_search_of_the_maximum_lik
     model = suspension()
     result = run(model, measurement, estimator=Filter(2))
     record = data(model, CASE_LOADS, measurement)
-    joint = augmented(model, CASE_LOADS, measurement.channels, measurement.record.times)
-    fits = fitter(joint, model, measurement.channels, record)
+    joint = record_model(model, CASE_LOADS, measurement.channels, measurement.record.times)
+    fits = TimeRecord(joint, record)
     start = np.log(parameter(result, "estimate"))
     noise = fits.fit(start, record.values).noise
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.collinear import collinear_groups
-from dynid.identification.identifiability import identifiability, prospect, relative_bounds
+from dynid.identification.identifiability import expected_time_records, identifiability, relative_bounds
+from dynid.identification.information import collinear_groups
 from dynid.identification.measurement import Experiment, Measurement, Simulation
-from dynid.identification.planning.lines import exact_bounds, grid, lines
-from dynid.identification.planning.plan import Wanted, plan
+from dynid.identification.planning.excitation import candidate_sines, exact_bounds, grid
+from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.identification.planning.selection import Candidates, select
-from dynid.identification.planning.sensors import every_channel, sensors
+from dynid.identification.planning.sensors import candidate_sensors, every_channel
 from dynid.lti.signals import Multisine, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -75,8 +75,8 @@ def closed_form(omega, samples, amplitude, sigma):
 
 def test_a_sine_in_a_single_mass_has_the_information_of_the_closed_form():
     model, experiment = single()
-    expected = prospect(model, [experiment])
-    found = lines(model, experiment, expected, [1])
+    expected = expected_time_records(model, [experiment])
+    found = candidate_sines(model, experiment, expected, [1])
     sigma = float(expected.noise[0][0])
     for at in range(0, len(found.omega), 40):
         root = found.roots[at, 0]
@@ -89,28 +89,30 @@ def test_a_sine_in_a_single_mass_has_the_information_of_the_closed_form():
 
 def test_bounds_of_settled_sines_are_those_of_a_record_that_has_settled():
     model, experiment = single()
-    expected = prospect(model, [experiment])
+    expected = expected_time_records(model, [experiment])
     direct = exact_bounds(model, experiment, expected, [Load(1, Multisine([5.0], [17.0]))])
     np.testing.assert_allclose(direct, relative_bounds(expected.information()), rtol=1e-9)
 
 
 def test_what_sensors_tell_is_the_information_of_records_with_them():
-    expected = prospect(suspension(), [CASE])
-    found = sensors(suspension(), CASE, expected, every_channel(suspension()))
+    expected = expected_time_records(suspension(), [CASE])
+    found = candidate_sensors(suspension(), CASE, expected, every_channel(suspension()))
     assert len(found.channels) == 15
     for names in (
         VELOCITIES,
         (Channel(1, "acceleration"), Channel(4, "displacement"), Channel(5, "velocity")),
     ):
-        direct = prospect(suspension(), [Experiment(LOADS, simulated(0.05, channels=names))])
+        direct = expected_time_records(suspension(), [Experiment(LOADS, simulated(0.05, channels=names))])
         np.testing.assert_allclose(
             found.candidates.bounds(found.places(names)), relative_bounds(direct.information()), rtol=1e-6
         )
 
 
 def test_the_noise_of_candidates_may_be_given_by_quantity():
-    expected = prospect(suspension(), [CASE])
-    found = sensors(suspension(), CASE, expected, every_channel(suspension()), {"acceleration": 0.5})
+    expected = expected_time_records(suspension(), [CASE])
+    found = candidate_sensors(
+        suspension(), CASE, expected, every_channel(suspension()), {"acceleration": 0.5}
+    )
     for channel, noise, rms in zip(found.channels, found.noise, found.rms, strict=True):
         assert noise == pytest.approx(0.5 if channel.quantity == "acceleration" else 0.05 * rms)
 
@@ -122,7 +124,9 @@ def test_a_sensor_that_sees_no_motion_is_left_out():
     experiment = Experiment(
         [Load(1, Sine(1.0, 9.0))], Measurement(0.01, 500, (Channel(1, "velocity"),), Simulation(0.05))
     )
-    found = sensors(model, experiment, prospect(model, [experiment]), every_channel(model))
+    found = candidate_sensors(
+        model, experiment, expected_time_records(model, [experiment]), every_channel(model)
+    )
     assert found.still == ("2.displacement", "2.velocity", "2.acceleration")
 
 
@@ -209,7 +213,7 @@ def test_two_joints_side_by_side_show_their_sum_only():
     assert blind[1] / blind[0] == pytest.approx(-2)
     with pytest.raises(
         NotIdentifiable,
-        match=r"a\.k, b\.k cannot be told apart in this record, which shows only a\.k \+ b\.k",
+        match=r"a\.k, b\.k cannot be distinguished in this record, which shows only a\.k \+ b\.k",
     ):
         run(beside())
 
@@ -275,8 +279,8 @@ def planned():
 
 
 def test_the_best_sensors_are_those_of_all_pairs(planned):
-    expected = prospect(suspension(), [CASE])
-    found = sensors(suspension(), CASE, expected, every_channel(suspension()))
+    expected = expected_time_records(suspension(), [CASE])
+    found = candidate_sensors(suspension(), CASE, expected, every_channel(suspension()))
     worth = {pair: found.candidates.worth(pair) for pair in combinations(range(15), 2)}
     best = max(worth, key=worth.get)
     assert set(planned.value("plan/sensors/choice")) == {found.channels[k].name for k in best}
@@ -306,8 +310,8 @@ def test_the_best_lines_keep_what_they_promise(planned):
         for dof, omega in zip(planned.value(f"{group}/choice_dof"), frequencies, strict=True)
     ]
     noise = planned.value(f"{GROUP}/noise/deviation")
-    expected = prospect(suspension(), [Experiment(loads, simulated(0.05, settle=58.0))])
-    bounds = relative_bounds(expected.ensemble.information(expected.fit, [noise]))
+    expected = expected_time_records(suspension(), [Experiment(loads, simulated(0.05, settle=58.0))])
+    bounds = relative_bounds(expected.likelihood.information(expected.fit, [noise]))
     np.testing.assert_allclose(bounds, planned.value(f"{group}/best_bound"), rtol=1e-6)
     assert np.all(bounds < planned.value(f"{group}/present_bound"))
     assert planned.value(f"{group}/efficiency") < 1
@@ -349,7 +353,7 @@ def test_bands_are_ranked(planned):
 
 
 def test_what_is_wanted_is_looked_for():
-    wanted = Wanted(
+    wanted = PlanRequest(
         sensors=3,
         lines=2,
         candidates=[Channel(4, "velocity"), Channel(5, "velocity")],

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from dynid.errors import Diverged, UsageError
-from dynid.identification.estimate import identify
-from dynid.identification.estimators.output_error import OutputError
+from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.identify import identify
 from dynid.identification.measurement import Experiment, Measurement, Simulation, simulated
-from dynid.identification.preparation import prepare
-from dynid.identification.preparation_steps import BandPass, Decimate, Detrend
+from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Random, Sampled, Sine, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -5,13 +5,13 @@ import pytest
 from scipy.linalg import expm
 
 from dynid.errors import NotIdentifiable, UsageError
-from dynid.identification.estimate import Experiment, identify_all
+from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
-from dynid.identification.estimators.output_error import OutputError
-from dynid.identification.estimators.passes import Filter
+from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.identify import Experiment, identify_all
 from dynid.identification.measurement import Measurement, Simulation, simulated
-from dynid.lti.propagate import response
 from dynid.lti.signals import Multisine
+from dynid.lti.time_response import propagate
 from dynid.structure.response import Channel, Load, ports
 from dynid.structure.state_space import state_space
 from tests.identification.cases import LOADS, VELOCITIES, diagnostic, in_bounds, parameter, suspension
@@ -33,7 +33,7 @@ def decays(count=3, samples=400):
     experiments = []
     for _ in range(count):
         x0 = np.concatenate([np.zeros(5), generator.standard_normal(5)])
-        clean = response(system, [], 0.002 * np.arange(samples), x0).outputs
+        clean = propagate(system, [], 0.002 * np.arange(samples), x0).outputs
         noisy = clean + 0.01 * generator.standard_normal(clean.shape)
         experiments.append(Experiment((), Measurement(0.002, samples, VELOCITIES, noisy)))
     return model, experiments

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynid.identification.estimators.passes import Filter
+from dynid.identification.estimators.filter_passes import Filter
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped

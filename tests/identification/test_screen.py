@@ -1,12 +1,14 @@
 """What the screen says of an identification."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from dynid.cli.run import _warn
 from dynid.cli.summary.identification import lines
 from dynid.identification.verdict import verdict
-from dynid.numerals import quantity, with_error
+from dynid.number_format import quantity, with_error
+from dynid.report.content.identification import cautions
 from dynid.result import Result
 from tests.identification.cases import run, simulated
 
@@ -23,6 +25,8 @@ def outcome(warned=(), **changed):
     diagnostics = {
         "settled": True,
         "explained": True,
+        "redundancy": 8,
+        "signal_p": 0.0,
         "white": True,
         "whiteness_p": 0.44,
         "condition": 1.8,
@@ -42,13 +46,27 @@ def outcome(warned=(), **changed):
     result.add("identification/measurement/channel", ["1.velocity"], ("channel",))
     result.add("identification/measurement/measured", np.ones((9, 1)), ("time", "channel"))
     group = "identification/diagnostics"
-    result.add(f"{group}/converged", diagnostics["settled"] and diagnostics["explained"])
+    good = diagnostics["settled"] and diagnostics["explained"] and diagnostics["redundancy"] > 0
+    result.add(f"{group}/converged", good)
     result.add(f"{group}/residual_ratio", [0.05], ("channel",))
     result.add(f"{group}/parameter", ["a.c", "a.k"], ("parameter",))
     distance = np.array(diagnostics.pop("distance_to_optimum"))
     result.add(f"{group}/distance_to_optimum", distance, ("parameter",))
-    flags = {name: diagnostics[name] for name in ("settled", "explained")}
-    result.add(f"{group}/verdict", verdict(["a.c", "a.k"], distance, **flags))
+    compared = SimpleNamespace(
+        has_signal=diagnostics["signal_p"] < 1e-4,
+        lack_of_fit_p=0.5 if diagnostics["explained"] else 3e-9,
+        signal_explained=0.61,
+        **{name: diagnostics[name] for name in ("signal_p", "explained", "redundancy")},
+    )
+    posterior = SimpleNamespace(
+        likelihood=SimpleNamespace(names=["a.c", "a.k"]),
+        distance_to_optimum=distance,
+        optimal=diagnostics["settled"],
+        comparison=compared,
+        noun="record",
+        estimate=SimpleNamespace(disputed=False),
+    )
+    result.add(f"{group}/verdict", verdict(posterior))
     result.add_axis(f"{group}/warnings", np.array(warned, dtype=object))
     for name, value in diagnostics.items():
         result.add(f"{group}/{name}", value)
@@ -64,8 +82,10 @@ def test_interval_is_that_of_the_logarithm_and_the_bound_is_relative_to_the_trut
         "    a.c [N.s/m]    10.00           25 ± 10     11.41 … 54.75     20.00     25 %     40 %",
         "    a.k [N/m]      5 000    11 200 ± 1 000    9 348 … 13 300    11 000    1.4 %      9 %",
         "",
-        "  converged · residual 5 % of the signal · white with p = 0.44",
-        "  parameters well told apart (condition 1.8) · least certain: a.c (standard error 40 %)",
+        "  converged: optimum found, the model explains the record · residual 5 % of the signal · "
+        "the residuals are white, p = 0.44",
+        "  well conditioned; the parameters are distinguishable (condition 1.8) · "
+        "least certain: a.c (standard error 40 %)",
     ]
 
 
@@ -89,41 +109,61 @@ def test_an_interval_of_orders_of_magnitude_stays_readable_and_positive():
 
 
 CASES = {
-    "both": ({}, "converged", None),
+    "both": ({}, "converged: optimum found, the model explains the record", ""),
     "off the optimum": (
         {"settled": False, "distance_to_optimum": [2.8123, 0.2]},
-        "NOT converged: 2.8 standard errors of a.c from the optimum",
-        "the estimate of a.c is 2.8 standard errors from the optimum of this record",
+        "NOT converged: 2.8 standard errors of a.c from the optimum; the model explains the record",
+        "use method auto, or more passes",
     ),
-    "no noise": (
+    "no fit": (
         {"explained": False, "white": False, "whiteness_p": 1e-9},
-        "NOT converged: the residuals are not noise",
-        "the residuals are not noise: check model, units and starts",
+        "NOT converged: optimum found; the model does not explain the record: lack of fit p = 3e-09, "
+        "61 % of the signal explained",
+        "check model, units, signs and starts",
+    ),
+    "noise": (
+        {"explained": False, "signal_p": 0.31},
+        "NOT converged: optimum found; the record shows no response, only noise (p = 0.31)",
+        "excite more, or measure elsewhere, longer or with less noise",
+    ),
+    "no redundancy": (
+        {"redundancy": 0},
+        "NOT converged: optimum found; nothing in the record could contradict the model (redundancy 0)",
+        "add channels or excitation frequencies, or fix a parameter",
     ),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_verdict_gives_the_reason_that_applies(capsys, case):
-    changed, verdict, warning = CASES[case]
+def test_the_verdict_says_whether_the_optimum_is_found_and_the_record_explained(case):
+    changed, verdict, remedy = CASES[case]
     result = outcome(**changed)
-    p = changed.get("whiteness_p", 0.44)
-    assert f"  {verdict} · residual 5 % of the signal · white with p = {p:.2g}" in lines(result)
-    _warn(result, "s.yaml")
-    assert capsys.readouterr().err == (f"s.yaml: warning: not converged: {warning}\n" if warning else "")
+    p, white = changed.get("whiteness_p", 0.44), "white" if changed.get("white", True) else "not white"
+    said = f"  {verdict} · residual 5 % of the signal · the residuals are {white}, p = {p:.2g}"
+    assert said in lines(result)
+    said = f"not converged: {verdict.removeprefix('NOT converged: ')}: {remedy}"
+    assert list(cautions(result)) == ([said] if remedy else [])
 
 
-def test_both_reasons_are_given_where_both_apply(capsys):
-    result = outcome(settled=False, explained=False, distance_to_optimum=[0.1, 30.0])
-    assert lines(result)[6].startswith(
-        "  NOT converged: 30 standard errors of a.k from the optimum, and the residuals are not noise · "
-    )
-    _warn(result, "s.yaml")
-    assert len(capsys.readouterr().err.splitlines()) == 2
+@pytest.mark.parametrize("case", CASES)
+def test_error_bars_of_a_rejected_result_are_not_printed(case):
+    changed, verdict, _ = CASES[case]
+    said = "\n".join(lines(outcome(**changed)))
+    rejected = verdict.startswith("NOT")
+    assert ("±" in said, "interval" in said, "standard error " in said, "bound" in said) == (
+        not rejected,
+    ) * 4
+    assert ("error bars are not printed: the result is rejected" in said) == rejected
+    assert "25" in said
+
+
+def test_every_warning_is_a_caution_of_its_own():
+    warned = ["a.c may be clipped", "a.k is vague"]
+    assert list(cautions(outcome(warned=warned))) == warned
 
 
 def test_error_bars_of_what_is_no_noise_are_called_nominal():
-    nominal = "  error bars are nominal: what is left is no noise"
+    nominal = "  error bars are nominal: the residuals are not white noise"
     assert nominal in lines(outcome(white=False))
     assert nominal not in lines(outcome())
     assert nominal not in lines(outcome(white=False, explained=False))
@@ -132,13 +172,12 @@ def test_error_bars_of_what_is_no_noise_are_called_nominal():
 
 
 def test_warnings_stand_below_the_verdict():
-    assert lines(outcome(warned=["a.c may be clipped"]))[-1] == "  beware: a.c may be clipped"
+    assert lines(outcome(warned=["a.c may be clipped"]))[-1] == "  warning: a.c may be clipped"
 
 
 def test_a_condition_is_put_in_words():
-    assert (
-        "  parameters badly told apart (condition 1.2e+03) · " in lines(outcome(condition=1234.0))[-1] + " "
-    )
+    said = "  badly conditioned; the parameters are hardly distinguishable (condition 1.2e+03) · "
+    assert said in lines(outcome(condition=1234.0))[-1] + " "
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynid.identification.estimators.passes import Filter
+from dynid.identification.estimators.filter_passes import Filter
 from tests.identification.cases import diagnostic, in_bounds, parameter, run, simulated, suspension
 
 

@@ -73,7 +73,7 @@ def test_jordan_blocks_at_infinity_are_deflated():
 def test_what_cannot_be_known_is_refused():
     """A triple eigenvalue of a full matrix is known to the cube root of rounding only."""
     T = np.array([[2.0, 1, 3], [1, 3, -1], [0, 1, 1]])
-    with pytest.raises(Undecided, match=r"known to ± .* exact engine"):
+    with pytest.raises(Undecided, match=r"the error of the eigenvalue .* may be .* exact engine"):
         finite_eigenvalues(np.eye(3), T @ (np.diag([1.0] * 3) + np.eye(3, k=1)) @ np.linalg.inv(T))
 
 

@@ -8,10 +8,10 @@ import pytest
 from dynid.errors import Diverged, NumericalError, UsageError
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import finite, guarded
-from dynid.lti.lines import sum_lines
-from dynid.lti.model import StateSpace
-from dynid.lti.propagate import response
-from dynid.lti.signals import Multisine, Random, Record, Step, signal
+from dynid.lti.fourier_sums import sum_lines
+from dynid.lti.signals import Multisine, Random, RecordTimes, Step, signal
+from dynid.lti.state_space import StateSpace
+from dynid.lti.time_response import propagate
 from dynid.lti.timeline import timeline
 
 OSCILLATOR = StateSpace([[0, 1], [-900.0, -0.6]], [[0], [1]], [[1, 0]], [[0]])
@@ -20,16 +20,21 @@ OSCILLATOR = StateSpace([[0, 1], [-900.0, -0.6]], [[0], [1]], [[1, 0]], [[0]])
 @pytest.mark.parametrize(
     ("kind", "parameters", "record", "key"),
     [
-        ("chirp", {"amplitude": 1, "start": 1, "stop": 1e9}, Record(0.01, 31), "stop"),
-        ("chirp", {"amplitude": 1, "start": 1e9, "stop": 1}, Record(0.01, 501), "stop"),
-        ("chirp", {"amplitude": 1, "start": 1, "stop": 1e150}, Record(0.01, 501), "stop"),
-        ("chirp", {"amplitude": 1, "start": 0, "stop": 1e308}, Record(1e-300, 501), "stop"),
-        ("chirp", {"amplitude": 1, "start": 5.858, "stop": 3.919}, Record(2e4, 51), "stop"),
-        ("random", {"amplitude": 1, "seed": 1, "band": (1, 1e5)}, Record(1.0, 1_000_001), "band"),
-        ("random", {"amplitude": 1, "seed": 1, "band": (1, 1e300)}, Record(1.0, 101), "band"),
-        ("random", {"amplitude": 1, "seed": 1}, Record(1e-3, 3, 1e9), "band"),
-        ("multisine", {"amplitude": [1] * 10, "frequency": [1e9] * 10}, Record(1.0, 51), "frequency"),
-        ("multisine", {"amplitude": [1] * 9, "frequency": [1] * 9}, Record(1e-5, 2_800_000), "frequency"),
+        ("chirp", {"amplitude": 1, "start": 1, "stop": 1e9}, RecordTimes(0.01, 31), "stop"),
+        ("chirp", {"amplitude": 1, "start": 1e9, "stop": 1}, RecordTimes(0.01, 501), "stop"),
+        ("chirp", {"amplitude": 1, "start": 1, "stop": 1e150}, RecordTimes(0.01, 501), "stop"),
+        ("chirp", {"amplitude": 1, "start": 0, "stop": 1e308}, RecordTimes(1e-300, 501), "stop"),
+        ("chirp", {"amplitude": 1, "start": 5.858, "stop": 3.919}, RecordTimes(2e4, 51), "stop"),
+        ("random", {"amplitude": 1, "seed": 1, "band": (1, 1e5)}, RecordTimes(1.0, 1_000_001), "band"),
+        ("random", {"amplitude": 1, "seed": 1, "band": (1, 1e300)}, RecordTimes(1.0, 101), "band"),
+        ("random", {"amplitude": 1, "seed": 1}, RecordTimes(1e-3, 3, 1e9), "band"),
+        ("multisine", {"amplitude": [1] * 10, "frequency": [1e9] * 10}, RecordTimes(1.0, 51), "frequency"),
+        (
+            "multisine",
+            {"amplitude": [1] * 9, "frequency": [1] * 9},
+            RecordTimes(1e-5, 2_800_000),
+            "frequency",
+        ),
     ],
 )
 def test_a_signal_that_takes_too_long_is_refused_by_kind_and_key(kind, parameters, record, key):
@@ -58,14 +63,14 @@ def test_a_signal_that_takes_too_long_is_refused_by_kind_and_key(kind, parameter
 )
 def test_faults_of_a_signal_name_its_kind_and_key(kind, parameters, names):
     with pytest.raises(UsageError) as caught:
-        signal(kind, parameters, Record(0.01, 301))
+        signal(kind, parameters, RecordTimes(0.01, 301))
     assert caught.value.names == names
 
 
 @pytest.mark.parametrize("arguments", [(1e-20, 5, 1.0), (1e300, 10**9), (1e-300, 2, 1e300)])
 def test_a_record_whose_samples_coincide_or_overflow_is_refused(arguments):
     with pytest.raises(UsageError):
-        Record(*arguments)
+        RecordTimes(*arguments)
 
 
 @pytest.mark.parametrize("first", [0.0, 0.37])
@@ -90,7 +95,7 @@ def test_blocks_of_many_lines_and_times_are_those_of_their_definition():
 
 
 def test_a_long_random_record_has_its_deviation_and_off_the_grid_too_long_a_sum_is_refused():
-    record = Record(0.01, 100_001)
+    record = RecordTimes(0.01, 100_001)
     noise = signal("random", {"amplitude": 2.0, "seed": 1, "band": [0, 400]}, record)
     # Chi-squared with 1e5 degrees: 0.2 % standard deviation.
     assert np.std(noise.value(record.times)) == pytest.approx(2.0, rel=0.02)
@@ -102,7 +107,7 @@ def test_a_long_random_record_has_its_deviation_and_off_the_grid_too_long_a_sum_
 def test_long_random_responses_are_those_of_the_lines_one_by_one():
     noise = Random(1.0, seed=2, step=0.01, samples=20_000, band=(25.0, 35.0))  # 30 rad/s: the pole
     t = np.arange(20_000) * 0.01
-    y = response(OSCILLATOR, [noise], t).outputs[:, 0]
+    y = propagate(OSCILLATOR, [noise], t).outputs[:, 0]
     omega, c = noise.lines
     gain = 1 / (900 - omega**2 + 0.6j * omega)
     late = np.flatnonzero(t > 120)[::997]  # the start has decayed by e^36
@@ -121,10 +126,10 @@ def test_balancing_survives_the_whole_range_of_numbers(size):
 
 def test_motions_without_a_phase_are_refused():
     stiff = StateSpace([[0, 1], [-1e30, 0]], [[0], [1]], [[1, 0]], [[0]])
-    with pytest.raises(NumericalError, match="knows no phase"):
-        response(stiff, [Step()], np.arange(10.0))
+    with pytest.raises(NumericalError, match="beyond the phase that double precision resolves"):
+        propagate(stiff, [Step()], np.arange(10.0))
     damped = StateSpace([[0, 1], [-1e30, -1e15]], [[0], [1]], [[1, 0]], [[0]])
-    y = response(damped, [Step()], np.arange(1.0, 10.0)).outputs
+    y = propagate(damped, [Step()], np.arange(1.0, 10.0)).outputs
     np.testing.assert_allclose(y, 1e-30, rtol=1e-6)  # it has decayed: where it rests is known
 
 
@@ -133,10 +138,10 @@ def test_a_response_beyond_double_precision_is_refused_not_warned_of(force):
     soft = StateSpace([[0, 1], [-1e-6, 0]], [[0], [1]], [[1, 0]], [[0]])
     t = np.arange(0.0, 100.0)
     if force < 1:
-        assert np.isfinite(response(soft, [Step(force)], t).outputs).all()
+        assert np.isfinite(propagate(soft, [Step(force)], t).outputs).all()
         return
     with pytest.raises(NumericalError) as caught:
-        response(soft, [Step(force)], t)
+        propagate(soft, [Step(force)], t)
     assert caught.value.remedy
 
 

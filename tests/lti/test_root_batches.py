@@ -6,8 +6,8 @@ from flint import fmpz_poly
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from dynid.lti.batches.roots import root_batch
-from dynid.lti.certified import certified_roots
+from dynid.lti.certified_roots import certified_roots
+from dynid.lti.root_batches import root_batch
 
 INTEGERS = st.integers(-(10**25), 10**25).filter(bool)
 

@@ -10,19 +10,9 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from dynid.errors import UsageError
-from dynid.lti.signals import (
-    Chirp,
-    Impact,
-    Impulse,
-    Multisine,
-    Record,
-    Sampled,
-    Sine,
-    Step,
-    signal,
-)
+from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, RecordTimes, Sampled, Sine, Step, signal
 
-RECORD = Record(step=0.01, samples=301)
+RECORD = RecordTimes(step=0.01, samples=301)
 VALUES = np.random.default_rng(7).standard_normal(301)
 
 SIGNALS = {
@@ -129,8 +119,8 @@ def test_random_is_seeded_and_has_its_deviation(band):
 
 def test_random_without_a_band_is_the_spline_of_its_samples():
     """So an estimator's spline hold is the truth, but near the ends of what it sees."""
-    noise = signal("random", {"amplitude": 1.0, "seed": 3}, Record(0.01, 301, 0.5))
-    seen = noise.sampled(Record(0.01, 301, 0.5))
+    noise = signal("random", {"amplitude": 1.0, "seed": 3}, RecordTimes(0.01, 301, 0.5))
+    seen = noise.sampled(RecordTimes(0.01, 301, 0.5))
     between = 0.5 + 0.01 * (20 + np.arange(260) + 0.37)
     np.testing.assert_allclose(seen.value(between), noise.value(between), atol=1e-9)
 
@@ -154,16 +144,16 @@ def test_random_irregular_and_regular_times_agree():
 
 
 def test_random_fills_the_settling_time_too():
-    s = signal("random", {"amplitude": 1.0, "seed": 1}, Record(0.01, 100, start=1.995))
+    s = signal("random", {"amplitude": 1.0, "seed": 1}, RecordTimes(0.01, 100, start=1.995))
     assert s.samples == 300
-    seen = s.sampled(Record(0.01, 100, start=1.995))
+    seen = s.sampled(RecordTimes(0.01, 100, start=1.995))
     np.testing.assert_allclose(
         seen.value(1.995 + 0.01 * np.arange(100)), s.value(1.995 + 0.01 * np.arange(100))
     )
 
 
 def test_factory_builds_every_kind():
-    record = Record(0.1, 11, 1.0)
+    record = RecordTimes(0.1, 11, 1.0)
     assert signal("step", {"amplitude": 2}, record) == Step(2)
     assert signal("impulse", {"amplitude": 2}, record) == Impulse(2)
     assert signal("sine", {"amplitude": 2, "frequency": 3}, record) == Sine(2, 3)
@@ -199,4 +189,4 @@ def test_nonsense_is_refused(kind, parameters):
 @pytest.mark.parametrize("arguments", [(0, 5), (-1, 5), (math.nan, 5), (1, 0), (1, 5, -1)])
 def test_records_must_make_sense(arguments):
     with pytest.raises(UsageError):
-        Record(*arguments)
+        RecordTimes(*arguments)

@@ -20,8 +20,7 @@ from sympy import Matrix, Poly, Rational, eye, gcd_list, symbols
 import dynid.lti
 from dynid.errors import Singular, Undecided, UsageError
 from dynid.lti import zeros_poles
-from dynid.lti.pencil.exact import determinant
-from dynid.lti.pencil.modular import Residues
+from dynid.lti.pencil.exact import Residues, determinant
 
 SHARED = Path(__file__).parents[2] / "../shared/data"
 FILE = SHARED / "zeros/state_space.json"
@@ -306,14 +305,14 @@ def test_a_system_without_states_or_without_ports():
         ({"C": [[1, 2, 3]]}, r"C is 1 x 3 where 1 x 2 is wanted"),
         ({"D": [[1, 2]]}, r"D is 1 x 2 where 1 x 1 is wanted"),
         ({"E": [[1]]}, r"E is 1 x 1 where 2 x 2 is wanted"),
-        ({"A": [[1, 2], [3]]}, "A is no rectangle of numbers"),
-        ({"A": [[1, math.nan], [0, 1]]}, r"A\[1, 2\] is nan, which is no finite real number"),
+        ({"A": [[1, 2], [3]]}, "A is not a rectangular table of numbers"),
+        ({"A": [[1, math.nan], [0, 1]]}, r"A\[1, 2\] is nan, which is not a finite real number"),
         ({"A": np.array([[1, np.inf], [0, 1]])}, r"A\[1, 2\] is inf"),
         ({"B": [["1/0"], [0]]}, r"B\[1, 1\] is '1/0'"),
         ({"B": [["one"], [0]]}, r"B\[1, 1\] is 'one'"),
         ({"B": [["1e999999999"], [0]]}, r"B\[1, 1\]"),
         ({"B": [[1j], [0]]}, r"B\[1, 1\] is 1j"),
-        ({"B": [[None], [0]]}, "B is no rectangle of numbers"),
+        ({"B": [[None], [0]]}, "B is not a rectangular table of numbers"),
         ({"D": 1.5, "B": np.zeros((2, 2))}, "D is a single number where 1 x 2 is wanted"),
         ({"engine": "flaot"}, "no engine 'flaot'; did you mean 'float'"),
         ({"reading": "octal"}, "no reading 'octal'"),

@@ -58,8 +58,8 @@ def _into(old: object, new: object) -> None:
 
 
 def without_registers() -> None:
-    """Let kernels, run as plain Python, multiply small matrices by NumPy: see `kernels.lanes`."""
-    from dynid.identification.kernels import lanes
+    """Let kernels, run as plain Python, multiply small matrices by NumPy: see `kernels.simd`."""
+    from dynid.identification.kernels import simd
 
     def matrix(array, place, rows, columns, stride):
         return np.ndarray((rows, columns), float, array, 8 * place, (8 * stride, 8))
@@ -73,6 +73,6 @@ def without_registers() -> None:
         pairs = matrix(A, a, rows, width, lda) * matrix(X, x, rows, width, ldx)
         matrix(out, o, rows, 1, ldo)[:, 0] = pairs.sum(axis=1)
 
-    lanes.product = lanes.row_product = multiply
-    lanes.accumulate = functools.partial(multiply, add=True)
-    lanes.dots = dots
+    simd.product = simd.row_product = multiply
+    simd.accumulate = functools.partial(multiply, add=True)
+    simd.dots = dots

@@ -11,10 +11,12 @@ _SOURCE = ROOT / "src" / "dynid"
 MODULES = {
     ".".join(("dynid", *path.relative_to(_SOURCE).with_suffix("").parts)): path
     for folder, pattern in [
+        ("bondgraph/program", "program.py"),
+        ("bondgraph/formulas", "*.py"),
         ("bondgraph/reduction", "*.py"),
-        ("identification/filtering", "*.py"),
+        ("identification", "filter.py"),
         ("identification/kernels", "steps.py"),
-        ("identification/kernels", "walk.py"),
+        ("identification/kernels", "filter_kernel.py"),
     ]
     for path in sorted((_SOURCE / folder).glob(pattern))
     if path.stem != "__init__"
@@ -35,6 +37,6 @@ LEFT_OUT = [
     f"tests/identification/test_{name}"
     for name in (
         "kernels.py::test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample",
-        "extremes.py::test_coloured_residuals_void_the_channel_they_are_in_only",
+        "extremes.py::test_coloured_residuals_invalidate_the_channel_they_are_in_only",
     )
 ]

@@ -1,28 +1,26 @@
-"""What may not overlap in a laid out drawing, worked out from the drawing alone."""
+"""Overlaps and crossings of a laid out drawing, computed from the drawing alone."""
 
 from itertools import combinations, pairwise
 
-from dynid.report.drawing.marks import barb_of, line_of, stroke_of
-
 
 def overlaps(sketch, layout):
-    """List everything of a drawing that touches what it should not: texts, nodes, bonds, strokes, arrows."""
+    """Return the overlaps of a drawing: texts, nodes, bonds, strokes, arrows."""
     found = []
     boxes = {key: (box.left, box.top, box.right, box.bottom) for key, box in layout.boxes.items()}
     for (a, one), (b, other) in combinations(boxes.items(), 2):
         if meet(one, other):
             found.append(f"nodes {a} and {b}")
     lines = [
-        list(pairwise(line_of(link, route))) for link, route in zip(sketch.links, layout.routes, strict=True)
+        list(pairwise(bond.line_on(route))) for bond, route in zip(sketch.bonds, layout.routes, strict=True)
     ]
     marks = [
-        [mark for mark in (stroke_of(link, route), barb_of(link, route)) if mark is not None]
-        for link, route in zip(sketch.links, layout.routes, strict=True)
+        [mark for mark in (bond.stroke_on(route), bond.half_arrow_on(route)) if mark is not None]
+        for bond, route in zip(sketch.bonds, layout.routes, strict=True)
     ]
-    for link, pieces in zip(sketch.links, [a + b for a, b in zip(lines, marks, strict=True)], strict=True):
+    for bond, pieces in zip(sketch.bonds, [a + b for a, b in zip(lines, marks, strict=True)], strict=True):
         for key, box in boxes.items():
             if any(enters(piece, box) for piece in pieces):
-                found.append(f"bond {link.tail} -> {link.head} and node {key}")
+                found.append(f"bond {bond.tail} -> {bond.head} and node {key}")
     for (i, one), (j, other) in combinations(enumerate(marks), 2):
         if any(meet(around(a), around(b)) for a in one for b in other):
             found.append(f"marks of bonds {i} and {j}")
@@ -30,33 +28,33 @@ def overlaps(sketch, layout):
         for j, pieces in enumerate(lines):
             if i != j and any(crosses(mark, piece) for mark in own for piece in pieces):
                 found.append(f"mark of bond {i} and bond {j}")
-    for vertex in sketch.vertices:
-        left, top, right, bottom = boxes[vertex.key]
-        if right - left < max(line.width for line in vertex.lines):
-            found.append(f"the text of {vertex.key} and its border")
-        if bottom - top < sum(line.height for line in vertex.lines):
-            found.append(f"the lines of {vertex.key} and its border")
+    for node in sketch.nodes:
+        left, top, right, bottom = boxes[node.key]
+        if right - left < max(line.width for line in node.lines):
+            found.append(f"the text of {node.key} and its border")
+        if bottom - top < sum(line.height for line in node.lines):
+            found.append(f"the lines of {node.key} and its border")
     return found
 
 
 def crossings(sketch, layout):
-    """Count the pairs of bonds that cross or touch."""
+    """Return the number of pairs of bonds that cross or touch."""
     lines = [
-        list(pairwise(line_of(link, route))) for link, route in zip(sketch.links, layout.routes, strict=True)
+        list(pairwise(bond.line_on(route))) for bond, route in zip(sketch.bonds, layout.routes, strict=True)
     ]
     return sum(any(crosses(a, b) for a in one for b in other) for one, other in combinations(lines, 2))
 
 
 def ends(sketch, layout):
-    """List the bonds that do not begin and end at the borders of their nodes."""
+    """Return the bonds that do not begin and end at the borders of their nodes."""
     loose = []
-    for link, route in zip(sketch.links, layout.routes, strict=True):
-        for key, (x, y) in ((link.tail, route[0]), (link.head, route[-1])):
+    for bond, route in zip(sketch.bonds, layout.routes, strict=True):
+        for key, (x, y) in ((bond.tail, route[0]), (bond.head, route[-1])):
             box = layout.boxes[key]
             inside = box.left - 0.01 <= x <= box.right + 0.01 and box.top - 0.01 <= y <= box.bottom + 0.01
             border = min(abs(x - box.left), abs(x - box.right), abs(y - box.top), abs(y - box.bottom))
             if not inside or border > 0.01:
-                loose.append((link.tail, link.head, key))
+                loose.append((bond.tail, bond.head, key))
     return loose
 
 
@@ -70,7 +68,7 @@ def meet(a, b):
 
 
 def enters(segment, box):
-    """Tell whether a segment meets a closed box (Liang & Barsky)."""
+    """Return True if a segment meets a closed box (Liang & Barsky)."""
     (x1, y1), (x2, y2) = segment
     first, last = 0.0, 1.0
     for start, step, low, high in ((x1, x2 - x1, box[0], box[2]), (y1, y2 - y1, box[1], box[3])):
@@ -84,7 +82,7 @@ def enters(segment, box):
 
 
 def crosses(one, other):
-    """Tell whether two closed segments have a point in common."""
+    """Return True if two closed segments have a point in common."""
     (a, b), (c, d) = one, other
 
     def side(p, q, r):

@@ -6,8 +6,8 @@ from functools import cache
 from importlib.resources import files
 
 from dynid.result import Result
-from dynid.scene.dispatch import run_scene
 from dynid.scene.load import check_source
+from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(2)>&amp;\u202e\u0007\u2028]]>"

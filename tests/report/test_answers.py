@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.bondgraph.question import RESULTS
+from dynid.bondgraph.request import RESULTS
 from dynid.cli.summary import summary
-from dynid.report.answers import answer
-from dynid.report.answers.blocks import Facts, Grid, Note, Steps
+from dynid.report.content import content
+from dynid.report.content.blocks import DefinitionList, NumberedList, Statement, TextTable
 from dynid.result import Result
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -50,16 +50,16 @@ def page(result):
 
     def texts(block):
         match block:
-            case Facts(items):
+            case DefinitionList(items):
                 return [text for name, lines in items for text in (name, *lines)]
-            case Grid(columns, rows, _, caption):
+            case TextTable(columns, rows, _, caption):
                 return [*columns, *(text for row in rows for text in row), caption]
-            case Note(text):
+            case Statement(text):
                 return [text]
-            case Steps(items):
+            case NumberedList(items):
                 return list(items)
 
-    parts = answer(result).parts
+    parts = content(result).sections
     found = [text for part in parts for block in part.blocks for text in (part.title, *texts(block))]
     return " ".join(" ".join(found).split())
 
@@ -138,10 +138,10 @@ def test_sensitivities_are_what_one_percent_does(everything):
     moved = 0.01 * (np.array(poles(k=0.5 * (1 + 1e-6))) - poles()) / 1e-6
     (grid,) = {
         block
-        for part in answer(everything).parts
+        for part in content(everything).sections
         for block in part.blocks
-        if isinstance(block, Grid)
-        and block.caption.startswith("What a parameter")
+        if isinstance(block, TextTable)
+        and block.caption.startswith("Changes if a parameter")
         and len(block.columns) == 4
     }
     row = next(row for row in grid.rows if row[0] == "k")

@@ -194,6 +194,74 @@ def test_values_are_read_under_the_pointer_and_by_arrow_keys(visit):
     assert figure.locator("output").text_content() != said
 
 
+def _said(opened, figure, place, x, y):
+    """Return what is read with the pointer at shares of the width and height of a figure's plot."""
+    plot = figure.locator("g.plot").nth(place)
+    left, top, width, height = map(float, plot.get_attribute("data-box").split())
+    view = [float(part) for part in figure.locator("svg").get_attribute("viewBox").split()]
+    figure.locator("svg").scroll_into_view_if_needed()
+    box = figure.locator("svg").bounding_box()
+    scale = box["width"] / view[2]
+    opened.mouse.move(
+        box["x"] + scale * (left + x * width - view[0]), box["y"] + scale * (top + y * height - view[1])
+    )
+    said = figure.locator("output").text_content()
+    return [(part.rpartition(": ")[0], float(part.rpartition(": ")[2])) for part in said.split(" · ") if part]
+
+
+READ = """\
+dynid: 1
+kind: bond-graph
+title: Two masses on springs
+graph:
+  nodes: {F: Se, m: {type: I, value: 2}, k: {type: C, value: 0.04}, b: {type: R, value: 0.7}, one: 1}
+  bonds: [F -> one -> m, one -> k, one -> b]
+analysis:
+  inputs: [F]
+  outputs: [m.f, k.e]
+  frequency: {start: 0.5, stop: 50, points: 300}
+  time: {stop: 6, step: 0.01, input: {kind: step}}
+"""
+
+
+def test_every_curve_is_read_where_it_is_and_not_where_the_pointer_is(visit):
+    from tests.report.pages import run
+
+    result = run(READ)
+    opened = visit(result, viewport={"width": 1000, "height": 900}).page
+    figure = opened.locator('figure[id="figure-time-response"]')
+    time, response = (result[f"bond_graph/time_response/{name}"].data for name in ("time", "response"))
+    for place in (0, 1):
+        span = np.ptp(response[:, place])
+        for x in (0.11, 0.37, 0.83):
+            for y in (0.06, 0.5, 0.94):  # the height of the pointer changes nothing
+                (_, at), (name, value) = _said(opened, figure, place, x, y)
+                wanted = np.interp(at, time, response[:, place])
+                near = np.interp([at - 0.02, at + 0.02], time, response[:, place])  # a pixel to either side
+                assert value == pytest.approx(wanted, abs=0.005 * span + np.ptp([wanted, *near])), name
+    figure = opened.locator('figure[id="figure-bode"]')
+    omega, values = (result[f"bond_graph/frequency_response/{name}"].data for name in ("omega", "response"))
+    phase = np.rad2deg(np.unwrap(np.angle(values[:, :, 0]), axis=0))
+    for x in (0.08, 0.9):  # not at the resonance, where a pixel is many degrees
+        for y in (0.1, 0.9):
+            (label, at), *curves = _said(opened, figure, 1, x, y)
+            assert [name for name, _ in curves] == ["m.f / F", "k.e / F"]
+            for column, (_, value) in enumerate(curves):
+                wanted = np.interp(np.log(at), np.log(omega if "rad" in label else omega / 2 / np.pi),
+                                   phase[:, column])  # fmt: skip
+                assert value == pytest.approx(wanted, abs=2)
+
+
+def test_of_a_locus_the_height_nearest_to_the_pointer_is_read(visit):
+    from tests.report.pages import run
+
+    result = run(READ)
+    opened = visit(result, viewport={"width": 1000, "height": 900}).page
+    figure = opened.locator('figure[id="figure-nyquist"]')
+    above, below = (_said(opened, figure, 0, 0.5, y)[1:] for y in (0.3, 0.7))
+    assert max(value for _, value in above) > 0 > min(value for _, value in below)
+
+
 def test_a_figure_is_zoomed_and_shown_whole_again(visit):
     opened = visit(result_of("bond-graph")).page
     figure = opened.locator("figure").first

@@ -235,4 +235,4 @@ def test_masses_of_a_chain_move_as_their_modes_say():
 
 
 def test_a_family_is_imported_only_for_results_it_shows_something_of():
-    assert not any(family.when(Result("other")) for family in FAMILIES)
+    assert not any(family.applies(Result("other")) for family in FAMILIES)

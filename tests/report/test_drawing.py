@@ -11,13 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dynid
-from dynid.bondgraph.causality.assign import assign_causality
-from dynid.bondgraph.domains import spread
+from dynid.bondgraph.causality.scap import assign_causality
+from dynid.bondgraph.graph import spread_domains
 from dynid.report import figures
-from dynid.report.drawing.graph import Question, question_of, sketch_of
+from dynid.report.drawing.graph import DrawnGraph, drawn_graph, sketch_of
 from dynid.report.drawing.layout import lay_out
-from dynid.report.drawing.marks import stroke_of
-from dynid.report.drawing.planar import Embedding
+from dynid.report.drawing.planar_embedding import PlanarEmbedding
 from tests.bondgraph.graphs import ISOLATOR, build, chain, parse, port
 from tests.bondgraph.random_graphs import random_graph
 from tests.report.geometry import crossings, ends, overlaps
@@ -27,7 +26,7 @@ PUBLISHED = sorted((Path(__file__).parents[2] / "../shared/data/bondgraphs").glo
 
 
 def question(types, values, bonds, inputs=(), *outputs):
-    return Question(build(types, values, bonds), tuple(inputs), tuple(map(port, outputs)), None, {})
+    return DrawnGraph(build(types, values, bonds), tuple(inputs), tuple(map(port, outputs)), None, {})
 
 
 def assert_readable(asked, most_crossings=0):
@@ -43,8 +42,8 @@ def assert_readable(asked, most_crossings=0):
 
 def assert_strokes(graph, sketch, layout):
     """Check each stroke as drawn: it is nearer to the end that effort is imposed towards."""
-    for bond, link, route in zip(assign_causality(graph).bonds, sketch.links, layout.routes, strict=True):
-        (x1, y1), (x2, y2) = stroke_of(link, route)
+    for bond, link, route in zip(assign_causality(graph).bonds, sketch.bonds, layout.routes, strict=True):
+        (x1, y1), (x2, y2) = link.stroke_on(route)
         place = ((x1 + x2) / 2, (y1 + y2) / 2)
         to_tail, to_head = (abs(place[0] - x) + abs(place[1] - y) for x, y in (route[0], route[-1]))
         assert (bond.tail, bond.head) == (link.tail, link.head)
@@ -92,7 +91,7 @@ def test_a_tree_has_no_crossing_and_long_chains_no_limit():
     ],
 )
 def test_a_graph_is_embedded_with_the_fewest_crossings(neighbours, least):
-    embedding = Embedding(neighbours)
+    embedding = PlanarEmbedding(neighbours)
     assert len(embedding.crossings) == least
     vertices = {vertex for face in embedding.faces for vertex in face}
     edges = sum(map(len, embedding.faces)) // 2
@@ -141,7 +140,7 @@ def test_a_result_is_drawn_from_its_own_scene(isolator, tmp_path):
 
 
 def test_the_cut_parts_the_spine_between_source_and_output(isolator):
-    sketch = sketch_of(question_of(isolator))
+    sketch = sketch_of(drawn_graph(isolator))
     boxes = lay_out(sketch).boxes
     assert sketch.cut == ("base", "body")
     row = [boxes[name].centre for name in ("v_in", "base", "body", "m_s")]
@@ -150,7 +149,7 @@ def test_the_cut_parts_the_spine_between_source_and_output(isolator):
 
 
 def test_a_domain_spreads_through_bonds_and_stops_at_a_transformer(isolator):
-    asked = question_of(isolator)
+    asked = drawn_graph(isolator)
     assert {name for name, domain in asked.domains.items() if domain == "hydraulic"} == {
         "fluid",
         "I_f",
@@ -158,9 +157,9 @@ def test_a_domain_spreads_through_bonds_and_stops_at_a_transformer(isolator):
     }
     assert {asked.domains[name] for name in ("v_in", "base", "body", "b")} == {"mechanical"}
     assert "tuning" not in asked.domains
-    both = spread(asked.graph, {"fluid": "hydraulic", "b": "hydraulic"})
+    both = spread_domains(asked.graph, {"fluid": "hydraulic", "b": "hydraulic"})
     assert both["tuning"] == "hydraulic"
-    assert spread(asked.graph, {"fluid": "hydraulic", "b": "mechanical"})["v_in"] == "mechanical"
+    assert spread_domains(asked.graph, {"fluid": "hydraulic", "b": "mechanical"})["v_in"] == "mechanical"
 
 
 def test_a_result_without_its_scene_has_no_drawing_of_it():

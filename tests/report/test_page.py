@@ -12,13 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynid.report import figures, registry
-from dynid.report.answers.identifiability import _shift
-from dynid.report.answers.reduction import seconds_text
-from dynid.report.answers.sensitivities import cell
-from dynid.report.figure import Figure, Picture, Table
+from dynid.report.content.identifiability import shift_text
+from dynid.report.content.reduction import seconds_text
+from dynid.report.content.transfer_functions import sensitivity_text
+from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.page import page, samples
-from dynid.report.page.html import Markup, formula, tag, text
-from dynid.report.page.tables import CELLS, ROWS, figure_table, thinned
+from dynid.report.page.html import CELLS, ROWS, Markup, figure_table, formula, shown_rows, tag, text
 from tests.report.pages import HOSTILE, result_of, run, study, template
 
 KINDS = ["bond-graph", "identification", "reduction", "study", "bench"]
@@ -199,7 +198,7 @@ def test_markup_is_not_escaped_twice():
 
 
 def test_long_tables_are_thinned_out_and_say_so():
-    table = Table(("n", "value"), tuple((n, n / 7) for n in range(10_001)))
+    table = FigureTable(("n", "value"), tuple((n, n / 7) for n in range(10_001)))
     html = str(figure_table(table, "x"))
     assert f"{ROWS} of 10,001 rows" in html
     assert html.count("<tr>") == ROWS + 1
@@ -211,7 +210,7 @@ def test_long_tables_are_thinned_out_and_say_so():
 
 @given(st.integers(0, 10**6), st.integers(1, 4000))
 def test_what_is_shown_of_a_table_is_bounded_and_has_its_ends(count, columns):
-    rows = thinned(count, columns)
+    rows = shown_rows(count, columns)
     assert rows == sorted(set(rows))
     assert len(rows) <= max(2, min(ROWS, max(CELLS, ROWS * (columns == 1)) // columns))
     assert not count or (rows[0], rows[-1]) == (0, count - 1)
@@ -271,7 +270,7 @@ def test_a_page_of_ten_thousand_samples_is_small():
         result.add(f"study/results/more/n{place}", np.random.default_rng(place).random(10_000), ("sample",))
     html = page(result)
     assert len(html.encode()) < 2_000_000
-    assert "of the numbers gathered" in html
+    assert "of the results: " in html
     rows, columns = packed(html)
     assert rows == 10_000
     assert len(columns["parameters.k"]) == 10_000
@@ -298,7 +297,9 @@ def test_elements_without_content_are_not_closed():
 
 def test_complex_numbers_and_truths_stand_in_tables():
     said = str(
-        figure_table(Table(("pole", "stable", "order"), ((-0.5 + 2j, True, 3), (1j, False, 4))), "Poles")
+        figure_table(
+            FigureTable(("pole", "stable", "order"), ((-0.5 + 2j, True, 3), (1j, False, 4))), "Poles"
+        )
     )
     assert "-0.5+2j" in said
     assert "0+1j" in said
@@ -326,12 +327,12 @@ def test_a_name_that_two_figures_have_is_a_fault(monkeypatch):
         (seconds_text(None), ""),
         (seconds_text(0.0123), "12 ms"),
         (seconds_text(3.14), "3.1 s"),
-        (cell(complex(np.inf)), "∞"),
-        (cell(0.0), "0"),
-        (cell(-1 + 2j), "-1 + 2j"),
-        (_shift(np.nan), "∞"),
-        (_shift(0.0), "-"),
-        (_shift(0.5, "ζ "), "ζ +0.5 %"),
+        (sensitivity_text(complex(np.inf)), "∞"),
+        (sensitivity_text(0.0), "0"),
+        (sensitivity_text(-1 + 2j), "-1 + 2j"),
+        (shift_text(np.nan), "∞"),
+        (shift_text(0.0), "-"),
+        (shift_text(0.5, "ζ "), "ζ +0.5 %"),
     ],
 )
 def test_numbers_that_are_none_are_said(said, expected):

@@ -10,13 +10,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.report.metrics import text_width
-from dynid.report.numbers import labelled, unit
-from dynid.report.plot import Axis, Band, Bars, Cells, Line, Marks, Panel, Rule, chart, listed
-from dynid.report.plot.layers import hue
-from dynid.report.plot.parallel import parallel
-from dynid.report.plot.thin import by_column, runs, straightened, thin
-from dynid.report.style import SMALL
+from dynid.report.figure import table_of
+from dynid.report.labels import labelled, unit
+from dynid.report.plot import (
+    Band,
+    Bars,
+    Curve,
+    Heatmap,
+    Markers,
+    PlotAxis,
+    ReferenceLine,
+    Subplot,
+    chart,
+    series_class,
+)
+from dynid.report.plot.chart import parallel_coordinates
+from dynid.report.plot.decimation import by_column, decimated, runs, straightened
+from dynid.report.style import SMALL, text_width
 
 SVG = "{http://www.w3.org/2000/svg}"
 finite = st.floats(-1e12, 1e12, allow_subnormal=False)
@@ -64,7 +74,7 @@ def well_laid_out(text):
 @given(finite, finite, st.floats(40, 900), st.booleans())
 @settings(max_examples=50, deadline=None)
 def test_ticks_are_within_the_axis_and_their_labels_apart(a, b, length, upright):
-    axis = Axis("x (m)")
+    axis = PlotAxis("x (m)")
     scale = axis.scale([[a, b]])
     assert scale.low <= min(a, b)
     assert max(a, b) <= scale.high
@@ -78,7 +88,7 @@ def test_ticks_are_within_the_axis_and_their_labels_apart(a, b, length, upright)
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.floats(80, 900))
 @settings(max_examples=50, deadline=None)
 def test_a_label_says_the_value_at_its_tick(low, span, length):
-    axis = Axis("x")
+    axis = PlotAxis("x")
     scale = axis.scale([[low, low + span]])
     ticks = axis.ticks(scale, length, upright=True)
     for value, label in zip(ticks.values, ticks.labels, strict=True):
@@ -89,7 +99,7 @@ def test_a_label_says_the_value_at_its_tick(low, span, length):
 @given(st.floats(-12, 12), st.floats(0.01, 20), st.floats(80, 900), st.booleans())
 @settings(max_examples=50, deadline=None)
 def test_logarithmic_ticks_are_apart_and_within(low, decades, length, upright):
-    axis = Axis("f (Hz)", log=True)
+    axis = PlotAxis("f (Hz)", log=True)
     scale = axis.scale([[10.0**low, 10.0 ** (low + decades)]])
     ticks = axis.ticks(scale, length, upright=upright)
     assert ticks.fit(scale, length, upright) or len(ticks.values) < 2
@@ -130,7 +140,7 @@ def test_a_line_of_a_million_points_is_small_and_breaks_at_what_is_unknown():
     x = np.linspace(0, 600, 10**6)
     y = np.sin(x) * 100
     y[5] = np.nan
-    pieces = [thin(*run) for run in runs(x, y)]
+    pieces = [decimated(*run) for run in runs(x, y)]
     assert len(pieces) == 2
     assert sum(len(piece[0]) for piece in pieces) < 4 * 602
     assert max(piece[1].max() for piece in pieces) == np.nanmax(y)
@@ -142,18 +152,20 @@ def sample(seed=0, columns=2):
     y = rng.normal(size=300).cumsum() * 10.0 ** rng.integers(-8, 8)
     layers = [
         Band(x, y - 1, y + 1, "a band", "s1"),
-        Line(x, y, "a rather long name of a line, as scenes may have", hue(0)),
-        Marks(x[::30], y[::30], "points", "s3", "ring", 3, [str(k) for k in range(10)]),
-        Rule(float(y.mean()), "mean", "s2 dashed"),
+        Curve(x, y, "a rather long name of a line, as scenes may have", series_class(0)),
+        Markers(x[::30], y[::30], "points", "s3", "ring", 3, [str(k) for k in range(10)]),
+        ReferenceLine(float(y.mean()), "mean", "s2 dashed"),
     ]
     bars = [Bars(np.arange(4.0), np.zeros(4), np.abs(y[:4]), "bars", "s4")]
-    cells = [Cells(rng.normal(size=(3, 3)), -1, 1, [["1", "2", "3"]] * 3, [["tip"] * 3] * 3)]
+    cells = [Heatmap(rng.normal(size=(3, 3)), -1, 1, [["1", "2", "3"]] * 3, [["tip"] * 3] * 3)]
     panels = [
-        Panel(Axis("time (s)"), Axis("force (N)"), layers, "first"),
-        Panel(Axis("what", names=("a", "b", "c", "d")), Axis("size (m)"), bars),
-        Panel(Axis("column", names=tuple("xyz")), Axis("row", names=tuple("abc")), cells, "cells"),
-        Panel(
-            Axis("f (Hz)", log=True), Axis("|H|", log=True), [Line(x + 0.1, np.abs(y) + 1e-9, "H", hue(8))]
+        Subplot(PlotAxis("time (s)"), PlotAxis("force (N)"), layers, "first"),
+        Subplot(PlotAxis("what", names=("a", "b", "c", "d")), PlotAxis("size (m)"), bars),
+        Subplot(PlotAxis("column", names=tuple("xyz")), PlotAxis("row", names=tuple("abc")), cells, "cells"),
+        Subplot(
+            PlotAxis("f (Hz)", log=True),
+            PlotAxis("|H|", log=True),
+            [Curve(x + 0.1, np.abs(y) + 1e-9, "H", series_class(8))],
         ),
     ]
     return chart("some", "A figure", [panels[k : k + columns] for k in range(0, 4, columns)], "about")
@@ -173,7 +185,9 @@ def test_a_plot_is_the_same_each_time_and_its_text_is_text():
 
 
 def test_a_script_can_tell_the_values_under_the_pointer():
-    root = ET.fromstring(chart("f", "F", [[Panel(Axis("t (s)"), Axis("y"), [Line([0, 4], [1, 3], "own")])]]))
+    root = ET.fromstring(
+        chart("f", "F", [[Subplot(PlotAxis("t (s)"), PlotAxis("y"), [Curve([0, 4], [1, 3], "own")])]])
+    )
     plot = next(g for g in root.iter(f"{SVG}g") if g.get("class") == "plot")
     left, top, width, height = map(float, plot.get("data-box").split())
     (kind, *ends), (_, *up) = plot.get("data-x").split(), plot.get("data-y").split()
@@ -191,14 +205,16 @@ def test_a_script_can_tell_the_values_under_the_pointer():
 
 def test_nothing_to_show_is_drawn_as_such():
     nothing = [np.nan, np.nan]
-    text = chart("e", "Empty", [[Panel(Axis("x"), Axis("y", log=True), [Line(nothing, nothing, "none")])]])
+    text = chart(
+        "e", "Empty", [[Subplot(PlotAxis("x"), PlotAxis("y", log=True), [Curve(nothing, nothing, "none")])]]
+    )
     assert "nan" not in re.sub(r"<style>.*?</style>", "", text, flags=re.S)
     assert well_laid_out(text) == []
 
 
 def test_samples_as_lines_have_a_line_each_and_no_text_on_another():
     values = np.random.default_rng(1).normal(size=(50, 4))
-    text = parallel("p", "Samples", ["a (m)", "b", "c", "d"], values)
+    text = parallel_coordinates("p", "Samples", ["a (m)", "b", "c", "d"], values)
     assert (
         sum(
             path.get("d").count("M")
@@ -213,12 +229,12 @@ def test_samples_as_lines_have_a_line_each_and_no_text_on_another():
 
 def test_a_long_table_keeps_first_and_last_and_says_what_it_leaves_out():
     values = np.arange(1000) / 7
-    table = listed({"x": values})
+    table = table_of({"x": values})
     assert len(table.rows) == 200
     assert (table.rows[0][0], table.rows[-1][0]) == (0, 999 / 7)
     assert all(row[0] in values for row in table.rows)
     assert "1,000" in table.note
-    assert listed({"x": values[:200]}).note == ""
+    assert table_of({"x": values[:200]}).note == ""
     assert all(a[0] < b[0] for a, b in pairwise(table.rows))
 
 

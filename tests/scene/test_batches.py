@@ -1,7 +1,6 @@
 """Samples of a scene run together are those that each gives alone: the same numbers, or the same error."""
 
 import math
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,9 @@ from hypothesis import strategies as st
 import dynid
 from dynid.errors import UsageError
 from dynid.result import Result
-from dynid.scene.batch import gather, run_alone, run_batch, why_alone
-from dynid.scene.collected import Collected
-from dynid.scene.dispatch import RUNNERS
+from dynid.scene.batch import run_alone, run_batch, why_alone
+from dynid.scene.collect import CollectedResult, gather
+from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
@@ -35,7 +34,7 @@ def scene(text):
 
 def assert_same(template, overrides, collect=(), *, together=True):
     """Check samples against each alone, and that the batched route takes them or not."""
-    route = import_module(RUNNERS[template.kind]).batched
+    route = KINDS[template.kind].load("batch").batched
     assert (route(template, overrides, collect or ("",), 1) is not None) == together
     assert (why_alone(template, tuple(overrides[0]), collect, len(overrides)) == "") == together
     outcomes = run_batch(template, overrides, collect)
@@ -161,7 +160,7 @@ def test_a_table_has_no_place_in_a_study():
 
 
 def test_only_what_is_wanted_is_kept():
-    kept, source = Collected("bond-graph", ("a/*",)), Result("bond-graph")
+    kept, source = CollectedResult("bond-graph", ("a/*",)), Result("bond-graph")
     source.add_axis("b/time", np.arange(2.0), "s")
     source.add("a/x", np.ones(2), ("time",))
     source.add("b/x", np.ones(2), ("time",))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynid.scene.kinds.bond_graph import build_graph
-from dynid.scene.kinds.grids import angular_frequencies
-from dynid.scene.schema.graph_outline import domain_faults
+from dynid.scene.kinds.signals import angular_frequencies
+from dynid.scene.schema.graph_checks import domain_faults
 from dynid.scene.yaml.source import parse_source
 from tests.scene.written import check, faults_of
 

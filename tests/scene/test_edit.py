@@ -8,9 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dynid.scene.files import file_places, moved
-from dynid.scene.yaml.dump import dump
-from dynid.scene.yaml.edit import edited
 from dynid.scene.yaml.source import parse_source, path_of, set_values
+from dynid.scene.yaml.writer import dump, edited
 
 SCENE = """\
 # A scene.
@@ -111,6 +110,7 @@ def test_the_text_always_reads_as_it_shall(dotted, value):
 
 def test_files_of_a_scene_and_where_they_are_from_elsewhere(tmp_path):
     data = {
+        "kind": "identification",
         "measurement": {
             "file": {"path": "run.csv", "columns": [1]},
             "records": [{"file": {"path": "/abs.csv"}}],

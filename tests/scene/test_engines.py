@@ -4,7 +4,8 @@ import pytest
 
 import dynid
 from dynid.errors import NumericalError, SceneError, UsageError
-from dynid.scene.load import check_source, kind_model, load_scene
+from dynid.scene.kind import KINDS
+from dynid.scene.load import check_source, load_scene
 from dynid.scene.yaml.source import parse_source
 from dynid.templates.chain import chain_scene
 
@@ -116,7 +117,7 @@ def test_what_makes_no_sense_is_refused_at_its_place(lines, fault):
 
 
 def test_the_schema_knows_the_choices():
-    definitions = kind_model("bond-graph").model_json_schema()["$defs"]
+    definitions = KINDS["bond-graph"].load("model").model_json_schema()["$defs"]
     analysis = definitions["AnalysisModel"]["properties"]
     assert analysis["engine"]["enum"] == ["auto", "exact", "float", "symbolic"]
     assert analysis["reading"]["enum"] == ["decimal", "binary"]

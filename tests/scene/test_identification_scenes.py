@@ -28,7 +28,7 @@ def test_the_scene_of_these_tests_is_valid():
     ("right", "wrong", "fault"),
     [
         # structure
-        ("masses: [2, 1]", "masses: [2, 0]", "4:24: 0 is not positive"),
+        ("masses: [2, 1]", "masses: [2, -1]", "4:24: -1 is negative"),
         ("masses: [2, 1]", "masses: [2, yes]", "4:24: no parameter 'yes'"),
         ("k: 100", "k: -1", "4:51: -1 is negative"),
         ("k: 100", "kk: 100", "4:48: 'kk' is not a key of structure.lumped.links.0"),

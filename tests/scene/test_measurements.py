@@ -7,9 +7,9 @@ from dynid.cli.summary.identification import lines
 from dynid.errors import Diverged, DynidError, UsageError
 from dynid.identification.measurement import Measurement, Simulation, data, simulated
 from dynid.lti.signals import Sampled
-from dynid.scene.dispatch import run_scene
-from dynid.scene.kinds.records import experiments
+from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import load_scene
+from dynid.scene.run import run_scene
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load

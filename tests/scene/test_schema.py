@@ -9,9 +9,10 @@ import jsonschema
 import pytest
 
 from dynid.errors import SceneError
-from dynid.scene.load import KINDS, check_source, kind_model
-from dynid.scene.yaml.dump import dump
+from dynid.scene.kind import KINDS
+from dynid.scene.load import check_source
 from dynid.scene.yaml.source import apply_overrides, parse_source
+from dynid.scene.yaml.writer import dump
 from tests.scene.written import ISOLATOR, JOINTS, REDUCTIONS, STUDY, check, faults_of
 
 EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS, "reduction": REDUCTIONS}
@@ -193,7 +194,7 @@ def test_the_command_line_sets_values_before_anything_is_checked():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
-    schema = json.loads(json.dumps(kind_model(kind).model_json_schema()))
+    schema = json.loads(json.dumps(KINDS[kind].load("model").model_json_schema()))
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
     data = parse_source((EXAMPLES | {"study": STUDY})[kind]).data
@@ -210,7 +211,7 @@ def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
     ],
 )
 def test_the_json_schema_knows_the_types_of_nodes(node, valid):
-    schema = kind_model("bond-graph").model_json_schema()
+    schema = KINDS["bond-graph"].load("model").model_json_schema()
     data = parse_source(ISOLATOR).data
     changed = replaced(data, ("graph", "nodes", "base"), node)
     assert jsonschema.Draft202012Validator(schema).is_valid(changed) is valid
@@ -218,6 +219,6 @@ def test_the_json_schema_knows_the_types_of_nodes(node, valid):
 
 @pytest.mark.parametrize(("unit", "valid"), [({}, True), ({"unit": "Hz"}, False)])
 def test_the_json_schema_knows_which_signals_have_a_unit(unit, valid):
-    schema = kind_model("bond-graph").model_json_schema()
+    schema = KINDS["bond-graph"].load("model").model_json_schema()
     changed = replaced(parse_source(ISOLATOR).data, ("analysis", "time", "input"), {"kind": "step", **unit})
     assert jsonschema.Draft202012Validator(schema).is_valid(changed) is valid

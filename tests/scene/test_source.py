@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.errors import FileError, SceneError
-from dynid.scene.yaml.core import MAX_CHARACTERS
-from dynid.scene.yaml.dump import dump
+from dynid.scene.yaml.parser import MAX_CHARACTERS
 from dynid.scene.yaml.source import apply_overrides, parse_source, read_source
-from dynid.words import did_you_mean, did_you_mean_path, short_paths
+from dynid.scene.yaml.writer import dump
+from dynid.suggestions import did_you_mean, did_you_mean_path, short_paths
 
 
 def faults_of(text):
@@ -274,7 +274,7 @@ def test_faults_of_overrides_name_the_option():
     )
 
 
-@pytest.mark.parametrize(("text", "said"), [("5", "a number"), ("word", "a text"), ("true", "a truth value")])
+@pytest.mark.parametrize(("text", "said"), [("5", "a number"), ("word", "a text"), ("true", "a Boolean")])
 def test_a_scene_that_is_no_mapping_has_nothing_to_set(text, said):
     with pytest.raises(SceneError, match=f"the scene is {said}, not a mapping; it has no 'a'"):
         apply_overrides(parse_source(text), ["a=1"])

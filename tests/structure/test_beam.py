@@ -7,7 +7,7 @@ from scipy.linalg import eigh
 from dynid.errors import UsageError
 from dynid.structure.assembly import PointMass, Spring, Support
 from dynid.structure.beam import beam
-from dynid.structure.damping import Modal, Proportional
+from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.modes import modes
 
@@ -102,15 +102,15 @@ def test_a_long_beam_is_sparse_and_the_same():
 
 
 def test_proportional_damping():
-    model = beam(**YANG, damping=Proportional(0.1, 2e-4))
+    model = beam(**YANG, damping=ProportionalDamping(0.1, 2e-4))
     np.testing.assert_allclose(model.C, 0.1 * model.M + 2e-4 * model.K)
-    long = beam(300, 1.0, 1.0, 1.0, damping=Proportional(0.1, 2e-4))
+    long = beam(300, 1.0, 1.0, 1.0, damping=ProportionalDamping(0.1, 2e-4))
     assert abs(long.C - 0.1 * long.M - 2e-4 * long.K).max() == 0
 
 
 @pytest.mark.parametrize("ratio", [0.03, [0.5, 0.01, 0.02, 0.03]])
 def test_modal_damping_gives_each_mode_its_ratio(ratio):
-    model = beam(**YANG, damping=Modal(ratio))
+    model = beam(**YANG, damping=ModalDamping(ratio))
     found = modes(*model.dense()).damping
     wanted = np.full(15, ratio) if isinstance(ratio, float) else np.array(ratio + [0.0] * 11)
     wanted[0] = 0.0  # the rigid-body mode
@@ -120,14 +120,14 @@ def test_modal_damping_gives_each_mode_its_ratio(ratio):
 def test_modal_damping_beside_massless_dofs():
     model = beam(
         3, 2.0, 7.0, 0.0, supports=[CLAMPED], masses=[PointMass(4, 0.6), PointMass(3, 0.2)],
-        damping=Modal([0.02, 0.05]),
+        damping=ModalDamping([0.02, 0.05]),
     )  # fmt: skip
     mu, shapes = eigh(model.M, model.K)
     omega, shapes = 1 / np.sqrt(mu[:-3:-1]), shapes[:, :-3:-1] / np.sqrt(mu[:-3:-1])
     modal = shapes.T @ model.C @ shapes
     np.testing.assert_allclose(modal, np.diag(2 * np.array([0.02, 0.05]) * omega), atol=1e-9)
     with pytest.raises(UsageError, match="3 damping ratios, but 2 modes"):
-        Modal([0.1, 0.1, 0.1]).matrix(model.M, model.K)
+        ModalDamping([0.1, 0.1, 0.1]).matrix(model.M, model.K)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,9 @@ def test_nonsense_beams_are_refused(change):
         beam(**{**YANG, **change})
 
 
-@pytest.mark.parametrize("damping", [(Proportional, -0.1), (Proportional, 0, np.inf), (Modal, [0.1, -0.1])])
+@pytest.mark.parametrize(
+    "damping", [(ProportionalDamping, -0.1), (ProportionalDamping, 0, np.inf), (ModalDamping, [0.1, -0.1])]
+)
 def test_nonsense_damping_is_refused(damping):
     kind, *values = damping
     with pytest.raises(UsageError):

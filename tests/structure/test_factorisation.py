@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure import factorisation
-from dynid.structure.factorisation import BACKENDS, available, backends, factorise
-from dynid.structure.inertia import eigenvalues_below, negatives
+from dynid.structure.factorisation import BACKENDS, available, factorise
 from dynid.structure.modes import modes
+from dynid.structure.modes.sparse import eigenvalues_below, negative_eigenvalues
 
 from .pencils import grid, string
 
@@ -51,7 +51,7 @@ def test_backends_for_definite_matrices_say_so(name):
 class Faulty:
     """A backend whose solutions are off."""
 
-    negatives, memory = 0, 0
+    negative_eigenvalues, memory = 0, 0
 
     def __init__(self, A, wrong):
         self.A, self.wrong = A.toarray(), wrong
@@ -62,7 +62,7 @@ class Faulty:
 
 
 def fake(monkeypatch, wrong):
-    monkeypatch.setattr(factorisation.factor, "bare", lambda A, _name, **_: Faulty(A, wrong))
+    monkeypatch.setattr(factorisation, "bare", lambda A, _name, **_: Faulty(A, wrong))
 
 
 @pytest.mark.parametrize(
@@ -91,8 +91,8 @@ def test_one_step_of_refinement_is_taken_where_it_pays(monkeypatch):
 
 
 def test_backends_that_are_missing_are_named(monkeypatch):
-    absent = backends.Backend("no_such_package", "no-such-package", indefinite=True)
-    monkeypatch.setitem(backends.BACKENDS, "pardiso", absent)
+    absent = factorisation.Backend("no_such_package", "no-such-package", indefinite=True, factors=Faulty)
+    monkeypatch.setitem(BACKENDS, "pardiso", absent)
     assert not available()["pardiso"]
     with pytest.raises(UsageError, match="pardiso is not installed") as refusal:
         factorise(string(3)[0], "pardiso")
@@ -142,7 +142,7 @@ def test_inertia_against_exact_elimination(entries):
     nearest = np.abs(np.linalg.eigvalsh(A)).min()
     for matrix in (A, sp.csc_array(A)):
         try:
-            assert negatives(matrix) == exact_negatives(A)
+            assert negative_eigenvalues(matrix) == exact_negatives(A)
         except Singular:
             assert nearest < 1e-12
 
@@ -150,14 +150,14 @@ def test_inertia_against_exact_elimination(entries):
 def test_a_pivot_that_is_rounding_has_no_sign():
     A = np.array([[0.0, 3, 6], [3, -4, -3], [6, -3, 4]])  # of rank 2, with one negative eigenvalue
     with pytest.raises(Singular, match="its inertia cannot be told"):
-        negatives(sp.csc_array(A))
+        negative_eigenvalues(sp.csc_array(A))
 
 
 def test_pivots_that_grow_without_bound_are_left_for_dense_ones():
     rows = "0 -2 0 1 3 0; 1 0 3 0 3 1; 0 0 0 1 -1 0; 0 0 0 0 0 1; -2 0 0 0 0 1; 1 -1 0 0 2 3"
     half = np.array([[float(entry) for entry in row.split()] for row in rows.split(";")])
     A = half + half.T
-    assert negatives(sp.csc_array(A)) == exact_negatives(A)
+    assert negative_eigenvalues(sp.csc_array(A)) == exact_negatives(A)
 
 
 def test_counts_below_values_of_a_dense_and_a_sparse_pencil():

@@ -5,8 +5,9 @@ import pytest
 from scipy.sparse import csc_array
 
 from dynid.errors import UsageError
+from dynid.identification.record_model import record_model
 from dynid.lti.signals import Step
-from dynid.structure.damping import Modal
+from dynid.structure.damping import ModalDamping
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
@@ -255,6 +256,17 @@ def test_a_joint_names_a_dof_in_one_way():
         )
 
 
+@pytest.mark.parametrize("M", [np.diag([1.0, 0.0]), np.array([[1.0, 1.0], [1.0, 1.0]])])
+def test_a_motion_in_time_of_a_singular_mass_is_that_of_its_limit(M):
+    t, loads, outputs = 0.1 * np.arange(1, 9), [Load(2, Step(1.0))], [Channel(1, "displacement")]
+    found, limit = (
+        time_response(StructuralModel(mass, np.eye(2), 5 * np.eye(2)), loads, outputs, t)
+        for mass in (M, M + 1e-9 * np.eye(2))
+    )
+    path = "structure/time_response/response"
+    np.testing.assert_allclose(found.value(path), limit.value(path), atol=1e-8)
+
+
 @pytest.mark.parametrize(
     ("M", "said"),
     [
@@ -262,16 +274,17 @@ def test_a_joint_names_a_dof_in_one_way():
         (np.array([[1.0, 1.0], [1.0, 1.0]]), "some motion moves no mass"),
     ],
 )
-def test_a_motion_in_time_needs_mass_everywhere(M, said):
-    model = StructuralModel(M, np.eye(2), 5 * np.eye(2))
+def test_an_estimate_in_time_needs_mass_everywhere(M, said):
+    joint = Joint("j", (1,), JointParameter(start=1.0))
+    model = StructuralModel(M, np.eye(2), 5 * np.eye(2), (joint,))
     with pytest.raises(UsageError, match=said):
-        time_response(model, [Load(1, Step(1.0))], [Channel(1, "displacement")], 0.1 * np.arange(5))
+        record_model(model, [Load(1, Step(1.0))], [Channel(1, "displacement")], 0.1 * np.arange(5))
 
 
 def test_what_takes_dense_matrices_says_how_many_dofs_are_too_many(monkeypatch):
     monkeypatch.setattr("dynid.structure.damping._MOST_MODAL", 1)
     with pytest.raises(UsageError, match="modal damping takes all modes, which 2 DOFs are too many for"):
-        Modal(0.01).matrix(np.eye(2), np.eye(2))
+        ModalDamping(0.01).matrix(np.eye(2), np.eye(2))
 
 
 @pytest.mark.parametrize("labels", [("a",), ("a", "a"), ("a", "7"), ("a", "")])

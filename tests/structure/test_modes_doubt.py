@@ -9,10 +9,10 @@ from scipy.sparse import csc_array
 from dynid.structure.assembly import Support
 from dynid.structure.beam import beam
 from dynid.structure.comparison import compare
-from dynid.structure.description import modal_analysis
 from dynid.structure.lumped import Link, lumped
+from dynid.structure.modal_analysis import modal_analysis
 from dynid.structure.modes import modes
-from dynid.structure.modes.strain import Strain
+from dynid.structure.modes.strain_energy import StrainEnergy
 from dynid.structure.reduction.serep import Serep
 
 # Roots of cos x cosh x = -1, and of cos x cosh x = 1.
@@ -38,7 +38,7 @@ def test_strain_energies_are_those_of_exact_arithmetic(sparse):
     exact = [[Fraction(value) for value in row] for row in K]
     x = [Fraction(value) for value in shape]
     energy = float(sum(x[i] * exact[i][j] * x[j] for i in range(n) for j in range(n)))
-    found = Strain(csc_array(K) if sparse else K).energy(shape)
+    found = StrainEnergy(csc_array(K) if sparse else K).energy(shape)
     assert found == pytest.approx(energy, rel=1e-13, abs=0)
     assert shape @ K @ shape != pytest.approx(energy, rel=1e-5)  # which is why
 

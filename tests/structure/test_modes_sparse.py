@@ -12,7 +12,7 @@ from dynid.structure.assembly import Support
 from dynid.structure.beam import beam
 from dynid.structure.factorisation import available
 from dynid.structure.modes import lanczos, modes
-from dynid.structure.modes.sparse import Spectrum
+from dynid.structure.modes.sparse import SparseSpectrum
 
 from .pencils import free_string, grid, string
 
@@ -174,7 +174,7 @@ def test_without_proof_nothing_is_counted(monkeypatch):
     def counted(*_args):
         raise AssertionError
 
-    monkeypatch.setattr(Spectrum, "_count", counted)
+    monkeypatch.setattr(SparseSpectrum, "_count", counted)
     K, exact = grid(24)
     found = lowest(K, count=5, proof=False)
     np.testing.assert_allclose(found.omega**2, exact[:5], rtol=1e-10)
@@ -223,3 +223,44 @@ def test_auto_takes_what_fits():
     full = lowest(K, backend="auto")
     assert ("dense" in full.method, full.counted) == (True, np.inf)
     np.testing.assert_allclose(full.omega**2, exact, rtol=1e-11)
+
+
+# --- DOFs that are nearly free ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("spring", [1e-5, 1e-7, 1e-9, 1e-12, 0.0])
+def test_a_nearly_free_dof_hides_no_modes_of_the_others(seed, spring):
+    """A fixed chain has lambda_j = 4 k/m sin^2(j pi / (2 (n + 1))), one DOF beside it spring/mass."""
+    rng = np.random.default_rng(seed)
+    n, k, m, own = int(rng.integers(210, 400)), float(rng.uniform(5e3, 2e4)), 1.5, float(rng.uniform(1, 9))
+    at = int(rng.integers(0, n + 1))
+    K = k * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    K = np.insert(np.insert(K, at, 0.0, axis=0), at, 0.0, axis=1)
+    K[at, at] = spring
+    mass = np.insert(np.full(n, m), at, own)
+    chain = np.sqrt(4 * k / m) * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
+    true = np.concatenate([[np.sqrt(spring / own)], chain])
+    matrices = sp.csc_array(np.diag(mass)), sp.csc_array((n + 1, n + 1)), sp.csc_array(K)
+    for asked in ({"count": 2}, {"count": 7}, {"below": float(true[4:6].mean())}):
+        found = modes(*matrices, backend="splu", **asked).omega
+        np.testing.assert_allclose(found, true[: asked.get("count", 5)], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nearly_free_dofs_on_a_chain_are_found_with_all_the_others_or_refused(seed):
+    """Against dense matrices; both state what rounding leaves open."""
+    rng = np.random.default_rng(seed)
+    n = 220
+    K, mass = np.zeros((n, n)), rng.uniform(1, 2, n)
+    ties = [(i, i + 1, 1e4) for i in range(n - 4)] + [(0, 0, 1e4)]
+    ties += [(n - 3 + j, int(rng.integers(0, n - 4)), 10 ** rng.uniform(-6, -3)) for j in range(3)]
+    for a, b, k in ties:
+        K[a, a] += k
+        if a != b:
+            K[b, b], K[a, b], K[b, a] = K[b, b] + k, K[a, b] - k, K[b, a] - k
+    dense = modes(np.diag(mass), np.zeros((n, n)), K, count=8, backend="dense")
+    matrices = sp.csc_array(np.diag(mass)), sp.csc_array((n, n)), sp.csc_array(K)
+    found = modes(*matrices, count=8, backend="splu")
+    stated = 3 * (dense.uncertainty + found.uncertainty)
+    assert np.all(np.abs(found.omega - dense.omega) <= 1e-8 * dense.omega + stated)

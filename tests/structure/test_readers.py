@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array, csr_array, save_npz
 
 from dynid.errors import FileError, UsageError
-from dynid.structure.damping import Modal, Proportional
+from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.imported import from_state_space, imported
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
@@ -314,6 +314,98 @@ def test_without_pyyeti_a_nastran_file_says_what_to_install(tmp_path, monkeypatc
     assert "dynid[formats]" in caught.value.remedy
 
 
+# --- Matrix Market without its banner ---------------------------------------------------------------
+
+LAYOUTS = ("lower", "upper", "both")
+
+
+def symmetric_entries(rng, n, layout):
+    """Return a random symmetric matrix, none of its diagonal zero, and its entries as a file lists them."""
+    dense = np.where(rng.random((n, n)) < 0.3, rng.standard_normal((n, n)), 0.0)
+    dense = np.tril(dense, -1) + np.tril(dense, -1).T + np.diag(rng.uniform(1, 9, n))
+    part = {"lower": np.tril(dense), "upper": np.triu(dense), "both": dense}[layout]
+    rows, columns = np.nonzero(part)
+    order = rng.permutation(len(rows))
+    return dense, [(rows[k] + 1, columns[k] + 1, float(part[rows[k], columns[k]])) for k in order]
+
+
+def lines_of(entries):
+    return [f"{i} {j} {value!r}" for i, j, value in entries]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("top", [[], ["% by hand"], ["", "%"], ["** x"]], ids=str)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_size_line_is_none_of_the_entries_with_a_banner_or_without(tmp_path, layout, top, seed):
+    rng = np.random.default_rng(seed)
+    dense, entries = symmetric_entries(rng, int(rng.integers(1, 9)), layout)
+    n = len(dense)
+    body = [f"{n} {n} {len(entries)}", *lines_of(entries)]
+    (tmp_path / "k.mtx").write_text("\n".join([*top, *body]) + "\n")
+    found = read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness")
+    np.testing.assert_array_equal(found.matrix.toarray(), dense)
+    assert not found.at_least
+    (tmp_path / "k.mtx").write_text("\n".join(top + lines_of(entries)) + "\n")
+    bare = read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness")
+    np.testing.assert_array_equal(bare.matrix.toarray(), dense)
+    assert bare.at_least
+
+
+def test_whole_values_and_commas_hide_no_size_line(tmp_path):
+    (tmp_path / "k.mtx").write_text("3, 3, 4\n1, 1, 2\n2, 2, 4\n3, 3, 5\n2, 1, -1\n")
+    found = read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness").matrix.toarray()
+    np.testing.assert_array_equal(found, [[2, -1, 0], [-1, 4, 0], [0, 0, 5]])
+
+
+def test_a_size_line_keeps_dofs_that_have_no_entries(tmp_path):
+    (tmp_path / "k.mtx").write_text("4 4 2\n1 1 2.5\n2 2 1.5\n")
+    found = read_matrix(MatrixFile(tmp_path / "k.mtx"), "mass")
+    np.testing.assert_array_equal(found.matrix.toarray(), np.diag([2.5, 1.5, 0, 0]))
+    (tmp_path / "k.mtx").write_text("4 4 0\n")
+    assert not read_matrix(MatrixFile(tmp_path / "k.mtx"), "mass").matrix.toarray().any()
+
+
+@pytest.mark.parametrize(
+    ("text", "diagonal"),
+    [
+        ("3 3 7\n2 2 5\n1 1 4\n", [4, 5, 7]),  # whole values throughout: the last DOF first
+        ("3 3 2.0\n2 2 5.0\n1 1 4.0\n", [4, 5, 2]),
+        ("1 1 2\n2 2 5.5\n3 3 4.5\n", [2, 5.5, 4.5]),
+        ("1 1 9\n", [9]),
+    ],
+)
+def test_a_first_entry_that_is_no_size_line_stays_one(tmp_path, text, diagonal):
+    (tmp_path / "k.mtx").write_text(text)
+    found = read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness").matrix.toarray()
+    np.testing.assert_array_equal(found, np.diag(diagonal))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("2 2 4\n1 1 2.5\n2 1 -1.0\n2 2 3.5\n", "'2 2 4' above 3 entries"),  # truncated
+        ("2 2 2\n1 1 2.5\n2 1 -1.0\n2 2 3.5\n", "'2 2 2' above 3 entries"),  # too many
+        ("2 2 4\n1 1 2\n2 1 -1\n2 2 3\n", "'2 2 4' above 3 entries"),  # its entry stands below as well
+        ("7 7 4\n", "'7 7 4' above 0 entries"),
+        ("3 2 2\n1 1 1.5\n3 2 1.0\n", "3 x 2; a structural matrix is square"),
+        ("% x\n%%MatrixMarket matrix coordinate real skew-symmetric\n2 2 1\n2 1 1\n", "behind its first"),
+        ("9000000 9000000 1\n1 1 1.5\n", "claims 9000000 rows"),
+    ],
+)
+def test_a_first_line_that_may_be_either_is_refused(tmp_path, text, said):
+    (tmp_path / "k.mtx").write_text(text)
+    with pytest.raises(FileError, match=said):
+        read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness")
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["bcsstk01", "bcsstm03", "bcsstk08"])
+def test_a_matrix_market_file_says_the_same_without_its_first_line(tmp_path, name):
+    whole = read_matrix(MatrixFile(FE / f"{name}.mtx"), "stiffness").matrix
+    (tmp_path / "k.mtx").write_text((FE / f"{name}.mtx").read_text().split("\n", 1)[1])
+    assert (read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness").matrix != whole).nnz == 0
+
+
 # --- structures out of matrices --------------------------------------------------------------------
 
 
@@ -340,9 +432,9 @@ def test_triplets_may_end_before_the_last_massless_dof(tmp_path):
 
 def test_damping_may_be_made_from_mass_and_stiffness(tmp_path):
     text = "1 1 2.0\n2 2 3.0\n"
-    model = structure_of(tmp_path, text, text, damping=Proportional(0.5, 0.25))
+    model = structure_of(tmp_path, text, text, damping=ProportionalDamping(0.5, 0.25))
     np.testing.assert_array_equal(model.C, 0.75 * model.K)
-    assert structure_of(tmp_path, text, text, damping=Modal(0.1)).C[0, 0] == pytest.approx(0.4)
+    assert structure_of(tmp_path, text, text, damping=ModalDamping(0.1)).C[0, 0] == pytest.approx(0.4)
 
 
 def test_labels_and_joints_may_be_given(tmp_path):
@@ -538,7 +630,7 @@ def test_full_matrices_of_matrix_market_stand_column_by_column(tmp_path):
 def test_more_than_is_read_is_refused_before_it_is(tmp_path, monkeypatch):
     savemat(tmp_path / "k.mat", {"K": K})
     np.savez(tmp_path / "k.npz", K=K)
-    for module in ("matlab", "numpy_files"):
+    for module in ("matlab", "binary"):
         monkeypatch.setattr(f"dynid.structure.readers.{module}.MOST_NUMBERS", 5)
     with pytest.raises(FileError, match="is larger than the 40 bytes that are read"):
         read_matrix(MatrixFile(tmp_path / "k.mat", None), "stiffness")

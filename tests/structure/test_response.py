@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.sparse import csc_array
 
 from dynid.errors import UsageError
 from dynid.lti.signals import Impulse, Sine, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
+from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load, frequency_response, time_response
 
 JOINT = Joint("j", (1, 2), JointParameter(start=100.0), 2.0)
@@ -88,3 +90,26 @@ def test_an_undamped_natural_frequency_is_infinite():
 def test_channels_must_exist(channel):
     with pytest.raises(UsageError):
         frequency_response(MODEL, [1], [channel], [1.0], VALUES)
+
+
+@pytest.mark.parametrize("points", [4, 7, 23, 61])
+@pytest.mark.parametrize("sparse", [False, True])
+def test_the_largest_magnitude_does_not_depend_on_the_frequencies(points, sparse):
+    """One mass on a spring and damper: |x/f| = 1 / (c w_d) at w_p = sqrt(k/m - c^2 / (2 m^2))."""
+    m, c, k = 2.0, 1.5, 800.0
+    rest = 0 if not sparse else 500  # DOFs beside it that are not moved
+    diagonal = [np.diag([own, *[other] * rest]) for own, other in ((m, 1.0), (c, 0.0), (k, 4e6))]
+    if sparse:
+        diagonal = [csc_array(matrix) for matrix in diagonal]
+    model = StructuralModel(*diagonal)
+    omega = np.linspace(3.0, 55.0, points)
+    channels = [Channel(1, "displacement"), Channel(1, "velocity")]
+    result = frequency_response(model, [1], channels, omega)
+    if sparse and points <= 6:  # every other frequency would take a factorisation
+        assert "structure/frequency_peaks/omega" not in result
+        return
+    peak, at = (result[f"structure/frequency_peaks/{name}"].data[:, 0] for name in ("magnitude", "omega"))
+    damped = np.sqrt(k / m - (c / (2 * m)) ** 2)
+    np.testing.assert_allclose(peak, [1 / (c * damped), 1 / c], rtol=1e-8)
+    resonance = [np.sqrt(k / m - c**2 / (2 * m**2)), np.sqrt(k / m)]
+    np.testing.assert_allclose(at, resonance, rtol=1e-5)  # a maximum is flat: the root of the accuracy

@@ -10,16 +10,16 @@ import sys
 import numpy as np
 
 from dynid.scene.load import load_scene
-from dynid.study import chunks
+from dynid.study import scheduler
 from dynid.study.execute import journal_name, run_study
-from dynid.study.executors.serial import SerialCrew
+from dynid.study.executors.serial import SerialExecutor
 from dynid.study.journal import Journal
 from dynid.study.keys import Keyring
 from dynid.study.plan import make_plan
 
 
-class Logged(SerialCrew):
-    """The serial crew, which logs the key of every sample before it is run."""
+class Logged(SerialExecutor):
+    """The serial pool, which logs the key of every sample before it is run."""
 
     def __init__(self, plan):
         super().__init__()
@@ -61,7 +61,7 @@ def in_child(plan, target, budget=None):
 
 def main(journal, total, kills):
     """Kill at random bytes, one study each: most of them of the journal, the rest of the file too."""
-    chunks._MOST = 1  # every sample is a record of its own
+    scheduler._MOST = 1  # every sample is a record of its own
     plan = make_plan(load_scene("masses.yaml"))
     random = np.random.default_rng(7)
     budgets = [*random.integers(0, journal, kills - kills // 4), *random.integers(0, total, kills // 4)]

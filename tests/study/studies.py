@@ -3,7 +3,7 @@
 import numpy as np
 
 from dynid.result import Variable
-from dynid.scene.outcomes import Outcome, Outcomes
+from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.study.file import Heading, write_study
 
 
@@ -28,14 +28,14 @@ def write(path, columns, values, failed=(), expectations=None, complete=True, **
     """
     count = len(next(iter(columns.values())))
     rows = [outcome(row, values, failed, expectations) for row in range(count)]
-    write_study(path, heading(columns, **more), Outcomes.of(rows), complete)
+    write_study(path, heading(columns, **more), SampleOutcomes.of(rows), complete)
 
 
 def outcome(row, values, failed, expectations):
     """Return one row; where its failure is None it is pending."""
     if row in failed:
         error = failed[row] if isinstance(failed, dict) else f"singular at {row}.5"
-        return None if error is None else Outcome(error=error, exit_code=3)
+        return None if error is None else SampleOutcome(error=error, exit_code=3)
     found = {}
     for path, given in values.items():
         units, dims, axes, rows = given if isinstance(given, tuple) else ("", (), {}, given)
@@ -43,7 +43,7 @@ def outcome(row, values, failed, expectations):
         for dim, labels in axes.items():
             found[f"{path.rpartition('/')[0]}/{dim}"] = Variable((dim,), kept(labels))
     met = tuple(bool(column[row]) for column in expectations) if expectations else ()
-    return Outcome(found, expectations=met)
+    return SampleOutcome(found, expectations=met)
 
 
 def kept(values):

@@ -9,7 +9,7 @@ from dynid.checks import check_expectations
 from dynid.scene.load import load_scene
 from dynid.store import read_result
 from dynid.study.execute import run_study
-from dynid.study.executors import hire
+from dynid.study.executors import make_executor
 from dynid.study.plan import make_plan
 
 STUDIES = sorted((Path(__file__).parents[2] / "configs/studies").glob("*.yaml"))
@@ -20,7 +20,7 @@ SMALLER = {
 
 def run(path, folder):
     scene = load_scene(path, SMALLER.get(path.stem, []))
-    progress = run_study(make_plan(scene), folder / "study.h5", hire("serial"))
+    progress = run_study(make_plan(scene), folder / "study.h5", make_executor("serial"))
     return scene, progress, read_result(folder / "study.h5")
 
 

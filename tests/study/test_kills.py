@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from dynid.study.execute import run_study
-from dynid.study.executors.serial import SerialCrew
+from dynid.study.executors.serial import SerialExecutor
 from dynid.study.journal import Journal
 from tests.study.small import STUDY, assert_same, planned, written
 
@@ -48,7 +48,7 @@ def _bytes_written(plan, target):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "pwrite", pwrite)
-        run_study(plan, target, SerialCrew())
+        run_study(plan, target, SerialExecutor())
     return counted[".journal"], counted.total()
 
 

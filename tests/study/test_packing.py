@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as arrays
 
 from dynid.checks import check_expectations
 from dynid.result import Result, Variable
-from dynid.scene.outcomes import Outcome, Outcomes
+from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.study.packing import packed, unpacked
 from dynid.study.work import JUDGE
 
@@ -30,11 +30,11 @@ def variables(draw):
 
 
 DONE = st.builds(
-    Outcome,
+    SampleOutcome,
     st.dictionaries(st.sampled_from(["a/x", "a/y", "b"]), variables(), max_size=3),
     expectations=st.tuples(st.booleans(), st.booleans()),
 )
-FAILURES = st.builds(Outcome, error=st.text(min_size=1, max_size=4), exit_code=st.integers(2, 4))
+FAILURES = st.builds(SampleOutcome, error=st.text(min_size=1, max_size=4), exit_code=st.integers(2, 4))
 
 
 def assert_equal(found, outcome):
@@ -50,7 +50,7 @@ def assert_equal(found, outcome):
 @settings(max_examples=60)
 @given(st.lists(DONE | FAILURES, max_size=6), st.data())
 def test_outcomes_come_back_bit_by_bit(outcomes, data):
-    together = unpacked(packed(Outcomes.of(outcomes)).content)
+    together = unpacked(packed(SampleOutcomes.of(outcomes)).content)
     assert len(together) == len(outcomes)
     for found, outcome in zip(together, outcomes, strict=True):
         assert_equal(found, outcome)
@@ -64,19 +64,21 @@ def test_outcomes_come_back_bit_by_bit(outcomes, data):
 
 def test_what_all_samples_share_is_there_once():
     omega = Variable(("omega",), np.linspace(1, 2, 1000), "rad/s")
-    one = len(packed(Outcomes.of([Outcome({"omega": omega})])).content)
-    equal = [Outcome({"omega": Variable(omega.dims, omega.data.copy(), omega.units)}) for _ in range(50)]
-    for outcomes in (equal, [Outcome({"omega": omega})] * 50):
-        assert len(packed(Outcomes.of(outcomes)).content) < one + 50 * 5
+    one = len(packed(SampleOutcomes.of([SampleOutcome({"omega": omega})])).content)
+    equal = [
+        SampleOutcome({"omega": Variable(omega.dims, omega.data.copy(), omega.units)}) for _ in range(50)
+    ]
+    for outcomes in (equal, [SampleOutcome({"omega": omega})] * 50):
+        assert len(packed(SampleOutcomes.of(outcomes)).content) < one + 50 * 5
 
 
 def test_pending_samples_are_in_no_block_until_they_are_completed():
-    some = Outcomes.of([None, Outcome(error="no", exit_code=2), None])
+    some = SampleOutcomes.of([None, SampleOutcome(error="no", exit_code=2), None])
     assert some.pending == [0, 2]
     with pytest.raises(LookupError):
         some[0]
     values = {"a": Variable((), np.array(1.5))}
-    whole = some.completed([Outcome(values), Outcome(error="neither", exit_code=4)])
+    whole = some.completed([SampleOutcome(values), SampleOutcome(error="neither", exit_code=4)])
     assert whole.exit_codes.tolist() == [0, 2, 4]
     assert [outcome.error for outcome in whole] == ["", "no", "neither"]
     assert whole[0].values["a"].data == 1.5
@@ -118,8 +120,8 @@ def test_samples_are_judged_together_as_each_by_itself(samples):
             "g/t": Variable((), np.array("a" if turned else "b", dtype=object)),
             "g/b": Variable((), np.array(turned)),
         }
-        outcomes.append(Outcome(values))
-    (block,) = Outcomes.of(outcomes).blocks
+        outcomes.append(SampleOutcome(values))
+    (block,) = SampleOutcomes.of(outcomes).blocks
     together = JUDGE.many(block, EXPECTED, "made up", "")
     for outcome, met in zip(outcomes, together.tolist(), strict=True):
         alone = Result("made up")

@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,12 +15,12 @@ import xarray
 import dynid
 from dynid.errors import FileError, UsageError
 from dynid.scene.load import load_scene
-from dynid.scene.outcomes import Outcome, Outcomes
+from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.store import open_stored, read_result
 from dynid.study import execute, journal
 from dynid.study.execute import run_study, valid_samples
-from dynid.study.executors import hire
-from dynid.study.executors.serial import SerialCrew
+from dynid.study.executors import make_executor
+from dynid.study.executors.serial import SerialExecutor
 from dynid.study.merge import merge_studies
 from dynid.study.packing import packed
 from dynid.study.plan import make_plan
@@ -30,8 +31,8 @@ from tests.study.small import SCENE, STUDY, assert_same, planned, written
 from tests.study.studies import write
 
 
-class Counting(SerialCrew):
-    """The serial crew, with a list of the samples that it ran."""
+class Counting(SerialExecutor):
+    """The serial pool, with a list of the samples that it ran."""
 
     def __init__(self):
         super().__init__()
@@ -45,14 +46,14 @@ class Counting(SerialCrew):
 dynid_cli = conftest.dynid
 
 ANOTHER = np.frombuffer(b"another sample, ", np.uint8).reshape(1, -1)
-FAILED = packed(Outcomes.of([Outcome(error="it failed", exit_code=3)]))
+FAILED = packed(SampleOutcomes.of([SampleOutcome(error="it failed", exit_code=3)]))
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """The file of the small study, run in one go."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    run_study(planned(folder), folder / "s.h5", SerialCrew())
+    run_study(planned(folder), folder / "s.h5", SerialExecutor())
     return folder / "s.h5"
 
 
@@ -77,7 +78,7 @@ def test_the_order_of_a_grid_is_that_of_nested_loops(undisturbed):
 
 def test_a_failed_sample_is_a_row_with_its_error(tmp_path):
     plan = planned(tmp_path, STUDY.replace("-2]", "nothing]"))
-    progress = run_study(plan, tmp_path / "s.h5", SerialCrew())
+    progress = run_study(plan, tmp_path / "s.h5", SerialExecutor())
     assert (progress.total, progress.finished, progress.failed) == (12, 12, 4)
     study = read_result(tmp_path / "s.h5")
     failed = study["study/status"].data == "failed"
@@ -99,11 +100,11 @@ def test_xarray_opens_a_study_with_its_samples_as_coordinates(undisturbed):
 
 def test_running_a_finished_study_again_does_nothing(undisturbed, tmp_path):
     plan = planned(tmp_path)
-    run_study(plan, tmp_path / "s.h5", SerialCrew())
+    run_study(plan, tmp_path / "s.h5", SerialExecutor())
     before = (tmp_path / "s.h5").read_bytes()
-    crew = Counting()
-    assert run_study(plan, tmp_path / "s.h5", crew).kept == 12
-    assert crew.ran == []
+    pool = Counting()
+    assert run_study(plan, tmp_path / "s.h5", pool).kept == 12
+    assert pool.ran == []
     assert (tmp_path / "s.h5").read_bytes() == before
     assert sorted(item.name for item in tmp_path.iterdir()) == ["mass.yaml", "masses.yaml", "s.h5"]
     assert_same(tmp_path / "s.h5", undisturbed)
@@ -111,12 +112,12 @@ def test_running_a_finished_study_again_does_nothing(undisturbed, tmp_path):
 
 def test_a_changed_study_keeps_what_is_still_valid(undisturbed, tmp_path):
     run_study(planned(tmp_path, STUDY.replace("points: 4", "points: 1").replace("stop: 4", "stop: 1")),
-              tmp_path / "s.h5", SerialCrew())  # fmt: skip
-    crew = Counting()
+              tmp_path / "s.h5", SerialExecutor())  # fmt: skip
+    pool = Counting()
     plan = planned(tmp_path)
     assert valid_samples(plan, tmp_path / "s.h5") == 3
-    assert run_study(plan, tmp_path / "s.h5", crew).kept == 3
-    assert [m for m, _ in crew.ran] == [2, 2, 2, 3, 3, 3, 4, 4, 4]
+    assert run_study(plan, tmp_path / "s.h5", pool).kept == 3
+    assert [m for m, _ in pool.ran] == [2, 2, 2, 3, 3, 3, 4, 4, 4]
     assert_same(tmp_path / "s.h5", undisturbed)
 
 
@@ -128,7 +129,7 @@ def test_a_changed_study_keeps_what_is_still_valid(undisturbed, tmp_path):
 def test_another_scene_is_another_sample(tmp_path, old, new):
     scene = SCENE.replace("value: b", "value: 1")
     study = STUDY.replace("  parameters.b: {values: [0.5, 1, -2]}\n", "").replace("/m.f/F/poles", "/*/poles")
-    run_study(planned(tmp_path, study, scene), tmp_path / "s.h5", SerialCrew())
+    run_study(planned(tmp_path, study, scene), tmp_path / "s.h5", SerialExecutor())
     assert (
         valid_samples(planned(tmp_path, study, scene.replace("mass on", "weight on")), tmp_path / "s.h5") == 4
     )
@@ -142,17 +143,17 @@ def test_a_changed_record_is_another_sample(tmp_path):
     )
     (tmp_path / "force.csv").write_text("1\n2\n3\n")
     plan = planned(tmp_path, scene=scene)
-    run_study(plan, tmp_path / "s.h5", SerialCrew())
+    run_study(plan, tmp_path / "s.h5", SerialExecutor())
     assert valid_samples(plan, tmp_path / "s.h5") == 12
     (tmp_path / "force.csv").write_text("1\n2\n4\n")
     assert valid_samples(plan, tmp_path / "s.h5") == 0
 
 
 def test_equal_samples_are_run_once(tmp_path):
-    crew = Counting()
+    pool = Counting()
     plan = planned(tmp_path, STUDY.replace("[0.5, 1, -2]", "[1, 0.5, 1]"))
-    assert run_study(plan, tmp_path / "s.h5", crew).total == 12
-    assert len(crew.ran) == len(set(crew.ran)) == 8
+    assert run_study(plan, tmp_path / "s.h5", pool).total == 12
+    assert len(pool.ran) == len(set(pool.ran)) == 8
     gain = read_result(tmp_path / "s.h5")["study/results/bond_graph/properties/m.f/F/dc_gain"].data
     assert np.array_equal(gain, [1, 2, 1] * 4)
 
@@ -181,9 +182,9 @@ def test_a_study_goes_on_from_a_journal_torn_at_any_byte(undisturbed, tmp_path, 
     assert before == 12
     for end in range(0, len(whole), len(whole) // 3):
         Path(f"{target}.journal").write_bytes(whole[:end])
-        crew = Counting()
-        kept = run_study(plan, target, crew).kept
-        assert len(crew.ran) == 12 - kept
+        pool = Counting()
+        kept = run_study(plan, target, pool).kept
+        assert len(pool.ran) == 12 - kept
         assert_same(target, undisturbed)
         target.unlink()
 
@@ -199,7 +200,7 @@ def _journal_of(plan, target):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(execute, "write_study", stop)
         with pytest.raises(KeyboardInterrupt):
-            run_study(plan, target, SerialCrew())
+            run_study(plan, target, SerialExecutor())
     return content["journal"]
 
 
@@ -209,7 +210,7 @@ def test_a_damaged_record_costs_what_follows_and_nothing_else(undisturbed, tmp_p
     whole = bytearray(_journal_of(plan, target))
     whole[len(whole) // 2] ^= 0x10
     Path(f"{target}.journal").write_bytes(whole)
-    kept = run_study(plan, target, SerialCrew()).kept
+    kept = run_study(plan, target, SerialExecutor()).kept
     assert 0 < kept < 12
     assert_same(target, undisturbed)
 
@@ -217,14 +218,14 @@ def test_a_damaged_record_costs_what_follows_and_nothing_else(undisturbed, tmp_p
 def test_what_is_no_journal_is_left_alone(tmp_path):
     (tmp_path / "s.h5.journal").write_text("my diary")
     with pytest.raises(FileError, match=r"s\.h5\.journal is no journal of a study"):
-        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     assert (tmp_path / "s.h5.journal").read_text() == "my diary"
 
 
 def test_a_journal_of_another_version_is_left_alone(tmp_path):
     (tmp_path / "s.h5.journal").write_bytes(b"dynid journal 1\nwhatever")
     with pytest.raises(FileError, match=r"journal of another version.*Finish the study with that version"):
-        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     assert valid_samples(planned(tmp_path), tmp_path / "s.h5") == 0
     assert (tmp_path / "s.h5.journal").read_bytes() == b"dynid journal 1\nwhatever"
 
@@ -236,7 +237,7 @@ def test_what_is_no_study_is_not_overwritten(tmp_path):
 
     write_result(dynid_result, tmp_path / "s.h5")
     with pytest.raises(FileError, match="not of a study"):
-        run_study(plan, tmp_path / "s.h5", SerialCrew())
+        run_study(plan, tmp_path / "s.h5", SerialExecutor())
     assert read_result(tmp_path / "s.h5").equals(dynid_result)
 
 
@@ -248,7 +249,7 @@ def test_an_interrupted_study_has_pending_rows_and_goes_on(undisturbed, tmp_path
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_study(plan, tmp_path / "s.h5", SerialCrew(), report=interrupt)
+        run_study(plan, tmp_path / "s.h5", SerialExecutor(), report=interrupt)
     with pytest.raises(FileError, match="not complete"):
         read_result(tmp_path / "s.h5")
     study = read_result(tmp_path / "s.h5", partial=True)
@@ -256,36 +257,36 @@ def test_an_interrupted_study_has_pending_rows_and_goes_on(undisturbed, tmp_path
     assert 0 < pending.sum() <= 7
     assert np.isnan(study["study/results/bond_graph/properties/m.f/F/dc_gain"].data[pending]).all()
     (tmp_path / "s.h5.journal").unlink()  # the file alone is enough to go on from
-    crew = Counting()
-    run_study(plan, tmp_path / "s.h5", crew)
-    assert len(crew.ran) == pending.sum()
+    pool = Counting()
+    run_study(plan, tmp_path / "s.h5", pool)
+    assert len(pool.ran) == pending.sum()
     assert_same(tmp_path / "s.h5", undisturbed)
 
 
 def test_too_many_failures_stop_a_study(tmp_path):
     plan = planned(tmp_path, STUDY.replace("[0.5, 1, -2]", "[1, nothing]"))
     with pytest.raises(TooManyFailures, match="2 samples failed, more than the 1 of --max-failures"):
-        run_study(plan, tmp_path / "s.h5", SerialCrew(), max_failures=1)
+        run_study(plan, tmp_path / "s.h5", SerialExecutor(), max_failures=1)
     study = read_result(tmp_path / "s.h5", partial=True)
     assert (study["study/status"].data == "failed").sum() == 2
-    run_study(plan, tmp_path / "s.h5", SerialCrew(), max_failures=4)
+    run_study(plan, tmp_path / "s.h5", SerialExecutor(), max_failures=4)
     with pytest.raises(TooManyFailures):
-        run_study(plan, tmp_path / "s.h5", SerialCrew(), max_failures=3)
+        run_study(plan, tmp_path / "s.h5", SerialExecutor(), max_failures=3)
 
 
 def test_failed_samples_are_run_again_when_asked_to(tmp_path):
     plan = planned(tmp_path, STUDY.replace("[0.5, 1, -2]", "[1, nothing]"))
-    run_study(plan, tmp_path / "s.h5", SerialCrew())
-    crew = Counting()
-    run_study(plan, tmp_path / "s.h5", crew, retry_failed=True)
-    assert [b for _, b in crew.ran] == ["nothing"] * 4
+    run_study(plan, tmp_path / "s.h5", SerialExecutor())
+    pool = Counting()
+    run_study(plan, tmp_path / "s.h5", pool, retry_failed=True)
+    assert [b for _, b in pool.ran] == ["nothing"] * 4
 
 
 def test_shards_merge_to_the_file_of_one_run(undisturbed, tmp_path):
     plan = planned(tmp_path)
     parts = [tmp_path / f"{index}.h5" for index in (1, 2, 3)]
     for index, part in enumerate(parts, 1):
-        assert run_study(plan, part, SerialCrew(), shard=(index, 3)).total == 4
+        assert run_study(plan, part, SerialExecutor(), shard=(index, 3)).total == 4
     with pytest.raises(UsageError, match="4 of 12 samples are finished in none of the files: 1, 4"):
         merge_studies([parts[2], parts[0]], tmp_path / "all.h5")
     merge_studies([parts[2], parts[0], parts[1]], tmp_path / "all.h5")
@@ -304,11 +305,49 @@ def test_shards_merge_to_the_file_of_one_run(undisturbed, tmp_path):
 
 
 def test_shards_of_different_studies_do_not_merge(tmp_path):
-    run_study(planned(tmp_path), tmp_path / "1.h5", SerialCrew(), shard=(1, 2))
+    run_study(planned(tmp_path), tmp_path / "1.h5", SerialExecutor(), shard=(1, 2))
     run_study(planned(tmp_path, STUDY.replace("4, points: 4", "8, points: 8")), tmp_path / "2.h5",
-              SerialCrew(), shard=(2, 2))  # fmt: skip
+              SerialExecutor(), shard=(2, 2))  # fmt: skip
     with pytest.raises(UsageError, match="is of another study"):
         merge_studies([tmp_path / "1.h5", tmp_path / "2.h5"], tmp_path / "all.h5")
+
+
+@pytest.mark.parametrize(("held", "lost"), [((1, 3), 4), ((2, 3), 0)])
+def test_a_merge_replaces_no_other_finished_samples(tmp_path, monkeypatch, dynid_cli, held, lost):
+    """The merged file is that of shards 2 and 3 of three; the target holds another shard, or one of them."""
+    monkeypatch.chdir(tmp_path)
+    for name, shard in (("all.h5", held), ("2.h5", (2, 3)), ("3.h5", (3, 3))):
+        run_study(planned(tmp_path), name, SerialExecutor(), shard=shard)
+    before = Path("all.h5").read_bytes()
+    code, _, err = dynid_cli("study-merge", "2.h5", "3.h5", "-o", "all.h5", "--partial")
+    assert code == (2 if lost else 0)
+    if lost:
+        assert f"all.h5 holds {lost} finished samples that are in none of the files" in err
+        assert Path("all.h5").read_bytes() == before
+    assert dynid_cli("study-merge", "2.h5", "3.h5", "-o", "all.h5", "--partial", "--force")[0] == 0
+    with open_stored("all.h5", partial=True) as result:
+        numbers = result["study/sample"].data.tolist()
+    assert numbers == [number for number in range(12) if number % 3]
+
+
+def test_a_merge_replaces_no_file_that_is_no_study(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    run_study(planned(tmp_path), "1.h5", SerialExecutor())
+    Path("other.h5").write_text("notes")
+    assert dynid_cli("study-merge", "1.h5", "-o", "other.h5")[0] == 4
+    assert Path("other.h5").read_text() == "notes"
+
+
+def test_a_dry_run_says_what_would_be_lost(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    run_study(planned(tmp_path), "masses.h5", SerialExecutor())
+    assert "warning" not in dynid_cli("study", "masses.yaml", "--dry-run")[1]
+    planned(tmp_path, STUDY.replace("4, points: 4", "3, points: 3"))
+    code, out, _ = dynid_cli("study", "masses.yaml", "--dry-run")
+    assert code == 0
+    refused = dynid_cli("study", "masses.yaml", "--executor", "serial")[2]
+    count = re.search(r"holds (\d+) finished", refused)[1]
+    assert f"warning: {count} finished samples of masses.h5 do not belong to this study" in out
 
 
 @pytest.mark.parametrize("step", ["pwrite", "fsync"])
@@ -325,13 +364,13 @@ def test_a_full_disk_loses_nothing(undisturbed, tmp_path, monkeypatch, step):
 
     monkeypatch.setattr(journal.os, step, full)
     with pytest.raises(FileError, match=r"No space left.*run the study again: it goes on"):
-        run_study(plan, tmp_path / "s.h5", SerialCrew())
+        run_study(plan, tmp_path / "s.h5", SerialExecutor())
     monkeypatch.undo()
     assert not (tmp_path / "s.h5").exists()
-    crew = Counting()
-    kept = run_study(plan, tmp_path / "s.h5", crew).kept
+    pool = Counting()
+    kept = run_study(plan, tmp_path / "s.h5", pool).kept
     assert kept > 0
-    assert len(crew.ran) == 12 - kept
+    assert len(pool.ran) == 12 - kept
     assert_same(tmp_path / "s.h5", undisturbed)
 
 
@@ -356,7 +395,7 @@ def test_a_file_that_may_not_grow_ends_in_a_message_and_no_crash(undisturbed, tm
     assert "cannot be written: File too large" in done.stderr
     assert not (tmp_path / "masses.h5").exists()
     assert [item.name for item in tmp_path.glob(".dynid*")] == []
-    run_study(make_plan(load_scene(tmp_path / "masses.yaml")), tmp_path / "masses.h5", SerialCrew())
+    run_study(make_plan(load_scene(tmp_path / "masses.yaml")), tmp_path / "masses.h5", SerialExecutor())
     assert_same(tmp_path / "masses.h5", undisturbed)
 
 
@@ -370,16 +409,16 @@ def test_the_second_study_on_one_file_refuses_and_says_who_has_it(tmp_path):
             with pytest.raises(
                 FileError, match=rf"another study is writing .*s\.h5: process {os.getpid()} on"
             ):
-                run_study(plan, tmp_path / "s.h5", SerialCrew())
+                run_study(plan, tmp_path / "s.h5", SerialExecutor())
 
-    run_study(plan, tmp_path / "s.h5", SerialCrew(), report=again)
+    run_study(plan, tmp_path / "s.h5", SerialExecutor(), report=again)
     assert seen
     assert not (tmp_path / "s.h5.lock").exists()
 
 
 def test_a_lock_left_behind_by_the_dead_holds_nobody_up(undisturbed, tmp_path):
     (tmp_path / "s.h5.lock").write_text("process 1 on elsewhere")
-    run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     assert_same(tmp_path / "s.h5", undisturbed)
 
 
@@ -388,7 +427,7 @@ def test_what_is_written_beside_a_study_follows_no_link(tmp_path, suffix):
     (tmp_path / "mine").write_text("my diary")
     (tmp_path / f"s.h5.{suffix}").symlink_to(tmp_path / "mine")
     with pytest.raises(FileError, match=rf"s\.h5\.{suffix} cannot be written: "):
-        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     assert (tmp_path / "mine").read_text() == "my diary"
 
 
@@ -405,7 +444,7 @@ def test_a_lock_whose_last_holder_removes_it_just_then_is_made_anew(undisturbed,
             (tmp_path / "s.h5.lock").touch()
 
     monkeypatch.setattr(fcntl, "flock", removed)
-    run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+    run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     assert len(taken) == 3
     assert_same(tmp_path / "s.h5", undisturbed)
 
@@ -413,7 +452,7 @@ def test_a_lock_whose_last_holder_removes_it_just_then_is_made_anew(undisturbed,
 def test_a_system_without_locks_is_told_in_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "fcntl", None)  # as on Windows
     with pytest.raises(UsageError, match=r"cannot be run on this system: .* \(flock\)\. .*WSL"):
-        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     assert not list(tmp_path.glob("s.h5*"))
 
 
@@ -423,7 +462,7 @@ def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch):
 
     monkeypatch.setattr(fcntl, "flock", none)
     with pytest.raises(FileError, match=r"s\.h5\.lock cannot be locked: No locks available"):
-        run_study(planned(tmp_path), tmp_path / "s.h5", SerialCrew())
+        run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
 
 
 def test_a_journal_that_changes_under_a_study_is_not_believed(tmp_path):
@@ -464,16 +503,16 @@ def test_a_study_of_which_all_samples_failed_has_their_errors_alone(tmp_path):
 
 def test_who_names_a_scheduler_means_dask(monkeypatch):
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "tcp://127.0.0.1:1")
-    assert type(hire()).__name__ == "DaskCrew"
+    assert type(make_executor()).__name__ == "DaskExecutor"
     monkeypatch.delenv("DASK_SCHEDULER_ADDRESS")
-    assert type(hire()).__name__ == "ProcessCrew"
-    assert type(hire(scheduler="tcp://127.0.0.1:1")).__name__ == "DaskCrew"
+    assert type(make_executor()).__name__ == "ProcessExecutor"
+    assert type(make_executor(scheduler="tcp://127.0.0.1:1")).__name__ == "DaskExecutor"
     with pytest.raises(UsageError, match="no scheduler to ask"):
-        hire("dask")
+        make_executor("dask")
     with pytest.raises(UsageError, match="of no use"):
-        hire("serial", scheduler="tcp://127.0.0.1:1")
+        make_executor("serial", scheduler="tcp://127.0.0.1:1")
     with pytest.raises(UsageError, match="name two schedulers"):
-        hire(scheduler="tcp://127.0.0.1:1", scheduler_file="scheduler.json")
+        make_executor(scheduler="tcp://127.0.0.1:1", scheduler_file="scheduler.json")
 
 
 def test_the_template_of_a_study_runs_on_that_of_a_bond_graph(tmp_path, monkeypatch, dynid_cli):

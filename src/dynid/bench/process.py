@@ -1,4 +1,4 @@
-"""A process that answers questions one by one, and can be stopped when it thinks too long."""
+"""A worker process that serves requests one by one, and can be stopped after a time limit."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from threading import Timer
 from types import TracebackType
 from typing import Any, Self
 
-#: What numerical libraries read how many threads they may use from.
+#: Environment variables with the number of threads of numerical libraries.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Where the standard library looks for the folder of temporary files.
+#: Environment variables with the folder of temporary files.
 _FOLDERS = ("TMPDIR", "TEMP", "TMP")
 
 
 class Process:
     """A process of its own that runs the function `main` of a module, which calls `serve`.
 
-    Question and answer are pickled: both ends are this very installation.
+    Requests and responses are pickled: both ends are the same installation.
 
     Parameters
     ----------
     module
         The module.
     arguments
-        What to call it with.
+        Arguments of `main`.
     python
         The interpreter that runs it.
     threads
-        How many threads numerical libraries may use; absent: as they see fit, or the environment says.
+        Threads of numerical libraries; absent: their default, or that of the environment.
     folder
-        Where its temporary files go; absent: where those of this process do.
+        Folder of its temporary files; absent: that of this process.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Process:
         )
 
     def ask(self, question: Any, seconds: float | None = None) -> Any:
-        """Return the answer to a question; None where the process ended, or was stopped after `seconds`."""
+        """Return the response to a request; None where the process ended, or was stopped after `seconds`."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         timer = Timer(seconds if seconds is not None else 0.0, self._process.kill)
@@ -73,7 +73,7 @@ class Process:
             timer.cancel()
 
     def close(self) -> None:
-        """Let it end; what it still thinks about is given up."""
+        """End the process and abandon its current work."""
         self._process.kill()
         for stream in (self._process.stdin, self._process.stdout):
             with suppress(BrokenPipeError):
@@ -91,7 +91,7 @@ class Process:
 
 
 def serve(answer: Callable[[Any], Any]) -> None:
-    """Answer what comes over standard input, until it ends; what the work prints is no answer."""
+    """Serve requests from standard input until it ends; output of the work goes to standard error."""
     answers, sys.stdout = sys.stdout.buffer, sys.stderr
     while True:
         try:

@@ -1,4 +1,4 @@
-"""How far roots are off: paired with the true ones, relative to their size."""
+"""Errors of roots: distances from the true ones, paired, relative to their moduli."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-#: Roots smaller than this part of the largest pole are measured by that.
+#: Errors of roots below this part of the largest pole are relative to that part.
 _SMALL = 1e-3
 
 

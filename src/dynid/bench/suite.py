@@ -1,4 +1,4 @@
-"""Running benchmarks: one process an alternative, in turns, and the figures as a `Result`."""
+"""Runs of benchmarks: one process per alternative, in turns, with the figures as a `Result`."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.catalogue import BENCHMARKS, benchmark
+from dynid.bench.benchmark import BENCHMARKS, Alternative, Benchmark, benchmark
 from dynid.bench.process import Process
-from dynid.choices import of_benchmark
+from dynid.defaults import of_benchmark
 from dynid.errors import NumericalError
 from dynid.result import Result
 
 
 @dataclass(frozen=True)
-class Figure:
-    """What was measured of one alternative at one size.
+class BenchmarkFigure:
+    """Time, memory and error of one alternative at one size.
 
-    `failed` says why there are no numbers; `late`: it was not begun any more.
+    `failed` is the reason of a failure; `late` marks one that was not started within the time.
     """
 
     size: int
@@ -50,18 +49,18 @@ def run_benchmarks(
     Parameters
     ----------
     names
-        Which, of `BENCHMARKS`.
+        Names from `BENCHMARKS`.
     sizes
-        Sizes by name; absent: each benchmark's own.
+        Sizes by name; absent: those of each benchmark.
     tell
         Called with a line before each measurement.
     full
-        Whether to add the larger sizes that a benchmark names, which take minutes.
+        True to add the larger sizes of the benchmarks, which take minutes.
     clock
-        What time is: ``wall``, or ``processor``, which other work on the machine changes little.
+        ``wall`` or ``processor`` time, which depends little on other work on the machine.
     seconds
-        How long all may take together, s: each benchmark what those after it do not need (`BENCHMARKS`). Its
-        smallest size is always measured; of the others what does not fit is left out, and named.
+        Limit of the total time, s: each benchmark may use what those after it do not need (`BENCHMARKS`).
+        Its smallest size is always measured; others that exceed the time are left out, and named.
 
     Returns
     -------
@@ -79,13 +78,13 @@ def run_benchmarks(
         case = benchmark(name)
         own = sorted((*case.sizes, *case.full)) if full else case.sizes
         until = began + seconds - sum(BENCHMARKS[later].seconds for later in chosen[place + 1 :])
-        told = partial(_told, tell, f"{place + 1} of {len(chosen)}: {name}")
+        told = partial(_tell_with_place, tell, f"{place + 1} of {len(chosen)}: {name}")
         _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), told, clock, until))
     result.annotate("bench", clock=clock, seconds=time.monotonic() - began)
     return result
 
 
-def _told(tell: Callable[[str], None], where: str, what: str) -> None:
+def _tell_with_place(tell: Callable[[str], None], where: str, what: str) -> None:
     tell(f"{where}, {what}")
 
 
@@ -96,10 +95,10 @@ def _measured(
     tell: Callable[[str], None],
     clock: str,
     until: float = math.inf,
-) -> dict[str, list[Figure]]:
-    """Measure all alternatives, size by size in turns; beyond the first size none is begun after `until`."""
+) -> dict[str, list[BenchmarkFigure]]:
+    """Measure all alternatives, in turns by size; beyond the first size none is started after `until`."""
     present = [each for each in case.alternatives if not each.missing()]
-    figures: dict[str, list[Figure]] = {each.name: [] for each in present}
+    figures: dict[str, list[BenchmarkFigure]] = {each.name: [] for each in present}
     with TemporaryDirectory() as folder, ExitStack() as stack:
         workers = {
             each.name: stack.enter_context(
@@ -119,11 +118,11 @@ def _measured(
                     tell(f"{case.size} {size:,}, {each.name}")
                     late = size > sizes[0] and time.monotonic() > until
                     answer = {"late": True} if late else workers[each.name].ask(size)
-                    figures[each.name].append(Figure(size, **(answer or {"failed": "it ended"})))
+                    figures[each.name].append(BenchmarkFigure(size, **(answer or {"failed": "it ended"})))
     return figures
 
 
-def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[Figure]]) -> None:
+def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> None:
     numbers = {key: [row for row in rows if not (row.failed or row.late)] for key, rows in figures.items()}
     done = {key: rows for key, rows in numbers.items() if rows}
     if not done:
@@ -152,7 +151,12 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
 
 
 def _add_alternative(
-    result: Result, here: str, case: Benchmark, each: Alternative, rows: list[Figure], front: list[Figure]
+    result: Result,
+    here: str,
+    case: Benchmark,
+    each: Alternative,
+    rows: list[BenchmarkFigure],
+    front: list[BenchmarkFigure],
 ) -> None:
     result.add_axis(f"{here}/size", [figure.size for figure in rows])
     for column, units in (("time", "s"), ("memory", "B"), ("error", "")):
@@ -165,8 +169,8 @@ def _add_alternative(
     result.annotate(here, peer=each.peer, **({} if power is None else {"exponent": power}))
 
 
-def _said(case: Benchmark, figures: Mapping[str, list[Figure]]) -> str:
-    """Say what failed, and at which size."""
+def _said(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
+    """Return the failures, with their sizes, as text."""
     return "; ".join(
         f"{name} at {case.size} {row.size:,}: {row.failed}"
         for name, rows in figures.items()
@@ -175,14 +179,14 @@ def _said(case: Benchmark, figures: Mapping[str, list[Figure]]) -> str:
     )
 
 
-def _late(case: Benchmark, figures: Mapping[str, list[Figure]]) -> str:
-    """Say what was left out for time, size by size."""
+def _late(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
+    """Return the alternatives left out for time, by size, as text."""
     late = sorted((row.size, name) for name, rows in figures.items() for row in rows if row.late)
     sizes = groupby(late, key=lambda each: each[0])
     return "; ".join(f"{case.size} {size:,}: {', '.join(name for _, name in some)}" for size, some in sizes)
 
 
-def pareto(figures: Iterable[Figure]) -> list[Figure]:
+def pareto(figures: Iterable[BenchmarkFigure]) -> list[BenchmarkFigure]:
     """Return the figures that no other of the same size beats in time and error."""
     rows = list(figures)
     return [
@@ -198,8 +202,10 @@ def pareto(figures: Iterable[Figure]) -> list[Figure]:
     ]
 
 
-def beaten(case: Benchmark, chosen: Callable[[int], str], done: Mapping[str, list[Figure]]) -> list[str]:
-    """Say which peers are both faster and more accurate than what the suite chooses, and at which size."""
+def beaten(
+    case: Benchmark, chosen: Callable[[int], str], done: Mapping[str, list[BenchmarkFigure]]
+) -> list[str]:
+    """Return the peers that are both faster and more accurate than the default, with sizes, as text."""
     peers = [each.name for each in case.alternatives if each.peer and each.name in done]
     sizes = sorted({row.size for rows in done.values() for row in rows})
     said = []
@@ -217,8 +223,8 @@ def beaten(case: Benchmark, chosen: Callable[[int], str], done: Mapping[str, lis
     return said
 
 
-def limits(case: Benchmark, done: Mapping[str, list[Figure]]) -> list[str]:
-    """Say how long alternatives take beside those that they are held to."""
+def limits(case: Benchmark, done: Mapping[str, list[BenchmarkFigure]]) -> list[str]:
+    """Return the ratios of times that are limited, as text."""
     return [
         f"{limit.alternative} takes {ratio:.2f} times {limit.of} (at most {limit.most:g})"
         for limit in case.limits
@@ -227,8 +233,8 @@ def limits(case: Benchmark, done: Mapping[str, list[Figure]]) -> list[str]:
     ]
 
 
-def exponent(rows: Sequence[Figure]) -> float | None:
-    """Return the power of the size by which time grows between the two largest; None where there is one."""
+def exponent(rows: Sequence[BenchmarkFigure]) -> float | None:
+    """Return the exponent of the growth of time between the two largest sizes; None for a single size."""
     if len(rows) < 2 or rows[-1].size <= rows[-2].size:
         return None
     return math.log(rows[-1].time / rows[-2].time) / math.log(rows[-1].size / rows[-2].size)

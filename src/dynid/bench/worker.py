@@ -1,7 +1,7 @@
-"""A process that measures one alternative, a size at a time, as it is asked.
+"""Worker process that measures one alternative, one size per request.
 
-Each alternative has a process of its own, so that its peak memory is what it needs and nothing that another
-loads gets in its way; the processes take turns, so that a drift of the machine's speed hits all.
+Each alternative has its own process, so that its peak memory is its own and no other one's modules interfere;
+the processes take turns, so that a drift of the machine's speed affects all.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from subprocess import SubprocessError
 from time import perf_counter, process_time
 from typing import Any
 
-from dynid.bench.catalogue import benchmark
+from dynid.bench.benchmark import benchmark
 from dynid.bench.process import serve
 from dynid.errors import DynidError
 
-#: Fewest and most runs, and the time after which no further one is begun, s.
+#: Fewest and most runs, and the time after which no further one is started, s.
 _FEWEST, _MOST, _ENOUGH = 3, 25, 0.3
 #: Time after which even fewer have to do, s; a first run of so many times that (compiling takes less) counts.
 _LONG, _WHOLE = 1.0, 60
@@ -30,7 +30,7 @@ def main(name: str, alternative: str, clock: str = "wall") -> None:
 
 
 def measured(name: str, alternative: str, size: int, clock: str = "wall") -> dict[str, Any]:
-    """Measure one alternative at one size: median time, rise of the peak memory, error; or what failed."""
+    """Measure one alternative at one size: median time, rise of the peak memory, error; or the failure."""
     case = benchmark(name)
     chosen = next(each for each in case.alternatives if each.name == alternative)
     try:
@@ -68,12 +68,12 @@ def processor() -> float:
     return process_time() + ended.ru_utime + ended.ru_stime
 
 
-#: What time can be: the clock's on the wall, or what processors spent, which other work changes little.
+#: Clocks: wall time, or processor time, which depends little on other work.
 CLOCKS: dict[str, Callable[[], float]] = {"wall": perf_counter, "processor": processor}
 
 
 def peak_memory() -> float:
-    """Return the largest resident size of this process, or of one it ran, so far, bytes; 0: not told."""
+    """Return the largest resident size of this process, or of one it ran, so far, bytes; 0: unknown."""
     try:
         import resource
     except ImportError:  # not on Windows

@@ -1,22 +1,29 @@
-"""What a user asks of a bond graph, computed and returned as one `Result`.
+"""The analysis of a bond graph: the requested results, returned as one `Result`.
 
-Only what is asked for is computed.
+Only the requested results are computed.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from dynid.bondgraph.graph import Bond, BondGraph
-from dynid.bondgraph.need import tell_need
-from dynid.bondgraph.question import Analysis
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.model_scope import add_graph_scope
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduction.junctions import JunctionStructure
+from dynid.bondgraph.reduction.solvability import hold
+from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.results.channels import add_channels
-from dynid.bondgraph.results.dynamics import add_output_dynamics
-from dynid.bondgraph.results.responses import add_frequency_response, add_state_space, add_time_response
-from dynid.bondgraph.results.trace import add_prototypes, add_steps
-from dynid.bondgraph.results.zero_input import add_zero_input
+from dynid.bondgraph.results.prototype import add_output_dynamics, add_prototypes, add_steps
+from dynid.bondgraph.results.responses import (
+    add_frequency_response,
+    add_state_space,
+    add_time_response,
+    add_zero_input,
+)
 from dynid.errors import Singular
-from dynid.need import listed_names
-from dynid.progress import tell
+from dynid.model_scope import listed_names
+from dynid.progress import report_progress
 from dynid.result import Result
 
 
@@ -40,39 +47,11 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     Raises
     ------
     Singular
-        Where the graph has no unique solution; it names the nodes. What causality says of such a graph is
-        returned where nothing else is asked for.
+        Where the graph has no solution, or an output is undetermined; it names the nodes. What causality
+        says of an undetermined graph is returned, with a warning, where nothing else is asked for.
     """
     if analysis.reading == "binary":
         graph = graph.rounded()
-    result = _described(graph, analysis, title)
-    causality = None
-    if "causality" in analysis.results:
-        from dynid.bondgraph.results.causality import add_causality
-
-        causality = add_causality(result, graph)
-    try:
-        tell("reducing the graph")
-        told = bool(analysis.results & {"reduction", "prototype"})
-        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=told)
-    except Singular:
-        if analysis.results == {"causality"}:
-            tell_need(result, None, analysis)
-            return result
-        raise
-    if causality is not None:
-        from dynid.bondgraph.results.zero_dynamics import add_zero_dynamics
-
-        add_zero_dynamics(result, reduced, causality)
-    _add_dynamics(result, reduced, analysis)
-    _add_reduction(result, reduced, analysis)
-    _add_responses(result, reduced, analysis)
-    tell_need(result, reduced, analysis)
-    return result
-
-
-def _described(graph: BondGraph, analysis: Analysis, title: str) -> Result:
-    """Return a result that says what it is of."""
     result = Result("bond-graph", title)
     result.annotate(
         "bond_graph",
@@ -81,25 +60,30 @@ def _described(graph: BondGraph, analysis: Analysis, title: str) -> Result:
         inputs=listed_names(analysis.inputs),
         outputs=listed_names([str(port) for port in analysis.outputs]),
     )
-    return result
+    causality = None
+    if "causality" in analysis.results:
+        from dynid.bondgraph.results.causality import add_causality
 
+        causality = add_causality(result, graph)
+    try:
+        report_progress("reducing the graph")
+        told = bool(analysis.results & {"reduction", "prototype"})
+        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=told)
+    except Singular:
+        if analysis.results != {"causality"}:
+            raise
+        open_parts = hold(JunctionStructure(graph), ())  # raises where the graph has no solution
+        warnings = [each.error.problem for each in open_parts]
+        result.add_axis("bond_graph/warnings", np.array(warnings, dtype=object))
+        add_graph_scope(result, None, analysis)
+        return result
+    if reduced.undetermined:
+        result.add_axis("bond_graph/warnings", np.array(reduced.undetermined, dtype=object))
+    if causality is not None:
+        from dynid.bondgraph.results.causality import add_zero_dynamics
 
-def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
-    """Add what the channels are, how it hangs on the parameters, and what stored energy does."""
-    asked = analysis.results
-    if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
-        add_channels(result, reduced, analysis)
-    if "sensitivities" in asked:
-        tell("sensitivities")
-        from dynid.bondgraph.results.sensitivities import add_sensitivities
-
-        add_sensitivities(result, reduced, analysis)
-    if "transfer_function" in asked and analysis.initial:
-        add_zero_input(result, reduced, analysis.initial)
-
-
-def _add_reduction(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
-    """Add the steps, the prototypes, and the graph cut at a port."""
+        add_zero_dynamics(result, reduced, causality)
+    _add_dynamics(result, reduced, analysis)
     asked = analysis.results
     if "reduction" in asked:
         add_steps(result, reduced)
@@ -109,19 +93,36 @@ def _add_reduction(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
         add_output_dynamics(result, reduced, analysis.engine)
     if analysis.port is not None:
         _add_port(result, reduced, analysis, analysis.port)
+    _add_responses(result, reduced, analysis)
+    add_graph_scope(result, reduced, analysis)
+    return result
+
+
+def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Add what the channels are, how it hangs on the parameters, and what stored energy does."""
+    asked = analysis.results
+    if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
+        add_channels(result, reduced, analysis)
+    if "sensitivities" in asked:
+        report_progress("sensitivities")
+        from dynid.bondgraph.results.sensitivities import add_sensitivities
+
+        add_sensitivities(result, reduced, analysis)
+    if "transfer_function" in asked and analysis.initial:
+        add_zero_input(result, reduced, analysis.initial)
 
 
 def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the state equations, and responses over frequency and time."""
     asked = analysis.results
     if "state_space" in asked:
-        tell("state equations")
+        report_progress("state equations")
         add_state_space(result, reduced)
     if "frequency_response" in asked and analysis.omega is not None:
-        tell("frequency response")
+        report_progress("frequency response")
         add_frequency_response(result, reduced, analysis.omega)
     if "time_response" in asked and analysis.times is not None:
-        tell("time response")
+        report_progress("time response")
         add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)
 
 

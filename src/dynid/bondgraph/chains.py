@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
-from dynid.bondgraph.garbage import no_collection
-from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
+from dynid.bondgraph.graph import Bond, BondGraph, Node, Port, no_collection
 
 #: The force on the first mass.
 FORCE = "force"

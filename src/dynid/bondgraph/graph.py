@@ -8,8 +8,10 @@ one effort, a 1-junction one flow.
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -17,9 +19,9 @@ from functools import cached_property
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
-from dynid.bondgraph.garbage import no_collection
+from dynid.bondgraph.domains import UNITS, quotient
 from dynid.errors import UsageError
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1"]
 Quantity = Literal["e", "f", "q", "p"]
@@ -34,7 +36,25 @@ VALUED = frozenset({"I", "C", "R", "TF", "GY"})
 ONE_PORTS = SOURCES | STORAGES | {"R"}
 
 
-class Expression(Protocol):
+@contextmanager
+def no_collection() -> Iterator[None]:
+    """Suspend the search for reference cycles: building a plan makes millions of small objects and no cycle.
+
+    Objects made meanwhile count as old: they are not traversed at once when collection begins again.
+    """
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            if not gc.get_freeze_count():  # objects that a caller has frozen stay frozen
+                gc.freeze()
+                gc.unfreeze()
+            gc.enable()
+
+
+class ValueExpression(Protocol):
     """An arithmetic expression that can be evaluated over any number type."""
 
     @property
@@ -65,7 +85,7 @@ class Node:
         The expression behind the value, where formulas are to be written in its names; absent: the node's
         own name stands for its value.
     domain
-        Its physical domain, where it is told: one of `dynid.bondgraph.domains`.
+        Its physical domain, where it is given: one of `dynid.bondgraph.domains`.
 
     Raises
     ------
@@ -76,14 +96,12 @@ class Node:
     name: str
     type: NodeType
     value: Fraction | None = None
-    formula: Expression | None = None
+    formula: ValueExpression | None = None
     domain: str = ""
 
     def __post_init__(self) -> None:
         if not self.domain:
             return
-        from dynid.bondgraph.domains import UNITS
-
         if self.domain not in UNITS:
             raise UsageError(
                 f"node '{self.name}': there is no domain '{self.domain}'{did_you_mean(self.domain, UNITS)}",
@@ -191,11 +209,11 @@ class BondGraph:
         return BondGraph(nodes, self.bonds)
 
     def is_state(self, port: Port) -> bool:
-        """Tell whether an output is the state of a storage: the q of a C, the p of an I."""
+        """Test whether an output is the state of a storage: the q of a C, the p of an I."""
         return (self.nodes[port.node].type, port.quantity) in (("C", "q"), ("I", "p"))
 
     def integrates(self, port: Port) -> bool:
-        """Tell whether an output is an integral that is no mode of the graph (a storage's own state is)."""
+        """Test whether an output is an integral that is no mode of the graph (a storage's own state is)."""
         return port.quantity in "qp" and not self.is_state(port)
 
     def behind(self, port: Port) -> Port:
@@ -266,3 +284,70 @@ def port_fault(types: Mapping[str, str], port: Port) -> str:
         instead = f"'{port.node}.{common[0]}'"
         return f"'{port}': a {kind}-junction has one {name} only; ask for {instead} or an element's"
     return ""
+
+
+def spread_domains(graph: BondGraph, given: Mapping[str, str]) -> dict[str, str]:
+    """Return the domain of every node that has one for sure.
+
+    A bond joins nodes of one domain; only a TF or GY may stand between two. It has a domain itself where both
+    of its sides have the same.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    given
+        The domains of some nodes.
+    """
+    known = dict(given)
+    queue = list(given)
+    for name in queue:
+        for bond in graph.bonds_of(name):
+            other = bond.head if bond.tail == name else bond.tail
+            if other not in known and graph.nodes[other].type not in TWO_PORTS:
+                known[other] = known[name]
+                queue.append(other)
+    for name, node in graph.nodes.items():
+        if node.type in TWO_PORTS:
+            ends = {end for bond in graph.bonds_of(name) for end in (bond.tail, bond.head)} - {name}
+            sides = {known.get(end, "") for end in ends}
+            if len(sides) == 1 and "" not in sides:
+                known[name] = sides.pop()
+    return known
+
+
+class GraphUnits:
+    """The units of a graph's variables, as far as domains determine them; else empty.
+
+    Parameters
+    ----------
+    graph
+        The graph; its nodes may name their domains.
+    """
+
+    def __init__(self, graph: BondGraph) -> None:
+        self._graph = graph
+
+    @cached_property
+    def domains(self) -> dict[str, str]:
+        """The domain of every node that has one for sure."""
+        given = {name: node.domain for name, node in self._graph.nodes.items() if node.domain}
+        return spread_domains(self._graph, given) if given else {}
+
+    def of(self, node: str, quantity: str) -> str:
+        """Return the unit of e, f, q or p at a node."""
+        domain = self.domains.get(node, "")
+        return UNITS[domain][quantity] if domain else ""
+
+    def of_output(self, port: Port) -> str:
+        """Return the unit of an output."""
+        return self.of(port.node, port.quantity)
+
+    def of_input(self, source: str) -> str:
+        """Return the unit of what a source gives."""
+        return self.of(source, "e" if self._graph.nodes[source].type == "Se" else "f")
+
+    def of_channel(self, port: Port, source: str) -> str:
+        """Return the unit of output over input; `1` where both have the same."""
+        above, below = self.of_output(port), self.of_input(source)
+        return quotient(above, below) if above and below else ""

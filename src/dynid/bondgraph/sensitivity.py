@@ -1,4 +1,4 @@
-"""How zeros, poles and gains of a channel move with its parameters.
+"""Sensitivities of the zeros, poles and gains of a channel to its parameters.
 
 The logarithmic derivative d log T / dp of a transfer function has a simple pole at every zero and pole of T;
 its residue there is the rate at which the root moves with p (of a zero with the sign turned). The residue is
@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from dynid.bondgraph.algebra.bounded import Bounded
-from dynid.bondgraph.question import Parameter
-from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.reduction.gradient import gradient
-from dynid.bondgraph.reduction.program import Register
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.program.bounded import Bounded
+from dynid.bondgraph.program.program import Register, gradient
+from dynid.bondgraph.request import SensitivityParameter
 from dynid.errors import NumericalError
 from dynid.lti.floating import guarded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from dynid.lti.certified import Root
+    from dynid.lti.certified_roots import CertifiedRoot
+
 
 #: Points on a circle, and its radius over the distance to the next singularity: the trapezoidal rule is off
 #: by about their power, 3e-31, and less than by rounding where singularities are multiple.
@@ -98,10 +98,10 @@ class _Circle:
 def sensitivity(
     reduced: ReducedGraph,
     register: Register,
-    zeros: Sequence[Root],
-    poles: Sequence[Root],
+    zeros: Sequence[CertifiedRoot],
+    poles: Sequence[CertifiedRoot],
     hidden: Iterable[complex],
-    parameters: Sequence[Parameter],
+    parameters: Sequence[SensitivityParameter],
 ) -> Sensitivity:
     """Return how one channel moves with parameters.
 
@@ -129,11 +129,19 @@ def sensitivity(
     }
     sizes = [abs(parameter.value) or Fraction(1) for parameter in parameters]
     scaled = [
-        Parameter(p.name, p.value, {name: rate * size for name, rate in p.rates.items()})
+        SensitivityParameter(p.name, p.value, {name: rate * size for name, rate in p.rates.items()})
         for p, size in zip(parameters, sizes, strict=True)
     ]
     units = np.array([float(size) for size in sizes])
-    dc, high, *found = _rates(reduced, register, scaled, [*_gains(others), *around.values()])
+    circles = [*_gains(others), *around.values()]
+    points = np.concatenate([circle.points for circle in circles])
+    transfer, slopes = _in_doubles(reduced, register, scaled, points)
+    rates = np.empty((len(circles), len(scaled)), dtype=complex)
+    for place, circle in enumerate(circles):
+        part = slice(place * _POINTS, (place + 1) * _POINTS)
+        again = partial(_in_balls, reduced, register, scaled, circle.points)
+        rates[place] = _first_settled(circle, (transfer[part], slopes[:, part]), again)
+    dc, high, *found = rates
     of = partial(_of_roots, dict(zip(around, found, strict=True)), units)
     return Sensitivity(of(zeros, -1), of(poles, 1), dc.real / units, high.real / units)
 
@@ -142,7 +150,7 @@ def sensitivity(
 def _of_roots(
     residues: Mapping[complex, NDArray[np.complex128]],
     units: NDArray[np.float64],
-    roots: Sequence[Root],
+    roots: Sequence[CertifiedRoot],
     sign: int,
 ) -> NDArray[np.complex128]:
     """Return the rates of roots by their residues; the lower of a pair has the conjugate."""
@@ -169,20 +177,6 @@ def _gap(root: complex, others: NDArray[np.complex128]) -> float:
     return float(distances[distances > 0].min()) if (distances > 0).any() else 1.0
 
 
-def _rates(
-    reduced: ReducedGraph, register: Register, parameters: Sequence[Parameter], circles: Sequence[_Circle]
-) -> NDArray[np.complex128]:
-    """Return the integral of every circle by every parameter: all in doubles, then in balls where need be."""
-    points = np.concatenate([circle.points for circle in circles])
-    transfer, slopes = _in_doubles(reduced, register, parameters, points)
-    rates = np.empty((len(circles), len(parameters)), dtype=complex)
-    for place, circle in enumerate(circles):
-        part = slice(place * _POINTS, (place + 1) * _POINTS)
-        again = partial(_in_balls, reduced, register, parameters, circle.points)
-        rates[place] = _first_settled(circle, (transfer[part], slopes[:, part]), again)
-    return rates
-
-
 def _first_settled(
     circle: _Circle, run: tuple[Bounded, Bounded], again: Callable[[int], tuple[Bounded, Bounded]]
 ) -> NDArray[np.complex128]:
@@ -198,7 +192,7 @@ def _first_settled(
         if bits:
             run = again(bits)
     raise NumericalError(
-        f"the sensitivities near s = {circle.centre:.6g} drown in rounding, even with {_PRECISIONS[-1]} bits",
+        f"the sensitivities near s = {circle.centre:.6g} are lost to round-off with {_PRECISIONS[-1]} bits",
         remedy="Roots lie too close together there; leave 'sensitivities' out of the results.",
     )
 
@@ -206,7 +200,7 @@ def _first_settled(
 def _slopes(
     reduced: ReducedGraph,
     register: Register,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[SensitivityParameter],
     number: Callable[[Fraction], Any],
     laplace: Any,
 ) -> tuple[Any, list[Any]]:
@@ -221,7 +215,10 @@ def _slopes(
 
 
 def _in_doubles(
-    reduced: ReducedGraph, register: Register, parameters: Sequence[Parameter], points: NDArray[np.complex128]
+    reduced: ReducedGraph,
+    register: Register,
+    parameters: Sequence[SensitivityParameter],
+    points: NDArray[np.complex128],
 ) -> tuple[Bounded, Bounded]:
     """Return T (points) and dT/dp (parameters x points), with error bounds."""
 
@@ -243,7 +240,7 @@ def _in_doubles(
 def _in_balls(
     reduced: ReducedGraph,
     register: Register,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[SensitivityParameter],
     points: NDArray[np.complex128],
     bits: int,
 ) -> tuple[Bounded, Bounded]:

@@ -13,20 +13,31 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from dynid.bondgraph.equations.blocks import Block, irreducible_blocks
-from dynid.bondgraph.equations.descriptor import Descriptor, constrained
-from dynid.bondgraph.equations.forms import Field, Form, Symbol
-from dynid.bondgraph.equations.index import solve, without_input_rates
+from dynid.bondgraph.equations.descriptor import (
+    Descriptor,
+    FormSymbol,
+    LinearForm,
+    NumberField,
+    constrained,
+    contradiction,
+)
+from dynid.bondgraph.equations.index_reduction import (
+    IrreducibleBlock,
+    irreducible_blocks,
+    solve,
+    without_input_rates,
+)
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.errors import NumericalError, Singular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from dynid.lti.model import StateSpace
-    from dynid.lti.settled import Rational
+    from dynid.lti.refined_response import RationalMatrices
+    from dynid.lti.state_space import StateSpace
+
 
 Matrix = TypeVar("Matrix")
 
@@ -54,35 +65,45 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     return rounded(*_derived(reduced, initial), [str(port) for port in reduced.outputs])
 
 
-def rational_matrices(reduced: ReducedGraph, initial: Sequence[str], inputs: Sequence[str]) -> Rational:
+def rational_matrices(
+    reduced: ReducedGraph, initial: Sequence[str], inputs: Sequence[str]
+) -> RationalMatrices:
     """Return the matrices of `state_space` before they are rounded, with a column for each input named."""
     from flint import fmpq, fmpq_mat
 
-    from dynid.lti.settled import Rational
+    from dynid.lti.refined_response import RationalMatrices
 
     _, rates, outputs, _ = _derived(reduced, initial)
     without_input_rates(rates, outputs)
 
-    def filled(forms: Collection[Form], symbols: Sequence[Symbol]) -> Any:
+    def filled(forms: Collection[LinearForm], symbols: Sequence[FormSymbol]) -> Any:
         entries = [form.get(symbol, fmpq(0)) for form in forms for symbol in symbols]
         return fmpq_mat(len(forms), len(symbols), entries)
 
-    return Rational(*_matrices(rates, outputs, inputs, filled))
+    return RationalMatrices(*_matrices(rates, outputs, inputs, filled))
 
 
 def _derived(
     reduced: ReducedGraph, initial: Sequence[str]
-) -> tuple[Descriptor, dict[str, Form], list[Form], list[str]]:
+) -> tuple[Descriptor, dict[str, LinearForm], list[LinearForm], list[str]]:
     """Return the equations of a graph, what they come down to, and its inputs with those of stored energy."""
     junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
     system = Descriptor(
-        reduced.structure, junctions, Field.rational(reduced.graph), inputs=reduced.inputs, initial=initial
+        reduced.structure,
+        junctions,
+        NumberField.rational(reduced.graph),
+        inputs=reduced.inputs,
+        initial=initial,
     )
     rates, outputs = solve(system.equations, [system.output(port) for port in reduced.outputs])
     return system, rates, outputs, [*reduced.inputs, *(f"initial:{name}" for name in initial)]
 
 
-def natural_order(graph: BondGraph, junctions: Collection[str] | None = None) -> int:
+def natural_order(
+    graph: BondGraph,
+    junctions: Collection[str] | None = None,
+    structure: JunctionStructure | None = None,
+) -> int:
     """Return the number of states of a graph with its values: the degree of its natural polynomial.
 
     Parameters
@@ -91,15 +112,20 @@ def natural_order(graph: BondGraph, junctions: Collection[str] | None = None) ->
         The graph.
     junctions
         The junctions of its `JunctionStructure` to model; absent: all.
+    structure
+        That structure, where what no output depends on is held; absent: it is made of the graph.
 
     Raises
     ------
     Singular
         Where the equations have no unique solution.
     """
-    structure = JunctionStructure(graph)
+    if structure is None:
+        structure = JunctionStructure(graph)
+        if structure.rings:
+            raise contradiction()
     wanted = structure.junctions if junctions is None else junctions
-    return len(solve(Descriptor(structure, wanted, Field.rational(graph)).equations, [])[0])
+    return len(solve(Descriptor(structure, wanted, NumberField.rational(graph)).equations, [])[0])
 
 
 def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
@@ -129,7 +155,7 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
     NumericalError
         Where a coefficient leaves the range of doubles.
     """
-    system, equations = constrained(reduced, port, source, Field.rational(reduced.graph))
+    system, equations = constrained(reduced, port, source, NumberField.rational(reduced.graph))
     with _unreached(port, source):
         rates, outputs = solve(equations, [system.signal(source)])
     return rounded(system, rates, outputs, [], [source])
@@ -190,15 +216,15 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
 
 def _solved_blocks(
     reduced: ReducedGraph, port: Port, source: str
-) -> tuple[Descriptor, list[tuple[Block, dict[str, Form]]]]:
+) -> tuple[Descriptor, list[tuple[IrreducibleBlock, dict[str, LinearForm]]]]:
     """Return the blocks of the constrained equations that have states."""
-    system, equations = constrained(reduced, port, source, Field.rational(reduced.graph))
+    system, equations = constrained(reduced, port, source, NumberField.rational(reduced.graph))
     with _unreached(port, source):
         solved = [(block, solve(block.forms, [])[0]) for block in irreducible_blocks(equations)]
     return system, [(block, rates) for block, rates in solved if rates]
 
 
-def _characteristic_polynomial(rates: dict[str, Form]) -> Any:
+def _characteristic_polynomial(rates: dict[str, LinearForm]) -> Any:
     """Return det(s - A) times a positive integer, as an integer polynomial."""
     from flint import fmpq, fmpq_mat
 
@@ -222,13 +248,13 @@ def _unreached(port: Port, source: str) -> Iterator[None]:
 
 def rounded(
     system: Descriptor,
-    rates: dict[str, Form],
-    outputs: list[Form],
+    rates: dict[str, LinearForm],
+    outputs: list[LinearForm],
     columns: Sequence[str],
     ports: Sequence[str],
 ) -> StateSpace:
     """Round exact state equations to matrices; the input's derivatives are taken off the states."""
-    from dynid.lti.model import StateSpace
+    from dynid.lti.state_space import StateSpace
 
     without_input_rates(rates, outputs)
     A, B, C, feedthrough = _matrices(rates, outputs, columns, _matrix)
@@ -245,15 +271,15 @@ def rounded(
 
 
 def _matrices(
-    rates: dict[str, Form],
-    outputs: list[Form],
+    rates: dict[str, LinearForm],
+    outputs: list[LinearForm],
     columns: Sequence[str],
-    filled: Callable[[Collection[Form], Sequence[Symbol]], Matrix],
+    filled: Callable[[Collection[LinearForm], Sequence[FormSymbol]], Matrix],
 ) -> tuple[Matrix, Matrix, Matrix, tuple[Matrix, ...]]:
     """Return A, B, C and the feedthrough matrices, each filled from forms, one row a form."""
     highest = max((s[2] for form in outputs for s in form if len(s) == 3), default=0)
-    states: list[Symbol] = [("w", name) for name in rates]
-    inputs: list[list[Symbol]] = [[("u", name, k) for name in columns] for k in range(highest + 1)]
+    states: list[FormSymbol] = [("w", name) for name in rates]
+    inputs: list[list[FormSymbol]] = [[("u", name, k) for name in columns] for k in range(highest + 1)]
     return (
         filled(rates.values(), states),
         filled(rates.values(), inputs[0]),
@@ -262,7 +288,7 @@ def _matrices(
     )
 
 
-def _matrix(forms: Collection[Form], columns: Sequence[Symbol]) -> NDArray[np.float64]:
+def _matrix(forms: Collection[LinearForm], columns: Sequence[FormSymbol]) -> NDArray[np.float64]:
     """Round forms to a matrix, one row a form."""
     place = {symbol: column for column, symbol in enumerate(columns)}
     matrix = np.zeros((len(forms), len(columns)))

@@ -1,4 +1,4 @@
-"""What a scene expects of its result, how two results differ, and the outcome for CI."""
+"""Expectations of scenes, comparison of results, and JUnit reports for CI."""
 
 from dynid.checks.comparison import Difference, compare
 from dynid.checks.expectations import CheckOutcome, check_expectations, samples_meet

@@ -1,4 +1,4 @@
-"""How two results differ."""
+"""Differences between two results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RTOL = 1e-9
 
 @dataclass(frozen=True)
 class Difference:
-    """One difference between two results, in words."""
+    """One difference between two results, with its message."""
 
     path: str
     message: str
@@ -27,7 +27,7 @@ class Difference:
 
 
 def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list[Difference]:
-    """List where two results differ by more than tolerances; titles, provenance and costs do not count.
+    """Return the differences of two results beyond tolerances; titles, provenance and costs are ignored.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list
 
 
 def close(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> NDArray[Any]:
-    """Compare entry by entry; infinities are close to themselves only, and NaN to nothing."""
+    """Return a mask of close entries; infinities are close to themselves only, NaN to nothing."""
     same = np.asarray(a == b, dtype=bool)
     if a.dtype.kind not in "ifc" or b.dtype.kind not in "ifc":
         return same
@@ -63,7 +63,7 @@ def close(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> NDArray
 
 
 def word(value: Any) -> str:
-    """Print one value as a scene would write it."""
+    """Return one value as a scene would write it."""
     value = value.item() if isinstance(value, np.generic | np.ndarray) else value
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -75,7 +75,7 @@ def word(value: Any) -> str:
 
 
 def words_of(data: NDArray[Any]) -> str:
-    """Print a few values, or say how many there are."""
+    """Return a few values as text, or the shape of more."""
     if data.dtype.names or data.size > 6:
         return f"an array of {' x '.join(map(str, data.shape))}"
     return word(data) if data.ndim == 0 else f"[{', '.join(map(word, data.ravel()))}]"
@@ -101,14 +101,14 @@ _Pairs = Iterable[tuple[int, NDArray[Any], NDArray[Any]]]
 
 
 def _paired(a: Variable, b: Variable, name: str) -> _Pairs:
-    """Yield the same entries of both, of one column where they are tables, piece by piece."""
+    """Yield the same entries of both in blocks, of one column of tables."""
     for start, mine in a.blocks():
         theirs = b.rows(start, start + len(mine)) if mine.ndim else b.data
         yield (start, mine[name], theirs[name]) if name else (start, mine, theirs)
 
 
 def _value_difference(pairs: _Pairs, shape: tuple[int, ...], rtol: float, atol: float) -> str:
-    """Say where the first of all differences is, and how many there are."""
+    """Return the first difference and the number of differences as text."""
     first, count = "", 0
     for start, a, b in pairs:
         if a.size and a.dtype.kind != b.dtype.kind and not (_is_numeric(a) and _is_numeric(b)):
@@ -148,5 +148,5 @@ def _attr_differences(
 
 
 def as_array(value: Scalar) -> NDArray[Any]:
-    """Give an attribute the form of an array without axes."""
+    """Return an attribute as an array without axes."""
     return np.array(value, dtype=object if isinstance(value, str) else None)

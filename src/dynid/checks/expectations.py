@@ -1,4 +1,4 @@
-"""What a scene expects of its result."""
+"""Expectations of a scene (`expect:`) checked on its result."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.checks.axes import Axis, axis_of
 from dynid.checks.comparison import RTOL, as_array, close, word, words_of
 from dynid.result import Result, Scalar, Variable
-from dynid.words import did_you_mean, did_you_mean_path
+from dynid.suggestions import did_you_mean, did_you_mean_path
 
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """What became of one expectation, in words."""
+    """The outcome of one expectation, with its message."""
 
     passed: bool
     path: str
@@ -28,7 +27,37 @@ class CheckOutcome:
 
 
 class _Unmet(Exception):
-    """Why an expectation is not met."""
+    """Raised with the reason where an expectation is not met."""
+
+
+@dataclass(frozen=True)
+class LabelledAxis:
+    """A dimension with its labels; without a coordinate, numbers from 1."""
+
+    dim: str
+    labels: NDArray[Any]
+    units: str = ""
+
+    def find(self, label: Any) -> int | None:
+        """Return the index of a label: texts are compared exactly, numbers to rounding."""
+        if self.labels.dtype.kind == "O" or isinstance(label, str):
+            hits = [place for place, own in enumerate(self.labels) if own == label]
+        else:
+            hits = list(np.flatnonzero(np.isclose(self.labels, label, rtol=RTOL, atol=0)))
+        return int(hits[0]) if hits else None
+
+
+def axis_of(result: Mapping[str, Variable], path: str, dim: str, length: int) -> LabelledAxis:
+    """Return a dimension of an array, with the coordinate in its group or the nearest one above."""
+    group = path
+    while group:
+        group = group.rpartition("/")[0]
+        coordinate = result.get(f"{group}/{dim}" if group else dim)
+        if coordinate is not None and coordinate.dims == (dim,):
+            if coordinate.shape == (length,) and not coordinate.dtype.names:
+                return LabelledAxis(dim, coordinate.data, coordinate.units)
+            break
+    return LabelledAxis(dim, np.arange(1, length + 1))
 
 
 def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]) -> list[CheckOutcome]:
@@ -62,14 +91,22 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
         picked = _lookup(result, path).data
         data = np.asarray(picked[place], dtype=picked.dtype)
         found = words_of(data)
-        _meet(data, axes, expectation)
+        for met, bound, words in _demands(data, data.shape, expectation):
+            misses = np.argwhere(~np.asarray(met))
+            if not len(misses):
+                continue
+            first = tuple(misses[0])
+            labels = [f"{axis.dim} {word(axis.labels[at])}" for axis, at in zip(axes, first, strict=True)]
+            where = f" at {', '.join(labels)}" if labels else ""
+            count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
+            raise _Unmet(f"is {word(data[first])}{where}, {words}{word(bound[first])}{count}")
     except _Unmet as unmet:
         return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
 
 
 def expected_words(expectation: Mapping[str, Any]) -> str:
-    """Return what an expectation asks for, without its path."""
+    """Return the text of an expectation, without its path."""
     words = {"value": "=", "min": ">=", "max": "<=", "max_abs": "|.| <="}
     parts = [f"{sign} {word(expectation[key])}" for key, sign in words.items() if key in expectation]
     where = ", ".join(f"{dim} {label}" for dim, label in expectation.get("at", {}).items())
@@ -82,16 +119,16 @@ def samples_meet(
     one: Callable[[int], Result],
     expectations: Iterable[Mapping[str, Any]],
 ) -> NDArray[np.bool_]:
-    """Tell which samples meet which expectations, of all samples at once.
+    """Return a mask of the expectations that each sample meets, for all samples at once.
 
     Parameters
     ----------
     samples
         Arrays by path, the samples along their first axis.
     count
-        How many samples there are.
+        Number of samples.
     one
-        Gives the result of one of them.
+        Returns the result of one sample.
     expectations
         As for `check_expectations`.
 
@@ -111,7 +148,7 @@ def samples_meet(
 
 
 def _labels_vary(samples: Mapping[str, Variable], dims: Iterable[str]) -> bool:
-    """Tell whether labels that an expectation names may stand elsewhere in the next sample."""
+    """Return True if coordinates named by an expectation differ between samples."""
     coordinates = [one.data for one in samples.values() for dim in dims if one.dims[1:] == (dim,)]
     return any(not np.array_equal(data, np.broadcast_to(data[0], data.shape)) for data in coordinates)
 
@@ -134,8 +171,8 @@ def _met(
     return met
 
 
-def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[tuple[Any, ...], list[Axis]]:
-    """Return what picks the entries that are meant, and the axes that they have."""
+def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[tuple[Any, ...], list[LabelledAxis]]:
+    """Return the index of the selected entries, and their axes."""
     variable = _lookup(result, path)
     shape = variable.data.shape
     axes = [axis_of(result, path, dim, length) for dim, length in zip(variable.dims, shape, strict=True)]
@@ -168,17 +205,12 @@ def _lookup(result: Result, path: str) -> Variable:
     return Variable((), as_array(value))
 
 
-def _meet(data: NDArray[Any], axes: list[Axis], expectation: Mapping[str, Any]) -> None:
-    for met, bound, words in _demands(data, data.shape, expectation):
-        _demand(met, data, axes, bound, words)
-
-
 def _demands(
     data: NDArray[Any], shape: tuple[int, ...], expectation: Mapping[str, Any]
 ) -> Iterator[tuple[NDArray[Any], NDArray[Any], str]]:
-    """Yield where what was found is as expected, what was expected (of that shape), and in which words.
+    """Yield for each demand the mask of entries that meet it, the expected values, and the words of it.
 
-    What was found has that shape, or samples of it along its first axis.
+    The data have the shape given, or samples along a further first axis.
     """
     kind = data.dtype.kind
     if not expectation.keys() & {"value", "min", "max", "max_abs"}:
@@ -201,7 +233,7 @@ def _demands(
 
 
 def _like(value: Any, shape: tuple[int, ...], kind: str) -> NDArray[Any]:
-    """Bring an expected value to the shape of what was found; one value holds for every entry."""
+    """Return an expected value in the shape of the data; one value holds for every entry."""
     if kind not in "bOifc":
         raise _Unmet("is a table, which cannot be compared with a value")
     if 0 in shape and value != []:
@@ -232,7 +264,7 @@ def _leaf(value: Any, kind: str) -> Any:
         number = _number(value)
         if number is not None and (kind == "c" or number.imag == 0):
             return number if kind == "c" else number.real
-    what = {"b": "a truth value", "O": "a text", "c": "a complex number"}.get(kind, "a real number")
+    what = {"b": "a Boolean", "O": "a text", "c": "a complex number"}.get(kind, "a real number")
     raise _Unmet(f"is {what}, expected {word(value)}")
 
 
@@ -244,18 +276,3 @@ def _number(value: Any) -> complex | None:
         return complex(value.replace(" ", "") if isinstance(value, str) else value)
     except (ValueError, TypeError, OverflowError):
         return None
-
-
-def _demand(
-    met: NDArray[Any], data: NDArray[Any], axes: list[Axis], expected: NDArray[Any], words: str
-) -> None:
-    misses = np.argwhere(~np.asarray(met))
-    if not len(misses):
-        return
-    first = tuple(misses[0])
-    where = ", ".join(
-        f"{axis.dim} {word(axis.labels[place])}" for axis, place in zip(axes, first, strict=True)
-    )
-    count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
-    at = f" at {where}" if where else ""
-    raise _Unmet(f"is {word(data[first])}{at}, {words}{word(expected[first])}{count}")

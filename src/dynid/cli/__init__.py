@@ -11,14 +11,15 @@ from typing import Any
 import click
 
 from dynid._version import __version__
+from dynid.cli.output import guarded
 
 #: Command: where it is, and what `dynid --help` says about it (so that help loads none of them).
 COMMANDS = {
     "run": ("dynid.cli.run:run", "Run one scene and write one HDF5 file."),
     "check": ("dynid.cli.check:check", "Check scenes; with --explain, tell what a run does and costs."),
     "study": ("dynid.cli.study:study", "Run a parameter study, or go on with one."),
-    "study-merge": ("dynid.cli.study_merge:study_merge", "Put the shards of a study into one file."),
-    "study-worst": ("dynid.cli.study_worst:study_worst", "Write the scene of a study's worst sample."),
+    "study-merge": ("dynid.cli.study:study_merge", "Put the shards of a study into one file."),
+    "study-worst": ("dynid.cli.study:study_worst", "Write the scene of a study's worst sample."),
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
     "show": ("dynid.cli.show:show", "Print a summary of a result."),
     "report": ("dynid.cli.report:report", "Write one HTML page of a result."),
@@ -63,7 +64,7 @@ class LazyGroup(click.Group):
         if args and args[0].startswith("-"):
             ctx.fail(f"No such option '{args[0]}'")
         if args and args[0] not in COMMANDS:
-            from dynid.words import did_you_mean
+            from dynid.suggestions import did_you_mean
 
             ctx.fail(f"no command '{args[0]}'{did_you_mean(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)
@@ -111,7 +112,8 @@ def main(args: list[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal without ω still gets the rest
     # pydantic looks for plugins in all that is installed: as long as it takes to check a scene, for nothing.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    sys.exit(_exit_code(args))
+    with guarded():
+        sys.exit(_exit_code(args))
 
 
 def _exit_code(args: list[str] | None) -> int:

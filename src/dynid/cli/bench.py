@@ -83,7 +83,7 @@ def bench(
 
 def _known(name: str, known: Collection[str]) -> str:
     if name not in known:
-        from dynid.words import did_you_mean
+        from dynid.suggestions import did_you_mean
 
         raise UsageError(
             f"there is no benchmark '{name}'{did_you_mean(name, known)}",

@@ -1,4 +1,4 @@
-"""How to cite dynid, and the two papers that it makes real."""
+"""Citation of dynid and of the two papers that it implements."""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import click
 
+from dynid.cli.foreign import reads_results
+
 
 @click.command()
 @click.argument("first", type=click.Path())
@@ -25,13 +27,14 @@ import click
     help="Absolute tolerance.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing; the exit code tells.")
+@reads_results("first", "second")
 def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> int:
     """List the differences between two results; exit code 1 if there are any.
 
     Provenance (versions, creation time, the scene's text) is not compared.
     """
     from dynid.checks import compare as differences_between
-    from dynid.numerals import counted
+    from dynid.number_format import counted
     from dynid.store import open_stored
 
     with open_stored(first) as one, open_stored(second) as other:

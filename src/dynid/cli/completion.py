@@ -1,4 +1,4 @@
-"""What the shell completes arguments from."""
+"""Sources of the shell's completions of arguments."""
 
 from __future__ import annotations
 

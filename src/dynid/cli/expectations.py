@@ -23,8 +23,8 @@ def check(scene: Scene, result: Result, junit: str | None) -> list[CheckOutcome]
             result, [item.model_dump(exclude_none=True) for item in scene.model.expect]
         )
     if junit:
-        from dynid.atomic import replace_file
         from dynid.checks import junit_xml
+        from dynid.file_access import replace_file
 
         replace_file(junit, junit_xml(outcomes, Path(scene.source.file).stem).encode())
     return outcomes

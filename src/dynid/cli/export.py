@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.foreign import reads_results
 from dynid.errors import FileError, UsageError
 
 if TYPE_CHECKING:
     from dynid.result import Result
-    from dynid.store.tables import Table
+    from dynid.store.tables import ExportTable
 
 
 #: Forms of systems, which are no tables.
@@ -36,6 +37,7 @@ _SYSTEMS = ("json", "mat", "mtx")
 )
 @click.option("--long", "long", is_flag=True, help="Of a study, too: a table a group, a row an entry.")
 @click.option("--table", "name", metavar="GROUP", help="Write the table of one group only, to one file.")
+@reads_results("file")
 def export(file: str, form: str | None, output: str | None, long: bool, name: str | None) -> int:
     """Write a result for other tools: as tables, or its systems.
 
@@ -75,9 +77,9 @@ def export(file: str, form: str | None, output: str | None, long: bool, name: st
     return 0
 
 
-def _chosen(tables: list[Table], name: str) -> Table:
+def _chosen(tables: list[ExportTable], name: str) -> ExportTable:
     """Return the table of a name, or the only one of a group."""
-    from dynid.words import did_you_mean
+    from dynid.suggestions import did_you_mean
 
     wanted = name.strip("/").replace("/", ".")
     found = [table for table in tables if table.name == wanted]
@@ -92,7 +94,7 @@ def _chosen(tables: list[Table], name: str) -> Table:
     )
 
 
-def _write_one(table: Table, output: str, file: str, write: Callable[[Table, str], None]) -> None:
+def _write_one(table: ExportTable, output: str, file: str, write: Callable[[ExportTable, str], None]) -> None:
     _refuse_overwriting(output, file)
     write(table, output)
     click.echo(f"wrote {output}")
@@ -107,28 +109,28 @@ def _refuse_overwriting(output: str, file: str) -> None:
 
 
 def _write_systems(file: str, form: str, output: str | None) -> None:
-    from dynid.store import handover, read_result
+    from dynid.store import export, read_result
 
     result, stem = read_result(file), Path(file).stem
     if form == "mtx":
         folder = _made(Path(output or stem))
-        for name, content in handover.matrix_market_files(result).items():
+        for name, content in export.matrix_market_files(result).items():
             _replace(folder / name, content)
     else:
-        write = {"json": handover.transfer_functions_json, "mat": handover.matlab_file}[form]
+        write = {"json": export.transfer_functions_json, "mat": export.matlab_file}[form]
         target = output or f"{stem}.{form}"
         _refuse_overwriting(target, file)
         _replace(Path(target), write(result))
 
 
 def _replace(target: Path, content: bytes) -> None:
-    from dynid.atomic import replace_file
+    from dynid.file_access import replace_file
 
     replace_file(target, content)
     click.echo(f"wrote {target}")
 
 
-def _write_all(result: Result, folder: Path, form: str, write: Callable[[Table, str], None]) -> None:
+def _write_all(result: Result, folder: Path, form: str, write: Callable[[ExportTable, str], None]) -> None:
     from dynid.store.tables import tables_of
 
     _made(folder)

@@ -35,7 +35,7 @@ def help_(topic: str | None) -> int:
     elif topic in COMMANDS:
         cli.main([topic, "--help"], prog_name="dynid", standalone_mode=False)
     else:
-        from dynid.words import did_you_mean
+        from dynid.suggestions import did_you_mean
 
         names = _names()
         raise UsageError(

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 #: The template that is generated, of any length.
 _CHAIN = "chain"
-#: What editors complete keys from, beside the scene.
+#: Schema file beside the scene, for completion in editors.
 _SCHEMA = "dynid.schema.json"
-#: What a template reads.
+#: Data files that templates read.
 _COMPANIONS = {"record": ("record.csv",), "frf": ("frf.csv",), "study": ("bond-graph.yaml",)}
 
 
@@ -61,8 +61,8 @@ def new(
     beam            joints of a beam, identified on a reduced model
     study           one scene, many values: a Latin hypercube over the motor
     """  # noqa: D301 - click's mark against wrapping
-    from dynid.atomic import replace_file
     from dynid.cli.run import refuse_missing_folders
+    from dynid.file_access import replace_file
 
     _refuse_options(name, netlist, chained=stages is not None or distinct)
     target = Path(output or f"{name}.yaml")
@@ -87,7 +87,7 @@ def _refuse_options(name: str, netlist: str | None, *, chained: bool) -> None:
     """Refuse a template that is not there, and options that are another's."""
     names = _names()
     if name not in names:
-        from dynid.words import did_you_mean
+        from dynid.suggestions import did_you_mean
 
         raise UsageError(
             f"no template '{name}'{did_you_mean(name, names)}", remedy=f"There are {', '.join(names)}."
@@ -121,7 +121,7 @@ def _folder() -> Traversable:
 
 def _write_companion(target: Path) -> None:
     """Write a file that a template reads; one that is there may be the user's own, and stays."""
-    from dynid.atomic import replace_file
+    from dynid.file_access import replace_file
 
     if target.exists():
         click.echo(f"kept {target}, which is there already")
@@ -132,8 +132,8 @@ def _write_companion(target: Path) -> None:
 
 def _write_schema(target: Path) -> None:
     """Write the schema that the scene names, unless it stands there as it is."""
-    from dynid.atomic import replace_file
     from dynid.cli.schema import schema_text
+    from dynid.file_access import replace_file
 
     written = f"{schema_text()}\n".encode()
     if not target.is_file() or target.read_bytes() != written:

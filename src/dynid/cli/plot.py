@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.foreign import reads_results
 from dynid.errors import FileError, UsageError
 
 if TYPE_CHECKING:
@@ -25,10 +26,11 @@ if TYPE_CHECKING:
 @click.option("--figure", "names", multiple=True, metavar="NAME", help="Write this figure only; repeatable.")
 @click.option("--list", "listing", is_flag=True, help="List the figures.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@reads_results("file")
 def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listing: bool, quiet: bool) -> int:
     """Write the figures of a result as files, one each."""
     from dynid.cli.progress import showing
-    from dynid.progress import counted
+    from dynid.progress import tracked
     from dynid.report import figures
     from dynid.store import loaded, open_stored
 
@@ -44,7 +46,7 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
         chosen = _chosen(every, names)
         targets = [Path(output) / f"{figure.name}.{form}" for figure in chosen]
         with showing(quiet):
-            for figure, target in zip(counted(chosen, "figure"), targets, strict=True):
+            for figure, target in zip(tracked(chosen, "figure"), targets, strict=True):
                 _write(figure, target, form)
     if not quiet:
         click.echo("\n".join(f"wrote {target}" for target in targets))
@@ -52,7 +54,7 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
 
 
 def _chosen(every: list[Figure], names: tuple[str, ...]) -> list[Figure]:
-    from dynid.words import did_you_mean
+    from dynid.suggestions import did_you_mean
 
     known = {figure.name: figure for figure in every}
     for name in names:
@@ -64,7 +66,7 @@ def _chosen(every: list[Figure], names: tuple[str, ...]) -> list[Figure]:
 
 
 def _write(figure: Figure, target: Path, form: str) -> None:
-    from dynid.atomic import replace_file
+    from dynid.file_access import replace_file
     from dynid.report.formats import as_file
 
     content = as_file(figure.svg, form)

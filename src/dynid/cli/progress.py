@@ -1,4 +1,4 @@
-"""How far the work is, for who looks: one line on a terminal, once it has taken two seconds."""
+"""Progress of a run: one line on a terminal, for work that takes more than two seconds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from contextlib import contextmanager
 
 import click
 
-from dynid.progress import Listener, heard_by
+from dynid.cli.output import terminal
+from dynid.progress import Listener, progress_to
+from dynid.suggestions import printable
 
 # What takes less needs no line; from then on it is written anew so often, s.
 _PATIENCE, _PERIOD = 2.0, 0.5
@@ -37,7 +39,7 @@ def showing(quiet: bool = False) -> Iterator[Listener]:
         return
     line = _Line()
     try:
-        with heard_by(line.hear):
+        with progress_to(line.hear):
             yield line.hear
     finally:
         line.end()
@@ -66,7 +68,6 @@ class _Line:
             return
         while not self._over.wait(_PERIOD):
             seconds = f"{time.monotonic() - self._began:.0f} s"
-            click.echo(
-                f"\r\033[K{' · '.join(filter(None, (self._said[:_WIDTH], seconds)))}", nl=False, err=True
-            )
-        click.echo("\r\033[K", nl=False, err=True)
+            said = printable(" · ".join(filter(None, (self._said[:_WIDTH], seconds))))
+            click.echo(f"\r\033[K{said}", file=terminal(), nl=False)
+        click.echo("\r\033[K", file=terminal(), nl=False)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.foreign import reads_results
 from dynid.errors import UsageError
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), help="The page to write; default ./<file>.html.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@reads_results("file")
 def report(file: str, output: str | None, quiet: bool) -> int:
     """Write one HTML page of a result: its answer, figures, tables, scene and provenance.
 
@@ -39,7 +41,7 @@ def report(file: str, output: str | None, quiet: bool) -> int:
 
 def write_page(result: Result, target: str) -> None:
     """Write the page of a result, whole or not at all."""
-    from dynid.atomic import replace_file
+    from dynid.file_access import replace_file
     from dynid.report.page import page
 
     replace_file(target, page(result).encode())

@@ -82,13 +82,14 @@ def run(
     outcomes = check(loaded, result, junit)
     if not quiet:
         _show(result, time.perf_counter() - started, f"{target}{f', {report}' if report else ''}")
-    _warn(result, scene)
+    for warning in _warnings(result):
+        click.echo(f"{scene}: warning: {warning}", err=True)
     return tell(loaded, outcomes, quiet)
 
 
 def compute(scene: Scene, say: Listener, *, accuracy: bool) -> Result:
     """Run a scene, with the table of alternatives where it is wanted; errors are placed in the scene."""
-    from dynid.scene.dispatch import run_scene
+    from dynid.scene.run import run_scene
 
     try:
         result = run_scene(scene)
@@ -108,21 +109,12 @@ def _show(result: Result, seconds: float, files: str) -> None:
     click.echo(f"\n  wrote {files}")
 
 
-def _warn(result: Result, scene: str) -> None:
-    """Say on stderr what a script that reads no screen must not miss."""
-    group = "identification/diagnostics"
-    if f"{group}/converged" not in result or result.value(f"{group}/converged"):
-        return
-    from dynid.report.answers.identification import contradicted, farthest
+def _warnings(result: Result) -> list[str]:
+    """Return the warnings of a result, which standard error shows to scripts that read no screen."""
+    from dynid.report.content.identification import cautions
 
-    warning = f"{scene}: warning: not converged:"
-    if not result.value(f"{group}/settled"):
-        name, distance = farthest(result)
-        reason = f"the estimate of {name} is {distance:.2g} standard errors"
-        click.echo(f"{warning} {reason} from the optimum of this record", err=True)
-    if not result.value(f"{group}/explained"):
-        priors = "".join(f"the prior of {name}, " for name in contradicted(result))
-        click.echo(f"{warning} the residuals are not noise: check {priors}model, units and starts", err=True)
+    of_graph = result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ()
+    return [*map(str, of_graph), *cautions(result)]
 
 
 def refuse_overwriting(scene: str, target: str, junit: str | None, report: str | None = None) -> None:

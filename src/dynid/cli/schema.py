@@ -12,7 +12,7 @@ from dynid.errors import UsageError
 
 
 def _kinds() -> Iterable[str]:
-    from dynid.scene.load import KINDS
+    from dynid.scene.kind import KINDS
 
     return KINDS
 
@@ -21,8 +21,8 @@ def _kinds() -> Iterable[str]:
 @click.argument("kind", required=False, shell_complete=among(_kinds))
 def schema(kind: str | None) -> int:
     """Print the JSON Schema of scenes: of one KIND, or of all."""
-    from dynid.scene.load import KINDS
-    from dynid.words import did_you_mean
+    from dynid.scene.kind import KINDS
+    from dynid.suggestions import did_you_mean
 
     if kind is not None and kind not in KINDS:
         raise UsageError(
@@ -34,10 +34,10 @@ def schema(kind: str | None) -> int:
 
 def schema_text(kind: str | None = None) -> str:
     """Return the JSON Schema of the scenes of a kind, or of all kinds, in the words of draft 7."""
-    from dynid.scene.load import KINDS, kind_model
-    from dynid.scene.schema.described import scene_schema
+    from dynid.scene.kind import KINDS
+    from dynid.scene.schema.json_schema import scene_schema
 
-    schemas = [scene_schema(kind_model(name)) for name in ([kind] if kind else KINDS)]
+    schemas = [scene_schema(KINDS[name].load("model")) for name in ([kind] if kind else KINDS)]
     if len(schemas) == 1:
         document = schemas[0]
     else:

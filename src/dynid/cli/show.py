@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import click
 
+from dynid.cli.foreign import reads_results
+
 
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option("--all", "everything", is_flag=True, help="List every array, with its axes and units.")
+@reads_results("file")
 def show(file: str, everything: bool) -> int:
     """Print the summary of a result again: of a run, a plan, a study or a benchmark.
 

@@ -1,4 +1,4 @@
-"""How far a study is: a bar on a terminal, plain lines elsewhere, both on stderr."""
+"""Progress of a study: a bar on a terminal, plain lines elsewhere, both on stderr."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynid.numerals import counted
+from dynid.cli.output import terminal
+from dynid.number_format import counted
+from dynid.suggestions import printable
 
 if TYPE_CHECKING:
-    from dynid.study.running import Progress, Report
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    from dynid.study.running import Notice, Progress, Report
 
 _SECONDS = 10.0  # between two plain lines
 _WINDOW = 60.0  # the rate is that of the last minute
@@ -87,20 +92,49 @@ class _Lines:
             self._next = now + _SECONDS
 
 
+def noticing(study: str, report: Report | None) -> Notice:
+    """Return what gives notice to the user of a study, above the bar where there is one.
+
+    Parameters
+    ----------
+    study
+        The study's file.
+    report
+        What its progress is reported to.
+    """
+
+    def notice(text: str) -> None:
+        line = printable(f"{study}: warning: {text}")
+        if isinstance(report, _Bar):
+            report.console.print(line, markup=False, highlight=False, soft_wrap=True)
+        else:
+            click.echo(line, err=True)
+
+    return notice
+
+
+class _Bar:
+    """A bar on a terminal."""
+
+    def __init__(self, console: Console, bar: Bar) -> None:
+        self.console = console
+        self._bar = bar
+        self._rate = Rate()
+        self._task = bar.add_task("", total=None)
+
+    def __call__(self, progress: Progress) -> None:
+        self._rate.see(time.monotonic(), progress.finished)
+        said = words(progress, self._rate.per_second)
+        self._bar.update(self._task, total=progress.total, completed=progress.finished, description=said)
+
+
 @contextmanager
 def _bar() -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bar
 
-    rate = Rate()
     columns = (BarColumn(), TextColumn("{task.description}"))
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-
-        def report(progress: Progress) -> None:
-            rate.see(time.monotonic(), progress.finished)
-            said = words(progress, rate.per_second)
-            bar.update(task, total=progress.total, completed=progress.finished, description=said)
-
-        yield report
+    console = Console(file=terminal())
+    with Bar(*columns, console=console, transient=True) as bar:
+        yield _Bar(console, bar)

@@ -1,4 +1,4 @@
-"""What a record will tell, before it is worked on: bounds, collinear parameters, modal sensitivities."""
+"""Identifiability before a run: bounds, collinear parameters, modal sensitivities."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.augmented import augmented
-from dynid.identification.ensemble import Ensemble, JointFit, Likelihood
-from dynid.identification.fit import fitter
-from dynid.identification.information import Information, thin_svd
+from dynid.identification.calibration import add_calibration_slopes, calibration_slopes
+from dynid.identification.information import Information
+from dynid.identification.lack_of_fit import compare_models
+from dynid.identification.least_squares import thin_svd
+from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.measurement import Experiment, as_estimated, data
+from dynid.identification.record_model import record_model
+from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -23,7 +26,7 @@ Array = NDArray[np.float64]
 
 #: Noise over RMS that is assumed where nothing is known of it.
 NOMINAL_NOISE = 0.01
-# Singular values of the scaled sensitivities, over the largest, below which parameters are told apart badly,
+# Singular values of the scaled sensitivities, over the largest, below which parameters are ill conditioned,
 # and below which not at all.
 _BADLY, _NOT = 1e-3**0.5, 1e-8
 # Share of a blind direction that leaves a parameter without a bound.
@@ -31,25 +34,25 @@ _SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
-    """What is observed as it is expected to be, at expected values of the parameters.
+class ExpectedRecords:
+    """The records as they are expected, at expected values of the parameters.
 
     Attributes
     ----------
-    ensemble
+    likelihood
         Its likelihood.
     fit
         The prediction.
     noise
-        Expected standard deviation of the noise of each record (channels).
+        ExpectedRecords standard deviation of the noise of each record (channels).
     place
         What the values are: ``true`` or ``start``.
     assumed
         Whether the noise is nominal, since nothing is known of it.
     """
 
-    ensemble: Likelihood
-    fit: JointFit
+    likelihood: Likelihood
+    fit: Fit
     noise: list[Array]
     place: str
     assumed: bool
@@ -57,29 +60,37 @@ class Expected:
     @property
     def values(self) -> dict[str, float]:
         """The parameters by name."""
-        return dict(zip(self.ensemble.names, np.exp(self.fit.logs).tolist(), strict=True))
+        return dict(zip(self.likelihood.names, np.exp(self.fit.logs).tolist(), strict=True))
+
+    @property
+    def redundancy(self) -> int:
+        """Number of independent values that the records resolve beyond the unknowns."""
+        compared = compare_models(self.likelihood, self.fit)
+        each = zip(self.likelihood.records, self.noise, compared.noise, strict=True)
+        noise = [np.maximum(level / record.data.rms, seen) for record, level, seen in each]
+        return compared.redundancy_at(noise)
 
     def information(self) -> Information:
         """Return what the records tell of the parameters, initial states unknown."""
-        return self.ensemble.information(self.fit, self.noise)
+        return self.likelihood.information(self.fit, self.noise)
 
 
 @dataclass(frozen=True, eq=False)
-class Prospect(Expected):
+class ExpectedTimeRecords(ExpectedRecords):
     """Records of time as they are expected.
 
     Attributes
     ----------
-    ensemble
+    likelihood
         Model and records.
     """
 
-    ensemble: Ensemble
+    likelihood: TimeLikelihood
 
 
-def prospect(
+def expected_time_records(
     model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel | None = None
-) -> Prospect:
+) -> ExpectedTimeRecords:
     """Predict records at the true values where all are known, else at the starts.
 
     Parameters
@@ -100,18 +111,18 @@ def prospect(
     for loads, measurement in experiments:
         measured = data(truth or model, loads, measurement)
         known = as_estimated(loads, measurement.record)
-        joint = augmented(model, known, measurement.channels, measurement.record.times)
-        records.append(fitter(joint, model, measurement.channels, measured, len(experiments)))
-    ensemble = Ensemble(tuple(records))
-    return Prospect(ensemble, *_expectation(ensemble))
+        one = record_model(model, known, measurement.channels, measurement.record.times)
+        records.append(TimeRecord(one, measured, Experiment(loads, measurement), len(experiments)))
+    likelihood = TimeLikelihood(tuple(records))
+    return ExpectedTimeRecords(likelihood, *_expectation(likelihood))
 
 
-def expected(likelihood: Likelihood) -> Expected:
+def expected_records(likelihood: Likelihood) -> ExpectedRecords:
     """Return what is expected at the true values where all are known, else at the starts."""
-    return Expected(likelihood, *_expectation(likelihood))
+    return ExpectedRecords(likelihood, *_expectation(likelihood))
 
 
-def _expectation(likelihood: Likelihood) -> tuple[JointFit, list[Array], str, bool]:
+def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     """Return prediction, noise, what it is taken at, and whether the noise is assumed."""
     unknowns = likelihood.unknowns
     true = [unknown.true for unknown in unknowns if unknown.true is not None]
@@ -136,9 +147,12 @@ def relative_bounds(information: Information) -> Array:
         return bounds
     _, s, Vt = thin_svd(information.projected[:, seen] / size[seen])
     s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
-    told = s > _NOT * s[0]
-    blind = np.sqrt(np.sum(Vt[~told] ** 2, axis=0)) > _SHARE
-    deviation = np.sqrt(np.sum((Vt[told] / s[told, None]) ** 2, axis=0)) / size[seen]
+    identifiability_result = s > _NOT * s[0]
+    blind = np.sqrt(np.sum(Vt[~identifiability_result] ** 2, axis=0)) > _SHARE
+    deviation = (
+        np.sqrt(np.sum((Vt[identifiability_result] / s[identifiability_result, None]) ** 2, axis=0))
+        / size[seen]
+    )
     bounds[seen] = np.where(blind, np.inf, deviation)
     return bounds
 
@@ -154,7 +168,7 @@ def identifiability(
     Parameters
     ----------
     model, experiments, truth
-        As of `prospect`.
+        As of `expected_time_records`.
 
     Returns
     -------
@@ -163,7 +177,7 @@ def identifiability(
         start), `bound` (Cramér–Rao, on the standard error), `relative_bound` (over the value; infinite where
         the records do not tell), `relative_bound_known_state` (were the initial states known), `condition`
         and `singular_value` of the scaled information; `groups/{group, parameters, seen, blind}`: parameters
-        told apart badly (condition above 1000) or not at all, what is seen of them, and the relative changes
+        ill conditioned (above 1000) or not at all, what is seen of them, and the relative changes
         that are not; `noise/{channel, deviation, bound}`; `modal_sensitivity/{mode, omega, zeta,
         omega_by_parameter, zeta_by_parameter}`: exact derivatives of size and damping ratio of each pole.
 
@@ -174,7 +188,20 @@ def identifiability(
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identifiability of {', '.join(names)}", names=names):
-        return told(model, prospect(model, experiments, truth), channels_of(experiments))
+        return identifiability_result(
+            model, expected_time_records(model, experiments, truth), channels_of(experiments)
+        )
+
+
+def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
+    """Add ``considered/``: what calibration errors would do; NaN of parameters not identifiable."""
+    unbounded = ~np.isfinite(relative_bounds(expected.information()))
+    likelihood, free = expected.likelihood, np.zeros(len(unbounded), dtype=bool)
+    each = zip(likelihood.records, expected.fit.parts, expected.noise, strict=True)
+    derivatives = [record.calibration(part, level) for record, part, level in each]
+    found = calibration_slopes(likelihood.names, derivatives, likelihood.priors.rows(), free)
+    slopes = np.where(unbounded[:, None], np.nan, found.slopes)
+    add_calibration_slopes(result, found._replace(slopes=slopes))
 
 
 def channels_of(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:
@@ -187,7 +214,9 @@ def channels_of(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:
     ]
 
 
-def told(model: StructuralModel, expected: Expected, channels: Sequence[tuple[str, str]]) -> Result:
+def identifiability_result(
+    model: StructuralModel, expected: ExpectedRecords, channels: Sequence[tuple[str, str]]
+) -> Result:
     """Return what is told of the parameters, as `identifiability` does.
 
     Parameters
@@ -207,9 +236,9 @@ def told(model: StructuralModel, expected: Expected, channels: Sequence[tuple[st
     return result
 
 
-def _add_bounds(result: Result, expected: Expected) -> None:
+def _add_bounds(result: Result, expected: ExpectedRecords) -> None:
     group, dims = "identification/identifiability", ("parameter",)
-    unknowns = expected.ensemble.unknowns
+    unknowns = expected.likelihood.unknowns
     information = expected.information()
     unit = common_unit(unknown.unit for unknown in unknowns)
     values, bounds = np.exp(expected.fit.logs), relative_bounds(information)
@@ -229,9 +258,9 @@ def _add_bounds(result: Result, expected: Expected) -> None:
     result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT * s[0] else np.inf)
 
 
-def _known_state(expected: Expected) -> Array:
+def _known_state(expected: ExpectedRecords) -> Array:
     """Return the relative bounds were the initial states known."""
-    records = expected.ensemble.records
+    records = expected.likelihood.records
     each = zip(records, expected.fit.parts, expected.noise, strict=True)
     full = np.concatenate([record.slopes(part, level) for record, part, level in each])
     values = sum(int(record.data.counts.sum()) for record in records)
@@ -259,7 +288,7 @@ def _add_groups(result: Result, information: Information) -> None:
     result.add(f"{group}/of_group", np.array([n for n, _, _ in changes], dtype=int), ("blind_direction",))
 
 
-def _add_noise(result: Result, expected: Expected, channels: Sequence[tuple[str, str]]) -> None:
+def _add_noise(result: Result, expected: ExpectedRecords, channels: Sequence[tuple[str, str]]) -> None:
     """Add the noise and the bound on its deviation, sigma over the root of twice the number of values."""
     group = "identification/identifiability/noise"
     names, units = zip(*channels, strict=True)

@@ -1,4 +1,4 @@
-"""What a record tells about the parameters: Fisher information and the Cramér–Rao bound.
+"""Fisher information of records on the parameters, the Cramér–Rao bound, and parameters that are collinear.
 
 The initial state is unknown and a nuisance: the sensitivities to the parameters are projected off those to
 it before they count.
@@ -9,23 +9,99 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.collinear import Group, collinear_groups
-from dynid.lti.floating import finite
+from dynid.identification.least_squares import least_squares, thin_svd, without_state
 
 Array = NDArray[np.float64]
 
+# Part of a blind direction below which a parameter has no share in it; equality of coefficients.
+_SHARE, _EQUAL = 1e-3, 1e-2
 # Part of a parameter's effect that must be left once initial state and other parameters have taken theirs:
 # sensitivities are exact to about 1e-12, and no measured record has that many digits.
 _VISIBLE = 1e-8
-# Initial states are told apart in the scales of their prior down to this part of the best seen one.
-STATE_RANK = 1e-10
-# Height over width of the blocks that a tall matrix is factorised by.
-_BLOCK = 8
+
+
+class CollinearGroup(NamedTuple):
+    """Parameters that cannot be distinguished.
+
+    `places` of the parameters; `blind` (directions x parameters): changes of their logarithms that the record
+    does not show, of unit length; `seen`: in words, to first order, what of them it does show (empty where
+    that is more than one combination).
+    """
+
+    places: tuple[int, ...]
+    blind: Array
+    seen: str
+
+
+def collinear_groups(
+    names: Sequence[str], values: Array, sensitivity: Array, level: float
+) -> list[CollinearGroup]:
+    """Return the groups of parameters that cannot be distinguished.
+
+    Parameters
+    ----------
+    names, values
+        The parameters (p).
+    sensitivity
+        Of the record to their logarithms, over noise and free of the initial state (rows x p), rows at least
+        as many as parameters. Columns of zeros are left out: they are no group, but unseen.
+    level
+        Singular values below this part of the largest, columns scaled to one length, are blind.
+    """
+    size = np.linalg.norm(sensitivity, axis=0)
+    there = np.flatnonzero(size > 0)
+    if len(there) < 2:
+        return []
+    _, s, Vt = np.linalg.svd(np.linalg.qr(sensitivity[:, there] / size[there], mode="r"))
+    blind = Vt[s <= level * s[0]]
+    if not len(blind):
+        return []
+    together = np.abs(blind.T @ blind) > _SHARE**2  # the projector: the same whatever the vectors
+    groups = []
+    for members in _components(together):
+        _, strength, rows = np.linalg.svd(blind[:, members])
+        inside = rows[: int(np.count_nonzero(strength > 0.5))]  # each direction lies in one group
+        places = there[members]
+        changes = inside / size[places]
+        changes /= np.linalg.norm(changes, axis=1)[:, None]
+        seen = ""
+        if len(inside) == len(members) - 1:
+            normal = np.linalg.svd(inside)[2][-1]
+            seen = _combination([names[place] for place in places], values[places], normal * size[places])
+        groups.append(CollinearGroup(tuple(int(place) for place in places), changes, seen))
+    return groups
+
+
+def _components(together: NDArray[np.bool_]) -> list[list[int]]:
+    """Return the connected sets of two or more."""
+    left, found = set(range(len(together))), []
+    while left:
+        members, edge = set(), {min(left)}
+        while edge:
+            members |= edge
+            edge = {int(k) for place in edge for k in np.flatnonzero(together[place])} - members
+        left -= members
+        if len(members) > 1:
+            found.append(sorted(members))
+    return found
+
+
+def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
+    """Name the combination with this gradient by the logarithms: a sum, a sum of inverses, a product."""
+    for by_value, pattern in ((gradient / values, "{}"), (gradient * values, "1/{}"), (gradient, "ln {}")):
+        terms = by_value / by_value[0]
+        if np.all(np.abs(np.abs(terms) - 1) < _EQUAL):
+            written = [pattern.format(name) for name in names]
+            signs = [" - " if term < 0 else " + " for term in terms[1:]]
+            return written[0] + "".join(s + w for s, w in zip(signs, written[1:], strict=True))
+    shares = gradient / np.abs(gradient).max()
+    return " + ".join(f"{share:.2g} ln {name}" for share, name in zip(shares, names, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +158,8 @@ class Information:
         if self.freedom < len(self.names):
             raise _refusal(
                 list(self.names),
-                "cannot be told from the unknown initial state: the record holds fewer values than unknowns",
+                "cannot be distinguished from the unknown initial state: the record has fewer values than "
+                "unknowns",
                 "Measure more samples or channels.",
             )
         unseen = np.linalg.norm(self.projected, axis=0) <= _VISIBLE * np.maximum(
@@ -101,12 +178,12 @@ class Information:
             involved = np.abs(blind).max(axis=0) > 1e-3
             raise _refusal(
                 self._named(involved),
-                f"cannot be told apart in this record{self._shown()}",
+                f"cannot be distinguished in this record{self._shown()}",
                 "Fix some of them at a value, or add channels, samples or excitation frequencies.",
             )
 
-    def groups(self, level: float = _VISIBLE) -> list[Group]:
-        """Return the groups of parameters that are not told apart, as `collinear_groups` does."""
+    def groups(self, level: float = _VISIBLE) -> list[CollinearGroup]:
+        """Return the groups of parameters that cannot be distinguished, as `collinear_groups` does."""
         values = np.ones(len(self.names)) if self.values is None else self.values
         return collinear_groups(self.names, values, self.projected, level)
 
@@ -175,15 +252,12 @@ def information(
     values
         How many values there are.
     """
-    U, s, _ = thin_svd(by_state)
-    U = U[:, : len(s)][:, s > STATE_RANK * s.max(initial=0.0)]
-    projected = by_parameter - U @ (U.T @ by_parameter)
-    projected -= U @ (U.T @ projected)  # once more: what rounding left
+    projected, seen = without_state(by_parameter, by_state)
     total = np.linalg.norm(by_parameter, axis=0)
-    return Information(names, projected, total, signal, values - U.shape[1])
+    return Information(names, projected, total, signal, values - seen)
 
 
-def joined(parts: Sequence[Information]) -> Information:
+def joint_information(parts: Sequence[Information]) -> Information:
     """Return the information of several records together, whose initial states are each their own."""
     return Information(
         parts[0].names,
@@ -195,73 +269,11 @@ def joined(parts: Sequence[Information]) -> Information:
     )
 
 
-def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
-    """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns."""
-    finite("the sensitivity of the record", matrix)
-    if not matrix.shape[1]:
-        return np.zeros((len(matrix), 0)), np.zeros(0), np.zeros((0, 0))
-    if len(matrix) > _BLOCK * matrix.shape[1]:
-        Q, R = _tall_qr(matrix)
-        U, s, Vt = np.linalg.svd(R)
-        return Q @ U, s, Vt
-    U, s, Vt = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
-    return U, s, Vt
-
-
-def _tall_qr(matrix: Array) -> tuple[Array, Array]:
-    """Factorise a tall matrix block by block, then the blocks' triangles (as stable as in one go).
-
-    The blocks are small enough for one thread: on a busy machine, waiting for the others costs far more
-    than they save. J. Demmel et al., SIAM J. Sci. Comput. 34 (2012) A206–A239.
-    """
-    rows, columns = matrix.shape
-    height = _BLOCK * columns
-    if rows <= height:
-        Q, R = np.linalg.qr(matrix)
-        return Q, R
-    filled = np.concatenate([matrix, np.zeros((-rows % height, columns))])
-    blocks, triangles = np.linalg.qr(filled.reshape(-1, height, columns))
-    Q, R = _tall_qr(triangles.reshape(-1, columns))
-    return (blocks @ Q.reshape(-1, columns, columns)).reshape(-1, columns)[:rows], R
-
-
-def triangles(rows: Array) -> Array:
-    """Return triangles (channels x w x w) whose products with their transposes are those of the rows.
-
-    Parameters
-    ----------
-    rows
-        Rows of each channel (times x channels x w).
-    """
-    return np.stack([_triangle(rows[:, channel]) for channel in range(rows.shape[1])])
-
-
-def _triangle(matrix: Array) -> Array:
-    rows, columns = matrix.shape
-    height = _BLOCK * columns
-    if rows > height:
-        filled = np.concatenate([matrix, np.zeros((-rows % height, columns))])
-        blocks = np.linalg.qr(filled.reshape(-1, height, columns), mode="r")
-        return _triangle(np.asarray(blocks).reshape(-1, columns))
-    R = np.linalg.qr(matrix, mode="r")
-    return np.concatenate([R, np.zeros((columns - len(R), columns))])
-
-
-def least_squares(matrix: Array, right: Array, rank: float) -> Array:
-    """Return the shortest least-squares solution, singular values below `rank` of the largest left out."""
-    finite("the sensitivity of the record", matrix)
-    finite("the record", right)
-    if len(matrix) > _BLOCK * matrix.shape[1]:
-        both = _triangle(np.column_stack([matrix, right]))
-        matrix, right = both[:, :-1], both[:, -1]
-    return np.asarray(np.linalg.lstsq(matrix, right, rank)[0])
-
-
-def untold(names: list[str]) -> NotIdentifiable:
+def drowned_in_noise(names: list[str]) -> NotIdentifiable:
     """Return the error that names parameters whose effect drowns in the noise."""
     return _refusal(
         names,
-        "cannot be told by this record: the effect drowns in the noise",
+        "cannot be estimated from this record: the effect drowns in the noise",
         "Excite or measure where the joint works, measure longer or with less noise, or fix some at a value.",
     )
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
-from dynid.identification.diagnostics import root_mean_square
-from dynid.lti.propagate import Response, response
-from dynid.lti.signals import Random, Record, White
+from dynid.identification.statistics import root_mean_square
+from dynid.lti.signals import Random, RecordTimes, WhiteNoise
+from dynid.lti.time_response import TimeResponse, propagate
+from dynid.structure.excitation import drive, signals_of, starting_state
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.motion import drive, signals_of, starting_state
 from dynid.structure.response import Channel, Load
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Simulation:
-    """How to simulate a record.
+    """Settings of a simulated record.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What is measured, when, and where the values come from.
+    """A measurement: channels, sampling, and the source of the values.
 
     Parameters
     ----------
@@ -136,10 +136,10 @@ class Measurement:
         return per_channel("measurement.noise", self.noise, len(self.channels))
 
     @property
-    def record(self) -> Record:
+    def record(self) -> RecordTimes:
         """The record: step, samples, and the time of the first one."""
         start = self.source.settle if isinstance(self.source, Simulation) else self.start
-        return Record(self.step, self.samples, start)
+        return RecordTimes(self.step, self.samples, start)
 
 
 class Experiment(NamedTuple):
@@ -151,9 +151,39 @@ class Experiment(NamedTuple):
     loads: Sequence[Load]
     measurement: Measurement
 
+    @property
+    def dofs(self) -> list[Label]:
+        """The DOFs that are loaded, measured or given an initial value."""
+        source, channels = self.measurement.source, self.measurement.channels
+        given = (source.displacement, source.velocity) if isinstance(source, Simulation) else ()
+        dofs = [*(load.dof for load in self.loads), *(end for c in channels for end in (c.dof, c.reference))]
+        dofs += [dof for motion in given for dof in motion or ()]
+        return list(dict.fromkeys(dof for dof in dofs if dof is not None))
+
+
+class RobustLoss(NamedTuple):
+    """The effect of a robust loss on a record.
+
+    Attributes
+    ----------
+    recorded
+        The values as they were recorded (times x channels), NaN where missing.
+    scale
+        RobustLoss standard deviation of the residuals (channels).
+    clipped
+        Part of the values whose influence is bounded (channels).
+    given
+        Standard deviation of the noise that was given (channels), NaN where it is not given.
+    """
+
+    recorded: Array
+    scale: Array
+    clipped: Array
+    given: Array
+
 
 @dataclass(frozen=True, eq=False)
-class Data:
+class RecordData:
     """A record.
 
     Attributes
@@ -169,6 +199,9 @@ class Data:
     passed
         Part of the power of white noise that a preparation has left. Error bars need its density in the band
         that is left: what is seen in the residuals over the root of this part.
+    robust
+        What a robust loss has made of the record; `values` then are pseudo-values, see
+        `dynid.identification.estimators.maximum_likelihood`.
     """
 
     values: Array
@@ -176,6 +209,19 @@ class Data:
     clean: Array | None = None
     given: Array | None = None
     passed: float = 1.0
+    robust: RobustLoss | None = None
+
+    @property
+    def recorded(self) -> Array:
+        """The values as they were recorded (times x channels)."""
+        return self.values if self.robust is None else self.robust.recorded
+
+    @property
+    def told(self) -> Array:
+        """The noise's deviations that were given (channels), NaN where not, whatever the loss."""
+        if self.robust is not None:
+            return self.robust.given
+        return np.full(self.values.shape[1], np.nan) if self.given is None else self.given
 
     @cached_property
     def rms(self) -> Array:
@@ -184,17 +230,17 @@ class Data:
 
     @cached_property
     def counts(self) -> NDArray[np.int_]:
-        """How many values each channel has (channels)."""
+        """Number of values of each channel (channels)."""
         return np.asarray(np.count_nonzero(~np.isnan(self.values), axis=0))
 
-    def without_noise(self) -> Data:
+    def without_noise(self) -> RecordData:
         """Return the record without its noise, where that is known."""
         return self if self.clean is None else replace(self, values=self.clean)
 
 
 def data(
     model: StructuralModel, loads: Sequence[Load], measurement: Measurement, clean: Array | None = None
-) -> Data:
+) -> RecordData:
     """Return the measured values, simulated with `model` where they are to be simulated.
 
     Simulated values are exact for the continuous loads, the unknown joint parameters at
@@ -214,9 +260,9 @@ def data(
             clean = simulated(model, loads, measurement).outputs
         noise = measurement.source.deviation(clean)
         generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
-        record = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
+        record = RecordData(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
     else:
-        record = Data(np.asarray(measurement.source), given=given, passed=measurement.passed)
+        record = RecordData(np.asarray(measurement.source), given=given, passed=measurement.passed)
     for column, channel in enumerate(measurement.channels):
         if not np.any(np.nan_to_num(record.values[:, column])):
             raise NotIdentifiable(
@@ -227,19 +273,21 @@ def data(
     return record
 
 
-def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> Response:
+def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> TimeResponse:
     """Return the exact, noise-free response at the sampling times, from the initial motion at t = 0."""
-    system = drive(model, loads, measurement.channels).system(*model.dense(model.true_values()))
+    driven, matrices = drive(model, loads, measurement.channels), model.dense(model.true_values())
     source = measurement.source
     motions = (source.displacement, source.velocity) if isinstance(source, Simulation) else ()
-    start = starting_state(model, loads, *motions)
-    return response(system, signals_of(loads), measurement.record.times, start)
+    start = driven.state(*matrices[:2], starting_state(model, loads, *motions))
+    return propagate(driven.system(*matrices), signals_of(loads), measurement.record.times, start)
 
 
-def as_estimated(loads: Sequence[Load], record: Record) -> list[Load]:
+def as_estimated(loads: Sequence[Load], record: RecordTimes) -> list[Load]:
     """Return the loads as an estimator knows them: of a random signal its samples only."""
     return [
-        load._replace(signal=load.signal.sampled(record)) if isinstance(load.signal, Random | White) else load
+        load._replace(signal=load.signal.sampled(record))
+        if isinstance(load.signal, Random | WhiteNoise)
+        else load
         for load in loads
     ]
 

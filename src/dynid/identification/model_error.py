@@ -1,4 +1,4 @@
-"""How wrong a reduced model is, apart from the noise: what the model behind it would say of the same record.
+"""Error of a reduced model apart from the noise: estimates that the full model would give.
 
 At the estimate the model that was reduced (or, of a large one, a basis three times the size) is fitted to the
 same records. The two Gauss–Newton steps that it asks for are what the reduction has moved the estimates by;
@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import root_mean_square
-from dynid.identification.ensemble import JointFit, Likelihood
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.statistics import root_mean_square
 from dynid.result import Result
 from dynid.structure.joints import Unknown
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import common_unit
+from dynid.structure.state_space import without_massless
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ _LONGEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """What the reduction does to an estimate.
+    """The effect of a reduction on the estimates.
 
     Attributes
     ----------
@@ -64,12 +65,12 @@ class ModelError:
 
     @property
     def dominant(self) -> NDArray[np.bool_]:
-        """Which estimates (p) are farther off by the reduction than by the noise."""
+        """Mask of estimates (p) whose error by the reduction exceeds that by the noise."""
         return np.asarray(np.abs(self.shift) > np.maximum(self.noise, _NEGLIGIBLE))
 
     @property
     def warning(self) -> str:
-        """What to be wary of, in words; empty where the noise leaves more than the reduction."""
+        """Warnings about the reduction; empty where the noise leaves a larger error."""
         if not self.dominant.any():
             return ""
         k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE)))
@@ -102,8 +103,8 @@ class ModelError:
 
 def model_error(
     model: StructuralModel,
-    ensemble: Likelihood,
-    fit: JointFit,
+    likelihood: Likelihood,
+    fit: Fit,
     dofs: list[Label],
     refitted: Callable[[StructuralModel], Likelihood],
 ) -> ModelError:
@@ -113,7 +114,7 @@ def model_error(
     ----------
     model
         The reduced model.
-    ensemble, fit
+    likelihood, fit
         The records with it, and their fit at the estimate.
     dofs
         DOFs of loads and sensors.
@@ -121,7 +122,7 @@ def model_error(
         Returns the records with another model.
     """
     assert model.basis is not None
-    names, estimate = ensemble.names, np.exp(fit.logs)
+    names, estimate = likelihood.names, np.exp(fit.logs)
     values = dict(zip(names, estimate.tolist(), strict=True))
     finer, words = _reference(model, model.basis.parent, dofs, values)
     reference = refitted(finer)
@@ -129,14 +130,14 @@ def model_error(
     shift = _step(reference, other)
     # From where it leads: what is left there is noise, and the rest of the way.
     nearer = reference.fit(fit.logs + shift)
-    each = zip(fit.parts, other.parts, ensemble.records, strict=True)
+    each = zip(fit.parts, other.parts, likelihood.records, strict=True)
     response = [
         root_mean_square(a.predicted.outputs - b.predicted.outputs) / record.data.rms for a, b, record in each
     ]
     omega = _frequencies(model, values, None)
     return ModelError(
         words,
-        ensemble.unknowns,
+        likelihood.unknowns,
         estimate,
         shift + _step(reference, nearer),
         reference.information(nearer, _noise(reference, nearer)).deviations(),
@@ -146,16 +147,16 @@ def model_error(
     )
 
 
-def _noise(ensemble: Likelihood, fit: JointFit) -> list[Array]:
+def _noise(likelihood: Likelihood, fit: Fit) -> list[Array]:
     """Return the noise seen, not below rounding."""
-    each = zip(fit.parts, ensemble.records, strict=True)
+    each = zip(fit.parts, likelihood.records, strict=True)
     return [np.maximum(part.noise, np.finfo(float).eps * record.data.rms) for part, record in each]
 
 
-def _step(ensemble: Likelihood, fit: JointFit) -> Array:
+def _step(likelihood: Likelihood, fit: Fit) -> Array:
     """Return the Gauss–Newton step of the logarithms, no longer than where it means anything."""
-    noise = _noise(ensemble, fit)
-    step = ensemble.information(fit, noise).step(ensemble.weighted(fit, noise))
+    noise = _noise(likelihood, fit)
+    step = likelihood.information(fit, noise).step(likelihood.weighted(fit, noise))
     return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
 
 
@@ -168,9 +169,9 @@ def _reference(
     """
     count = _FINER * model.size
     if full.size <= max(_MOST_DOFS, count):
-        return full, f"full model of {full.size} DOFs"
-    from dynid.structure.reduction.joint_aware import JointAware
-    from dynid.structure.reduction.selection import Interest, ModeRange
+        return without_massless(full, dofs), f"full model of {full.size} DOFs"
+    from dynid.structure.reduction.mode_selection import Interest, ModeRange
+    from dynid.structure.reduction.serep import JointAware
 
     method = JointAware(None, ModeRange(count=count), Interest(tuple(dofs)), values, residuals="auto")
     return method.reduce(full).model, f"model of {count} modes and residual vectors"

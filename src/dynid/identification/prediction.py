@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.augmented import AugmentedModel, Transition
-from dynid.identification.kernels.compiled import compiled
+from dynid.identification.kernels import compiled
+from dynid.identification.record_model import RecordModel, Transition
 from dynid.lti.recurrence import free_response, recurrence
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Prediction(NamedTuple):
     by_state: Array
 
 
-def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, Steps]:
+def free_prediction(model: RecordModel, logs: Array) -> tuple[Free, Steps]:
     """Return the prediction for every initial state, and the steps it was made with.
 
     Parameters
@@ -85,17 +85,18 @@ def free_prediction(model: AugmentedModel, logs: Array) -> tuple[Free, Steps]:
     return Free(forced[line.wanted] @ C.T + model.feedthrough, by_state), transitions
 
 
-def _free_compiled(model: AugmentedModel, logs: Array) -> tuple[Free, Steps]:
-    from dynid.identification.kernels import simulate  # loads numba
+def _free_compiled(model: RecordModel, logs: Array) -> tuple[Free, Steps]:
+    from dynid.identification.kernels import prediction_kernel  # loads numba
+    from dynid.identification.kernels.steps import tables
 
-    C, at = model.output(logs)[0], simulate.steps_at(model, logs)
+    C, at = model.output(logs)[0], prediction_kernel.steps_at(model, logs)
     forced = np.empty(model.feedthrough.shape)
     by_state = np.empty((*forced.shape, model.states))
-    simulate.free(model.tables, at, C, forced, by_state)
+    prediction_kernel.free(tables(model), at, C, forced, by_state)
     return Free(forced, by_state), at
 
 
-def prediction(model: AugmentedModel, logs: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
+def prediction(model: RecordModel, logs: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
     """Return the prediction from `x0` with its sensitivities to the parameters' logarithms.
 
     Parameters
@@ -129,16 +130,48 @@ def prediction(model: AugmentedModel, logs: Array, x0: Array, free: Free, steps:
     return Prediction(outputs, trajectory, seen + direct, free.by_state)
 
 
-def _compiled(model: AugmentedModel, logs: Array, x0: Array, free: Free, at: Linear) -> Prediction:
-    from dynid.identification.kernels import simulate  # loads numba
+def _compiled(model: RecordModel, logs: Array, x0: Array, free: Free, at: Linear) -> Prediction:
+    from dynid.identification.kernels import prediction_kernel  # loads numba
+    from dynid.identification.kernels.steps import tables
 
     C, C_slopes = model.output(logs)
     outputs = np.empty(model.feedthrough.shape)
     states = np.empty((len(outputs), model.states))
     by_parameter = np.empty((*outputs.shape, model.parameters))
     varying = C_slopes if C_slopes.any() else C_slopes[:0]
-    simulate.sensitive(model.tables, at, C, varying, x0, outputs, states, by_parameter)
+    prediction_kernel.sensitive(tables(model), at, C, varying, x0, outputs, states, by_parameter)
     return Prediction(outputs, states, by_parameter, free.by_state)
+
+
+def forced_by(model: RecordModel, logs: Array, loads: Sequence[int]) -> Array:
+    """Return the response to some of the loads alone, from the state that they prescribe (times x channels).
+
+    Parameters
+    ----------
+    model, logs
+        Model and parameters' logarithms (p).
+    loads
+        Places of the loads, from 0.
+    """
+    part = model.driven_by(loads)
+    free, _ = free_prediction(part, logs)
+    return np.asarray(free.forced + free.by_state @ part.initial)
+
+
+def rates(model: RecordModel, logs: Array, states: Array) -> Array:
+    """Return the derivatives of the outputs by time (times x channels).
+
+    Parameters
+    ----------
+    model, logs
+        Model and parameters' logarithms (p).
+    states
+        States at the sampling times (times x n), scaled.
+    """
+    line = model.line
+    A = model.A + np.einsum("p,pij->ij", np.exp(logs), model.A_slopes)
+    moving = states @ A.T + model.W[line.wanted] @ model.drive.T
+    return np.asarray(moving @ model.output(logs)[0].T + line.inputs(order=1) @ model.D.T)
 
 
 def runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
@@ -149,7 +182,7 @@ def runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
             yield first, min(first + _LONGEST_RUN, end), int(which[first])
 
 
-def _forcing(model: AugmentedModel, gammas: list[Array]) -> Array:
+def _forcing(model: RecordModel, gammas: list[Array]) -> Array:
     """Return ``Gamma w`` of every interval (intervals x …)."""
     shape = gammas[0].shape[:-1] if gammas else (0,)
     out = np.empty((len(model.line.which), *shape))

@@ -1,29 +1,198 @@
-"""Preparation of measured records by named steps.
+"""Preparation of measured records by named steps: detrending, band-pass, decimation.
 
-A filter that treats outputs and inputs alike leaves the linear relation between them true, as far from the
-ends of the record as its response reaches; so the ends are cut off. Inside, the filtered state follows the
-same equations of motion: free vibration and unknown initial states stay what they are.
+A filter that treats outputs and inputs alike leaves the linear relation between them unchanged, as far from
+the ends of the record as its response reaches; so the ends are cut off. Inside, the filtered state follows
+the same equations of motion: free vibration and unknown initial states stay what they are.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.identification.measurement import Experiment, Measurement, Simulation, as_estimated
-from dynid.identification.preparation_steps import Detrend, Preparation, Samples
-from dynid.lti.signals import Chirp, Multisine, Record, Sampled, Signal
+from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, RecordTimes, Sampled, Signal, Step
 from dynid.structure.response import Load
 
 Array = NDArray[np.float64]
 
+# What is left of a filter's response where the ends of a record are cut off.
+_TAIL = 1e-5
+# Cut-off of the anti-alias filter as a part of the new Nyquist frequency, its ripple in dB and its order
+# (as scipy.signal.decimate has them; it passes twice).
+_CUTOFF, _RIPPLE, _ALIAS_ORDER = 0.8, 0.05, 8
+# A detrended channel below this part of what it was is rounding.
+_ROUNDING = 1e-13
 # Frequencies up to Nyquist's at which the gain of the filters is averaged.
 _BINS = 20_001
+
+
+Design = tuple[NDArray[Any], NDArray[Any], float]
+"""Zeros, poles and gain of a digital filter."""
+
+
+class Samples(NamedTuple):
+    """Columns of samples at `step`, s, the first at `start`; only every `stride`-th is kept in the end."""
+
+    values: Array
+    step: float
+    start: float
+    stride: int = 1
+
+
+class Preparation(Protocol):
+    """One step of a preparation.
+
+    `name` is its key in scenes, `refused` the signals that it cannot treat as it treats samples.
+    """
+
+    name: ClassVar[str]
+    refused: ClassVar[tuple[type, ...]]
+
+    @property
+    def said(self) -> str:
+        """The step in words."""
+
+    def apply(self, samples: Samples) -> Samples:
+        """Return the samples it makes of samples; it may cut off both ends."""
+
+    def gain(self, omega: Array, samples: Samples) -> Array:
+        """Return what it multiplies endless sines of these frequencies (rad/s) with."""
+
+
+@dataclass(frozen=True)
+class Detrend:
+    """Subtract the mean (`degree` 0) or the straight line (1) of least squares; samples may be missing."""
+
+    degree: int
+
+    name: ClassVar[str] = "detrend"
+    refused: ClassVar[tuple[type, ...]] = (Step,)
+
+    @property
+    def said(self) -> str:
+        """The step in words."""
+        return f"detrend {('constant', 'linear')[self.degree]}"
+
+    def apply(self, samples: Samples) -> Samples:
+        """Return the samples about their trend."""
+        basis = np.vander(np.linspace(-1, 1, len(samples.values)), self.degree + 1)
+        left = samples.values.copy()
+        for k, column in enumerate(samples.values.T):
+            there = ~np.isnan(column)
+            trend = basis @ np.linalg.lstsq(basis[there], column[there], rcond=None)[0]
+            rounding = _ROUNDING * np.abs(column[there]).max(initial=0.0)
+            only_trend = np.abs(column - trend)[there].max(initial=0.0) <= rounding
+            left[there, k] = 0.0 if only_trend else (column - trend)[there]
+        return samples._replace(values=left)
+
+    def gain(self, omega: Array, samples: Samples) -> Array:  # noqa: ARG002
+        """Return ones: sines have no trend."""
+        return np.ones(len(omega))
+
+
+class _Filter(ABC):
+    """A filter that runs forth and back (zero phase): its gain is that of one run, squared."""
+
+    refused: ClassVar[tuple[type, ...]] = (Step, Impulse, Impact)
+
+    @abstractmethod
+    def design(self, samples: Samples) -> Design:
+        """Return zeros, poles and gain of one run."""
+
+    def apply(self, samples: Samples) -> Samples:
+        """Return the filtered samples, without the ends that its response reaches."""
+        from scipy.signal import sosfiltfilt, zpk2sos  # heavy import, needed here only
+
+        z, p, k = self.design(samples)
+        n, radius = len(samples.values), float(np.abs(p).max())
+        reach = math.ceil(math.log(_TAIL) / math.log(radius)) if radius < 1 else n
+        if n - 2 * reach < 2:
+            raise UsageError(
+                f"the filter's response reaches {reach * samples.step:.3g} s, and the record lasts "
+                f"{n * samples.step:.3g} s: nothing is left of it",
+                remedy="Widen the band, decimate less, or take a longer record.",
+            )
+        values = sosfiltfilt(zpk2sos(z, p, k), samples.values, axis=0, padlen=reach)
+        start = samples.start + reach * samples.step
+        return samples._replace(values=values[reach : n - reach], start=start)
+
+    def gain(self, omega: Array, samples: Samples) -> Array:
+        """Return the gain on sines."""
+        z, p, k = self.design(samples)
+        around = np.exp(1j * omega * samples.step)[:, None]
+        return np.asarray(np.abs(k * np.prod(around - z, axis=1) / np.prod(around - p, axis=1)) ** 2)
+
+
+@dataclass(frozen=True)
+class BandPass(_Filter):
+    """Pass the band from `low` to `high` (rad/s): Butterworth of this `order`, run forth and back.
+
+    Without a low end (0) it is a low-pass.
+    """
+
+    low: float
+    high: float
+    order: int = 2
+
+    name: ClassVar[str] = "band_pass"
+
+    @property
+    def said(self) -> str:
+        """The step in words."""
+        return f"band-pass {self.low:.5g} … {self.high:.5g} rad/s"
+
+    def design(self, samples: Samples) -> Design:
+        """Return zeros, poles and gain of one run."""
+        from scipy.signal import butter  # heavy import, needed here only
+
+        nyquist = math.pi / samples.step
+        kept = nyquist / samples.stride
+        if not self.high < kept:
+            raise UsageError(
+                f"the band ends at {self.high:.5g} rad/s, but at this sampling nothing is known from "
+                f"{kept:.5g} rad/s ({kept / (2 * math.pi):.5g} Hz) on",
+                remedy="End it below, or leave the filter out.",
+            )
+        edges = self.high / nyquist if self.low == 0 else [self.low / nyquist, self.high / nyquist]
+        found: Design = butter(self.order, edges, "lowpass" if self.low == 0 else "bandpass", output="zpk")
+        return found
+
+
+@dataclass(frozen=True)
+class Decimate(_Filter):
+    """Keep every `factor`-th sample, behind an anti-alias filter (Chebyshev, run forth and back).
+
+    Inputs known by samples are filtered alike, but keep their samples: a response to them is exact as before.
+    """
+
+    factor: int
+
+    name: ClassVar[str] = "decimate"
+
+    @property
+    def said(self) -> str:
+        """The step in words."""
+        return f"decimate {self.factor}"
+
+    def design(self, samples: Samples) -> Design:
+        """Return zeros, poles and gain of one run."""
+        from scipy.signal import cheby1  # heavy import, needed here only
+
+        cutoff = _CUTOFF / (samples.stride * self.factor)
+        found: Design = cheby1(_ALIAS_ORDER, _RIPPLE, cutoff, output="zpk")
+        return found
+
+    def apply(self, samples: Samples) -> Samples:
+        """Return the filtered samples, of which fewer are kept."""
+        return super().apply(samples)._replace(stride=samples.stride * self.factor)
 
 
 def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
@@ -101,7 +270,7 @@ def _measured(given: Measurement, samples: Samples) -> Measurement:
     )
 
 
-def _as_samples(signal: Signal, record: Record) -> Signal:
+def _as_samples(signal: Signal, record: RecordTimes) -> Signal:
     """Return a signal that is known by samples, or sweeps, as its samples at those of the record."""
     if isinstance(signal, Sampled | Chirp):
         hold = getattr(signal, "hold", "spline")

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.fit import Fitter
-from dynid.identification.information import thin_svd
+from dynid.identification.filter import stored_rows
+from dynid.identification.least_squares import thin_svd
+from dynid.identification.likelihood import RecordFit
 from dynid.identification.measurement import Measurement, Simulation, simulated
-from dynid.identification.observed import Fit
 from dynid.identification.prediction import runs
-from dynid.identification.thinning import kept
+from dynid.identification.time_record import TimeRecord
 from dynid.lti.recurrence import recurrence
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Load
+from dynid.structure.response import Channel, Load
 
 Array = NDArray[np.float64]
 
 
-def state_deviations(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array:
+def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:
     """Return the standard deviations of the states (rows that are kept x n, scaled), given all records.
 
     The covariance of initial state and parameters, carried along exactly. Initial states that the record
@@ -41,7 +42,7 @@ def state_deviations(record: Fitter, fit: Fit, noise: Array, known: Array) -> Ar
     model, n = record.model, record.model.states
     transitions = [model.transition(fit.logs, h) for h in model.line.lengths]
     shown = np.zeros(len(model.line.nodes), dtype=bool)
-    shown[model.line.wanted[kept(len(model.line.wanted))]] = True
+    shown[model.line.wanted[stored_rows(len(model.line.wanted))]] = True
     root = _initial_root(record, fit, noise, known)
     by_logs, columns = root[n:].T, root[:n].T
     x = fit.predicted.states[0]
@@ -65,7 +66,7 @@ def _sizes(columns: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ijk,ijk->ik", shares, shares)) * unit)
 
 
-def _initial_root(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array:
+def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:
     """Return a root of the covariance of initial state (scaled) and logarithms (n + p x n + p).
 
     Given the logarithms, the state is what a regression on them leaves, with the covariance that it then has.
@@ -73,12 +74,12 @@ def _initial_root(record: Fitter, fit: Fit, noise: Array, known: Array) -> Array
     n = record.model.states
     by_state, by_parameter = record.by_start(fit, noise), record.slopes(fit, noise)
     U, s, Vt = thin_svd(by_state)
-    kept = np.zeros(n)
-    kept[: len(s)] = s
+    stored_rows = np.zeros(n)
+    stored_rows[: len(s)] = s
     follows = np.zeros((n, len(known)))
     follows[: len(s)] = U[:, : len(s)].T @ by_parameter @ known
-    follows *= -(kept / (1 + kept**2))[:, None]
-    left = Vt.T @ np.concatenate([np.diag(1 / np.sqrt(1 + kept**2)), follows], axis=1)
+    follows *= -(stored_rows / (1 + stored_rows**2))[:, None]
+    left = Vt.T @ np.concatenate([np.diag(1 / np.sqrt(1 + stored_rows**2)), follows], axis=1)
     below = np.concatenate([np.zeros((len(known), n)), known], axis=1)
     return np.concatenate([record.root @ left, below])
 
@@ -94,6 +95,9 @@ def true_states(
     if not isinstance(measurement.source, Simulation):
         return None
     states = simulated(truth, loads, measurement).states
+    if states.shape[1] != 2 * truth.size:  # massless DOFs are no states
+        channels = tuple(Channel(dof, kind) for kind in ("displacement", "velocity") for dof in truth.dofs)
+        states = simulated(truth, loads, replace(measurement, channels=channels)).outputs
     read = _coordinates(truth, model)
     moved = states.reshape(len(states), 2, truth.size) @ read.T
     return np.asarray(moved.reshape(len(states), -1))

@@ -1,93 +1,95 @@
-"""The outcome of an identification in words: whether it converged, and what to be wary of."""
+"""Verdict and warnings of an identification, in words."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynid.identification.diagnostics import is_coloured, root_mean_square, whiteness
-from dynid.identification.residuals import Consistency, spectrum
+from dynid.defaults import HEAVY_TAILS, OFFSET
+from dynid.identification.posterior import ChannelOfRecord, Posterior
+from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
+from dynid.number_format import frequency_text
 
-Array = NDArray[np.float64]
-
-# What is worth a warning: a correlation, a standard error of a logarithm, an error in standard errors, a part
+# Levels of the warnings: a correlation, a standard error of a logarithm, an error in standard errors, a part
 # of the samples that are missing or stand at the channel's extreme.
-_TOGETHER, _VAGUE, _OFF, _GAPS, _CLIPPED = 0.95, 0.5, 5.0, 0.2, 0.01
-# How many deviations a prior and a record are apart that contradict each other: by chance one in 16,000.
+_CORRELATED, _UNCERTAIN, _OFF, _GAPS, _CLIPPED = 0.95, 0.5, 5.0, 0.2, 0.01
+#: How many deviations a prior and a record are apart that contradict each other: by chance one in 16,000.
 CONTRADICTED = 4.0
-# Residuals below this part of the signal are rounding and holds, whatever their colour.
-_ROUNDING = 1e-6
-# With fewer values than this beyond the unknowns the noise that they tell is off by a quarter, as a rule.
+# Residuals below this part of the signal are round-off and holds, whatever their colour.
+_ROUND_OFF = 1e-6
+# With fewer values than this beyond the unknowns the estimated noise is off by a quarter, as a rule.
 _LEAST_SPARE = 10
-# A channel that takes so few values is no motion that could be clipped.
+# A channel that takes fewer values is not tested for clipping.
 _LEAST_SAMPLES = 50
+# The most outliers that are named one by one.
+_NAMED = 3
+# An outlier or offset that makes up this part of a residual's mean square reduces the weight of its channel.
+_DOMINANT = 0.5
 
 
-class Sensor(NamedTuple):
-    """A channel of a record: `name`, `measured` values and `residual` (times), sampling `step`, s."""
-
-    name: str
-    measured: Array
-    residual: Array
-    step: float
-
-
-class Facts(NamedTuple):
-    """What the words are about.
-
-    Parameters `names` with their `deviations` (of the logarithms), `correlation`, and `errors` of the
-    estimates in bounds (NaN where the truth is not known); the `sensors`; the filter's `consistency`, if it
-    is known; how many values are left to tell the noise by, beyond the unknowns, where it is not given; and
-    how far priors and record are apart, in deviations of that distance (0 without a prior).
-    """
-
-    names: Sequence[str]
-    deviations: Array
-    correlation: Array
-    errors: Array
-    sensors: Sequence[Sensor]
-    consistency: Consistency | None = None
-    spare: int | None = None
-    conflict: Array | None = None
-
-
-def verdict(names: Sequence[str], distance: Array, *, settled: bool, explained: bool) -> str:
-    """Say whether an estimate has converged, and if not, why.
-
-    Parameters
-    ----------
-    names
-        The parameters (p).
-    distance
-        Their distances to the optimum of the record, in standard errors (p).
-    settled, explained
-        Whether the estimate is at the optimum, and whether the residuals are small or noise.
-    """
-    reasons = []
-    if not settled:
-        k = int(np.argmax(distance))
-        reasons.append(f"{distance[k]:.2g} standard errors of {names[k]} from the optimum")
-    if not explained:
-        reasons.append("the residuals are not noise")
-    return f"NOT converged: {', and '.join(reasons)}" if reasons else "converged"
+def verdict(posterior: Posterior) -> str:
+    """Return one line: whether the estimate is at the optimum, and whether the model explains the records."""
+    names, distance, compared = (
+        posterior.likelihood.names,
+        posterior.distance_to_optimum,
+        posterior.comparison,
+    )
+    k, noun = int(np.argmax(distance)), posterior.noun
+    if posterior.estimate.disputed:
+        found = (
+            "the starts end at different optima, this may be a local one (start nearer to the true values)"
+        )
+    elif posterior.optimal:
+        found = "optimum found"
+    else:
+        found = f"{distance[k]:.2g} standard errors of {names[k]} from the optimum"
+    if not compared.has_signal:
+        fit = f"the {noun} shows no response, only noise (p = {compared.signal_p:.2g})"
+    elif not compared.explained:
+        fit = (
+            f"the model does not explain the {noun}: lack of fit p = {compared.lack_of_fit_p:.1g}, "
+            f"{100 * compared.signal_explained:.3g} % of the signal explained"
+        )
+    elif compared.redundancy <= 0:
+        fit = f"nothing in the {noun} could contradict the model (redundancy {compared.redundancy})"
+    else:
+        fit = f"the model explains the {noun}"
+        if posterior.optimal:
+            return f"converged: {found}, {fit}"
+    return f"NOT converged: {found}; {fit}"
 
 
-def warnings(facts: Facts) -> list[str]:
-    """Return what to be wary of, in words; nothing where all is well."""
-    return [
-        *_of_priors(facts),
-        *_of_parameters(facts),
-        *_of_residuals(facts),
-        *_of_record(facts),
-        *_of_filter(facts),
+def warnings(posterior: Posterior) -> list[str]:
+    """Return the warnings in words; none where all is well."""
+    said = [
+        *_fit_warnings(posterior),
+        *_prior_warnings(posterior),
+        *_parameter_warnings(posterior),
+        *_residual_warnings(posterior),
+        *_record_warnings(posterior),
+        *_filter_warnings(posterior),
+        *_noise_warnings(posterior),
+        *_shape_warnings(posterior),
     ]
+    if posterior.model_error is not None and posterior.model_error.warning:
+        said.append(posterior.model_error.warning)
+    return said
 
 
-def _of_priors(facts: Facts) -> Iterator[str]:
-    for name, apart in zip(facts.names, () if facts.conflict is None else facts.conflict, strict=False):
+def _fit_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of a model that lacks fit although it explains the records, and name the worst channel."""
+    compared = posterior.comparison
+    if compared.lacks_fit and compared.explained:
+        worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
+        yield (
+            f"the model lacks fit (p = {compared.lack_of_fit_p:.1g}), most of all in {worst}: it explains "
+            f"{100 * compared.signal_explained:.4g} % of the signal; standard errors are nominal"
+        )
+
+
+def _prior_warnings(posterior: Posterior) -> Iterator[str]:
+    for name, apart in zip(posterior.likelihood.names, posterior.prior_conflict, strict=True):
         if apart > CONTRADICTED:
             yield (
                 f"the prior of {name} and the record contradict each other ({apart:.2g} deviations apart): "
@@ -95,55 +97,132 @@ def _of_priors(facts: Facts) -> Iterator[str]:
             )
 
 
-def _of_parameters(facts: Facts) -> Iterator[str]:
-    for k, name in enumerate(facts.names):
-        if facts.errors[k] > _OFF:
-            yield f"{name} is {facts.errors[k]:.2g} bounds off its true value"
-        if facts.deviations[k] > _VAGUE:
-            yield f"{name} is hardly known: its standard error is {100 * facts.deviations[k]:.0f} % of it"
+def _parameter_warnings(posterior: Posterior) -> Iterator[str]:
+    names, errors = posterior.likelihood.names, posterior.error_in_bounds
+    deviations, correlation = posterior.information.deviations(), posterior.information.correlation()
+    for k, name in enumerate(names):
+        if errors[k] > _OFF:
+            yield f"{name} is {errors[k]:.2g} bounds off its true value"
+        if deviations[k] > _UNCERTAIN:
+            yield f"{name} is poorly known: its standard error is {100 * deviations[k]:.0f} % of it"
         for other in range(k):
-            rho = facts.correlation[k, other]
-            if abs(rho) > _TOGETHER:
+            rho = correlation[k, other]
+            if abs(rho) > _CORRELATED:
                 shown = "ratio" if rho > 0 else "product"
                 yield (
-                    f"{facts.names[other]} and {name} are hardly told apart (correlation {rho:.3f}): "
-                    f"the record knows their {shown} better than either"
+                    f"{names[other]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
+                    f"the record determines their {shown} better than either"
                 )
 
 
-def _of_residuals(facts: Facts) -> Iterator[str]:
-    """Say of which channels the residuals are no noise, and at what frequency most of them is."""
-    for sensor in facts.sensors:
-        residual = sensor.residual[:, None]
-        part = float(root_mean_square(residual)[0] / root_mean_square(sensor.measured[:, None])[0])
-        if part < _ROUNDING or not is_coloured(whiteness(residual)):
+def _residual_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of channels whose residuals are coloured, with the frequency where they are strongest."""
+    for place in posterior.channels:
+        record, fit = posterior.likelihood.records[place.record], posterior.fit.parts[place.record]
+        part, series = record.unexplained(fit, place.column)
+        if part >= _ROUND_OFF and is_coloured(whiteness(series)):
+            yield (
+                f"the residual of {place.name} ({100 * part:.2g} % of the signal) is not white noise; "
+                f"it is strongest at {frequency_text(record.residual_peak(fit, place.column), 3)}"
+            )
+
+
+def _record_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of few values, missing samples and clipped channels."""
+    records = posterior.likelihood.records
+    if any(np.isnan(record.given).any() for record in records):
+        spare = posterior.information.freedom - len(posterior.likelihood.names)
+        if spare < _LEAST_SPARE:
+            left = "1 value is" if spare == 1 else f"{spare} values are"
+            yield f"{left} left to estimate the noise from, beyond the unknowns: standard errors are rough"
+    for place in posterior.channels:
+        if records[place.record].sampling_step is None:
             continue
-        omega, density = spectrum(residual, sensor.step)
-        peak = omega[int(np.argmax(density[:, 0]))]
-        yield (
-            f"the residual of {sensor.name} ({100 * part:.2g} % of the signal) is no white noise; "
-            f"it is strongest at {peak:.3g} rad/s"
-        )
-
-
-def _of_record(facts: Facts) -> Iterator[str]:
-    if facts.spare is not None and facts.spare < _LEAST_SPARE:
-        left = "1 value is" if facts.spare == 1 else f"{facts.spare} values are"
-        yield f"{left} left to tell the noise by, beyond the unknowns: standard errors are rough"
-    for name, values, *_ in facts.sensors:
+        values = records[place.record].data.recorded[:, place.column]
         there = values[~np.isnan(values)]
         if len(there) < (1 - _GAPS) * len(values):
-            yield f"{name} has {100 * (1 - len(there) / len(values)):.0f} % of its samples missing"
+            yield f"{place.name} has {100 * (1 - len(there) / len(values)):.0f} % of its samples missing"
         extreme = max(np.count_nonzero(there == there.min()), np.count_nonzero(there == there.max()))
         if len(there) >= _LEAST_SAMPLES and extreme > max(2, _CLIPPED * len(there)):
-            yield f"{name} stands at its extreme value in {extreme} samples: it may be clipped"
+            yield f"{place.name} stands at its extreme value in {extreme} samples: it may be clipped"
 
 
-def _of_filter(facts: Facts) -> Iterator[str]:
-    found = facts.consistency
+def _filter_warnings(posterior: Posterior) -> Iterator[str]:
+    found = posterior.consistency
     if found is not None and not found.consistent:
         size = "larger" if found.overall > 1 else "smaller"
         yield (
-            f"the filter's innovations are {size} than it takes them for: mean square {found.overall:.3g}, "
+            f"the filter's innovations are {size} than it assumes: mean square {found.overall:.3g}, "
             f"{found.overall_low:.3g} … {found.overall_high:.3g} expected"
         )
+
+
+def _noise_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of a given noise that the residuals contradict."""
+    places, test = posterior.contradicted_noise, posterior.noise_test
+    if not places:
+        return
+    said = [f"{posterior.channels[k].name} {_number(test.ratio[k])} times" for k in places]
+    remedy = "correct measurement.noise or leave it out"
+    if all(test.ratio[k] > 1 for k in places):
+        remedy += "; if it is right, the model leaves something unexplained"
+    bars = "" if posterior.robust else "; standard_error_scaled has the error bars for the noise that is seen"
+    yield (
+        f"the residuals contradict the given noise ({_p_value(test.p)}): "
+        f"{', '.join(said)} what is given is seen: {remedy}{bars}"
+    )
+
+
+def _shape_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of offsets, outliers and heavy tails, with channel and time or frequency."""
+    for place, shape in zip(posterior.channels, posterior.shapes, strict=True):
+        if shape is None:
+            continue
+        record = posterior.likelihood.records[place.record]
+        if record.mean_is_offset and shape.mean_p < OFFSET.value:
+            part = shape.mean**2 / float(np.nanmean(posterior.raw_residual(place) ** 2))
+            yield (
+                f"the residual of {place.name} has the mean {shape.mean:.3g} {place.unit} "
+                f"({_p_value(shape.mean_p)}): an offset of the sensor?{_weight_lost(place, part)} "
+                "Remedy: prepare: [{detrend: constant}] in the measurement"
+            )
+        if posterior.robust:
+            continue
+        if len(shape.outliers):
+            labels = [record.row_label(int(row)) for row in shape.outliers[:_NAMED]]
+            yield _outlier_warning(place, shape, labels)
+        elif shape.kurtosis_p < HEAVY_TAILS.value:
+            yield (
+                f"the residual of {place.name} has heavy tails (kurtosis {shape.kurtosis:.3g}, of Gaussian "
+                f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "
+                "the influence of large residuals"
+            )
+
+
+def _outlier_warning(place: ChannelOfRecord, shape: ResidualShape, labels: list[str]) -> str:
+    count = len(shape.outliers)
+    others = f" and at {count - _NAMED} more" if count > _NAMED else ""
+    many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
+    return (
+        f"{place.name} has {many} at {', '.join(labels)}{others}: up to {_number(shape.largest)} standard "
+        f"deviations of its residual.{_weight_lost(place, shape.share)} Correct {it} or leave {it} out "
+        "(empty cells), or use estimator: {loss: huber}"
+    )
+
+
+def _weight_lost(place: ChannelOfRecord, part: float) -> str:
+    """Say how much weight a channel loses by what makes up a part of its residual's mean square."""
+    if part < _DOMINANT:
+        return ""
+    return (
+        f" It makes up {100 * part:.0f} % of the residual's mean square, so that {place.name} counts "
+        f"{_number(1 / max(1 - part, 1e-6))} times less than its noise would let it."
+    )
+
+
+def _number(x: float) -> str:
+    return f"{x:.2g}" if x < 100 else f"{x:,.0f}"
+
+
+def _p_value(p: float) -> str:
+    return f"p = {p:.2g}" if p >= 1e-99 else "p < 1e-99"

@@ -12,12 +12,12 @@ from dynid.errors import NumericalError
 Array = NDArray[np.float64]
 
 _DEGREE = 16
-# Taylor's remainder at this norm is 0.8^17 / 17! = 6e-17.
+# The Taylor remainder at this norm is 0.8^17 / 17! = 6e-17.
 _LARGEST_NORM = 0.8
 _COEFFICIENTS = np.array([1 / math.factorial(k) for k in range(_DEGREE + 1)])
 _BLOCKS = _COEFFICIENTS[:_DEGREE].reshape(4, 4).copy()
 _BLOCKS[0, 0] = 0.0  # exp - 1
-# Largest power of two that a state is scaled by: quotients of two stay in range.
+# Largest exponent of the scale of a state: quotients of two scales stay in range.
 _FARTHEST = 400
 
 
@@ -62,9 +62,9 @@ def exponential(A: Array, h: float) -> Array:
 
 
 def accurate_exponential(A: Array, h: float) -> Array:
-    """Return exp(A h) with all digits right, however large A h is; in ball arithmetic.
+    """Return exp(A h) accurate to all digits for any norm of A h, by ball arithmetic.
 
-    `exponential` loses digits as norm(A h) grows, of the amplitude of a lasting oscillation too.
+    `exponential` loses digits as norm(A h) grows, also of the amplitude of an undamped oscillation.
     """
     from flint import arb, arb_mat, ctx
 
@@ -79,7 +79,7 @@ def _exponential(S: Array) -> Array:
     """Return the exponential of S[0], and its derivatives in the directions S[1:]."""
     norm = float(np.abs(S[0]).sum(axis=0).max(initial=0.0))
     if not math.isfinite(norm):
-        raise NumericalError("a matrix exponential of numbers that are not finite was asked for")
+        raise NumericalError("the matrix of an exponential has entries that are not finite")
     squarings = max(0, math.ceil(math.log2(norm / _LARGEST_NORM))) if norm > 0 else 0
     if squarings:
         S = S * 0.5**squarings
@@ -94,7 +94,7 @@ def _exponential(S: Array) -> Array:
     for block in blocks[2::-1]:
         D = _product(D, fourth)
         D += block
-    # D = exp - 1 is squared, not exp: beside a stiff part the slow one would drown in the rounding of 1.
+    # exp - 1 is squared, not exp: beside a stiff part the slow one would be lost in the rounding of 1.
     for _ in range(squarings):
         D = _product(D, D) + 2 * D
     D[0].flat[:: S.shape[1] + 1] += 1.0
@@ -102,7 +102,7 @@ def _exponential(S: Array) -> Array:
 
 
 def _product(X: Array, Y: Array) -> Array:
-    """Multiply two matrices that carry their derivatives behind them (first axis)."""
+    """Multiply two matrices stacked with their derivatives (first axis)."""
     out: Array = (X.reshape(len(X) * X.shape[1], X.shape[2]) @ Y[0]).reshape(X.shape)
     out[1:] += X[0] @ Y[1:]
     return out
@@ -119,7 +119,7 @@ def balance(A: Array) -> Array:
     Returns
     -------
     Array
-        The scale of each state (n), between 2^-400 and 2^400; scaling by it commits no rounding.
+        The scale of each state (n), between 2^-400 and 2^400; scaling by it is exact.
     """
     size = np.abs(A) * (1.0 - np.eye(len(A)))
     exponents = np.zeros(len(A), dtype=int)
@@ -131,7 +131,7 @@ def balance(A: Array) -> Array:
 
 
 def _balanced_one(size: Array, exponents: NDArray[np.int_], i: int) -> bool:
-    """Scale one state where that makes its row and column smaller; tell whether it did."""
+    """Scale one state where that makes its row and column smaller; return True if it did."""
     column, row = float(size[:, i].sum()), float(size[i].sum())
     if not (0 < column < math.inf and 0 < row < math.inf):
         return False
@@ -147,5 +147,5 @@ def _balanced_one(size: Array, exponents: NDArray[np.int_], i: int) -> bool:
 
 
 def rescaled(A: Array, d: Array) -> Array:
-    """Return ``A_ij d_j / d_i`` (… x n x n) without an overflow on the way."""
+    """Return ``A_ij d_j / d_i`` (… x n x n) without intermediate overflow."""
     return np.asarray(A * (d / d[:, None]))

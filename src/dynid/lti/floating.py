@@ -1,4 +1,4 @@
-"""Where floating-point arithmetic ends: anomalies become errors in words, in one place."""
+"""Overflow, invalid operations and failed factorisations as errors of dynid."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def guarded(
 ) -> Iterator[None]:
     """Turn overflow, invalid operations and failed factorisations into an error of dynid; also a decorator.
 
-    Underflow is no anomaly. What a thread of the linear algebra library computes is not seen here: results
-    that come out of products are checked with `finite` before they are factorised.
+    Underflow is ignored. Computations in threads of the linear algebra library raise nothing: results of
+    products are checked with `finite` before they are factorised.
 
     Parameters
     ----------
     what
-        What is being computed, the subject of the error's sentence.
+        The quantity that is computed, the subject of the message.
     kind
         The error to raise.
     remedy, names
@@ -41,7 +41,7 @@ def guarded(
     except (FloatingPointError, OverflowError, np.linalg.LinAlgError):
         raise kind(f"{what} is beyond double precision", remedy=remedy, names=names) from None
     except NumericalError as error:
-        error.names = error.names or tuple(names)  # whoever raised it knew less of the scene
+        error.names = error.names or tuple(names)  # where it was raised the scene is unknown
         raise
 
 

@@ -1,8 +1,8 @@
-"""What a signal is: the output of an autonomous linear system, piece by piece.
+"""Signals as outputs of autonomous linear systems.
 
 Between its breakpoints every signal is ``u = h w`` with ``w' = G w`` and a state w(t) known in closed
-form. Joined with the generator a driven linear system is autonomous, so one matrix exponential
-propagates it exactly over any step, at resonance without damping too.
+form. Joined with this generator a driven linear system is autonomous, so one matrix exponential
+propagates it exactly over any step, also at an undamped resonance.
 """
 
 from __future__ import annotations
@@ -20,10 +20,13 @@ from dynid.errors import UsageError
 
 Array = NDArray[np.float64]
 
+TAYLOR_DEGREE = 18
+"""Degree of Taylor polynomials: where (frequency x step) <= 1 the first omitted term is 1/19! = 8e-18."""
+
 
 @dataclass(frozen=True)
-class Record:
-    """The record that a signal belongs to: what a chirp sweeps over and a random signal fills.
+class RecordTimes:
+    """The sampling times of a record, over which a chirp sweeps and which a random signal fills.
 
     Parameters
     ----------
@@ -32,7 +35,7 @@ class Record:
     samples
         Number of samples from `start` on.
     start
-        Time of the first sample, s: what lies before it, from t = 0 on, is settling.
+        Time of the first sample, s; the time before it, from t = 0 on, is settling time.
     """
 
     step: float
@@ -46,7 +49,7 @@ class Record:
         last = self.start + self.step * self.samples
         require(
             math.isfinite(last) and self.start + self.step > self.start and last > last - self.step,
-            f"the samples of a record cannot be told apart: {self.step:g} s is lost beside {last:g} s",
+            f"the samples of a record coincide: a step of {self.step:g} s is lost to rounding at {last:g} s",
             "Lengthen the step, or settle for a shorter time.",
             names=("step",),
         )
@@ -63,9 +66,9 @@ class Record:
 
 
 class Signal(Protocol):
-    """What propagation asks of a signal.
+    """Protocol of a signal, as propagation uses it.
 
-    `kind` is its name in scenes, `pace` the key of it that sets `longest_step`: errors are placed with both.
+    `kind` is its name in scenes, `pace` the key that sets `longest_step`; errors name both.
     """
 
     kind: ClassVar[str]
@@ -92,8 +95,8 @@ class Signal(Protocol):
         """Return u at `times` (right-hand limits at jumps; an impulse's Dirac part is not shown)."""
 
 
-class Smooth(ABC):
-    """Defaults of a signal without jump, breakpoint or limit on the step."""
+class SmoothSignal(ABC):
+    """Base of signals without jump, breakpoint or limit on the step."""
 
     kind: ClassVar[str] = "signal"
     pace: ClassVar[str] = "frequency"
@@ -125,6 +128,13 @@ class Smooth(ABC):
         t = np.asarray(times, dtype=float)
         flat = t.ravel()
         return (self.states(flat, flat) @ self.generator()[1]).reshape(t.shape)
+
+
+def polynomial_generator(degree: int, tau: float) -> tuple[Array, Array]:
+    """Return G and h of a polynomial whose state is ``tau^j u^(j)``."""
+    h = np.zeros(degree + 1)
+    h[0] = 1.0
+    return np.eye(degree + 1, k=1) / tau, h
 
 
 def inside(points: Array, start: float, stop: float) -> Array:

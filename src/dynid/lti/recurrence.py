@@ -1,8 +1,8 @@
-"""A linear recurrence over many steps, by blocks: a few large products instead of many small ones.
+"""Linear recurrences over many steps, by blocks: a few large products instead of many small ones.
 
-There are as many blocks as a block has steps. All are taken from rest at once; then the state is carried from
-block to block, and what it gives in each is added. The number of products is a few times the square root of
-the number of steps; the errors are those of taking one step after the other.
+There are as many blocks as a block has steps. All blocks start from zero at once; then the state is carried
+from block to block, and its free response in each is added. The number of products is a few times the square
+root of the number of steps; the errors are those of single steps.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Below, one step after the other is as fast.
+# Number of steps below which single steps are as fast.
 _SHORT = 8
 
 
@@ -33,8 +33,8 @@ def recurrence(
     start
         The first states (columns x n).
     power
-        Gives Phi^k more accurately than k products of the rounded Phi, or nothing. Over many steps the
-        rounding of Phi adds up; with it only that inside a block does.
+        Returns Phi^k more accurately than k products of the rounded Phi, or None. Over many steps the
+        rounding of Phi accumulates; with `power` only inside a block.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def recurrence(
     out = np.empty(forcing.shape)
     length = math.isqrt(steps)
     powers = powers_of(Phi, length) if steps >= _SHORT and n else Phi[None]
-    if steps < _SHORT or not (n and np.isfinite(powers[-1]).all()):  # growing, but maybe at rest
+    if steps < _SHORT or not (n and np.isfinite(powers[-1]).all()):  # powers overflow, but the state may be 0
         state = start
         for k in range(steps):
             state = out[k] = state @ Phi.T + forcing[k]
@@ -85,7 +85,7 @@ def powers_of(Phi: Array, count: int) -> Array:
 
 
 def free_response(Phi: Array, start: Array, readout: Array, steps: int) -> tuple[Array, Array]:
-    """Return what is read of ``X(k+1) = Phi X(k)``, without the states in between, and the last one.
+    """Return the outputs of ``X(k+1) = Phi X(k)`` and the last states, without those in between.
 
     Parameters
     ----------
@@ -94,14 +94,14 @@ def free_response(Phi: Array, start: Array, readout: Array, steps: int) -> tuple
     start
         The first states (n x columns).
     readout
-        What is read (c x n).
+        Output matrix (c x n).
     steps
-        How many.
+        Number of steps.
 
     Returns
     -------
     outputs
-        The readout after each step (steps x c x columns).
+        The outputs after each step (steps x c x columns).
     end
         The states after the last (n x columns).
     """

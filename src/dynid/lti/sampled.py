@@ -1,4 +1,4 @@
-"""Signals known by samples, and random signals, of which an estimator may see samples only."""
+"""Signals known by samples, continued between them by a hold."""
 
 from __future__ import annotations
 
@@ -8,24 +8,17 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dynid.choices import HOLD
+from dynid.defaults import HOLD
 from dynid.errors import UsageError
-from dynid.lti.generator import Array, Record, Smooth, require, require_finite
-from dynid.lti.lines import MOST_LINES, line_derivatives, sum_lines
-from dynid.lti.polynomials import (
-    HOLDS,
-    TAYLOR_DEGREE,
-    hold_coefficients,
-    shift,
-    shifted_polynomials,
-    time_scale,
-)
+from dynid.lti.generator import Array, SmoothSignal, polynomial_generator, require, require_finite
+
+HOLDS = ("spline", "linear", "zero")
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled(Smooth):
+class Sampled(SmoothSignal):
     """A signal known by its samples, continued between them by a hold.
 
     Parameters
@@ -35,7 +28,7 @@ class Sampled(Smooth):
     step
         Sampling step, s.
     hold
-        ``spline``: cubic, not-a-knot ends · ``linear`` · ``zero``: constant until the next sample.
+        ``spline``: cubic, not-a-knot ends; ``linear``; ``zero``: constant until the next sample.
     start
         Time of the first sample, s.
     """
@@ -75,8 +68,8 @@ class Sampled(Smooth):
         return self.start + len(self._coefficients) * self.step
 
     def generator(self) -> tuple[Array, Array]:
-        """Return the shift of the hold's polynomial."""
-        return shift(self._coefficients.shape[1] - 1, self.step)
+        """Return G and h of the hold's polynomial."""
+        return polynomial_generator(self._coefficients.shape[1] - 1, self.step)
 
     def states(self, times: Array, middles: Array) -> Array:
         """Return the scaled derivatives (step^j times the j-th) of the pieces that hold `middles`."""
@@ -90,7 +83,7 @@ class Sampled(Smooth):
             )
         piece = np.clip(np.floor(place + 1e-9).astype(int), 0, len(c) - 1)
         s = (times - self.start) / self.step - piece
-        s = np.where(np.abs(s) < 1e-9, 0.0, s)  # at a knot but for rounding
+        s = np.where(np.abs(s) < 1e-9, 0.0, s)  # a knot, to rounding
         return shifted_polynomials(c[piece], s)
 
     def breakpoints(self, start: float, stop: float) -> Array:
@@ -100,127 +93,56 @@ class Sampled(Smooth):
         return np.asarray(self.start + np.arange(first, last + 1) * self.step)
 
 
-def require_noise(amplitude: float, seed: int, step: float, samples: int, hold: str) -> None:
-    """Refuse noise that makes no sense."""
-    require_finite("random", amplitude=amplitude)
-    require(
-        hold in HOLDS,
-        f"a random signal has no hold {hold!r}",
-        f"Use one of {', '.join(HOLDS)}.",
-        ("random", "hold"),
-    )
-    require(seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
-    require(
-        0 < step < math.inf and 0 < samples * step < math.inf,
-        "a random signal needs a positive step, and one sample or more",
-        names=("random", "step"),
-    )
-
-
-@dataclass(frozen=True)
-class Random(Smooth):
-    """Gaussian noise: a finite sum of Fourier lines with seeded complex normal amplitudes.
-
-    The lines lie at multiples of 2 pi / (samples step), inside `band` or, without one, below the Nyquist
-    frequency of `step`; the expected standard deviation is `amplitude`. The sum is the continuous truth.
+def hold_coefficients(values: Array, hold: str) -> Array:
+    """Return the polynomial of every piece of a hold.
 
     Parameters
     ----------
-    amplitude
-        Standard deviation.
-    seed
-        Seed of the generator (PCG64).
-    band
-        Lowest and highest angular frequency, rad/s, optional.
-    step
-        Sampling step of the record, s (set by the record, not a key of scenes).
-    samples
-        Number of steps in one period, from t = 0 on (set by the record, not a key of scenes).
+    values
+        Samples, one step apart.
     hold
-        How an estimator, which sees samples only, goes on between them; see `Sampled`.
+        ``spline`` (cubic, not-a-knot ends), ``linear`` or ``zero``.
+
+    Returns
+    -------
+    Array
+        Coefficients (pieces x ascending powers of the fraction s of the step, 0 <= s <= 1); the zero
+        hold continues the last sample for one step more, the others end at it.
     """
+    if hold == "zero":
+        return values[:, None].copy()
+    rise = np.diff(values)
+    if hold == "linear":
+        return np.stack([values[:-1], rise], axis=1)
+    slope = _spline_slopes(values)
+    left, right = slope[:-1], slope[1:]
+    return np.stack([values[:-1], left, 3 * rise - 2 * left - right, left + right - 2 * rise], axis=1)
 
-    kind: ClassVar[str] = "random"
-    pace: ClassVar[str] = "band"
 
-    amplitude: float
-    seed: int
-    step: float
-    samples: int
-    band: tuple[float, float] | None = None
-    hold: str = HOLD.value
+def _spline_slopes(y: Array) -> Array:
+    """Return the slopes (per step) of the not-a-knot cubic spline through equidistant samples."""
+    n = len(y)
+    if n < 4:  # one polynomial through all points
+        p = np.polynomial.Polynomial.fit(np.arange(n), y, n - 1).deriv()
+        return np.asarray(p(np.arange(n)))
+    from scipy.linalg import solve_banded
 
-    def __post_init__(self) -> None:
-        require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)
-        first, last = self._range
-        require(
-            last >= first,
-            "a random signal's band holds no Fourier line of the record",
-            f"Lines lie {self._spacing:g} rad/s apart: widen the band or lengthen the record.",
-            ("random", "band"),
-        )
-        require(
-            last - first < MOST_LINES,
-            f"a random signal of {last - first + 1:.3g} lines is too much, {MOST_LINES:,} are allowed",
-            f"Lines lie {self._spacing:g} rad/s apart: narrow the band or shorten the record.",
-            ("random", "band"),
-        )
+    # Interior rows: curvature is continuous; end rows: so is the third derivative one knot inside.
+    band = np.ones((3, n))
+    band[1, 1:-1] = 4.0
+    band[0, 1] = band[2, -2] = 2.0
+    right = np.empty(n)
+    right[1:-1] = 3 * (y[2:] - y[:-2])
+    right[0] = (-5 * y[0] + 4 * y[1] + y[2]) / 2
+    right[-1] = (5 * y[-1] - 4 * y[-2] - y[-3]) / 2
+    return np.asarray(solve_banded((1, 1), band, right))
 
-    @property
-    def period(self) -> float:
-        """The period of all lines, s."""
-        return self.samples * self.step
 
-    @property
-    def _spacing(self) -> float:
-        return 2 * math.pi / self.period
-
-    @property
-    def _range(self) -> tuple[float, float]:
-        """First and last line number."""
-        if self.band is None:
-            return 1.0, (self.samples + 1) // 2 - 1.0
-        low, high = self.band
-        require(
-            0 <= low < high < math.inf,
-            "a random signal's band must run from low to high",
-            names=("random", "band"),
-        )
-        first = max(1.0, float(np.ceil(low / self._spacing * (1 - 1e-12))))
-        return first, float(np.floor(high / self._spacing * (1 + 1e-12)))
-
-    @property
-    def _line_numbers(self) -> Array:
-        first, last = self._range
-        return np.asarray(first + np.arange(int(last - first) + 1))
-
-    @cached_property
-    def lines(self) -> tuple[Array, NDArray[np.complex128]]:
-        """Frequencies (rad/s) and complex amplitudes c of the sum ``Re c exp(i omega t)``."""
-        numbers = self._line_numbers
-        normal = np.random.Generator(np.random.PCG64(self.seed)).standard_normal((2, len(numbers)))
-        c = (normal[0] + 1j * normal[1]) * (self.amplitude / math.sqrt(len(numbers)))
-        return np.asarray(numbers * self._spacing), np.asarray(c)
-
-    @property
-    def longest_step(self) -> float:
-        """Longest step, s, over which the Taylor polynomial is exact to rounding."""
-        return time_scale(self.lines[0])
-
-    def generator(self) -> tuple[Array, Array]:
-        """Return the shift of a Taylor polynomial."""
-        return shift(TAYLOR_DEGREE, self.longest_step)
-
-    def states(self, times: Array, middles: Array) -> Array:  # noqa: ARG002
-        """Return the scaled derivatives of the sum at `times`."""
-        return line_derivatives(*self.lines, times, self.longest_step)
-
-    def value(self, times: ArrayLike) -> Array:
-        """Return the sum of lines at `times`."""
-        t = np.asarray(times, dtype=float)
-        omega, c = self.lines
-        return sum_lines(omega, c[:, None], t.ravel(), self.period)[:, 0].reshape(t.shape)
-
-    def sampled(self, record: Record) -> Sampled:
-        """Return what an estimator may see: the samples of `record`, with the signal's hold."""
-        return Sampled(self.value(record.times), record.step, self.hold, record.start)
+def shifted_polynomials(c: Array, s: Array) -> Array:
+    """Return the derivatives of ``sum_j c_j s^j`` (rows x orders) at s."""
+    out = np.zeros_like(c)
+    degree = c.shape[1] - 1
+    for order in range(degree + 1):
+        for power in range(degree, order - 1, -1):
+            out[:, order] = out[:, order] * s + c[:, power] * math.perm(power, order)
+    return out

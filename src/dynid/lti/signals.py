@@ -1,32 +1,35 @@
-"""The signals of scenes, in continuous time (their common protocol is in `generator`)."""
+"""Signals of scenes: built from their keys, and differentiated (their protocol is in `generator`)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from dynid.lti.generator import Record, Signal, require
-from dynid.lti.pulses import Impact, Impulse, Step
-from dynid.lti.sampled import Random, Sampled
-from dynid.lti.sines import Chirp, Multisine, Sine
-from dynid.lti.white import White
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dynid.lti.generator import Array, RecordTimes, Signal, require
+from dynid.lti.noise import Random, WhiteNoise
+from dynid.lti.sampled import Sampled
+from dynid.lti.waveforms import Chirp, Impact, Impulse, Multisine, Sine, Step
 
 __all__ = [
     "Chirp",
+    "Derivative",
     "Impact",
     "Impulse",
     "Multisine",
     "Random",
-    "Record",
+    "RecordTimes",
     "Sampled",
     "Signal",
     "Sine",
     "Step",
-    "White",
+    "WhiteNoise",
     "signal",
 ]
-
 _KINDS: dict[str, Any] = {
     "step": Step,
     "impulse": Impulse,
@@ -37,8 +40,6 @@ _KINDS: dict[str, Any] = {
     "random": Random,
     "file": Sampled,
 }
-
-
 _KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "step": (("amplitude", "start"), ()),
     "impulse": (("amplitude",), ()),
@@ -49,11 +50,14 @@ _KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "random": (("amplitude", "seed", "band", "hold"), ("amplitude", "seed")),
     "file": (("values", "hold"), ("values",)),
 }
-"""Of each kind the keys it takes, and those it needs."""
+"""The keys of each kind: those it takes, and those it requires."""
+#: Highest derivative of a signal that is no impulse; of a sampled one by its hold.
+_SMOOTHNESS = {"sine": 9, "multisine": 9, "chirp": 9, "random": 9, "impact": 1}
+_OF_HOLD = {"spline": 3, "linear": 1, "zero": 0}
 
 
-def signal(kind: str, parameters: Mapping[str, Any], record: Record) -> Signal:
-    """Build a signal from a scene's words.
+def signal(kind: str, parameters: Mapping[str, Any], record: RecordTimes) -> Signal:
+    """Return the signal of a scene's keys.
 
     Parameters
     ----------
@@ -68,30 +72,9 @@ def signal(kind: str, parameters: Mapping[str, Any], record: Record) -> Signal:
     Raises
     ------
     UsageError
-        If the kind is unknown or the parameters make no sense.
+        If the kind is unknown, or a parameter is unknown, missing or invalid.
     """
     require(kind in _KINDS, f"there is no signal {kind!r}", f"Known are {', '.join(_KINDS)}.", (kind,))
-    _check_keys(kind, parameters)
-    made = White if kind == "random" and parameters.get("band") is None else _KINDS[kind]
-    given = {key: value for key, value in parameters.items() if made is not White or key != "band"}
-    built: Signal = made(**given, **_from_record(kind, record))
-    return built
-
-
-def _from_record(kind: str, record: Record) -> dict[str, Any]:
-    """Return what the record sets of a signal."""
-    if kind == "chirp":
-        return {"duration": record.duration, "begin": record.start}
-    if kind == "random":
-        settling = math.ceil(record.start / record.step - 1e-9)
-        return {"step": record.step, "samples": settling + record.samples}
-    if kind == "file":
-        return {"step": record.step, "start": record.start}
-    return {}
-
-
-def _check_keys(kind: str, parameters: Mapping[str, Any]) -> None:
-    """Refuse keys that the kind does not take, and miss those that it needs."""
     taken, needed = _KEYS[kind]
     unknown = [key for key in parameters if key not in taken]
     missing = [key for key in needed if key not in parameters]
@@ -102,3 +85,81 @@ def _check_keys(kind: str, parameters: Mapping[str, Any]) -> None:
         (kind, *unknown),
     )
     require(not missing, f"a signal of kind {kind} needs {', '.join(missing)}", names=(kind, *missing))
+    from_record: dict[str, Any] = {}
+    if kind == "chirp":
+        from_record = {"duration": record.duration, "begin": record.start}
+    elif kind == "random":
+        settling = math.ceil(record.start / record.step - 1e-9)
+        from_record = {"step": record.step, "samples": settling + record.samples}
+    elif kind == "file":
+        from_record = {"step": record.step, "start": record.start}
+    made = WhiteNoise if kind == "random" and parameters.get("band") is None else _KINDS[kind]
+    given = {key: value for key, value in parameters.items() if made is not WhiteNoise or key != "band"}
+    built: Signal = made(**given, **from_record)
+    return built
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """The derivative of a signal: the same generator with another read-out.
+
+    Parameters
+    ----------
+    signal
+        The signal.
+    order
+        The order of the derivative.
+
+    Raises
+    ------
+    UsageError
+        If the derivative has an impulse.
+    """
+
+    kind: ClassVar[str] = "derivative"
+    pace: ClassVar[str] = "frequency"
+
+    signal: Signal
+    order: int
+
+    def __post_init__(self) -> None:
+        kind = self.signal.kind
+        smooth = (
+            _OF_HOLD.get(getattr(self.signal, "hold", ""), 0) if kind == "file" else _SMOOTHNESS.get(kind)
+        )
+        require(
+            self.order <= (smooth or 0),
+            f"a signal of kind {kind} is not smooth enough to be a motion whose derivative of order "
+            f"{self.order} acts",
+            "Prescribe the acceleration, or use sines, a chirp, or samples with a spline hold.",
+            (kind,),
+        )
+
+    @property
+    def jump(self) -> float:
+        """No Dirac impulse."""
+        return 0.0
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step of the signal, s."""
+        return self.signal.longest_step
+
+    def generator(self) -> tuple[Array, Array]:
+        """Return the signal's generator, with the read-out of the derivative."""
+        G, h = self.signal.generator()
+        return G, np.asarray(h @ np.linalg.matrix_power(G, self.order))
+
+    def states(self, times: Array, middles: Array) -> Array:
+        """Return the signal's generator states."""
+        return self.signal.states(times, middles)
+
+    def breakpoints(self, start: float, stop: float) -> Array:
+        """Return the signal's breakpoints."""
+        return self.signal.breakpoints(start, stop)
+
+    def value(self, times: ArrayLike) -> Array:
+        """Return the derivative at `times`, inside the signal's range."""
+        t = np.asarray(times, dtype=float)
+        flat = t.ravel()
+        return np.asarray((self.states(flat, flat) @ self.generator()[1]).reshape(t.shape))

@@ -1,4 +1,4 @@
-"""The times at which a driven system is propagated: wanted times, breakpoints and substeps, merged."""
+"""Times at which a driven system is propagated: requested times, breakpoints and substeps, merged."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from dynid.lti.generator import Signal
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Most substeps that a signal may demand: seconds of a response, minutes of a filter.
+# Most substeps of a signal: seconds for a response, minutes for a filter.
 _MOST_SUBSTEPS = 1_000_000
-# Most numbers in the table of generator states (800 MB with what is needed to make it).
+# Most numbers in the table of generator states (800 MB with temporaries).
 _MOST_STATES = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """Intervals between nodes, on each of which all signals follow one joint generator.
+    """Intervals between nodes, in each of which all signals follow one joint generator.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Timeline:
     which
         For each interval the index of its length.
     wanted
-        Nodes of the times that were asked for.
+        Nodes of the requested times.
     G, H
         Joint generator ``w' = G w``, ``u = H w`` (states x states, inputs x states).
     W
@@ -56,44 +56,50 @@ class Timeline:
     jump_node: int
 
     def sample_of(self) -> Indices:
-        """Return the place of every node among the wanted times, or -1 (nodes)."""
+        """Return the index of every node among the requested times, or -1 (nodes)."""
         out = np.full(len(self.nodes), -1, dtype=np.int64)
         out[self.wanted] = np.arange(len(self.wanted))
         return out
 
     def inputs(self, order: int = 0) -> Array:
-        """Return the `order`-th derivative of the inputs at the wanted times (times x inputs)."""
+        """Return the `order`-th derivative of the inputs at the requested times (times x inputs)."""
         readout = self.H @ np.linalg.matrix_power(self.G, order)
         return np.asarray(self.W[self.wanted] @ readout.T)
 
 
 def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
-    """Merge the wanted times with what the signals demand.
+    """Merge the requested times with the breakpoints and substeps of the signals.
 
     Parameters
     ----------
     signals
-        One signal an input.
+        One signal per input.
     times
-        Wanted times, s, strictly increasing.
+        Requested times, s, strictly increasing.
     start
-        Time from which on to propagate, s, at or before the first wanted time.
+        Time at which propagation starts, s, at or before the first requested time.
 
     Raises
     ------
     UsageError
         If the times do not increase, `start` lies after the first, or a signal is too fast for their span.
     """
-    _check_times(times, start)
+    if times.ndim != 1 or len(times) == 0 or not np.all(np.isfinite(times)):
+        raise UsageError("the times of a response must be a list of finite numbers")
+    if np.any(np.diff(times) <= 0):
+        raise UsageError("the times of a response must increase")
+    if not start <= times[0]:
+        raise UsageError(f"a response cannot start at {start:g} s, after its first time {times[0]:g} s")
     jumps = np.array([signal.jump for signal in signals], dtype=float)
     nodes = _nodes(signals, times, start, bool(np.any(jumps)))
     lengths, which = _distinct(np.diff(nodes), float(np.max(np.abs(nodes))))
-    G, H = _joined(signals)
+    G, H = _joint_generator(signals)
     if len(nodes) * len(G) > _MOST_STATES:
+        largest = max(signals, key=lambda signal: len(signal.generator()[1]))
         raise UsageError(
             f"{len(nodes):,} times are too many for signals of {len(G)} generator states",
             remedy="Ask for fewer times, or for a signal of fewer sines.",
-            names=_names(signals),
+            names=[largest.kind, largest.pace],
         )
     middles = np.append((nodes[:-1] + nodes[1:]) / 2, nodes[-1])
     W = np.concatenate([np.empty((len(nodes), 0)), *(s.states(nodes, middles) for s in signals)], axis=1)
@@ -102,36 +108,23 @@ def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
     return Timeline(nodes, lengths, which, np.searchsorted(nodes, times), G, H, W, jumps, jump_node)
 
 
-def _check_times(times: Array, start: float) -> None:
-    if times.ndim != 1 or len(times) == 0 or not np.all(np.isfinite(times)):
-        raise UsageError("the times of a response must be a list of finite numbers")
-    if np.any(np.diff(times) <= 0):
-        raise UsageError("the times of a response must increase")
-    if not start <= times[0]:
-        raise UsageError(f"a response cannot start at {start:g} s, after its first time {times[0]:g} s")
-
-
 def _nodes(signals: Sequence[Signal], times: Array, start: float, impulse: bool) -> Array:
-    """Return wanted times, start, breakpoints (snapped to a wanted time within rounding) and substeps."""
+    """Return requested times, start, breakpoints (snapped to requested times within rounding), substeps."""
     base = times if start == times[0] else np.concatenate([[start], times])
     breaks = [signal.breakpoints(float(base[0]), float(base[-1])) for signal in signals]
     extra = np.unique(np.concatenate([np.empty(0), *breaks, *([[0.0]] if impulse else [])]))
     extra = extra[(extra > base[0]) & (extra < base[-1])]
     spacing = float(np.min(np.diff(base), initial=math.inf))
-    nearest = base[_nearest(base, extra)]
+    right = np.clip(np.searchsorted(base, extra), 1, max(1, len(base) - 1))
+    right = np.minimum(right, len(base) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = base[np.where(np.abs(extra - base[left]) <= np.abs(base[right] - extra), left, right)]
     tolerance = 1e-9 * spacing if math.isfinite(spacing) else 0.0
     nodes = np.union1d(base, extra[np.abs(extra - nearest) > tolerance])
     if not signals:
         return nodes
     fastest = min(signals, key=lambda signal: signal.longest_step)
     return _subdivided(nodes, fastest)
-
-
-def _nearest(base: Array, points: Array) -> Indices:
-    right = np.clip(np.searchsorted(base, points), 1, max(1, len(base) - 1))
-    right = np.minimum(right, len(base) - 1)
-    left = np.maximum(right - 1, 0)
-    return np.where(np.abs(points - base[left]) <= np.abs(base[right] - points), left, right)
 
 
 def _subdivided(nodes: Array, fastest: Signal) -> Array:
@@ -143,8 +136,8 @@ def _subdivided(nodes: Array, fastest: Signal) -> Array:
         parts = np.maximum(1.0, np.ceil(gaps / longest * (1 - 1e-12)))
     if not parts.sum() - len(parts) <= _MOST_SUBSTEPS:
         raise UsageError(
-            f"the {fastest.kind} is too fast for the time it lasts: it takes {parts.sum():.2g} substeps of "
-            f"{longest:.2g} s, and {_MOST_SUBSTEPS:,} are the most",
+            f"the {fastest.kind} is too fast for its duration: it takes {parts.sum():.2g} substeps of "
+            f"{longest:.2g} s; at most {_MOST_SUBSTEPS:,} are allowed",
             remedy="Shorten the time, or lower the frequencies.",
             names=(fastest.kind, fastest.pace),
         )
@@ -155,14 +148,8 @@ def _subdivided(nodes: Array, fastest: Signal) -> Array:
     return np.append(inner, nodes[-1])
 
 
-def _names(signals: Sequence[Signal]) -> list[str]:
-    """Return the kind of the signal with most generator states, and the key that gives it these."""
-    largest = max(signals, key=lambda signal: len(signal.generator()[1]))
-    return [largest.kind, largest.pace]
-
-
 def _distinct(gaps: Array, latest: float) -> tuple[Array, Indices]:
-    """Group interval lengths that differ by the rounding of their ends only; return means and groups."""
+    """Group interval lengths equal to rounding; return the mean lengths and the group of each."""
     if not len(gaps):
         return np.empty(0), np.empty(0, dtype=np.int64)
     order = np.argsort(gaps)
@@ -173,7 +160,7 @@ def _distinct(gaps: Array, latest: float) -> tuple[Array, Indices]:
     return np.bincount(which, weights=gaps) / np.bincount(which), which
 
 
-def _joined(signals: Sequence[Signal]) -> tuple[Array, Array]:
+def _joint_generator(signals: Sequence[Signal]) -> tuple[Array, Array]:
     parts = [signal.generator() for signal in signals]
     size = sum(len(G) for G, _ in parts)
     G, H = np.zeros((size, size)), np.zeros((len(parts), size))

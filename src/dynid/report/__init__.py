@@ -1,6 +1,6 @@
-"""Results as figures: drawn from what a result holds, without running anything again."""
+"""Reports of results: figures and pages, drawn from the result without running anything again."""
 
-from dynid.report.figure import Figure, Picture, Table
+from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.registry import figures
 
-__all__ = ["Figure", "Picture", "Table", "figures"]
+__all__ = ["Figure", "FigureTable", "Picture", "figures"]

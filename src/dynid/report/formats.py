@@ -1,4 +1,4 @@
-"""Figures as files of their own: SVG that every program reads, PNG, PDF."""
+"""Figures as files: standalone SVG, PNG and PDF."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import re
 from dynid.errors import UsageError
 from dynid.report.style import COLOURS, resolved
 
-#: Pixels of a PNG per inch; a figure's own unit is 1/96 inch.
+#: Pixels of a PNG per inch; the unit of a figure is 1/96 inch.
 _PPI = 192
 _HEAD = re.compile(r'<svg\b[^>]*\bviewBox="([^"]*)"[^>]*>')
-#: A page as large as the figure; without a date, so that the same figure gives the same bytes.
+#: A page of the size of the figure, without a date, so that equal figures are equal bytes.
 _PAGE = b"""#set document(date: none)
 #set page(width: auto, height: auto, margin: 0pt, fill: white)
 #image(bytes(sys.inputs.svg), format: "svg")
@@ -23,19 +23,19 @@ def as_file(svg: str, form: str) -> bytes:
     Parameters
     ----------
     svg
-        The figure, as drawn.
+        The figure.
     form
         ``svg``, ``png`` or ``pdf``.
 
     Returns
     -------
     bytes
-        In light colours on white. Texts of PNG and PDF are set in the fonts of the machine.
+        In light colours on white. PNG and PDF use the fonts of the machine.
 
     Raises
     ------
     UsageError
-        Where what writes PNG and PDF is not installed.
+        Where typst, which writes PNG and PDF, is not installed.
     """
     alone = standalone(svg)
     if form == "svg":
@@ -52,7 +52,7 @@ def as_file(svg: str, form: str) -> bytes:
 
 
 def standalone(svg: str) -> str:
-    """Return a figure as a document: declared, on white, with colours that need no variables."""
+    """Return a figure as an SVG document with an XML declaration, on white, without CSS variables."""
     plain = resolved(svg).lstrip()
     head = _HEAD.match(plain)
     if head is None:

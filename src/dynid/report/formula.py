@@ -1,6 +1,6 @@
-"""Formulas in figures: the LaTeX that the reduction writes, set as SVG text with fractions and indices.
+"""Formulas in figures: LaTeX typeset as SVG text with fractions and indices.
 
-Only what `bondgraph.reduction.writing.Latex` writes is understood; anything else is shown as it is written.
+Only the LaTeX of `bondgraph.reduction.writing.Latex` is parsed; anything else is shown as plain text.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from dynid.report.metrics import text_width
-from dynid.report.style import TITLE
+from dynid.report.style import TITLE, text_width
 from dynid.report.svg import Svg, number, plain
 
 _TOKEN = re.compile(r"\\[a-zA-Z]+|\\.|[{}^_]|\s+|[\d.]+|.")
@@ -29,15 +28,15 @@ _SMALLER, _RAISE, _LOWER, _BAR = 0.72, 0.38, 0.2, 0.28
 
 
 @dataclass(frozen=True)
-class Piece:
+class TextRun:
     """A run of text within a formula.
 
     Parameters
     ----------
     text, size, italic
-        What is written, how large, and whether in italics.
+        The text, its font size (px), and True if it is italic.
     x, y
-        Where it begins, from the formula's beginning and its baseline.
+        Its origin relative to the formula's left end and baseline, px.
     """
 
     text: str
@@ -48,21 +47,21 @@ class Piece:
 
     @property
     def width(self) -> float:
-        """How wide it is, px: serif faces are narrower than what the estimate is of."""
+        """Width, px; serif fonts are narrower than the upper bound."""
         return text_width(self.text, self.size) * 0.92
 
 
 @dataclass(frozen=True)
-class Formula:
-    """A set formula: texts, and the bars of fractions and roots as (x, y, width).
+class TypesetFormula:
+    """A typeset formula: runs of text, and the bars of fractions and roots as (x, y, width).
 
     Parameters
     ----------
     width, above, below
-        Its extent, px: from its beginning, and from its baseline.
+        Its extent, px: from its left end, and from its baseline.
     """
 
-    pieces: tuple[Piece, ...] = ()
+    pieces: tuple[TextRun, ...] = ()
     bars: tuple[tuple[float, float, float], ...] = ()
     width: float = 0.0
     above: float = 0.0
@@ -70,19 +69,21 @@ class Formula:
 
     @property
     def height(self) -> float:
-        """Its height, px."""
+        """Height, px."""
         return self.above + self.below
 
-    def moved(self, x: float, y: float) -> Formula:
-        """Return it with its baseline elsewhere; its extent is from the old one."""
-        pieces = tuple(Piece(p.text, p.size, p.italic, p.x + x, p.y + y) for p in self.pieces)
+    def moved(self, x: float, y: float) -> TypesetFormula:
+        """Return it moved by x and y; its extent remains relative to the old baseline."""
+        pieces = tuple(TextRun(p.text, p.size, p.italic, p.x + x, p.y + y) for p in self.pieces)
         bars = tuple((a + x, b + y, width) for a, b, width in self.bars)
-        return Formula(pieces, bars, self.width + x, max(self.above - y, 0.0), max(self.below + y, 0.0))
+        return TypesetFormula(
+            pieces, bars, self.width + x, max(self.above - y, 0.0), max(self.below + y, 0.0)
+        )
 
-    def then(self, other: Formula) -> Formula:
-        """Return this with another one behind."""
+    def then(self, other: TypesetFormula) -> TypesetFormula:
+        """Return it with another formula appended."""
         beside = other.moved(self.width, 0)
-        return Formula(
+        return TypesetFormula(
             self.pieces + beside.pieces,
             self.bars + beside.bars,
             self.width + other.width,
@@ -91,21 +92,21 @@ class Formula:
         )
 
 
-def typeset(latex: str, size: float = TITLE) -> Formula:
-    """Set a formula.
+def typeset(latex: str, size: float = TITLE) -> TypesetFormula:
+    """Typeset a formula.
 
     Parameters
     ----------
     latex
-        As the reduction writes it, in mathematical mode.
+        LaTeX of a reduction, in mathematical mode.
     size
         Font size, px.
     """
-    return _Setter(latex).row(size)
+    return _Typesetter(latex).row(size)
 
 
-def draw_formula(svg: Svg, formula: Formula, x: float, y: float, cls: str = "") -> None:
-    """Draw a set formula, its baseline beginning at a place."""
+def draw_formula(svg: Svg, formula: TypesetFormula, x: float, y: float, cls: str = "") -> None:
+    """Draw a formula with the left end of its baseline at a point."""
     for piece in formula.pieces:
         styles = " ".join(filter(None, ("math", "it" if piece.italic else "", cls)))
         svg.element(
@@ -122,16 +123,16 @@ def draw_formula(svg: Svg, formula: Formula, x: float, y: float, cls: str = "") 
         svg.line((x + left, y + height), (x + left + width, y + height), cls="line")
 
 
-class _Setter:
-    """Reads a formula once from left to right."""
+class _Typesetter:
+    """Parser that typesets a formula from left to right."""
 
     def __init__(self, latex: str) -> None:
         self.tokens = _TOKEN.findall(latex)
         self.at = 0
 
-    def row(self, size: float, end: str = "") -> Formula:
-        """Set what follows up to a token."""
-        found = Formula(above=0.75 * size, below=0.22 * size)
+    def row(self, size: float, end: str = "") -> TypesetFormula:
+        """Typeset everything up to a token."""
+        found = TypesetFormula(above=0.75 * size, below=0.22 * size)
         while self.at < len(self.tokens):
             token = self._next()
             if token == end:
@@ -149,13 +150,13 @@ class _Setter:
         self.at += 1
         return token
 
-    def _argument(self, size: float) -> Formula:
+    def _argument(self, size: float) -> TypesetFormula:
         if self.at >= len(self.tokens):
-            return Formula()
+            return TypesetFormula()
         token = self._next()
         return self.row(size, "}") if token == "{" else self._atom(token, size)
 
-    def _atom(self, token: str, size: float) -> Formula:
+    def _atom(self, token: str, size: float) -> TypesetFormula:
         name = token[1:] if token.startswith("\\") and len(token) > 1 else ""
         if token == "{":
             return self.row(size, "}")
@@ -165,21 +166,21 @@ class _Setter:
             under = self._argument(size)
             sign = _text("√", size, italic=False)
             bar = (sign.width, -under.above - 1, under.width)
-            return Formula(bars=(bar,)).then(sign).then(under)
+            return TypesetFormula(bars=(bar,)).then(sign).then(under)
         if name == "mathrm":
-            return _text("".join(self._plain()), size, italic=False)
+            return _text("".join(self._upright()), size, italic=False)
         if name in _FUNCTIONS:
             return _text(f"{name}\u2009", size, italic=False)
         if name:
-            text = _SIGNS.get(name, _greek(name))
+            text = _SIGNS[name] if name in _SIGNS else _greek(name)
             return _text(text, size, italic=len(text) == 1 and text.isalpha() and text.islower())
         if token.isspace():
-            return Formula()
+            return TypesetFormula()
         if token in "+-=":
             return _text(f"\u2005{token.replace('-', '−')}\u2005", size, italic=False)
         return _text(token, size, italic=token.isalpha())
 
-    def _plain(self) -> Iterator[str]:
+    def _upright(self) -> Iterator[str]:
         """Yield the upright text of a group."""
         if self.at < len(self.tokens) and self.tokens[self.at] == "{":
             self._next()
@@ -201,19 +202,19 @@ def _greek(name: str) -> str:
         return name
 
 
-def _text(text: str, size: float, *, italic: bool) -> Formula:
+def _text(text: str, size: float, *, italic: bool) -> TypesetFormula:
     if not text:
-        return Formula()
-    piece = Piece(text, size, italic, 0.0, 0.0)
-    return Formula((piece,), (), piece.width, 0.75 * size, 0.22 * size)
+        return TypesetFormula()
+    piece = TextRun(text, size, italic, 0.0, 0.0)
+    return TypesetFormula((piece,), (), piece.width, 0.75 * size, 0.22 * size)
 
 
-def _fraction(top: Formula, bottom: Formula, size: float) -> Formula:
-    """Set one formula over another, centred on the axis of the line."""
+def _fraction(top: TypesetFormula, bottom: TypesetFormula, size: float) -> TypesetFormula:
+    """Typeset one formula over another, centred on the axis of the line."""
     width, axis, gap = max(top.width, bottom.width) + 4, -_BAR * size, 0.14 * size
     over = top.moved((width - top.width) / 2, axis - gap - top.below)
     under = bottom.moved((width - bottom.width) / 2, axis + gap + bottom.above)
-    return Formula(
+    return TypesetFormula(
         over.pieces + under.pieces,
         (*over.bars, *under.bars, (1.0, axis, width - 2)),
         width + 2,

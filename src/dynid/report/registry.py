@@ -1,7 +1,7 @@
-"""Which figures a result has. Who adds a figure adds a family here.
+"""Registry of figures: the families of figures, and the results that have them.
 
-A family is a module with a function `figures(result)` that yields `Figure`s; it is imported only for
-results that it has something to show of, and a figure is drawn only when somebody looks at it.
+A family is a function that yields `Figure`s of a result. Its module is imported only for results to which it
+applies, and a figure is drawn only on demand. New figures are added to `FAMILIES`.
 """
 
 from __future__ import annotations
@@ -17,38 +17,35 @@ from dynid.report.figure import Figure, Picture
 if TYPE_CHECKING:
     from dynid.result import Result
 
-When = Callable[["Result"], bool]
-
-
-def kind(*names: str) -> When:
-    """Tell that a family applies to results of scenes of some kinds."""
-    return lambda result: result.kind in names
-
-
-def holds(*beginnings: str) -> When:
-    """Tell that a family applies to results with an array whose path starts so."""
-    return lambda result: any(path.startswith(beginnings) for path in result)
-
-
-def with_scene(when: When) -> When:
-    """Tell that a family applies where another condition holds and the result bears its scene's text."""
-    return lambda result: bool(result.attrs.get("scene")) and when(result)
-
 
 @dataclass(frozen=True)
-class Family:
-    """A kind of figure.
+class FigureFamily:
+    """Figures of one kind, and the condition on results that have them; all given parts must hold.
 
     Parameters
     ----------
-    module
-        Where its function `figures(result)` is.
-    when
-        Whether a result may have such figures.
+    function
+        The function that yields them, as `module:name`.
+    kinds
+        Kinds of results; empty: all.
+    paths
+        Beginnings of paths, one of which an array of the result has; empty: no condition.
+    scene
+        True if the result must hold the text of its scene.
     """
 
-    module: str
-    when: When
+    function: str
+    kinds: tuple[str, ...] = ()
+    paths: tuple[str, ...] = ()
+    scene: bool = False
+
+    def applies(self, result: Result) -> bool:
+        """Return True if a result may have such figures."""
+        if self.scene and not result.attrs.get("scene"):
+            return False
+        if self.kinds and result.kind not in self.kinds:
+            return False
+        return not self.paths or any(path.startswith(self.paths) for path in result)
 
 
 FREQUENCY_RESPONSES = (
@@ -56,39 +53,45 @@ FREQUENCY_RESPONSES = (
     "structure/frequency_response/",
     "bond_graph/port/frequency_response/",
 )
+_DRAWING, _DIAGRAMS = "dynid.report.drawing", "dynid.report.diagrams"
 
 #: In the order in which a page shows them.
-FAMILIES: tuple[Family, ...] = (
-    Family("dynid.report.drawing.graph", with_scene(kind("bond-graph"))),
-    Family("dynid.report.drawing.strip", with_scene(holds("bond_graph/reduction/steps"))),
-    Family("dynid.report.drawing.prototype", holds("bond_graph/reduction/prototype", "bond_graph/port/")),
-    Family("dynid.report.drawing.structure", with_scene(kind("identification", "reduction"))),
-    Family("dynid.report.drawing.equivalents", holds("bond_graph/port/prototype")),
-    Family("dynid.report.diagrams.bode", holds(*FREQUENCY_RESPONSES)),
-    Family("dynid.report.diagrams.poles", holds("bond_graph/transfer_function/")),
-    Family("dynid.report.diagrams.responses", holds("bond_graph/time_response/", "structure/time_response/")),
-    Family("dynid.report.diagrams.estimates", holds("identification/parameters/")),
-    Family(
-        "dynid.report.diagrams.prediction",
-        holds("identification/measurement/", "identification/diagnostics/"),
+FAMILIES: tuple[FigureFamily, ...] = (
+    FigureFamily(f"{_DRAWING}.graph:figures", kinds=("bond-graph",), scene=True),
+    FigureFamily(f"{_DRAWING}.reduction_strip:figures", paths=("bond_graph/reduction/steps",), scene=True),
+    FigureFamily(
+        f"{_DRAWING}.prototype:prototypes", paths=("bond_graph/reduction/prototype", "bond_graph/port/")
     ),
-    Family(
-        "dynid.report.diagrams.histories",
-        holds("identification/history/", "identification/first_pass/", "identification/states/"),
+    FigureFamily(f"{_DRAWING}.structure:figures", kinds=("identification", "reduction"), scene=True),
+    FigureFamily(f"{_DRAWING}.prototype:equivalents", paths=("bond_graph/port/prototype",)),
+    FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=FREQUENCY_RESPONSES),
+    FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
+    FigureFamily(
+        f"{_DIAGRAMS}.responses:time_responses",
+        paths=("bond_graph/time_response/", "structure/time_response/"),
     ),
-    Family("dynid.report.diagrams.reduction", holds("reduction/method")),
-    Family("dynid.report.diagrams.plan", holds("plan/")),
-    Family("dynid.report.diagrams.shapes", with_scene(holds("structure/modes/shape"))),
-    Family("dynid.report.diagrams.precision", holds("bench/", "accuracy/")),
-    Family("dynid.report.diagrams.study.samples", kind("study")),
-    Family("dynid.report.diagrams.study.influences", kind("study")),
-    Family("dynid.report.diagrams.study.locus", kind("study")),
-    Family("dynid.report.diagrams.port", holds("bond_graph/port/performance/")),
+    FigureFamily(f"{_DIAGRAMS}.estimates:figures", paths=("identification/parameters/",)),
+    FigureFamily(
+        f"{_DIAGRAMS}.prediction:figures",
+        paths=("identification/measurement/", "identification/diagnostics/"),
+    ),
+    FigureFamily(
+        f"{_DIAGRAMS}.estimates:histories",
+        paths=("identification/history/", "identification/first_pass/", "identification/states/"),
+    ),
+    FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),
+    FigureFamily(f"{_DIAGRAMS}.plan:figures", paths=("plan/",)),
+    FigureFamily(f"{_DIAGRAMS}.mode_shapes:figures", paths=("structure/modes/shape",), scene=True),
+    FigureFamily(f"{_DIAGRAMS}.work_precision:figures", paths=("bench/", "accuracy/")),
+    FigureFamily(f"{_DIAGRAMS}.study_samples:figures", kinds=("study",)),
+    FigureFamily(f"{_DIAGRAMS}.study_influence:figures", kinds=("study",)),
+    FigureFamily(f"{_DIAGRAMS}.poles:root_loci", kinds=("study",)),
+    FigureFamily(f"{_DRAWING}.prototype:performance", paths=("bond_graph/port/performance/",)),
 )
 
 
 def figures(result: Result) -> list[Figure]:
-    """Return the figures that a result has, none of them drawn yet.
+    """Return the figures of a result, none of them drawn yet.
 
     Parameters
     ----------
@@ -98,25 +101,26 @@ def figures(result: Result) -> list[Figure]:
     Returns
     -------
     list of Figure
-        Their names are unique.
+        Their names are unique. A family that cannot list its figures is one figure, which raises the error
+        when it is drawn.
     """
     found: dict[str, Figure] = {}
     for family in FAMILIES:
-        if family.when(result):
-            for figure in _of(family, result):
+        if family.applies(result):
+            for figure in _figures_of(family, result):
                 if figure.name in found:
                     raise ValueError(f"two figures are called '{figure.name}'")
                 found[figure.name] = figure
     return list(found.values())
 
 
-def _of(family: Family, result: Result) -> list[Figure]:
-    """Return the figures of a family; where it cannot even list them, one that says why instead."""
-    build: Callable[[Result], Iterable[Figure]] = import_module(family.module).figures
+def _figures_of(family: FigureFamily, result: Result) -> list[Figure]:
+    module, _, name = family.function.partition(":")
+    build: Callable[[Result], Iterable[Figure]] = getattr(import_module(module), name)
     try:
         return list(build(result))
     except DynidError as error:
-        name, problem = family.module.rpartition(".")[2], error
+        name, problem = module.rpartition(".")[2], error
 
         def fail() -> Picture:
             raise problem

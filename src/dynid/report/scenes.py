@@ -1,4 +1,7 @@
-"""The scene that a result came from, as plain data: checked when it was run, and not checked again."""
+"""The scene of a result as plain data, and the unit of frequencies that it chooses for reports.
+
+The scene was checked when it was run, and is not checked again.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dynid.errors import DynidError, UsageError
+from dynid.scene.frequency_unit import HERTZ, RADIANS, FrequencyUnit, unit_of_frequencies
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,14 +29,14 @@ _REMEDY = "Run the scene again."
 
 @dataclass(frozen=True)
 class PlainScene:
-    """What a scene says.
+    """A scene as plain data.
 
     Parameters
     ----------
     data
-        Texts, numbers, truth values, lists and mappings.
+        Texts, numbers, Booleans, lists and mappings.
     parameters
-        The values of its parameters.
+        Values of its parameters.
     """
 
     data: dict[str, Any]
@@ -41,26 +48,26 @@ class PlainScene:
         return float(raw if expression is None else expression.evaluate(self.parameters))
 
     def exact(self, raw: Any) -> Fraction:
-        """Return the same as a fraction; a float by the shortest decimal that prints it."""
+        """Return the value of a quantity as a fraction; a float is its shortest decimal representation."""
         from dynid.scene.arithmetic.expression import to_fraction
 
         expression = self.expression(raw)
         return to_fraction(raw if expression is None else expression.evaluate(self.parameters))
 
     def expression(self, raw: Any) -> Expression | None:
-        """Return the expression that a quantity is written as; None for a bare number."""
+        """Return the expression of a quantity; None for a number."""
         from dynid.scene.arithmetic.expression import parse
 
         return parse(raw) if isinstance(raw, str) else None
 
 
 def scene_of(result: Result) -> PlainScene:
-    """Return the scene whose text a result bears.
+    """Return the scene whose text a result holds.
 
     Raises
     ------
     UsageError
-        Where it bears none, or one that this dynid does not read.
+        Where it holds none, or one that this version of dynid does not read.
     """
     from dynid.scene.arithmetic.expression import resolve_parameters
 
@@ -74,7 +81,7 @@ def scene_of(result: Result) -> PlainScene:
 
 @lru_cache(maxsize=4)
 def plain_data(text: str) -> dict[str, Any]:
-    """Return what the text of a scene says, in today's format; nothing where it cannot be read."""
+    """Return the data of a scene in the current format; empty where its text cannot be read."""
     if not text:
         return {}
     from dynid.errors import SceneError
@@ -90,7 +97,7 @@ def plain_data(text: str) -> dict[str, Any]:
 
 @contextmanager
 def readable() -> Iterator[None]:
-    """Say in words that a scene is not what it was when it was run: a file may have been changed since."""
+    """Report errors in the data of a scene as such: its file may have been changed after the run."""
     try:
         yield
     except DynidError:
@@ -101,5 +108,46 @@ def readable() -> Iterator[None]:
 
 
 def listed(value: Any) -> list[Any]:
-    """Return a list, also where one entry stands for itself or nothing is given."""
+    """Return a list, also of a single entry or of nothing."""
     return value if isinstance(value, list) else [] if value is None else [value]
+
+
+def in_hertz(result: Result) -> bool:
+    """Return True if the scene of a result is written in Hz."""
+    return _in_hertz(str(result.attrs.get("scene", "")))
+
+
+def frequency_unit(result: Result) -> FrequencyUnit:
+    """Return the unit of frequencies in the scene of a result."""
+    return HERTZ if in_hertz(result) else RADIANS
+
+
+@lru_cache(maxsize=4)
+def _in_hertz(scene: str) -> bool:
+    return "Hz" in scene and unit_of_frequencies(plain_data(scene)) is HERTZ
+
+
+class PeakResponses(NamedTuple):
+    """Largest magnitude of every channel (output x input), and its frequency in `unit`."""
+
+    magnitude: NDArray[np.float64]
+    at: NDArray[np.float64]
+    unit: str
+
+
+def peak_responses(result: Result, group: str) -> PeakResponses:
+    """Return the largest magnitudes of frequency responses, refined between the frequencies if stored so."""
+    unit = frequency_unit(result)
+    own = group.replace("frequency_response", "frequency_peaks")
+    if f"{own}/omega" in result:
+        at = result[f"{own}/omega"].data * unit.factor
+        return PeakResponses(result[f"{own}/magnitude"].data, at, unit.name)
+    sizes = np.abs(result[f"{group}/response"].data)
+    where = result[f"{group}/omega"].data[sizes.argmax(axis=0)]
+    return PeakResponses(sizes.max(axis=0), where * unit.factor, unit.name)
+
+
+def frequency_span(result: Result, group: str) -> tuple[float, float, str]:
+    """Return the first and the last frequency of a group of responses, and their unit."""
+    omega, unit = result[f"{group}/omega"].data, frequency_unit(result)
+    return float(omega[0]) * unit.factor, float(omega[-1]) * unit.factor, unit.name

@@ -1,4 +1,4 @@
-"""A small writer of SVG: text stays text, numbers have one form, equal figures are equal bytes."""
+"""SVG writer: text stays text, numbers have one form, equal figures are equal bytes."""
 
 from __future__ import annotations
 
@@ -11,32 +11,35 @@ from dynid.report.style import css
 
 Point = tuple[float, float]
 
-# Characters that no XML document can hold.
-_ILLEGAL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
-# Blanks that a reader of XML would turn into spaces.
+# Characters that are illegal in XML, control characters, and those that change the direction of writing.
+_ILLEGAL = re.compile(
+    "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff\u202a-\u202e\u2066-\u2069]"
+)
+# White space that XML parsers normalize to spaces in attributes.
 _SPACE = re.compile("[\t\n\r]")
 # The last zero of 1.50 among numbers with two decimals.
 _TRAILING = re.compile(r"(?<=\.\d)0(?= )")
 
 
 def number(value: float) -> str:
-    """Write a coordinate: at most two decimals, no negative zero."""
+    """Return a coordinate as text: at most two decimals, no negative zero."""
     text = f"{value:.2f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
 
 
 def plain(text: str) -> str:
-    """Escape a text for XML, without the characters that XML cannot hold."""
+    """Return a text escaped for XML, with illegal characters replaced."""
     return escape(_ILLEGAL.sub("\N{REPLACEMENT CHARACTER}", text), quote=False)
 
 
 def quoted(text: str) -> str:
     """Return a text as the value of an attribute, with its quotes."""
-    return f'"{_SPACE.sub(lambda found: f"&#{ord(found[0])};", escape(text))}"'
+    legal = escape(_ILLEGAL.sub("\N{REPLACEMENT CHARACTER}", text))
+    return f'"{_SPACE.sub(lambda found: f"&#{ord(found[0])};", legal)}"'
 
 
 def path_of(points: Iterable[Point], *, closed: bool = False) -> str:
-    """Return the path data of a polyline, its numbers as `number` writes them."""
+    """Return the path data of a polyline, with numbers in the form of `number`."""
     flat = tuple(chain.from_iterable(points))
     text = "L%.2f %.2f " * (len(flat) // 2) % flat
     text = _TRAILING.sub("", text.replace(".00 ", " ")).replace("-0 ", "0 ")
@@ -44,14 +47,14 @@ def path_of(points: Iterable[Point], *, closed: bool = False) -> str:
 
 
 class Svg:
-    """A figure while it is drawn; y points down, lengths are px.
+    """A figure being drawn; y points down, lengths are px.
 
     Parameters
     ----------
     name
         The figure's name, unique on a page: every id of the figure starts with it.
     title, description
-        What the figure shows, for those who cannot see it.
+        Title and description for screen readers.
     """
 
     def __init__(self, name: str, title: str, description: str = "") -> None:
@@ -67,21 +70,21 @@ class Svg:
         return f"{self.name}-{self._ids}"
 
     def raw(self, markup: str) -> None:
-        """Put in markup as it is."""
+        """Append markup."""
         self._parts.append(markup)
 
     def element(self, tag: str, cls: str = "", content: str = "", /, **attrs: str | float) -> None:
-        """Put in an element; `content` is markup, `font_size=9` becomes `font-size="9"`."""
+        """Append an element; `content` is markup, `font_size=9` becomes `font-size="9"`."""
         opening = _opening(tag, cls, attrs)
         self._parts.append(f"<{opening}>{content}</{tag}>" if content else f"<{opening}/>")
 
     def open(self, cls: str = "", *, tip: str = "", **attrs: str | float) -> None:
-        """Open a group, with a text that shows under the pointer."""
+        """Open a group, with a text shown under the pointer."""
         self._parts.append(f"<{_opening('g', cls, attrs)}>" + (f"<title>{plain(tip)}</title>" if tip else ""))
         self._open.append("</g>")
 
     def close(self) -> None:
-        """Close the last group."""
+        """Close the innermost group."""
         self._parts.append(self._open.pop())
 
     def line(self, *points: Point, cls: str = "line", **attrs: str | float) -> None:
@@ -111,7 +114,7 @@ class Svg:
         self.element("text", cls, plain(text), x=x, y=y, **attrs)
 
     def render(self, width: float, height: float, x: float = 0, y: float = 0) -> str:
-        """Return the figure as an SVG document that may also stand within a page."""
+        """Return the figure as an SVG document, which may also be part of a page."""
         box = " ".join(map(number, (x, y, width, height)))
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" class="fig" id={quoted(self.name)} viewBox="{box}" '

@@ -1,19 +1,18 @@
-"""Samples of one scene that differ in values: what each gives, and how many of them are run together."""
+"""Samples of one scene that differ in values, run together where their kind can."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from fnmatch import fnmatchcase
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
-from dynid.errors import DynidError, SceneError, UsageError
-from dynid.result import Result, Variable
-from dynid.scene.dispatch import RUNNERS, run_scene
+from dynid.errors import DynidError, SceneError
+from dynid.result import Result
+from dynid.scene.collect import NUMBERS, gather
+from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
-from dynid.scene.outcomes import Block, Outcome, Outcomes
+from dynid.scene.outcomes import SampleBlock, SampleOutcome, SampleOutcomes
+from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import set_values
-from dynid.words import did_you_mean_path
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,20 +20,8 @@ if TYPE_CHECKING:
 
     from dynid.scene.load import Scene
 
-__all__ = ["Outcome", "Outcomes", "failed", "gather", "run_alone", "run_batch", "selected", "why_alone"]
 
 Expected = Sequence[Mapping[str, Any]]
-
-#: In `collect`: every number under `properties` and `parameters`; what an empty `collect` stands for.
-NUMBERS = ""
-#: The groups that these stand in.
-GATHERED_ANYWAY = frozenset({"properties", "parameters"})
-#: What runs samples of a kind together, or says with None that it cannot run these; None in the place of a
-#: sample leaves that one to be run alone.
-Batched = Callable[
-    ["Scene", Sequence[Mapping[str, Any]], tuple[str, ...], int],
-    "Sequence[Outcome | None] | None",
-]
 
 
 class Judge(Protocol):
@@ -43,7 +30,7 @@ class Judge(Protocol):
     def one(self, result: Result, expected: Expected) -> tuple[bool, ...]:
         """Judge one result."""
 
-    def many(self, block: Block, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
+    def many(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
         """Judge samples side by side (sample x expectation)."""
 
 
@@ -53,7 +40,7 @@ def run_batch(
     collect: tuple[str, ...],
     judge: Judge | None = None,
     of: int = 1,
-) -> Outcomes:
+) -> SampleOutcomes:
     """Run samples of a scene that differ in values, together where the kind of scene can.
 
     Parameters
@@ -73,11 +60,11 @@ def run_batch(
 
     Returns
     -------
-    Outcomes
+    SampleOutcomes
         One for each sample, in order. A sample that fails is an outcome with its error. No outcome
         depends on what else is run with it.
     """
-    together = _together(template, overrides, collect, judge, of) or Outcomes([], len(overrides))
+    together = _together(template, overrides, collect, judge, of) or SampleOutcomes([], len(overrides))
     alone = [run_alone(template, overrides[row], collect, judge) for row in together.pending]
     return together.completed(alone)
 
@@ -88,21 +75,21 @@ def _together(
     collect: tuple[str, ...],
     judge: Judge | None,
     of: int,
-) -> Outcomes | None:
+) -> SampleOutcomes | None:
     """Run samples by the batched route of their kind; None where there is none for them.
 
     Those that it leaves out are pending.
     """
-    route = cast("Batched | None", getattr(import_module(RUNNERS[template.kind]), "batched", None))
+    together = KINDS[template.kind].load("batch")
     varied = {path.partition(".")[0] for one in overrides for path in one}
     expected = _expected(template) if judge is not None else []
-    if route is None or "expect" in varied:
+    if together is None or "expect" in varied:
         return None
     collect = collect or (NUMBERS,)
-    found = route(template, overrides, (*collect, *(str(one["path"]) for one in expected)), of)
+    found = together.batched(template, overrides, (*collect, *(str(one["path"]) for one in expected)), of)
     if found is None:
         return None
-    outcomes = found if isinstance(found, Outcomes) else Outcomes.of(found)
+    outcomes = found if isinstance(found, SampleOutcomes) else SampleOutcomes.of(found)
     if judge is None or not expected:
         return outcomes
     judged = outcomes.with_expectations(
@@ -123,22 +110,22 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
     """
     if any(path.partition(".")[0] == "expect" for path in paths):
         return "what is expected varies"
-    module = {"bond-graph": "graph_samples", "identification": "identification_samples"}.get(template.kind)
-    if module is None:
+    together = KINDS[template.kind].load("batch")
+    if together is None:
         return f"scenes of kind {template.kind} share nothing"
     wanted = (*(collect or (NUMBERS,)), *(str(one["path"]) for one in _expected(template)))
-    return str(import_module(f"dynid.scene.kinds.{module}").why_alone(template, paths, wanted, of))
+    return str(together.why_alone(template, paths, wanted, of))
 
 
 def run_alone(
     template: Scene, override: Mapping[str, Any], collect: tuple[str, ...], judge: Judge | None = None
-) -> Outcome:
+) -> SampleOutcome:
     """Load, check and run one sample."""
     try:
         scene = check_source(set_values(template.source, override))
         result = run_scene(scene)
         met = judge.one(result, _expected(scene)) if judge is not None and scene.model.expect else ()
-        return Outcome(gather(result, collect), expectations=met)
+        return SampleOutcome(gather(result, collect), expectations=met)
     except SceneError as error:
         return failed(template, "; ".join(_said(template, fault) for fault in error.faults), 2)
     except DynidError as error:
@@ -153,9 +140,9 @@ def run_alone(
         return failed(template, f"this is a fault of dynid itself ({said}). Please report it", 3)
 
 
-def failed(template: Scene, error: str, exit_code: int) -> Outcome:
+def failed(template: Scene, error: str, exit_code: int) -> SampleOutcome:
     """Return the outcome of a sample that failed, in the same words wherever it ran."""
-    return Outcome(error=error.replace(f"{template.folder}/", ""), exit_code=exit_code)
+    return SampleOutcome(error=error.replace(f"{template.folder}/", ""), exit_code=exit_code)
 
 
 def _said(template: Scene, fault: Any) -> str:
@@ -166,62 +153,3 @@ def _said(template: Scene, fault: Any) -> str:
 
 def _expected(scene: Scene) -> list[dict[str, Any]]:
     return [item.model_dump(exclude_none=True) for item in scene.model.expect]
-
-
-def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str, Variable]:
-    """Pick what is collected from a result, with the coordinates of its axes.
-
-    Parameters
-    ----------
-    result
-        Arrays by path.
-    collect
-        Paths, groups, or patterns with `*`; empty: every number under `properties` and `parameters`.
-
-    Raises
-    ------
-    UsageError
-        Where there is nothing at a path, or a table, which has no place in a study.
-    """
-    chosen = dict.fromkeys(selected(result, collect))
-    for path in list(chosen):
-        chosen.update(dict.fromkeys(_coordinates(result, path)))
-    return {path: result[path] for path in chosen}
-
-
-def selected(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterator[str]:
-    """Yield the paths of a result that `collect` names."""
-    for wanted in (path.strip("/") for path in collect or (NUMBERS,)):
-        if wanted == NUMBERS:
-            yield from [path for path, variable in result.items() if _is_collected_anyway(path, variable)]
-            continue
-        if wanted in result:
-            if result[wanted].data.dtype.names:
-                raise UsageError(f"{wanted} is a table, which cannot be collected")
-            yield wanted
-            continue
-        below = [
-            path
-            for path, variable in result.items()
-            if (path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)) and not variable.data.dtype.names
-        ]
-        if not below:
-            raise UsageError(f"there is nothing to collect at '{wanted}'{did_you_mean_path(wanted, result)}")
-        yield from below
-
-
-def _is_collected_anyway(path: str, variable: Variable) -> bool:
-    return variable.data.dtype.kind in "bifc" and not GATHERED_ANYWAY.isdisjoint(path.split("/"))
-
-
-def _coordinates(result: Mapping[str, Variable], path: str) -> Iterator[str]:
-    """Yield the coordinates of an array's axes: in its own group, or in the nearest one above."""
-    for dim in result[path].dims:
-        group = path
-        while group:
-            group = group.rpartition("/")[0]
-            coordinate = f"{group}/{dim}" if group else dim
-            if coordinate in result:
-                if result[coordinate].dims == (dim,):
-                    yield coordinate
-                break

@@ -8,36 +8,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import Fault, FileError
-from dynid.inputs import dataset_of, obstacle
-from dynid.scene.yaml.core import Path as KeyPath
+from dynid.file_access import dataset_of, obstacle
+from dynid.scene.kind import KINDS
+from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import path_of, set_values
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
-    from dynid.scene.schema.measurement import RecordModel
-
-#: Under `matrices`, what may be a file by its name alone.
-_MATRICES = ("mass", "stiffness", "damping", "labels", "state_space")
-#: Parts of a scene that name no file: paths in the result, and what the user gives names to.
-_NO_FILES = frozenset({"expect", "parameters", "graph", "joints", "initial"})
 
 
-def file_places(data: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
+def file_places(data: Any) -> Iterator[KeyPath]:
     """Yield the places in a scene's data where the name of a file stands."""
-    if isinstance(data, list):
-        for place, item in enumerate(data):
-            if isinstance(item, dict | list):
-                yield from file_places(item, (*path, place))
-    if not isinstance(data, dict):
-        return
-    for key, value in data.items():
-        if not path and key in _NO_FILES:
-            continue
-        if isinstance(value, str):
-            if key == "path" or (path[-1:] == ("matrices",) and key in _MATRICES):
-                yield (*path, key)
-        elif isinstance(value, dict | list):
-            yield from file_places(value, (*path, key))
+    from dynid.scene.schema.references import FILE, references
+
+    kind = KINDS.get(data.get("kind"))
+    if kind is not None:
+        found = references(kind.load("model"), data, FILE)
+        yield from (place for place, name, _ in found if isinstance(name, str))
 
 
 def missing_files(scene: Scene) -> list[Fault]:
@@ -54,7 +41,8 @@ def missing_files(scene: Scene) -> list[Fault]:
 
 def _missing(scene: Scene, elsewhere: Sequence[KeyPath]) -> list[Fault]:
     """Return what is missing of a scene, but for places that something else sets."""
-    data, passed = scene.source.data, [*_not_read(scene), *elsewhere]
+    unread = KINDS[scene.kind].load("unread")
+    data, passed = scene.source.data, [*(unread(scene) if unread else ()), *elsewhere]
     places = [place for place in file_places(data) if not _is_below(place, passed)]
     said = {place: _why_not(scene.folder, data, place) for place in places}
     return [scene.source.fault(place, message, key=True) for place, message in said.items() if message]
@@ -72,28 +60,6 @@ def _why_not(folder: Path, data: Any, place: KeyPath) -> str:
     path = folder / (dataset_of(name)[0] if place[:2] == ("structure", "matrices") else name)
     found = obstacle(path)
     return str(FileError(f"{path} {found[0]}", remedy=found[1])) if found else ""
-
-
-def _not_read(scene: Scene) -> Iterator[KeyPath]:
-    """Yield the parts of a scene whose files a run does not read."""
-    model: Any = scene.model
-    if scene.kind == "bond-graph" and "time_response" not in model.analysis.asked():
-        yield ("analysis", "time")
-    if scene.kind == "identification":
-        yield from _unused_records(model.measurement.records if model.measurement else [])
-        every = model.measurement.each if model.measurement else []
-        time = model.analysis and model.analysis.time
-        drives = time and not (time.input or model.initial)
-        if not drives and all(record.excitation is not None for record in every):
-            yield ("excitation",)
-
-
-def _unused_records(records: Sequence[RecordModel]) -> Iterator[KeyPath]:
-    """Yield what several records would share, if they had not their own."""
-    if records and all(record.simulate or (record.file and record.file.path) for record in records):
-        yield ("measurement", "file")
-    if records and all(record.excitation is not None for record in records):
-        yield ("measurement", "excitation")
 
 
 def _missing_in_study(scene: Scene) -> list[Fault]:

@@ -5,25 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import DynidError, Fault, FileError, SceneError
 from dynid.scene.formats import as_current
+from dynid.scene.kind import KINDS
 from dynid.scene.yaml.source import Source, apply_overrides, read_source
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from dynid.scene.schema.common import SceneModel
-
-#: For every kind the module that describes its scenes and the name of the model in it.
-KINDS = {
-    "bond-graph": ("dynid.scene.schema.bond_graph", "BondGraphScene"),
-    "identification": ("dynid.scene.schema.identification", "IdentificationScene"),
-    "reduction": ("dynid.scene.schema.reduction", "ReductionScene"),
-    "study": ("dynid.scene.schema.study", "StudyScene"),
-}
+    from dynid.scene.schema.base import SceneModel
 
 
 @dataclass(frozen=True)
@@ -133,13 +125,16 @@ def check_source(source: Source) -> Scene:
     """
     from pydantic import ValidationError
 
+    from dynid.scene.schema.accuracy import accuracy_faults
     from dynid.scene.schema.faults import located_faults, without_unknown_keys
-    from dynid.scene.schema.outline import read_names, whole_faults
+    from dynid.scene.schema.references import read_names
 
     source = as_current(source)
     model = _model_of(source)
     names, faults = read_names(source)
-    faults += whole_faults(source, names)
+    if check := KINDS[source.data["kind"]].load("check"):
+        faults += check(source, names)
+    faults += accuracy_faults(source)
     data = _with_text_keys(source.data)
     try:
         try:
@@ -150,25 +145,17 @@ def check_source(source: Source) -> Scene:
     except ValidationError:
         raise SceneError(faults) from None
     scene = Scene(source, validated)
-    if scene.kind == "study":
-        faults = _with_study_faults(scene, faults)
+    if check_valid := KINDS[scene.kind].load("check_valid"):
+        try:
+            check_valid(scene)
+        except SceneError as error:
+            faults += error.faults
+        except FileError:  # that a file is missing hides no fault
+            if not faults:
+                raise
     if faults:
         raise SceneError(faults)
     return scene
-
-
-def _with_study_faults(scene: Scene, faults: list[Fault]) -> list[Fault]:
-    """Add what is wrong with a study and the scene it varies; that this is missing hides no fault."""
-    from dynid.scene.kinds.study import check_study
-
-    try:
-        check_study(scene)
-    except SceneError as error:
-        return [*faults, *error.faults]
-    except FileError:
-        if not faults:
-            raise
-    return faults
 
 
 def _model_of(source: Source) -> type[SceneModel]:
@@ -184,13 +171,7 @@ def _model_of(source: Source) -> type[SceneModel]:
         hint = did_you_mean(str(kind), KINDS) if name else ""
         message = f"unknown kind{name}; it is one of {', '.join(KINDS)}{hint}"
         raise SceneError([source.fault(("kind",), message)])
-    return kind_model(kind)
-
-
-def kind_model(kind: str) -> type[SceneModel]:
-    """Return the model that describes scenes of a kind."""
-    module, name = KINDS[kind]
-    return cast("type[SceneModel]", getattr(import_module(module), name))
+    return cast("type[SceneModel]", KINDS[kind].load("model"))
 
 
 def _with_text_keys(data: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What samples of one scene gave: one by one, and side by side in arrays."""
+"""Outcomes of samples of one scene: one by one, and side by side in arrays."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from dynid.result import Result, Variable
 
-Places = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """What one sample gave.
+class SampleOutcome:
+    """Outcome of one sample.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class SampleBlock:
     """Samples that gave the same arrays, of the same shapes; or that failed.
 
     Parameters
@@ -54,7 +54,7 @@ class Block:
         Whether each meets each expectation (sample x expectation).
     """
 
-    rows: Places
+    rows: Indices
     values: Mapping[str, Variable]
     met: NDArray[np.bool_]
     errors: tuple[str, ...] = ()
@@ -70,12 +70,12 @@ class Block:
             result.put(path, row_of(variable, place))
         return result
 
-    def taken(self, places: Places, rows: Places) -> Block:
+    def taken(self, places: Indices, rows: Indices) -> SampleBlock:
         """Return some of these samples, under other numbers."""
         whole = len(places) == len(self.rows) and bool(np.all(places == np.arange(len(places))))
         if whole:
             return replace(self, rows=rows)
-        return Block(
+        return SampleBlock(
             rows,
             {path: _rows(variable, places) for path, variable in self.values.items()},
             self.met[places],
@@ -83,12 +83,12 @@ class Block:
             tuple(self.exit_codes[place] for place in places) if self.errors else (),
         )
 
-    def outcome(self, place: int) -> Outcome:
+    def outcome(self, place: int) -> SampleOutcome:
         """Return one of them by itself."""
         met = tuple(self.met[place].tolist())
         if self.errors:
-            return Outcome(error=self.errors[place], exit_code=self.exit_codes[place], expectations=met)
-        return Outcome(dict(self.result(place)), expectations=met)
+            return SampleOutcome(error=self.errors[place], exit_code=self.exit_codes[place], expectations=met)
+        return SampleOutcome(dict(self.result(place)), expectations=met)
 
 
 def row_of(variable: Variable, place: int) -> Variable:
@@ -97,7 +97,7 @@ def row_of(variable: Variable, place: int) -> Variable:
     return Variable(variable.dims[1:], data, variable.units, variable.attrs)
 
 
-def _rows(variable: Variable, places: Places) -> Variable:
+def _rows(variable: Variable, places: Indices) -> Variable:
     data = variable.data
     # What all samples share stays in one place.
     some = np.broadcast_to(data[:1], (len(places), *data.shape[1:])) if is_shared(data) else data[places]
@@ -109,7 +109,7 @@ def is_shared(data: NDArray[Any]) -> bool:
     return data.strides[0] == 0 and len(data) > 0
 
 
-class Outcomes(Sequence[Outcome]):
+class SampleOutcomes(Sequence[SampleOutcome]):
     """The outcomes of samples, in order; in memory they are arrays.
 
     Parameters
@@ -120,13 +120,13 @@ class Outcomes(Sequence[Outcome]):
         How many there are.
     """
 
-    def __init__(self, blocks: Sequence[Block], count: int) -> None:
+    def __init__(self, blocks: Sequence[SampleBlock], count: int) -> None:
         self.blocks, self._count = blocks, count
 
     @classmethod
-    def of(cls, outcomes: Iterable[Outcome | None]) -> Outcomes:
+    def of(cls, outcomes: Iterable[SampleOutcome | None]) -> SampleOutcomes:
         """Put outcomes side by side; None is a pending one."""
-        groups: dict[Any, list[tuple[int, Outcome]]] = {}
+        groups: dict[Any, list[tuple[int, SampleOutcome]]] = {}
         count = 0
         for outcome in outcomes:
             if outcome is not None:
@@ -138,17 +138,17 @@ class Outcomes(Sequence[Outcome]):
         return self._count
 
     @overload
-    def __getitem__(self, place: int) -> Outcome: ...
+    def __getitem__(self, place: int) -> SampleOutcome: ...
     @overload
-    def __getitem__(self, place: slice) -> list[Outcome]: ...
-    def __getitem__(self, place: int | slice) -> Outcome | list[Outcome]:
+    def __getitem__(self, place: slice) -> list[SampleOutcome]: ...
+    def __getitem__(self, place: int | slice) -> SampleOutcome | list[SampleOutcome]:
         if isinstance(place, slice):
             return [self[one] for one in range(*place.indices(self._count))]
         holders, places = self._index
         holder = holders[place]
         if holder < 0:
             raise LookupError(f"sample {place} is pending")
-        found: Outcome = self.blocks[holder].outcome(int(places[place]))
+        found: SampleOutcome = self.blocks[holder].outcome(int(places[place]))
         return found
 
     @property
@@ -165,14 +165,14 @@ class Outcomes(Sequence[Outcome]):
         rows: list[int] = np.flatnonzero(self.exit_codes < 0).tolist()
         return rows
 
-    def completed(self, outcomes: Sequence[Outcome]) -> Outcomes:
+    def completed(self, outcomes: Sequence[SampleOutcome]) -> SampleOutcomes:
         """Return the same with what became of its pending samples, in order."""
         if not outcomes:
             return self
-        rows, rest = np.array(self.pending, dtype=np.intp), Outcomes.of(outcomes)
-        return Outcomes([*self.blocks, *rest.picked(np.arange(len(rows)), rows)], self._count)
+        rows, rest = np.array(self.pending, dtype=np.intp), SampleOutcomes.of(outcomes)
+        return SampleOutcomes([*self.blocks, *rest.picked(np.arange(len(rows)), rows)], self._count)
 
-    def picked(self, places: Places, rows: Places) -> Iterator[Block]:
+    def picked(self, places: Indices, rows: Indices) -> Iterator[SampleBlock]:
         """Yield some of the samples, each in the row that it shall have."""
         holders, within = self._index
         holders, within = holders[places], within[places]
@@ -180,21 +180,21 @@ class Outcomes(Sequence[Outcome]):
             own = np.flatnonzero(holders == holder)
             yield self.blocks[holder].taken(within[own], rows[own])
 
-    def between(self, start: int, stop: int) -> Iterator[Block]:
+    def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
         """Yield the samples start … stop - 1."""
         places = np.arange(start, min(stop, self._count))
         return self.picked(places, places)
 
-    def with_expectations(self, judged: Callable[[Block], NDArray[np.bool_]]) -> Outcomes:
+    def with_expectations(self, judged: Callable[[SampleBlock], NDArray[np.bool_]]) -> SampleOutcomes:
         """Return the same with what is said of the expectations of samples that did not fail."""
-        return Outcomes(
+        return SampleOutcomes(
             [block if block.errors else replace(block, met=judged(block)) for block in self.blocks],
             self._count,
         )
 
-    def with_values(self, kept: Callable[[Block], Iterable[str]]) -> Outcomes:
+    def with_values(self, kept: Callable[[SampleBlock], Iterable[str]]) -> SampleOutcomes:
         """Return the same with some of the values of each block only."""
-        return Outcomes(
+        return SampleOutcomes(
             [
                 replace(block, values={path: block.values[path] for path in kept(block)})
                 for block in self.blocks
@@ -203,7 +203,7 @@ class Outcomes(Sequence[Outcome]):
         )
 
     @cached_property
-    def _index(self) -> tuple[Places, Places]:
+    def _index(self) -> tuple[Indices, Indices]:
         """The block of every sample, -1 for none, and its place there."""
         holders, places = np.full(self._count, -1, dtype=np.intp), np.zeros(self._count, dtype=np.intp)
         for number, block in enumerate(self.blocks):
@@ -211,7 +211,7 @@ class Outcomes(Sequence[Outcome]):
         return holders, places
 
 
-def _form(outcome: Outcome) -> Any:
+def _form(outcome: SampleOutcome) -> Any:
     """Return what outcomes must have in common to stand side by side."""
     if outcome.error:
         return len(outcome.expectations)
@@ -227,13 +227,13 @@ def _form_of(attrs: Mapping[str, Any]) -> Iterator[Any]:
     return ((name, type(value), value) for name, value in attrs.items())
 
 
-def _block(group: Sequence[tuple[int, Outcome]]) -> Block:
+def _block(group: Sequence[tuple[int, SampleOutcome]]) -> SampleBlock:
     rows, outcomes = (list(part) for part in zip(*group, strict=True))
-    one: Outcome = outcomes[0]
+    one: SampleOutcome = outcomes[0]
     values = {path: _side_by_side(path, variable, outcomes) for path, variable in one.values.items()}
     met = np.array([outcome.expectations for outcome in outcomes], dtype=bool)
     failed = bool(one.error)
-    return Block(
+    return SampleBlock(
         np.array(rows, dtype=np.intp),
         {} if failed else values,
         met.reshape(len(rows), len(one.expectations)),
@@ -242,7 +242,7 @@ def _block(group: Sequence[tuple[int, Outcome]]) -> Block:
     )
 
 
-def _side_by_side(path: str, one: Variable, outcomes: Sequence[Outcome]) -> Variable:
+def _side_by_side(path: str, one: Variable, outcomes: Sequence[SampleOutcome]) -> Variable:
     parts = [outcome.values[path].data for outcome in outcomes]
     data: NDArray[Any]
     if all(part is one.data for part in parts):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import UTC, datetime
 from typing import Any
 
@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dynid._version import __version__
-from dynid.atomic import replace_file, replacing
 from dynid.errors import FileError
+from dynid.file_access import replace_file, replacing
 from dynid.hdf5 import open_hdf5
 from dynid.result import Result, Scalar, Variable
-from dynid.store.formats import CURRENT
 from dynid.store.interrupts import deferred_interrupts
-from dynid.store.reader import INTERRUPTED, StoredVariable, read_root, reading
+from dynid.store.reader import CURRENT, INTERRUPTED, StoredVariable, read_root, reading
 from dynid.store.sink import Sink
 from dynid.store.writer import ArrayWriter, write_attrs
 
@@ -31,11 +30,11 @@ def write_result(result: Result, path: str | os.PathLike[str], scene_text: str |
     Parameters
     ----------
     result
-        The result. Provenance it already bears (`created`, `python`, …) is kept, the rest is added.
+        The result. Its provenance (`created`, `python`, …) is kept, missing attributes are added.
     path
         The file; an existing one is replaced.
     scene_text
-        The YAML text as run; absent: the one that the result was read with, if any.
+        The YAML text as run; absent: the one in the result, if any.
 
     Raises
     ------
@@ -46,17 +45,24 @@ def write_result(result: Result, path: str | os.PathLike[str], scene_text: str |
     name = os.fspath(path)
     text = str(result.attrs.get("scene", "")) if scene_text is None else scene_text
     try:
-        content = _image(result, text)
+        import h5py
+
+        # Built in memory: disk errors then never affect an open HDF5 file.
+        with h5py.File("result", "w", driver="core", backing_store=False, libver="earliest") as file:
+            _write_root(file, result, text)
+            ArrayWriter(file, result).write()
+            file.flush()
+            content = bytes(file.id.get_file_image())
     except (OSError, RuntimeError, ValueError, TypeError, OverflowError) as error:
         raise FileError(f"{name} cannot be written: {error}", names=[name]) from error
     replace_file(name, content)
 
 
-#: Rows of an array that comes in parts: its path, the number of the first row, the rows.
+#: Rows of an array: its path, the number of the first row, the rows.
 Block = tuple[str, int, NDArray[Any]]
 
 
-#: Gives arrays, whole, that follow from what is in the file by then.
+#: Yields whole arrays computed from those in the file.
 Finish = Callable[[Result], Iterable[tuple[str, NDArray[Any]]]]
 
 
@@ -67,20 +73,20 @@ def write_blocks(
     complete: bool = True,
     finish: Finish | None = None,
 ) -> None:
-    """Write a result whose long arrays come part by part, so that they are never in memory as a whole.
+    """Write a result whose long arrays come in blocks, so that they are never in memory as a whole.
 
     Parameters
     ----------
     result
-        The result. Of an array that comes in parts only axes, shape and type count.
+        The result. Of hollow arrays only axes, shape and type are used.
     path
         The file; an existing one is replaced, when all is written.
     blocks
-        Every row of the arrays that come in parts; the arrays are those of the first part of each.
+        Every row of the hollow arrays, in blocks.
     complete
-        Whether the result is all that it shall be one day.
+        False for an interrupted result.
     finish
-        What follows from the parts once they are all there; its arrays have their shapes in the result.
+        Computes further hollow arrays once all blocks are written.
 
     Raises
     ------
@@ -111,12 +117,12 @@ def write_blocks(
 
 
 def hollow(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Return an array of a shape and type that takes no memory: its values come later."""
+    """Return an array of a shape and type without values, which takes no memory."""
     return np.broadcast_to(np.empty((), dtype), shape)
 
 
 def is_hollow(variable: Variable) -> bool:
-    """Tell whether the values of an array come later."""
+    """Return True for a hollow array."""
     return variable.data.ndim > 0 and not any(variable.data.strides)
 
 
@@ -128,7 +134,7 @@ def read_result(path: str | os.PathLike[str], partial: bool = False) -> Result:
     path
         The file.
     partial
-        Whether one that was interrupted will do.
+        True to accept an interrupted result.
 
     Raises
     ------
@@ -142,19 +148,19 @@ def read_result(path: str | os.PathLike[str], partial: bool = False) -> Result:
 
 @contextmanager
 def open_stored(path: str | os.PathLike[str], partial: bool = False) -> Iterator[Result]:
-    """Open a result whose arrays stay in the file until they are asked for, and are not kept then.
+    """Open a result whose arrays stay in the file, and are read on request.
 
     Parameters
     ----------
     path
         The file.
     partial
-        Whether one that was interrupted will do.
+        True to accept an interrupted result.
 
     Raises
     ------
     FileError
-        As `read_result`; also when values are asked for that are damaged.
+        As `read_result`; also when damaged values are read.
     """
     name = os.fspath(path)
     with ExitStack() as stack:
@@ -173,26 +179,20 @@ def loaded(stored: Result) -> Result:
     return result
 
 
-def _image(result: Result, scene_text: str) -> bytes:
-    """Build the file in memory: errors of the disk then never meet an open HDF5 file."""
-    import h5py
-
-    with h5py.File("result", "w", driver="core", backing_store=False, libver="earliest") as file:
-        _write_root(file, result, scene_text)
-        ArrayWriter(file, result).write()
-        file.flush()
-        return bytes(file.id.get_file_image())
-
-
 def _write_root(file: Any, result: Result, scene_text: str, complete: bool = True) -> None:
     import platform
+    from importlib.metadata import PackageNotFoundError, version
 
     import h5py
 
+    packages = []
+    for package in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            packages.append(f"{package} {version(package)}")
     stamps: dict[str, Scalar] = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "dynid_version": __version__,
-        "packages": _package_versions(),
+        "packages": ", ".join(packages),
         "python": platform.python_version(),
     }
     fixed: dict[str, Scalar] = {
@@ -207,15 +207,3 @@ def _write_root(file: Any, result: Result, scene_text: str, complete: bool = Tru
         raise ValueError(f"the attribute '{clash[0]}' is set by the store")
     write_attrs(file, stamps | given | fixed)
     file.create_dataset("scene", data=scene_text, dtype=h5py.string_dtype())
-
-
-def _package_versions() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    found = []
-    for package in _PACKAGES:
-        try:
-            found.append(f"{package} {version(package)}")
-        except PackageNotFoundError:
-            continue
-    return ", ".join(found)

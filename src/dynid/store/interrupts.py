@@ -1,4 +1,4 @@
-"""Ctrl-C, and the signal by which systems end processes, at moments that can take them."""
+"""Interrupts (Ctrl-C and SIGTERM), deferred while HDF5 writes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 
 @contextmanager
 def deferred_interrupts() -> Iterator[Callable[[], None]]:
-    """Keep an interrupt back until the end, or until what this gives is called.
+    """Defer interrupts until the end, or until the yielded function is called.
 
-    HDF5 does not survive one in the middle of writing.
+    HDF5 does not survive an interrupt during writing.
     """
     came: list[int] = []
     before: dict[int, Any] = {}
@@ -25,10 +25,10 @@ def deferred_interrupts() -> Iterator[Callable[[], None]]:
             before[number](number, None)
 
     if threading.current_thread() is not threading.main_thread():
-        yield check  # interrupts come to the main thread only
+        yield check  # only the main thread receives interrupts
         return
     for number in (int(signal.SIGINT), int(signal.SIGTERM)):
-        if callable(handler := signal.getsignal(number)):  # what ends the process at once is left to do so
+        if callable(handler := signal.getsignal(number)):  # the default action ends the process at once
             before[number] = handler
             signal.signal(number, lambda came_now, _: came.append(came_now))
     try:

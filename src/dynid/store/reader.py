@@ -1,8 +1,12 @@
-"""An open HDF5 file to a result, trusting nothing in it."""
+"""Results read from HDF5 files, without trusting their contents.
+
+Every format ever released is read, each by one step to the next. Today there is one; a second one comes with
+the step `STEPS[1]` from results of the first.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -10,21 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
+from dynid.hdf5 import Refused, check_stored
 from dynid.result import Result, Scalar, Variable, as_kept
-from dynid.store.formats import as_current, refuse_unknown
+
+#: Format of the files that are written.
+CURRENT = 1
+
+#: For an older format: the step from its results to those of the next format.
+STEPS: dict[int, Callable[[Result], Result]] = {}
 
 INTERRUPTED = "interrupted"
 SCALE_ATTRS = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"})
 OWN_ATTRS = frozenset({"units", "dynid_dims", "dynid_index"})
 ROOT_ATTRS = frozenset({"format", "kind", "title", "status", "scene"})
 _MAX_DEPTH = 64
-_MAX_EXPANSION = 2000  # what a compressed array may grow by on reading; deflate reaches 1032
 _BLOCK = 2**20  # values that are read at a time
 
 
 @contextmanager
 def reading(name: str) -> Iterator[None]:
-    """Turn whatever goes wrong in reading a file into a `FileError`."""
+    """Turn any failure to read a file into a `FileError`."""
     try:
         yield
     except FileNotFoundError:
@@ -41,7 +50,7 @@ def reading(name: str) -> Iterator[None]:
 
 
 class StoredVariable(Variable):
-    """An array that stays in its open file: what is asked for is read, and not kept."""
+    """An array that stays in its open file: values are read on request, and not kept."""
 
     _dataset: Any
     _file: str
@@ -109,9 +118,9 @@ def read_root(file: Any, name: str, stored: bool = False, partial: bool = False)
     name
         Its name, for messages.
     stored
-        Whether arrays stay in the file until they are asked for, which the file must stay open for.
+        True to leave arrays in the file, which must stay open, until they are requested.
     partial
-        Whether a result that was interrupted will do.
+        True to accept an interrupted result.
 
     Raises
     ------
@@ -119,11 +128,18 @@ def read_root(file: Any, name: str, stored: bool = False, partial: bool = False)
         When it holds none, an incomplete one, or one of a newer format.
     """
     root = _attrs(file)
-    _check_root(root, name, partial)
+    number = root.get("format")
+    if not isinstance(number, int) or "kind" not in root:
+        raise FileError(f"{name} is HDF5, but not a result of dynid", names=[name])
+    refuse_unknown(number, name)
+    if root.get("status") not in ("complete", INTERRUPTED if partial else "complete"):
+        raise FileError(f"{name} is not complete", remedy="Run its scene again.", names=[name])
     attrs = {key: value for key, value in root.items() if key not in ROOT_ATTRS}
     scene = file.get("scene", getlink=True)
     if scene is not None:
-        attrs["scene"] = str(_values(_hard_item(file, "scene"), "scene", name).item())
+        text = _hard_item(file, "scene")
+        _check_stored(text, "scene", name)
+        attrs["scene"] = str(_read(text, ...).item())
     result = Result(str(root["kind"]), str(root.get("title", "")), attrs)
     for path, item in _items(file):
         if hasattr(item, "shape"):
@@ -135,17 +151,31 @@ def read_root(file: Any, name: str, stored: bool = False, partial: bool = False)
     return as_current(result, int(root["format"]))
 
 
-def _check_root(root: dict[str, Scalar], name: str, partial: bool) -> None:
-    number = root.get("format")
-    if not isinstance(number, int) or "kind" not in root:
-        raise FileError(f"{name} is HDF5, but not a result of dynid", names=[name])
-    refuse_unknown(number, name)
-    if root.get("status") not in ("complete", INTERRUPTED if partial else "complete"):
-        raise FileError(f"{name} is not complete", remedy="Run its scene again.", names=[name])
+def refuse_unknown(number: int, name: str) -> None:
+    """Raise for a file of a format that this version cannot read.
+
+    Raises
+    ------
+    FileError
+        Naming the formats that can be read.
+    """
+    if number > CURRENT:
+        problem = f"{name} has format {number}; this dynid reads formats up to {CURRENT}"
+        raise FileError(problem, remedy="Update dynid to read it.", names=[name])
+    if number < CURRENT and number not in STEPS:
+        problem = f"{name} has format {number}, which no dynid has ever written"
+        raise FileError(problem, remedy="Run its scene again.", names=[name])
+
+
+def as_current(result: Result, number: int) -> Result:
+    """Return a result read from a file of an older format as the current format holds it."""
+    for older in range(number, CURRENT):
+        result = STEPS[older](result)
+    return result
 
 
 def _items(file: Any) -> Iterator[tuple[str, Any]]:
-    """Walk through groups and arrays; soft and external links are left alone, and cycles end."""
+    """Yield groups and arrays; soft and external links are skipped, and cycles end."""
     stack = [("", file)]
     seen = {hash(file.id)}
     while stack:
@@ -175,56 +205,46 @@ def _hard_item(group: Any, key: str) -> Any:
 def _dims(dataset: Any) -> tuple[str, ...]:
     if "dynid_dims" in dataset.attrs:
         return tuple(str(dataset.attrs["dynid_dims"]).split("\n"))
-    if _is_scale(dataset):
+    # Like H5DSis_scale, which frees its buffer twice in HDF5 2.0 for another class, and aborts.
+    if dataset.attrs.get("CLASS") in (b"DIMENSION_SCALE", "DIMENSION_SCALE"):
         return (str(dataset.name).rsplit("/", 1)[-1],)
     return tuple(_dim_name(dim) or f"axis_{axis}" for axis, dim in enumerate(dataset.dims, 1))
 
 
-def _is_scale(dataset: Any) -> bool:
-    # As H5DSis_scale, which frees its buffer twice in HDF5 2.0 where the class is another one, and aborts.
-    return dataset.attrs.get("CLASS") in (b"DIMENSION_SCALE", "DIMENSION_SCALE")
-
-
 def _dim_name(dim: Any) -> str:
-    # A scale bears its name as an attribute; asking HDF5 for its path would search the whole file.
+    # A scale has its name as an attribute; requesting its path from HDF5 would search the whole file.
     name = dim[0].attrs.get("NAME", "") if len(dim) else ""
     return name.decode() if isinstance(name, bytes) else str(name)
 
 
-def _values(dataset: Any, path: str, name: str) -> NDArray[Any]:
-    _check_stored(dataset, path, name)
-    return _read(dataset, ...)
-
-
 def _check_stored(dataset: Any, path: str, name: str) -> None:
-    if dataset is None or dataset.is_virtual or dataset.external or dataset.shape is None:
+    if dataset is None or not hasattr(dataset, "shape"):
         raise FileError(f"{name}: '{path}' is not an array stored in the file itself", names=[name])
-    if dataset.nbytes > _MAX_EXPANSION * dataset.id.get_storage_size():
-        raise FileError(f"{name}: '{path}' claims more values than the file holds", names=[name])
+    try:
+        check_stored(dataset)
+    except Refused as error:
+        raise FileError(f"{name}: {error}", names=[name]) from error
 
 
 def _read(dataset: Any, place: Any) -> NDArray[Any]:
-    """Read some entries of an array, with texts as such."""
+    """Return some entries of an array, with texts decoded."""
     if dataset.dtype.kind in "OS":
         return np.array(dataset.asstr()[place], dtype=object)
     data: NDArray[Any] = np.asarray(dataset[place])
-    return _with_texts(data) if data.dtype.names else data
-
-
-def _with_texts(table: NDArray[Any]) -> NDArray[Any]:
-    """Decode the text fields of a table."""
-    names = table.dtype.names or ()
-    texts = [name for name in names if table.dtype[name].kind in "OS"]
-    fields = [(name, np.dtype(object) if name in texts else table.dtype[name]) for name in names]
-    decoded = np.empty(table.shape, fields)
+    if not data.dtype.names:
+        return data
+    names = data.dtype.names
+    texts = [name for name in names if data.dtype[name].kind in "OS"]
+    fields = [(name, np.dtype(object) if name in texts else data.dtype[name]) for name in names]
+    decoded = np.empty(data.shape, fields)
     for name in names:
-        column = table[name]
+        column = data[name]
         decoded[name] = np.vectorize(bytes.decode, otypes=[object])(column) if name in texts else column
     return decoded
 
 
 def _attrs(item: Any) -> dict[str, Scalar]:
-    """Give an object's own attributes; what is not a single value belongs to other tools."""
+    """Return an object's own attributes; those with several values belong to other tools."""
     found: dict[str, Scalar] = {}
     for name in item.attrs.keys() - SCALE_ATTRS - OWN_ATTRS:
         value = item.attrs[name]

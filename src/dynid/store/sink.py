@@ -1,8 +1,7 @@
-"""A file that HDF5 writes to and that never fails it.
+"""A file object for HDF5 whose writes never raise.
 
-HDF5 does not survive a disk that is full: it cannot close the file any more, and takes the process with it
-at the end. So the first error is kept, what is written from then on goes to memory, and whoever writes asks
-`error` before going on.
+HDF5 does not survive a full disk: it can no longer close the file, and crashes the process at the end.
+Therefore the first error is kept, later writes go to memory, and the writer calls `check`.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ class Sink:
         self._descriptor = os.open(path, os.O_RDWR)
         self._place = 0
         self._end = os.fstat(self._descriptor).st_size
-        self._kept: list[tuple[int, bytes]] = []  # what the disk did not take, in the order written
+        self._kept: list[tuple[int, bytes]] = []  # content that the disk did not take, in order
         self.error: OSError | None = None
 
     def check(self) -> None:
-        """Raise the first error that there was."""
+        """Raise the first error, if any."""
         if self.error is not None:
             raise self.error
 
@@ -90,4 +89,4 @@ class Sink:
         return self._end
 
     def flush(self) -> None:
-        """Do nothing: what is written is not kept back."""
+        """Do nothing: writes are not buffered."""

@@ -1,7 +1,7 @@
-"""A result's arrays into an open HDF5 file.
+"""Arrays of a result written to an open HDF5 file.
 
 Every dimension of every array has a scale: a coordinate of the result where there is one, else the
-entries' numbers (marked `dynid_index`, and skipped on reading), so that xarray opens every group with
+numbers of the entries (marked `dynid_index`, and skipped on reading), so that xarray opens every group with
 named coordinates.
 """
 
@@ -25,7 +25,7 @@ def write_attrs(item: Any, attrs: Mapping[str, Scalar]) -> None:
 
 
 class ArrayWriter:
-    """Writes the arrays of one result, and gives each of their dimensions a scale."""
+    """Writes the arrays of one result, with a scale for each dimension."""
 
     def __init__(self, file: Any, result: Result, hollow: Collection[str] = ()) -> None:
         self.file = file
@@ -75,7 +75,7 @@ class ArrayWriter:
             dataset.attrs["dynid_dims"] = "\n".join(variable.dims)
 
     def _scale(self, path: str, dim: str, length: int, used: list[str]) -> str:
-        """Find the coordinate of a dimension here or in the nearest group above; else number its entries."""
+        """Return the coordinate of a dimension in the nearest group, else a scale of entry numbers."""
         group = path.rpartition("/")[0]
         for holder in _groups_above(group):
             coordinate = _join(holder, dim)

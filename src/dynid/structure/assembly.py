@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.choices import DENSE_STRUCTURES
+from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import UsageError
-from dynid.structure.damping import Modal, Proportional
+from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.matrices import Array, Label, Matrix, combined
 from dynid.structure.model import StructuralModel
@@ -60,7 +60,7 @@ def free_labels(nodes: int, directions: Sequence[str], fixed: Iterable[tuple[str
 
 
 class Assembly:
-    """Sums of blocks over labelled DOFs; what is not among the labels is held and left out."""
+    """Sums of blocks over labelled DOFs; DOFs that are not among the labels are held and left out."""
 
     def __init__(self, dofs: Sequence[Label]) -> None:
         if not dofs:
@@ -110,7 +110,7 @@ class Assembly:
         return matrix
 
     def model(
-        self, damping: Proportional | Modal | None = None, joints: Iterable[Joint] = ()
+        self, damping: ProportionalDamping | ModalDamping | None = None, joints: Iterable[Joint] = ()
     ) -> StructuralModel:
         """Return the structure, its damping that of `damping` and of what was added."""
         M, C, K = self.sum("M"), self.sum("C"), self.sum("K")

@@ -1,26 +1,32 @@
-"""Reduction methods compared: what each costs, and how well it agrees with the full structure."""
+"""Comparison of reduction methods: the cost of each, and its agreement with the full structure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.progress import tell
+from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.structure import correlation
+from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Array, Label, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import Modes, modes
-from dynid.structure.reduction.cost import Cost, measured
 from dynid.structure.reduction.methods import Reductor
-from dynid.structure.reduction.reduction import Reduction
-from dynid.structure.response import Channel, common_unit, frequency_response
+from dynid.structure.reduction.reduction import StructuralReduction
+from dynid.structure.response import Channel, common_unit, ports
+
+_PROCESS = Path("/proc/self")
 
 
-class Responses(NamedTuple):
+class RequestedResponses(NamedTuple):
     """Frequency responses to compare: force DOFs, read-outs, and angular frequencies, rad/s."""
 
     inputs: Sequence[Label]
@@ -29,9 +35,9 @@ class Responses(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A reduction that was made, its modes, the numbers of the full modes they stand for, and its cost."""
+    """A reduction, its modes, the numbers of the corresponding full modes, and its cost."""
 
-    reduction: Reduction
+    reduction: StructuralReduction
     modes: Modes
     numbers: tuple[int, ...]
     cost: Cost
@@ -41,7 +47,7 @@ def compare(
     model: StructuralModel,
     methods: Mapping[str, Reductor],
     *,
-    responses: Responses | None = None,
+    responses: RequestedResponses | None = None,
     parts: Mapping[str, Sequence[Label]] | None = None,
 ) -> Result:
     """Reduce a structure by several methods and compare each with the full one, joints included.
@@ -63,10 +69,13 @@ def compare(
     Returns
     -------
     Result
-        ``reduction/<name>/{T, mass, stiffness, damping, masters, modes, condition, frequencies, reference,
-        frequency_error, mac, orthogonality, energy_error}`` and ``reduction/frf/{omega, full, <name>,
-        frac}``. The matrices include the joints. `frequency_error` is relative and signed. Attributes of the
-        groups say what the work cost.
+        ``reduction/<name>/{T, mass, stiffness, damping, masters, modes, condition, frequencies,
+        frequency_uncertainty, reference, reference_uncertainty, frequency_error, mac, orthogonality,
+        energy_error}`` and ``reduction/frf/{omega, full, <name>,
+        frac}``. The matrices include the joints; where there are some, ``mass_without_joints``,
+        ``stiffness_without_joints`` and ``damping_without_joints`` do not (Yang, eq 9). `frequency_error` is
+        relative and signed; the uncertainties are what rounding leaves open, rad/s. Attributes of the groups
+        hold the cost of the work and the modes in doubt.
 
     Raises
     ------
@@ -77,13 +86,13 @@ def compare(
 
     candidates = {}
     for name, method in methods.items():
-        tell(f"reducing by {name}")
+        report_progress(f"reducing by {name}")
         candidates[name] = candidate(model, method)
     result = Result("reduction")
     result.add_axis("reduction/method", list(methods))
     result.add_axis("reduction/dof", [str(dof) for dof in model.dofs])
     most = max(max(made.numbers, default=0) for made in candidates.values())
-    tell("modes of the full structure")
+    report_progress("modes of the full structure")
     with measured() as cost:
         full = modes(*model.with_joints(), count=most)
     result.annotate("reduction", solver=full.method, **cost.attributes())
@@ -92,7 +101,7 @@ def compare(
     for name, made in candidates.items():
         _add(result, f"reduction/{name}", model, made, full, parts)
     if responses is not None:
-        tell("frequency responses")
+        report_progress("frequency responses")
         _add_responses(result, model, candidates, responses)
     return result
 
@@ -102,6 +111,7 @@ def candidate(model: StructuralModel, method: Reductor) -> Candidate:
     with measured() as cost:
         reduction = method.reduce(model)
     found = modes(*reduction.model.with_joints())
+    found = found.within(model.with_joints()[2], reduction.model.expand(found.shapes))
     count = len(found.omega)
     retained = reduction.retained and len(reduction.modes) == count
     numbers = tuple(sorted(reduction.modes)) if retained else tuple(range(1, count + 1))
@@ -117,15 +127,35 @@ def _add(
     parts: Mapping[str, Sequence[Label]] | None,
 ) -> None:
     """Add a reduced structure, its modes, and how well they agree with those of the full one."""
-    _add_reduction(result, group, model, made)
+    reduced = made.reduction.model
+    coordinates = [str(label) for label in reduced.dofs]
+    result.annotate(group, rule=made.reduction.rule, **made.cost.attributes())
+    result.add_axis(f"{group}/coordinate", coordinates)
+    result.add_axis(f"{group}/column", coordinates)
+    result.add(f"{group}/T", made.reduction.T, ("dof", "coordinate"))
+    matrices, dims = ("mass", "damping", "stiffness"), ("coordinate", "column")
+    for name, matrix in zip(matrices, reduced.with_joints(), strict=True):
+        result.add(f"{group}/{name}", as_array(matrix), dims)
+    if reduced.joints:
+        for name, matrix in zip(matrices, (reduced.M, reduced.C, reduced.K), strict=True):
+            result.add(f"{group}/{name}_without_joints", as_array(matrix), dims)
+    if made.modes.doubt:
+        result.annotate(group, doubt=f"{group.rpartition('/')[2]}: {made.modes.doubt}")
+    masters = [model.index(label) + 1 for label in made.reduction.masters]
+    result.add(f"{group}/masters", np.array(masters, dtype=np.int64), ("master",))
+    result.add(f"{group}/modes", np.array(made.reduction.modes, dtype=np.int64), ("basis_mode",))
+    if made.reduction.condition is not None:
+        result.add(f"{group}/condition", made.reduction.condition)
     places = np.array(made.numbers, dtype=np.int64) - 1
     reference, M = full.omega[places], model.with_joints()[0]
-    shapes = made.reduction.model.expand(made.modes.shapes)
+    shapes = reduced.expand(made.modes.shapes)
     target = correlation.counterparts(shapes, places, full.shapes, full.omega, M)
     result.add_axis(f"{group}/mode", places + 1)
     result.add_axis(f"{group}/full_mode", places + 1)
     result.add(f"{group}/frequencies", made.modes.omega, ("mode",), "rad/s")
+    result.add(f"{group}/frequency_uncertainty", made.modes.uncertainty, ("mode",), "rad/s")
     result.add(f"{group}/reference", reference, ("mode",), "rad/s")
+    result.add(f"{group}/reference_uncertainty", full.uncertainty[places], ("mode",), "rad/s")
     error = correlation.frequency_error(made.modes.omega, reference)
     result.add(f"{group}/frequency_error", error, ("mode",))
     result.add(f"{group}/mac", correlation.mac(shapes, target), ("mode", "full_mode"))
@@ -137,25 +167,8 @@ def _add(
     result.add(f"{group}/energy_error", shares - true, ("mode", "part"))
 
 
-def _add_reduction(result: Result, group: str, model: StructuralModel, made: Candidate) -> None:
-    """Add matrices, basis and cost of a reduced structure."""
-    reduced = made.reduction.model
-    coordinates = [str(label) for label in reduced.dofs]
-    result.annotate(group, rule=made.reduction.rule, **made.cost.attributes())
-    result.add_axis(f"{group}/coordinate", coordinates)
-    result.add_axis(f"{group}/column", coordinates)
-    result.add(f"{group}/T", made.reduction.T, ("dof", "coordinate"))
-    for name, matrix in zip(("mass", "damping", "stiffness"), reduced.with_joints(), strict=True):
-        result.add(f"{group}/{name}", as_array(matrix), ("coordinate", "column"))
-    masters = [model.index(label) + 1 for label in made.reduction.masters]
-    result.add(f"{group}/masters", np.array(masters, dtype=np.int64), ("master",))
-    result.add(f"{group}/modes", np.array(made.reduction.modes, dtype=np.int64), ("basis_mode",))
-    if made.reduction.condition is not None:
-        result.add(f"{group}/condition", made.reduction.condition)
-
-
 def _add_responses(
-    result: Result, model: StructuralModel, candidates: Mapping[str, Candidate], asked: Responses
+    result: Result, model: StructuralModel, candidates: Mapping[str, Candidate], asked: RequestedResponses
 ) -> None:
     group, dims = "reduction/frf", ("omega", "output", "input")
     units = [f"{channel.unit}/N" for channel in asked.outputs]
@@ -173,6 +186,54 @@ def _add_responses(
     result.add(f"{group}/frac", np.array(agreement), ("method", "output", "input"))
 
 
-def _response(model: StructuralModel, asked: Responses) -> NDArray[np.complex128]:
-    result = frequency_response(model, asked.inputs, asked.outputs, asked.omega)
-    return result["structure/frequency_response/response"].data
+def _response(model: StructuralModel, asked: RequestedResponses) -> NDArray[np.complex128]:
+    where = Ports(*ports(model, asked.inputs, asked.outputs))
+    return frequency_response_functions(*model.with_joints(), where, asked.omega).response
+
+
+@dataclass
+class Cost:
+    """Wall time and peak of memory of a piece of work.
+
+    Attributes
+    ----------
+    seconds
+        Wall time.
+    peak_megabytes
+        The process's memory at its highest meanwhile, above what it was before; None where unknown.
+    """
+
+    seconds: float = 0.0
+    peak_megabytes: float | None = None
+
+    def attributes(self) -> dict[str, float]:
+        """Return the known values by name."""
+        peak = {} if self.peak_megabytes is None else {"peak_megabytes": self.peak_megabytes}
+        return {"seconds": self.seconds, **peak}
+
+
+@contextmanager
+def measured() -> Iterator[Cost]:
+    """Measure the cost of the block; it is complete on leaving."""
+    cost = Cost()
+    before = None
+    # Restarts the peak that the system records; elsewhere there is none.
+    with suppress(OSError):
+        (_PROCESS / "clear_refs").write_text("5")
+        before = _resident("VmRSS")
+    started = time.perf_counter()
+    yield cost
+    cost.seconds = time.perf_counter() - started
+    peak = _resident("VmHWM")
+    if before is not None and peak is not None:
+        cost.peak_megabytes = max(0.0, peak - before)
+
+
+def _resident(key: str) -> float | None:
+    try:
+        lines = (_PROCESS / "status").read_text().splitlines()
+    except OSError:
+        return None
+    found = (line.split()[1] for line in lines if line.startswith(f"{key}:"))
+    kilobytes = next(found, None)
+    return None if kilobytes is None else int(kilobytes) / 1024

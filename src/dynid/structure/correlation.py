@@ -1,4 +1,4 @@
-"""How well a reduced model agrees with the full one: frequencies, shapes, responses, energies.
+"""Correlation of a reduced model with the full one: frequencies, shapes, responses, energies.
 
 Sources: R. J. Allemang, *Sound and Vibration* 37 (2003) 14–23 (MAC); W. Heylen & S. Lammens, *Proc. Int.
 Conf. Identification in Engineering Systems* 1996 (FRAC).
@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.structure.joints import Term
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
 
@@ -73,7 +72,7 @@ def orthogonality(a: Array, M: Matrix, b: Array) -> Array:
 
 
 def counterparts(shapes: Array, places: NDArray[np.int64], full: Array, omega: Array, M: Matrix) -> Array:
-    """Return the full modes that reduced ones stand for; those of a multiple frequency are free to turn.
+    """Return the full modes that correspond to reduced ones; of a multiple frequency they are rotated.
 
     Parameters
     ----------
@@ -110,7 +109,7 @@ def energy_shares(
     values: Mapping[str, float] | None = None,
     parts: Mapping[str, Sequence[Label]] | None = None,
 ) -> tuple[list[str], Array]:
-    """Return who stores the potential energy of each mode: substructures and joints.
+    """Return the shares of substructures and joints in the potential energy of each mode.
 
     The energy of the DOFs i of a substructure is ``sum x_i (K x)_i``, so that all of them add up.
 
@@ -123,7 +122,7 @@ def energy_shares(
     values
         Unknown joint parameters by name.
     parts
-        Substructures: name and DOFs; absent: all is the one ``structure``. What they leave is ``rest``.
+        Substructures: name and DOFs; absent: all is the one ``structure``. The remaining DOFs are ``rest``.
 
     Returns
     -------
@@ -140,14 +139,10 @@ def energy_shares(
     for joint in model.joints:
         ends = np.array([model.row(dof) for dof in joint.dofs]) @ shapes
         energies[joint.name] = sum(
-            (_value(term, values) * np.einsum("ir,ij,jr->r", ends, term.block, ends))
+            ((values or {})[term.name] if (known := term.parameter.value) is None else known)
+            * np.einsum("ir,ij,jr->r", ends, term.block, ends)
             for term in joint.terms
             if term.letter == "k"
         ) + np.zeros(len(omega))
     total = np.where(omega > 0, omega, np.inf) ** 2
     return list(energies), np.array(list(energies.values())).T / total[:, None]
-
-
-def _value(term: Term, values: Mapping[str, float] | None) -> float:
-    known = term.parameter.value
-    return (values or {})[term.name] if known is None else known

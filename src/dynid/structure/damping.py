@@ -15,7 +15,7 @@ _MOST_MODAL = 3000
 
 
 @dataclass(frozen=True)
-class Proportional:
+class ProportionalDamping:
     """``C = alpha M + beta K`` (Rayleigh); alpha in 1/s, beta in s."""
 
     alpha: float = 0.0
@@ -32,7 +32,7 @@ class Proportional:
 
 
 @dataclass(frozen=True)
-class Modal:
+class ModalDamping:
     """``C = M Phi diag(2 zeta omega) Phi^T M``: a ratio for all modes, or a list from the lowest mode on.
 
     Modes beyond the list are undamped; rigid-body modes count, but have no damping.

@@ -21,10 +21,9 @@ from dynid.structure.assembly import (
     node_label,
     not_negative,
 )
-from dynid.structure.damping import Modal, Proportional
-from dynid.structure.elements import bending, released, stretching
+from dynid.structure.beam import bending, released, stretching
+from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
-from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 
 DIRECTIONS = ("u", "w", "theta")
@@ -63,7 +62,7 @@ def frame(
     supports: Iterable[Support] = (),
     masses: Iterable[PointMass] = (),
     springs: Iterable[Spring] = (),
-    damping: Proportional | Modal | None = None,
+    damping: ProportionalDamping | ModalDamping | None = None,
     joints: Iterable[Joint] = (),
 ) -> StructuralModel:
     """Return a plane frame with consistent mass; its free DOFs node by node: u, w, theta.
@@ -77,7 +76,7 @@ def frame(
     members
         The members.
     supports, masses, springs
-        What holds and loads the nodes.
+        Supports, masses and grounded springs at the nodes.
     damping
         Of the members, masses and springs; the springs' own damping is added.
     joints
@@ -97,7 +96,16 @@ def frame(
     fixed += [("theta", node) for node in _moment_free(pieces, lumps, grounded, len(points))]
     whole = Assembly(free_labels(len(points), DIRECTIONS, fixed))
     for piece in pieces:
-        k, m = _element(piece, points)
+        (x1, y1), (x2, y2) = (points[node - 1] for node in piece.nodes)
+        length = math.hypot(x2 - x1, y2 - y1)
+        c, s = (x2 - x1) / length, (y2 - y1) / length
+        axial, across = [0, 3], [1, 2, 4, 5]
+        k, m = np.zeros((6, 6)), np.zeros((6, 6))
+        k[np.ix_(axial, axial)], m[np.ix_(axial, axial)] = stretching(piece.EA, piece.rhoA, length)
+        bent = released(*bending(piece.EI, piece.rhoA, length), [(1, 3)[end - 1] for end in piece.hinges])
+        k[np.ix_(across, across)], m[np.ix_(across, across)] = bent
+        T = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))  # to global directions
+        k, m = T.T @ k @ T, T.T @ m @ T
         ends = [node_label(direction, node) for node in piece.nodes for direction in DIRECTIONS]
         whole.add("K", ends, k)
         whole.add("M", ends, m)
@@ -152,18 +160,3 @@ def _moment_free(
     carried = carried_rotations(pieces) | {mass.node for mass in masses if mass.J}
     carried |= {spring.node for spring in springs if spring.direction == "theta"}
     return sorted(reached - carried)
-
-
-def _element(piece: Member, points: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
-    """Return stiffness and mass (6 x 6) of an element in global directions."""
-    (x1, y1), (x2, y2) = (points[node - 1] for node in piece.nodes)
-    length = math.hypot(x2 - x1, y2 - y1)
-    c, s = (x2 - x1) / length, (y2 - y1) / length
-    axial, across = [0, 3], [1, 2, 4, 5]
-    k, m = np.zeros((6, 6)), np.zeros((6, 6))
-    k[np.ix_(axial, axial)], m[np.ix_(axial, axial)] = stretching(piece.EA, piece.rhoA, length)
-    bent = released(*bending(piece.EI, piece.rhoA, length), [(1, 3)[end - 1] for end in piece.hinges])
-    k[np.ix_(across, across)], m[np.ix_(across, across)] = bent
-    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    T = np.kron(np.eye(2), turn)
-    return T.T @ k @ T, T.T @ m @ T

@@ -8,40 +8,45 @@ model that keeps the damping between them; vectors are added until the response 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.choices import DENSE_STRUCTURES, FEW_FREQUENCIES
-from dynid.errors import NumericalError, Singular, UsageError
-from dynid.lti.frequency import WORST_CONDITION, second_order_response
-from dynid.lti.resonance import on_a_pole
+from dynid.defaults import DENSE_STRUCTURES, FEW_FREQUENCIES
+from dynid.errors import DynidError, NumericalError, Singular, UsageError
+from dynid.lti.frequency_response import WORST_CONDITION, on_a_pole, second_order_response
 from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
 from dynid.structure.modes import modes
 from dynid.structure.modes.pencil import scaled, times
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from dynid.structure.factorisation import Factor
+    from dynid.structure.factorisation import Factorisation
     from dynid.structure.modes.pencil import Pencil
 
 ComplexArray = NDArray[np.complex128]
 
 METHODS = ("auto", "direct", "modal")
-"""How a response can be computed."""
+"""Methods to compute a response."""
 
 # Up to this size a dense solution at every frequency is the simplest and the most accurate.
 _DENSE = DENSE_STRUCTURES.value
-# A bound on cost: up to this size a dense solution tells what is infinite at an undamped pole, in seconds.
+# A bound on cost: up to this size a dense solution finds the infinite responses at an undamped pole.
 _MOST_AT_A_POLE = 2000
-# Modes are kept up to this multiple of the highest frequency: what they leave over is then smooth in the
+# Modes are kept up to this multiple of the highest frequency: the remainder is then smooth in the
 # band, and a few orders of residual vectors give it. They are added until the response stands in any case.
 _BAND = 1.5
-# A bound: each order shrinks what is left over to 1 / _BAND^2, so that 1e-8 takes half of them at the worst.
+# A bound: each order shrinks the remainder to 1 / _BAND^2, so that 1e-8 takes half of them at the worst.
 _MOST_ORDERS = 16
-# What a vector must add to a basis beyond rounding.
+# The least part of a vector outside a basis that is not rounding.
 _INDEPENDENT = 1e-9
+
+
+_NOWHERE: Array = np.zeros(0)
 
 
 class Ports(NamedTuple):
@@ -58,7 +63,9 @@ class FrequencyResponse(NamedTuple):
     `method` is direct or modal; `modes` is how many are kept, 0 of a direct solution, `vectors` the number of
     residual vectors beside them. `error` is relative to the sum of a channel's response and its median: of
     modal responses the larger of the last change and of the difference from a direct solution where that
-    change was largest and at the highest frequency; 0 of direct ones, whose solutions are checked.
+    change was largest and at the highest frequency; 0 of direct ones, whose solutions are checked. `evaluate`
+    returns the response at other frequencies of the band, and is None where every one of them would take a
+    factorisation; `near` are natural frequencies, rad/s, about which it may be large.
     """
 
     response: ComplexArray
@@ -66,6 +73,8 @@ class FrequencyResponse(NamedTuple):
     modes: int
     vectors: int
     error: float
+    evaluate: Callable[[Array], ComplexArray] | None = None
+    near: Array = _NOWHERE
 
 
 def frequency_response_functions(
@@ -86,7 +95,7 @@ def frequency_response_functions(
     M, C, K
         Mass, damping and stiffness (n x n), dense or sparse.
     ports
-        Where forces act and what is read.
+        Directions of forces and rows of outputs.
     omega
         Angular frequencies, rad/s.
     method
@@ -99,7 +108,7 @@ def frequency_response_functions(
     Raises
     ------
     Singular
-        If a frequency lies on an undamped pole, and it cannot be told which responses are infinite there.
+        If a frequency lies on an undamped pole, and the responses that are infinite there are not determined.
     NumericalError
         If the accuracy is not reached by modes; a direct solution does.
     UsageError
@@ -116,7 +125,13 @@ def frequency_response_functions(
         large = is_sparse(K) and K.shape[0] > _DENSE
         method = "modal" if large and len(w) > FEW_FREQUENCIES.value and accuracy >= 1e-10 else "direct"
     if method == "direct":
-        return FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
+        found = FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
+        if is_sparse(K) and K.shape[0] > _DENSE:
+            return found
+        near = _NOWHERE
+        with suppress(DynidError):  # then the natural frequencies are not known
+            near = modes(M, C, K, backend="dense").omega
+        return found._replace(evaluate=partial(direct, M, C, K, ports), near=near)
     return by_modes(M, C, K, ports, w, accuracy, backend)
 
 
@@ -126,7 +141,7 @@ def direct(M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array) -> Compl
     Raises
     ------
     Singular
-        If a frequency lies on an undamped pole, and it cannot be told which responses are infinite there.
+        If a frequency lies on an undamped pole, and the responses that are infinite there are not determined.
     """
     if not is_sparse(K) or K.shape[0] <= _DENSE:
         return second_order_response(as_array(M), as_array(C), as_array(K), *ports, omega)
@@ -174,7 +189,7 @@ def by_modes(
     Raises
     ------
     Singular
-        If a frequency lies on an undamped pole, and it cannot be told which responses are infinite there.
+        If a frequency lies on an undamped pole, and the responses that are infinite there are not determined.
     NumericalError
         If the accuracy is not reached.
     """
@@ -184,11 +199,11 @@ def by_modes(
 
     pencil = scaled(csc_array(K), csc_array(M))
     basis = np.zeros((pencil.size, 0))
-    kept, limit = 0, _BAND * float(omega.max(initial=0.0))
+    near, limit = _NOWHERE, _BAND * float(omega.max(initial=0.0))
     if limit > 0:
         found = modes(M, C, K, below=limit, backend="dense" if pencil.size <= _DENSE else backend)
-        kept, basis = len(found.omega), _orthonormal(found.shapes / pencil.scale[:, None], basis)
-    factor: Factor = factorise(csc_array(pencil.K + pencil.shift * pencil.M), backend, definite=True)
+        near, basis = found.omega, _orthonormal(found.shapes / pencil.scale[:, None], basis)
+    factor: Factorisation = factorise(csc_array(pencil.K + pencil.shift * pencil.M), backend, definite=True)
     block = factor.solve(pencil.scale[:, None] * np.column_stack([ports.forces, ports.rows.T]))
     before, change = _projected(M, C, K, ports, omega, pencil, basis), np.full(len(omega), np.inf)
     for _ in range(_MOST_ORDERS):
@@ -199,14 +214,24 @@ def by_modes(
         if change.max(initial=0.0) <= accuracy or not new.shape[1]:
             break
         block = factor.solve(times(pencil.M, new))
-    error = max(float(change.max(initial=0.0)), _checked(M, C, K, ports, omega, response, change))
+    error = float(change.max(initial=0.0))
+    finite = np.isfinite(response).all(axis=(1, 2))  # what is infinite is so exactly
+    if finite.any():  # compared with direct solutions at the highest frequency and at the worst one
+        at = np.unique([int(np.argmax(np.where(finite, part, -1.0))) for part in (omega, change)])
+        exact = response.copy()
+        exact[at] = direct(M, C, K, ports, omega[at])
+        error = max(error, float(_difference(exact, response).max(initial=0.0)))
+    vectors = basis.shape[1] - len(near)
     if error > 10 * accuracy:
         raise NumericalError(
-            f"the response of {kept} modes and {basis.shape[1] - kept} residual vectors has errors of "
-            f"{error:.1g}",
+            f"the response of {len(near)} modes and {vectors} residual vectors has errors of {error:.1g}",
             remedy="Compute it by direct solution, or ask for less accuracy.",
         )
-    return FrequencyResponse(response, "modal", kept, basis.shape[1] - kept, error)
+
+    def evaluate(others: Array) -> ComplexArray:
+        return _projected(M, C, K, ports, others, pencil, basis)
+
+    return FrequencyResponse(response, "modal", len(near), vectors, error, evaluate, near)
 
 
 def _projected(
@@ -222,7 +247,7 @@ def _projected(
 
 
 def _orthonormal(vectors: Array, basis: Array) -> Array:
-    """Return what the vectors add to an orthonormal basis, orthonormal; nothing where they add nothing."""
+    """Return an orthonormal extension of a basis by vectors; empty where they lie in its span."""
     size = np.linalg.norm(vectors, axis=0)
     new = vectors / np.where(size > 0, size, 1.0)
     for _ in range(2):
@@ -240,16 +265,3 @@ def _difference(one: ComplexArray, other: ComplexArray) -> Array:
     with np.errstate(invalid="ignore"):
         differ = np.abs(one - other) / np.where((size > 0) & np.isfinite(size), size, 1.0)
     return np.asarray(differ.max(axis=(1, 2), initial=0.0))
-
-
-def _checked(
-    M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, response: ComplexArray, change: Array
-) -> float:
-    """Return the difference from direct solutions at the highest frequency and at the worst one."""
-    finite = np.isfinite(response).all(axis=(1, 2))  # what is infinite is so exactly
-    if not finite.any():
-        return 0.0
-    at = np.unique([int(np.argmax(np.where(finite, part, -1.0))) for part in (omega, change)])
-    exact = response.copy()
-    exact[at] = direct(M, C, K, ports, omega[at])
-    return float(_difference(exact, response).max(initial=0.0))

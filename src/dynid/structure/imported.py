@@ -1,29 +1,41 @@
-"""Structures out of matrices in users' files."""
+"""Structures imported from files: mass, damping and stiffness, or a state space.
+
+Of a state space ``[0 I; -M^-1 K, -M^-1 C]`` the system matrix alone gives the modes, not their masses: with
+left eigenvectors Psi of ``M^-1 K``, every ``M = Psi^T D Psi`` with a positive diagonal D is symmetric with
+``K = M (M^-1 K)``. A collocated input and output (``M b = c``: a unit force and the motion that it moves)
+give them, as residues of that channel.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dynid.choices import DENSE_STRUCTURES
-from dynid.errors import FileError, UsageError
-from dynid.structure.damping import Modal, Proportional
+from dynid.defaults import DENSE_STRUCTURES
+from dynid.errors import FileError, NumericalError, UsageError
+from dynid.lti.floating import guarded
+from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
-from dynid.structure.matrices import Label, Matrix, as_array, nothing, triplets
+from dynid.structure.matrices import Array, Label, Matrix, as_array, nothing, triplets
 from dynid.structure.model import StructuralModel
-from dynid.structure.readers.imported import Imported
+from dynid.structure.readers.imported_matrix import ImportedMatrix
 from dynid.structure.readers.read import MatrixFile, read_matrix, read_state_space
-from dynid.structure.recovery import recovered
+
+# The relative contradiction that rounded numbers of a state space may contain.
+_ROUNDED = 1e-6
+_WORST_BASIS = 1e8
+# A mode that takes part in a channel by less does not show its mass in it.
+_PART = 1e-6
 
 
 def imported(
     mass: MatrixFile,
     stiffness: MatrixFile,
-    damping: MatrixFile | Proportional | Modal | None = None,
+    damping: MatrixFile | ProportionalDamping | ModalDamping | None = None,
     *,
     labels: Sequence[Label] = (),
     joints: Iterable[Joint] = (),
@@ -52,7 +64,12 @@ def imported(
     files = {"mass": mass, "stiffness": stiffness}
     if isinstance(damping, MatrixFile):
         files["damping"] = damping
-    parts = {role: _read(file, role) for role, file in files.items()}
+    parts = {}
+    for role, file in files.items():
+        try:
+            parts[role] = read_matrix(file, role)
+        except FileError as error:
+            raise FileError(error.problem, remedy=error.remedy, names=(role, *error.names)) from None
     found, matrices = _aligned(parts)
     n = matrices["stiffness"].shape[0]
     given = tuple(labels) or found
@@ -63,7 +80,7 @@ def imported(
     M, K = sized["mass"], sized["stiffness"]
     C = sized.get("damping", nothing(n, sparse=not dense))
     model = StructuralModel(M, C, K, tuple(joints), given)
-    if isinstance(damping, Proportional | Modal):
+    if isinstance(damping, ProportionalDamping | ModalDamping):
         return replace(model, C=damping.matrix(model.M, model.K))
     return model
 
@@ -75,14 +92,14 @@ def from_state_space(
     labels: Sequence[Label] = (),
     joints: Iterable[Joint] = (),
 ) -> StructuralModel:
-    """Return the structure that a state space in a file describes; see `recovery.recovered`.
+    """Return the structure that a state space in a file describes; see `recovered`.
 
     Parameters
     ----------
     path
         The file, of a format that holds several matrices.
     names
-        What it calls ``A``, ``B`` and ``C``; absent: that. B and C are used where they are there.
+        Names of ``A``, ``B`` and ``C`` in it, where they differ. B and C are used where they exist.
     labels, joints
         As of `imported`.
 
@@ -98,31 +115,150 @@ def from_state_space(
     return StructuralModel(M, C, K, tuple(joints), tuple(labels))
 
 
-def _read(file: MatrixFile, role: str) -> Imported:
-    try:
-        return read_matrix(file, role)
-    except FileError as error:
-        raise FileError(error.problem, remedy=error.remedy, names=(role, *error.names)) from None
-
-
-def _aligned(parts: Mapping[str, Imported]) -> tuple[tuple[Label, ...], dict[str, Matrix]]:
+def _aligned(parts: Mapping[str, ImportedMatrix]) -> tuple[tuple[Label, ...], dict[str, Matrix]]:
     """Bring matrices into one order and size; return the labels, if the files have any."""
     order = list(dict.fromkeys(label for role in sorted(parts, reverse=True) for label in parts[role].labels))
     places = {label: place for place, label in enumerate(order)}
     n = max([len(order), *(part.matrix.shape[0] for part in parts.values())])
-    matrices = {}
+    matrices: dict[str, Matrix] = {}
     for role, part in parts.items():
+        if not (part.labels or part.at_least):
+            matrices[role] = part.matrix
+            continue
+        from scipy.sparse import coo_array  # loaded already: the reader made a sparse matrix
+
         moved = np.array([places[label] for label in part.labels], dtype=int)
-        matrices[role] = _embedded(part, moved, n) if part.labels or part.at_least else part.matrix
+        rows, columns, values = triplets(part.matrix)
+        if len(moved):
+            rows, columns = moved[rows], moved[columns]
+        matrices[role] = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
     return tuple(order), matrices
 
 
-def _embedded(part: Imported, moved: NDArray[np.int_], n: int) -> Matrix:
-    """Return a matrix with its rows and columns at other places of a larger one."""
-    from scipy.sparse import coo_array  # loaded already: the reader made a sparse matrix
+class RecoveredMatrices(NamedTuple):
+    """Matrices (n x n) of a state space; `scaled`: a collocated input and output give the modal masses."""
 
-    rows, columns, values = triplets(part.matrix)
-    if len(moved):
-        rows, columns = moved[rows], moved[columns]
-    matrix: Matrix = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
-    return matrix
+    M: Array
+    C: Array
+    K: Array
+    scaled: bool
+
+
+@guarded("the recovery of mass and stiffness")
+def recovered(A: Array, B: Array | None = None, C: Array | None = None) -> RecoveredMatrices:
+    """Recover the matrices of a structure from its state space, states [x, x'].
+
+    Parameters
+    ----------
+    A
+        System matrix (2n x 2n).
+    B, C
+        Inputs (2n x p) and outputs (q x 2n), if known. The first pair at one place tells the modal masses;
+        without one they are those closest to a unit mass matrix.
+
+    Raises
+    ------
+    UsageError
+        If the state space is not that of a structure with symmetric matrices.
+    NumericalError
+        If the modes are nearly linearly dependent.
+    """
+    n = _half(A)
+    X, Y = -A[n:, :n], -A[n:, n:]
+    square, right = np.linalg.eig(X)
+    size = float(np.abs(square).max(initial=0.0))
+    if np.abs(square.imag).max() > _ROUNDED * size or square.real.min() < -_ROUNDED * size:
+        worst = square[int(np.argmax(np.abs(square.imag) + np.maximum(-square.real, 0)))]
+        raise UsageError(
+            f"the state space is no passive structure: M^-1 K has the eigenvalue {worst:.4g}",
+            remedy="The squares of natural frequencies are real and not negative.",
+            names=("state_space",),
+        )
+    if np.abs(X - X.T).max() <= 1e-12 * max(float(np.abs(X).max()), np.finfo(float).tiny):
+        right = np.linalg.eigh((X + X.T) / 2)[1]
+    condition = float(np.linalg.cond(right))
+    if condition > _WORST_BASIS:
+        raise NumericalError(
+            f"the modes of the state space are nearly dependent (condition {condition:.2g})",
+            remedy="A structure with symmetric matrices has independent ones; check the file.",
+            names=("state_space",),
+        )
+    left = np.linalg.inv(right).real
+    coupling = left @ Y @ right.real
+    masses = _port_masses(n, left, right.real, B, C)
+    scaled = masses is not None
+    if masses is None:
+        masses = _nearest_masses(left, coupling)
+    M = left.T @ (masses[:, None] * left)
+    return RecoveredMatrices(_even("mass", M), _even("damping", M @ Y), _even("stiffness", M @ X), scaled)
+
+
+def _half(A: Array) -> int:
+    rows, columns = A.shape
+    if rows != columns or rows % 2 or not rows:
+        raise UsageError(
+            f"the system matrix is {rows} x {columns}; that of a structure is square and even",
+            names=("state_space",),
+        )
+    if not np.isfinite(A).all():
+        raise UsageError("the system matrix has entries that are no numbers", names=("state_space",))
+    n: int = rows // 2
+    wrong = np.argwhere(A[:n] != np.eye(n, 2 * n, k=n))
+    if len(wrong):
+        i, j = wrong[0]
+        raise UsageError(
+            f"the upper half of the system matrix is not [0 I]: entry ({i + 1}, {j + 1}) is {A[i, j]:.6g}",
+            remedy="The states must be all displacements, then all velocities.",
+            names=("state_space",),
+        )
+    return n
+
+
+def _port_masses(n: int, left: Array, right: Array, B: Array | None, C: Array | None) -> Array | None:
+    """Return the modal masses (n) from the first collocated input and output."""
+    if B is None or C is None or B.shape[0] != 2 * n or C.shape[1] != 2 * n:
+        return None
+    for b in B[n:].T[np.abs(B[:n]).max(axis=0, initial=0.0) == 0]:
+        for row in C:
+            # The output reads displacements or velocities, not both.
+            if np.any(row[:n]) == np.any(row[n:]):
+                continue
+            driven, seen = left @ b, right.T @ (row[:n] + row[n:])
+            if np.abs(driven).min() <= _PART * np.abs(driven).max():
+                continue
+            masses = seen / driven
+            if masses.min() > _PART * masses.max():
+                return np.asarray(masses)
+    return None
+
+
+def _nearest_masses(left: Array, coupling: Array) -> Array:
+    """Return the modal masses (n) that make damping symmetric and the mass matrix closest to unity."""
+    gram = left @ left.T
+    size = max(float(np.abs(coupling).max()), np.finfo(float).tiny)
+    Z = coupling / size
+    np.fill_diagonal(Z, 0.0)
+    # D_i Z_ij = D_j Z_ji makes C symmetric: the null space of their squares' sum, rounding of Z left out.
+    Z[np.abs(Z) < _ROUNDED] = 0.0
+    symmetry = np.diag((Z**2).sum(axis=1)) - Z * Z.T
+    values, vectors = np.linalg.eigh(symmetry)
+    free = vectors[:, values <= _ROUNDED**2 + _ROUNDED * values[-1]]
+    masses = free @ np.linalg.lstsq(free.T @ gram**2 @ free, free.T @ np.diag(gram), rcond=None)[0]
+    if masses.min() <= 0:
+        raise UsageError(
+            "the state space is no passive structure: no positive modal masses make its damping symmetric",
+            names=("state_space",),
+        )
+    return np.asarray(masses)
+
+
+def _even(name: str, matrix: Array) -> Array:
+    gap = np.abs(matrix - matrix.T)
+    if gap.max() > _ROUNDED * max(float(np.abs(matrix).max()), np.finfo(float).tiny):
+        i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
+        raise UsageError(
+            f"the {name} that the state space gives is not symmetric: entry ({i + 1}, {j + 1}) is "
+            f"{matrix[i, j]:.6g}, ({j + 1}, {i + 1}) is {matrix[j, i]:.6g}",
+            names=("state_space",),
+        )
+    return (matrix + matrix.T) / 2

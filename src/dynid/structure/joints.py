@@ -21,8 +21,8 @@ Block: TypeAlias = Sequence[Sequence[float]] | Array
 _TOLERANCE = 1e-9
 
 
-class Belief(NamedTuple):
-    """What is held of an unknown parameter beforehand: its value, give or take a relative deviation."""
+class ParameterPrior(NamedTuple):
+    """Prior of an unknown parameter: its expected value and relative standard deviation."""
 
     value: float
     relative_deviation: float
@@ -41,8 +41,8 @@ class JointParameter:
     true
         The unknown's true value where it is known, positive: what simulated records are made with.
     matrix
-        A block over the joint's DOFs that the value multiplies, symmetric and not indefinite; absent: the
-        spring between two DOFs or to ground. With a matrix alone the value is 1.
+        A block over the joint's DOFs that value, start and true value multiply, symmetric and not indefinite;
+        absent: the spring between two DOFs or to ground. With a matrix alone the value is 1.
     low, high
         Bounds of an unknown value, positive; its start lies within.
     belief
@@ -55,7 +55,7 @@ class JointParameter:
     matrix: Block | None = None
     low: float | None = None
     high: float | None = None
-    belief: Belief | None = None
+    belief: ParameterPrior | None = None
 
     def __post_init__(self) -> None:
         if self.matrix is not None:
@@ -74,9 +74,6 @@ class JointParameter:
                     "start and true value of an unknown joint parameter must be finite and positive",
                     remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
                 )
-        self._check_knowledge()
-
-    def _check_knowledge(self) -> None:
         known = [number for number in (self.low, self.high, *(self.belief or ())) if number is not None]
         if known and self.start is None:
             raise UsageError("bounds and a prior belong to an unknown joint parameter, one with a start")
@@ -112,7 +109,12 @@ class Joint:
         object.__setattr__(self, "dofs", tuple(self.dofs))
         try:
             for letter in "kcm":
-                object.__setattr__(self, letter, _parameter(getattr(self, letter)))
+                part = getattr(self, letter)
+                if isinstance(part, Sequence | np.ndarray):
+                    part = JointParameter(matrix=part)
+                elif part is not None and not isinstance(part, JointParameter):
+                    part = JointParameter(value=float(part))
+                object.__setattr__(self, letter, part)
         except UsageError as error:
             raise UsageError(
                 f"joint {self.name}: {error.problem}", remedy=error.remedy, names=(self.name,)
@@ -132,17 +134,23 @@ class Joint:
         return UsageError(f"joint {self.name} {said}", names=(self.name,))
 
     @property
-    def terms(self) -> tuple[Term, ...]:
-        """What it adds to the matrices, stiffness first."""
+    def terms(self) -> tuple[JointTerm, ...]:
+        """Its contributions to the matrices, stiffness first."""
         parts = {"k": self.k, "c": self.c, "m": self.m}
-        return tuple(
-            Term(f"{self.name}.{letter}", letter, part, _unit_block(letter, part, len(self.dofs)))
-            for letter, part in parts.items()
-            if isinstance(part, JointParameter)
-        )
+        count, terms = len(self.dofs), []
+        direction = np.array([1.0, -1.0])[:count]
+        for letter, part in parts.items():
+            if not isinstance(part, JointParameter):
+                continue
+            if part.matrix is not None:
+                block = np.array(part.matrix)
+            else:
+                block = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
+            terms.append(JointTerm(f"{self.name}.{letter}", letter, part, block))
+        return tuple(terms)
 
 
-class Term(NamedTuple):
+class JointTerm(NamedTuple):
     """A joint's contribution: name, letter (k, c, m), parameter, and the block (d x d) it multiplies."""
 
     name: str
@@ -154,7 +162,7 @@ class Term(NamedTuple):
 class Unknown(NamedTuple):
     """An unknown joint parameter: name, letter, unit pattern (n x n), start, true value, physical unit.
 
-    And what is known of it besides: its bounds and its prior.
+    Also its bounds and its prior.
     """
 
     name: str
@@ -165,7 +173,7 @@ class Unknown(NamedTuple):
     unit: str
     low: float | None = None
     high: float | None = None
-    belief: Belief | None = None
+    belief: ParameterPrior | None = None
 
 
 def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:
@@ -174,23 +182,6 @@ def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:
         return ""
     turning = set(kinds) == {"rotation"}
     return {"k": ("N/m", "N.m/rad"), "c": ("N.s/m", "N.m.s/rad")}[letter][turning]
-
-
-def _parameter(part: JointParameter | float | Block | None) -> JointParameter | None:
-    if part is None or isinstance(part, JointParameter):
-        return part
-    if isinstance(part, Sequence | np.ndarray):
-        return JointParameter(matrix=part)
-    return JointParameter(value=float(part))
-
-
-def _unit_block(letter: str, part: JointParameter, count: int) -> Array:
-    if part.matrix is not None:
-        return np.array(part.matrix)
-    if letter == "m":
-        return np.eye(count) / count
-    direction = np.array([1.0, -1.0])[:count]
-    return np.outer(direction, direction)
 
 
 def _block(values: Block) -> tuple[tuple[float, ...], ...]:

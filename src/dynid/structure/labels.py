@@ -1,4 +1,4 @@
-"""Labels of DOFs, and what they tell: translation or rotation, along which direction, at which node.
+"""Labels of DOFs, and the direction and node in them: translation or rotation.
 
 A label is a whole number, or a text such as ``w_4``, ``theta_1``, ``12:UX`` or ``12:4`` (node 12,
 component 4 of 1 … 6: translations 1 … 3, rotations 4 … 6).
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 
 from dynid.errors import UsageError
 from dynid.structure.matrices import Label
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 _TRANSLATIONS = {"u", "v", "w", "x", "y", "z", "ux", "uy", "uz", "tx", "ty", "tz", "t1", "t2", "t3"} | set(
     "123"
@@ -33,7 +33,7 @@ def direction(label: Label) -> str:
 
 
 def kind(label: Label) -> str:
-    """Return ``translation``, ``rotation``, or ``unknown`` where the label does not tell."""
+    """Return ``translation``, ``rotation``, or ``unknown`` where the label has no direction."""
     along = direction(label).lower()
     if along in _TRANSLATIONS:
         return "translation"
@@ -63,15 +63,19 @@ def checked(labels: Iterable[Label], n: int) -> tuple[Label, ...]:
 
 
 def no_such(dof: Label, labels: Sequence[Label]) -> UsageError:
-    """Return the error for a DOF that does not exist, with what exists."""
+    """Return the error for a DOF that does not exist; it lists those that do."""
     hint = (
         did_you_mean(dof, (label for label in labels if isinstance(label, str)))
         if isinstance(dof, str)
         else ""
     )
-    return UsageError(
-        f"there is no DOF {dof}{hint}", remedy=f"The structure has {_span(labels)}.", names=(str(dof),)
-    )
+    first, last = labels[0], labels[-1]
+    span = f"the DOFs {listed(labels)}"
+    if len(labels) == 1:
+        span = f"DOF {first} only"
+    elif isinstance(first, int) and labels == tuple(range(first, first + len(labels))):
+        span = f"the DOFs {first} to {last}"
+    return UsageError(f"there is no DOF {dof}{hint}", remedy=f"The structure has {span}.", names=(str(dof),))
 
 
 def listed(labels: Sequence[Label]) -> str:
@@ -80,12 +84,3 @@ def listed(labels: Sequence[Label]) -> str:
         return ", ".join(map(str, labels))
     head, tail = labels[: 2 * _LISTED - 2], labels[-1]
     return f"{', '.join(map(str, head))}, … {tail}"
-
-
-def _span(labels: Sequence[Label]) -> str:
-    if len(labels) == 1:
-        return f"DOF {labels[0]} only"
-    first, last = labels[0], labels[-1]
-    if isinstance(first, int) and labels == tuple(range(first, first + len(labels))):
-        return f"the DOFs {first} to {last}"
-    return f"the DOFs {listed(labels)}"

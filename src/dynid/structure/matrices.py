@@ -1,4 +1,4 @@
-"""Structural matrices, dense or sparse: finite, symmetric, not indefinite; a refusal says which entry.
+"""Structural matrices, dense or sparse: finite, symmetric, semidefinite; an error names the entry.
 
 Sparse matrices stay sparse; SciPy is loaded by whoever makes one, never here for dense models.
 """
@@ -24,7 +24,7 @@ Matrix: TypeAlias = "Array | Sparse"
 Label: TypeAlias = int | str
 
 NAMES = {"M": "mass", "C": "damping", "K": "stiffness"}
-"""What the matrices are called in sentences."""
+"""Names of the matrices in sentences."""
 
 # Two triangles that differ by less, relative to the largest entries of row and column, are one matrix.
 _SYMMETRY = 1e-10
@@ -34,7 +34,7 @@ _LANCZOS_STEPS = 40
 
 
 def is_sparse(matrix: Any) -> TypeIs[Sparse]:
-    """Tell whether a matrix is one of `scipy.sparse`."""
+    """Return True of a matrix of `scipy.sparse`."""
     return not isinstance(matrix, np.ndarray) and hasattr(matrix, "tocsc")
 
 
@@ -72,7 +72,7 @@ def as_matrix(name: str, values: Any, n: int, *, sparse: bool = False) -> Matrix
     n
         The size it must have.
     sparse
-        Whether to make a dense matrix sparse.
+        True to make a dense matrix sparse.
 
     Raises
     ------
@@ -137,7 +137,16 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
     root = np.sqrt(diagonal)
     _check_minors(name, matrix, diagonal, root, labels)
     inverse = np.divide(1.0, root, out=np.zeros_like(root), where=root > 0)
-    lowest = _lowest_sparse(matrix, inverse) if is_sparse(matrix) else _lowest_dense(matrix, inverse)
+    lowest = None
+    if is_sparse(matrix):
+        lowest = _lowest_sparse(matrix, inverse)
+    else:
+        scaled = np.asarray(matrix) * inverse * inverse[:, None]
+        try:
+            np.linalg.cholesky(scaled + _INDEFINITE * np.eye(len(scaled)))
+        except np.linalg.LinAlgError:
+            values, vectors = np.linalg.eigh(scaled)
+            lowest = float(values[0]), vectors[:, 0] * inverse
     if lowest is not None:
         value, vector = lowest
         worst = labels[int(np.argmax(np.abs(vector)))]
@@ -167,7 +176,7 @@ def _check_minors(name: str, matrix: Matrix, diagonal: Array, root: Array, label
 
 
 def _wrong(name: str, problem: str, label: Label) -> UsageError:
-    """Return what is wrong with a matrix at a DOF."""
+    """Return the error about a matrix at a DOF."""
     what = NAMES[name]
     remedy = f"Check signs and units of the {what} there."
     return UsageError(f"{what} {problem}", remedy=remedy, names=(what, str(label)))
@@ -184,23 +193,18 @@ def _symmetric(name: str, matrix: Matrix) -> Matrix:
     if excess.max() > 0:
         at = int(np.argmax(excess))
         i, j = sorted((int(rows[at]), int(columns[at])))
+        all_rows, all_columns, entries = triplets(matrix)
+        sides, missing = np.sign(all_columns - all_rows)[entries != 0], ""
+        for side, triangle in ((1, "upper"), (-1, "lower")):
+            if not np.any(sides == side):
+                missing = f"; its {triangle} triangle is missing, and both must be stored"
         raise UsageError(
             f"{NAMES[name]} is not symmetric: entry ({i + 1}, {j + 1}) is {matrix[i, j]:.6g}, "
-            f"({j + 1}, {i + 1}) is {matrix[j, i]:.6g}{_missing_triangle(matrix)}",
+            f"({j + 1}, {i + 1}) is {matrix[j, i]:.6g}{missing}",
             remedy="Structural matrices are symmetric; check how it was written.",
             names=(NAMES[name],),
         )
     return _frozen(matrix - difference / 2)
-
-
-def _missing_triangle(matrix: Matrix) -> str:
-    """Say that all on one side of the diagonal is zero, if it is."""
-    rows, columns, entries = triplets(matrix)
-    sides = np.sign(columns - rows)[entries != 0]
-    for side, name in ((-1, "lower"), (1, "upper")):
-        if not np.any(sides == side):
-            return f"; its {name} triangle is missing, and both must be stored"
-    return ""
 
 
 def _frozen(matrix: Matrix) -> Matrix:
@@ -219,19 +223,8 @@ def _entry(rows: NDArray[np.intp], columns: NDArray[np.intp], at: int) -> str:
     return f"({rows[at] + 1}, {columns[at] + 1})"
 
 
-def _lowest_dense(matrix: Array, inverse: Array) -> tuple[float, Array] | None:
-    """Return the lowest eigenvalue of the scaled matrix, with its vector, where it is negative."""
-    scaled = matrix * inverse * inverse[:, None]
-    try:
-        np.linalg.cholesky(scaled + _INDEFINITE * np.eye(len(scaled)))
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(scaled)
-        return float(values[0]), vectors[:, 0] * inverse
-    return None
-
-
 def _lowest_sparse(matrix: Sparse, inverse: Array) -> tuple[float, Array] | None:
-    """Return what a short Lanczos run finds below zero: its Ritz values lie within the spectrum."""
+    """Return a negative Ritz pair of a short Lanczos run, if any: Ritz values lie within the spectrum."""
     start = np.random.Generator(np.random.PCG64(0)).standard_normal(len(inverse))
     basis = [start / np.linalg.norm(start)]
     alpha: list[float] = []

@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
@@ -27,7 +26,7 @@ _ROUNDING = 16 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """How a reduced model moves the one it was made from: ``x = T q``.
+    """Basis of a reduced model: ``x = T q``.
 
     Parameters
     ----------
@@ -37,7 +36,7 @@ class Basis:
         The model that was reduced.
     rigid
         Coordinates (from 0) in which `parent` moves as a rigid body, joints included: these strain nothing,
-        whatever the rounding of T says.
+        whatever the rounding of T.
     """
 
     T: Array
@@ -118,12 +117,12 @@ class StructuralModel:
 
     @property
     def is_sparse(self) -> bool:
-        """Whether the matrices are sparse."""
+        """True where the matrices are sparse."""
         return is_sparse(self.M)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of each DOF ``translation``, ``rotation`` or ``unknown``, as its label tells."""
+        """Of each DOF ``translation``, ``rotation`` or ``unknown``, from its label."""
         return tuple(labels.kind(label) for label in self.dofs)
 
     def label(self, dof: Label) -> Label:
@@ -140,8 +139,10 @@ class StructuralModel:
             return dof
         if self.basis is not None:
             return self.basis.parent.label(dof)
-        if isinstance(dof, int) and not self._numbered and 1 <= dof <= self.size:
-            return self.dofs[dof - 1]
+        if isinstance(dof, int) and 1 <= dof <= self.size:
+            numbered = any(isinstance(label, int) for label in self.dofs)
+            if not numbered:
+                return self.dofs[dof - 1]
         raise labels.no_such(dof, self.dofs)
 
     def index(self, dof: Label) -> int:
@@ -288,11 +289,6 @@ class StructuralModel:
     def _places(self) -> dict[Label, int]:
         return {label: place for place, label in enumerate(self.dofs)}
 
-    @cached_property
-    def _numbered(self) -> bool:
-        """Whether numbers are labels here."""
-        return any(isinstance(label, int) for label in self.dofs)
-
     def _check_joints(self) -> None:
         names = [joint.name for joint in self.joints]
         for joint in self.joints:
@@ -307,36 +303,30 @@ class StructuralModel:
             if len(set(ends)) < len(ends):
                 raise UsageError(f"joint {joint.name} names a DOF in two ways", names=(joint.name,))
 
-    def _rows(self, joint: Joint) -> Matrix:
-        """Return the rows (d x n) that read a joint's DOFs."""
-        if not self.is_sparse:
-            return np.array([self.row(dof) for dof in joint.dofs])
-        places = [self.index(dof) for dof in joint.dofs]
-        from scipy.sparse import csc_array  # loaded already: the model is sparse
-
-        ones, count = np.ones(len(places)), len(places)
-        return csc_array((ones, (np.arange(count), places)), shape=(count, self.size))
-
-    def _unstrained(self, rows: Array, block: Array) -> NDArray[np.bool_]:
-        """Tell the coordinates whose forces in a joint, as its DOFs are read, are rounding of the basis.
-
-        Beside the exact stiffness of the others that would be one of its own, some 30 orders below them.
-        """
-        rounding = np.outer(np.abs(block).sum(axis=1), self._blur)
-        return np.asarray(np.all(np.abs(block @ rows) <= rounding, axis=0))
-
     @cached_property
     def _blur(self) -> Array:
-        """What rounding of a basis may make of a displacement, by coordinate (n)."""
+        """Rounding of the displacements that a basis gives, by coordinate (n)."""
         assert self.basis is not None
         return np.asarray(_ROUNDING * np.abs(self.basis.parent.expand(self.basis.T)).max(axis=0))
 
     def _pattern(self, joint: Joint, block: Array, letter: str) -> Matrix:
-        rows = self._rows(joint)
-        if isinstance(rows, np.ndarray):
-            if letter != "m" and self.basis is not None:
-                rows[:, self._unstrained(rows, block)] = 0.0
-                if letter == "k":
-                    rows[:, list(self.basis.rigid)] = 0.0
-            return np.asarray(rows.T @ block @ rows)
-        return (rows.T @ type(rows)(block) @ rows).tocsc()
+        """Return a block over a joint's DOFs as a matrix of the model (n x n).
+
+        Coordinates of a reduced model whose forces in the joint are rounding of the basis get none: that
+        would be a stiffness of its own, some 30 orders below the exact one of the others.
+        """
+        if self.is_sparse:
+            places = [self.index(dof) for dof in joint.dofs]
+            from scipy.sparse import csc_array  # loaded already: the model is sparse
+
+            ones, count = np.ones(len(places)), len(places)
+            picked = csc_array((ones, (np.arange(count), places)), shape=(count, self.size))
+            return (picked.T @ csc_array(block) @ picked).tocsc()
+        rows = np.array([self.row(dof) for dof in joint.dofs])
+        if letter != "m" and self.basis is not None:
+            rounding = np.outer(np.abs(block).sum(axis=1), self._blur)
+            unstrained = np.asarray(np.all(np.abs(block @ rows) <= rounding, axis=0))
+            rows[:, unstrained] = 0.0
+            if letter == "k":
+                rows[:, list(self.basis.rigid)] = 0.0
+        return np.asarray(rows.T @ block @ rows)

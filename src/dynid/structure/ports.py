@@ -1,4 +1,4 @@
-"""Where a structure is driven and read: channels, loads, and their directions."""
+"""Channels and loads of a structure, and their directions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.errors import UsageError
-from dynid.lti.frequency import QUANTITIES
+from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Signal
 from dynid.structure import labels
 from dynid.structure.matrices import Array, Label
@@ -37,12 +37,12 @@ class Channel(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Its unit, SI: of rotations, where the label tells, in rad."""
+        """Its unit, SI; in rad of rotations that the label names."""
         turning = labels.kind(self.dof) == "rotation"
         return UNITS[self.quantity].replace("m", "rad", 1) if turning else UNITS[self.quantity]
 
     def row(self, model: StructuralModel) -> Array:
-        """Return what it reads of the displacements (n)."""
+        """Return its row of the displacements (n)."""
         row = model.row(self.dof)
         return row if self.reference is None else np.asarray(row - model.row(self.reference))
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.lti.floating import guarded
-from dynid.lti.propagate import response
+from dynid.lti.time_response import propagate
 from dynid.result import Result, common_unit
+from dynid.structure.excitation import drive, inputs_of, signals_of, starting_state
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.motion import drive, inputs_of, signals_of, starting_state
 from dynid.structure.ports import UNITS, Channel, Load, ports, source_names
 
 __all__ = [
@@ -50,7 +50,7 @@ def frequency_response(
     inputs
         DOFs that are excited, one a column.
     outputs
-        What is read.
+        The channels.
     omega
         Angular frequencies, rad/s.
     values
@@ -61,13 +61,15 @@ def frequency_response(
     Returns
     -------
     Result
-        ``structure/frequency_response/{omega, output, unit, input, response}``; ``unit`` is along ``output``.
-        Attributes `method`, `modes` and `error` say how the response was computed and how well.
+        ``structure/frequency_response/{omega, output, unit, input, response}``; ``unit`` is along ``output``;
+        ``structure/frequency_peaks/{magnitude, omega}``, the largest magnitudes over the band, between the
+        frequencies too, but for large sparse structures at few frequencies.
+        Attributes `method`, `modes` and `error` hold the method of computation and its error.
 
     Raises
     ------
     Singular
-        If it cannot be told which responses are infinite at an undamped natural frequency.
+        If the responses that are infinite at an undamped natural frequency are not determined.
     NumericalError
         If modes do not reach the accuracy.
     UsageError
@@ -87,6 +89,10 @@ def frequency_response(
     result.add(f"{group}/unit", units, ("output",))
     result.add(f"{group}/response", found.response, ("omega", "output", "input"), common_unit(units))
     result.annotate(group, method=found.method, modes=found.modes, error=found.error)
+    if found.evaluate is not None and len(w) and np.all(np.diff(w) > 0):
+        from dynid.lti.peaks import add_peaks
+
+        add_peaks(result, "structure", found.evaluate, found.near)
     return result
 
 
@@ -110,7 +116,7 @@ def time_response(
     loads
         The forces.
     outputs
-        What is read.
+        The channels.
     times
         Increasing times, s.
     values
@@ -131,10 +137,11 @@ def time_response(
     NumericalError
         If the response overflows.
     """
-    start = starting_state(model, loads, displacement, velocity)
     t = np.asarray(times, dtype=float)
-    system = drive(model, loads, outputs).system(*model.dense(values))
-    y = response(system, signals_of(loads), t, start)
+    driven, (M, C, K) = drive(model, loads, outputs), model.dense(values)
+    driven.check_initial(M, C, model.dofs, displacement, velocity)
+    start = driven.state(M, C, starting_state(model, loads, displacement, velocity))
+    y = propagate(driven.system(M, C, K), signals_of(loads), t, start)
     result = Result("structure")
     group = "structure/time_response"
     result.add_axis(f"{group}/time", t, "s")

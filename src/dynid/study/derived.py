@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.errors import SceneError
 from dynid.scene.arithmetic.expression import Expression, parse
 from dynid.scene.kinds.study import study_model
-from dynid.scene.schema.plain import mapping, written_key
+from dynid.scene.schema.raw import mapping, written_key
 from dynid.scene.schema.study import known_names
 
 if TYPE_CHECKING:

@@ -1,13 +1,114 @@
-"""Points of the unit cube: at random, on a Latin hypercube, or of a Sobol sequence; and their correlation."""
+"""Experimental designs: points of the unit cube, their correlation, and quantiles of distributions."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
+from dynid.scene.schema.study import Listed, Normal, Spread, Triangular, Uniform
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from dynid.scene.schema.quantities import Quantity
+    from dynid.scene.schema.study import StudyFactor
+
+
+def spread(factor: StudyFactor) -> NDArray[Any]:
+    """Return the values of a factor on a grid: evenly spread, or equally likely."""
+    count = cast("int", getattr(factor, "points", None))
+    if not isinstance(factor, Spread):
+        return cast("NDArray[Any]", quantiles(factor, (np.arange(count) + 0.5) / count))
+    start, stop = factor.start, factor.stop
+    if factor.scale == "log":
+        values = np.geomspace(float(start), float(stop), count)
+    else:
+        whole = _whole_numbers(start, stop, count)
+        if whole is not None:
+            return whole
+        values = np.linspace(float(start), float(stop), count)
+    values[[0, -1]] = float(start), float(stop) if count > 1 else float(start)
+    return values
+
+
+def _whole_numbers(start: Quantity, stop: Quantity, count: int) -> NDArray[np.int64] | None:
+    """Return the values of a range as whole numbers where all of them are: seeds, sizes and modes."""
+    step = (stop.exact - start.exact) / max(1, count - 1)
+    if start.exact.denominator != 1 or step.denominator != 1 or abs(start.exact) > 2**53:
+        return None
+    return np.array([int(start.exact + step * place) for place in range(count)], dtype=np.int64)
+
+
+def quantiles(factor: StudyFactor, unit: NDArray[np.float64]) -> NDArray[Any] | Sequence[Any]:
+    """Return the quantiles of a factor's distribution.
+
+    Parameters
+    ----------
+    factor
+        A distribution; a range counts as one that is uniform, on its own scale; values are equally likely.
+    unit
+        Probabilities strictly between 0 and 1.
+    """
+    if isinstance(factor, Listed):
+        count = len(factor.values)
+        return [factor.values[place] for place in np.minimum((unit * count).astype(int), count - 1)]
+    if isinstance(factor, Spread):
+        return _between(float(factor.start), float(factor.stop), unit, factor.scale == "log")
+    if isinstance(factor, Uniform):
+        if factor.distribution == "integer":
+            low, high = int(factor.low.exact), int(factor.high.exact)
+            return low + np.minimum((unit * (high - low + 1)).astype(np.int64), high - low)
+        return _between(float(factor.low), float(factor.high), unit, factor.distribution == "loguniform")
+    if isinstance(factor, Triangular):
+        return _triangular(float(factor.low), float(factor.mode), float(factor.high), unit)
+    return _normal(factor, unit)
+
+
+def _between(low: float, high: float, unit: NDArray[np.float64], log: bool) -> NDArray[np.float64]:
+    if log:
+        return math.copysign(1, low) * np.exp(
+            math.log(abs(low)) + unit * (math.log(abs(high)) - math.log(abs(low)))
+        )
+    return low + unit * (high - low)
+
+
+def _triangular(low: float, mode: float, high: float, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    width, rising = high - low, mode - low
+    below = low + np.sqrt(unit * width * rising)
+    above = high - np.sqrt((1 - unit) * width * (high - mode))
+    return np.where(unit * width < rising, below, above)
+
+
+def _normal(factor: Normal, unit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quantiles of a Gaussian or lognormal distribution, cut off where it is."""
+    from scipy.special import ndtr, ndtri
+
+    mean, std = float(factor.mean), float(factor.std)
+    log = factor.distribution == "lognormal"
+    if log:  # mean and deviation of the logarithm, from those of the value itself
+        variance = math.log1p((std / mean) ** 2)
+        mean, std = math.log(mean) - variance / 2, math.sqrt(variance)
+
+    def score(bound: Quantity | None, absent: float) -> float:
+        if bound is None:
+            return absent
+        value = float(bound)
+        if log:
+            value = math.log(value) if value > 0 else -math.inf
+        return (value - mean) / std
+
+    low, high = score(factor.low, -math.inf), score(factor.high, math.inf)
+    if low > 0:  # in the upper tail probabilities are close to 1: count them from above
+        scores = -ndtri(ndtr(-low) + unit * (ndtr(-high) - ndtr(-low)))
+    else:
+        scores = ndtri(ndtr(low) + unit * (ndtr(high) - ndtr(low)))
+    values = mean + std * np.clip(scores, low, high)
+    return cast("NDArray[np.float64]", np.exp(values) if log else values)
 
 
 def unit_samples(

@@ -11,17 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.scene.outcomes import Block, Outcomes
+from dynid.errors import FileError, UsageError
+from dynid.number_format import counted
+from dynid.scene.outcomes import SampleBlock, SampleOutcomes
 from dynid.study.file import Heading, write_study
 from dynid.study.journal import Journal
-from dynid.study.keys import Keys, found_in, sample_keys
+from dynid.study.keys import SIZE, Keys, found_in, sample_keys
 from dynid.study.lock import locked
 from dynid.study.packing import packed
-from dynid.study.running import Progress, Report, Run, TooManyFailures, judged
+from dynid.study.running import Notice, Progress, Report, Run, TooManyFailures, judged
 from dynid.study.stored import open_study
 
 if TYPE_CHECKING:
-    from dynid.study.executors import Crew
+    from dynid.study.executors import StudyExecutor
     from dynid.study.plan import Plan
 
 
@@ -36,12 +38,14 @@ def shard_of(plan: Plan, shard: tuple[int, int] | None) -> range:
 def run_study(
     plan: Plan,
     target: str | os.PathLike[str],
-    crew: Crew,
+    pool: StudyExecutor,
     *,
     shard: tuple[int, int] | None = None,
     max_failures: int | None = None,
     retry_failed: bool = False,
+    force: bool = False,
     report: Report | None = None,
+    notice: Notice | None = None,
 ) -> Progress:
     """Run what is not finished of a study, and write its file.
 
@@ -54,16 +58,20 @@ def run_study(
         The study's plan.
     target
         The HDF5 file.
-    crew
-        What runs samples; see `dynid.study.executors.hire`. It is dismissed at the end.
+    pool
+        What runs samples; see `dynid.study.executors.make_executor`. It is dismissed at the end.
     shard
         (I, N): run every Nth sample only, from the Ith (from 1).
     max_failures
         How many samples may fail; absent: any number.
     retry_failed
         Whether samples that failed before are run again.
+    force
+        Whether finished samples of the file that do not belong to this study may be lost.
     report
         Is told how far the study is.
+    notice
+        Is given sentences for the user: what was damaged, what takes long.
 
     Returns
     -------
@@ -74,6 +82,8 @@ def run_study(
     ------
     TooManyFailures
         When more than `max_failures` samples fail; the rest are pending in the file then.
+    UsageError
+        When the file holds finished samples that do not belong to this study.
     FileError
         When the file cannot be written, is another study's at the moment, or holds something else.
     KeyboardInterrupt
@@ -83,27 +93,84 @@ def run_study(
     numbers = shard_of(plan, shard)
     with ExitStack() as stack:
         stack.enter_context(locked(name))
-        stack.callback(crew.dismiss)
+        stack.callback(pool.dismiss)
         heading = heading_of(plan, numbers, sample_keys(plan, numbers))
+        _refuse_foreign(name, heading.keys, force)
         done = _finished_file(name, heading) if not retry_failed else None
         if done is not None:
             Journal.discard(journal_name(name))
             if report is not None:
                 report(done)
             return judged(done, max_failures)
-        journal = Journal(journal_name(name))
+        journal = _opened(name, notice)
         stack.callback(journal.close)
         _import(name, heading.keys, journal, retry_failed)
         run = Run(plan, numbers, heading, journal, max_failures, report, retry_failed)
-        try:
-            run.go(crew)
-        except (KeyboardInterrupt, TooManyFailures):
-            crew.dismiss()
-            write_study(name, heading, run, complete=run.is_complete)
-            raise
-        write_study(name, heading, run)
+        _go(name, heading, run, pool, notice)
         Journal.discard(journal.path)
         return run.progress
+
+
+def _opened(name: str, notice: Notice | None) -> Journal:
+    """Open the journal of a file, and give notice of what was damaged."""
+    journal = Journal(journal_name(name))
+    if journal.damage is not None and notice is not None:
+        notice(str(journal.damage))
+    return journal
+
+
+def _go(name: str, heading: Heading, run: Run, pool: StudyExecutor, notice: Notice | None) -> None:
+    """Run what is not finished, and write the file; after an interruption with pending samples."""
+    try:
+        run.go(pool, notice)
+    except (KeyboardInterrupt, TooManyFailures):
+        pool.dismiss()
+        _write(name, heading, run, complete=run.is_complete)
+        raise
+    _write(name, heading, run)
+
+
+def _write(name: str, heading: Heading, run: Run, complete: bool = True) -> None:
+    """Write the file; report with an error in doing so that the journal holds the finished samples."""
+    try:
+        write_study(name, heading, run, complete)
+    except FileError as error:
+        remedy = (
+            f"{run.journal.path} holds {counted(run.progress.finished, 'finished sample')}. "
+            "Make room, or see to the disk, and run the study again: it goes on."
+        )
+        raise FileError(error.problem, remedy=remedy, names=error.names) from error
+
+
+def _refuse_foreign(name: str, keys: Keys, force: bool) -> None:
+    """Refuse to replace finished samples that do not belong to the study."""
+    if not force and (foreign := foreign_samples(name, keys)):
+        raise UsageError(
+            f"{name} holds {counted(foreign, 'finished sample')} that "
+            f"{'does' if foreign == 1 else 'do'} not belong to this study, and would be lost",
+            remedy="Write another file with -o, or discard them with --force.",
+            names=[name],
+        )
+
+
+def foreign_samples(name: str, keys: Keys) -> int:
+    """Return how many finished samples of a file and its journal have none of these keys."""
+    known = [finished_keys(name)] if Path(name).exists() else []
+    if Path(journal_name(name)).exists():
+        known.append(Journal.read_keys(journal_name(name)))
+    known = [some for some in known if len(some)]
+    if not known:
+        return 0
+    every = np.unique(np.concatenate(known), axis=0)
+    return int(np.sum(found_in(keys, every) < 0))
+
+
+def finished_keys(name: str) -> Keys:
+    """Return the keys of the finished samples of a file."""
+    with open_study(name) as study:
+        if study.keys.shape[1] != SIZE:
+            raise ValueError("keys of another length")
+        return study.keys[study.exit_codes >= 0]
 
 
 def journal_name(target: str) -> str:
@@ -163,10 +230,10 @@ def _import(name: str, keys: Keys, journal: Journal, retry_failed: bool) -> None
                 blocks = [
                     part for block in study.between(start, start + step) if (part := _those(block, rows))
                 ]
-                journal.append([(study.keys[rows], packed(Outcomes(blocks, len(rows))))])
+                journal.append([(study.keys[rows], packed(SampleOutcomes(blocks, len(rows))))])
 
 
-def _those(block: Block, rows: NDArray[np.intp]) -> Block | None:
+def _those(block: SampleBlock, rows: NDArray[np.intp]) -> SampleBlock | None:
     """Return the samples of a block that stand in rows, numbered by these rows."""
     _, places, wanted = np.intersect1d(block.rows, rows, return_indices=True)
     return block.taken(places, wanted) if len(places) else None
@@ -181,8 +248,7 @@ def valid_samples(plan: Plan, target: str | os.PathLike[str], shard: tuple[int, 
     keys = sample_keys(plan, shard_of(plan, shard))
     finished = np.zeros(len(keys), dtype=bool)
     if Path(name).exists():
-        with open_study(name) as study:
-            finished |= found_in(study.keys[study.exit_codes >= 0], keys) >= 0
+        finished |= found_in(finished_keys(name), keys) >= 0
     if Path(journal_name(name)).exists():
         finished |= found_in(Journal.read_keys(journal_name(name)), keys) >= 0
     return int(finished.sum())

@@ -5,12 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from dynid.progress import tell
+from dynid.progress import report_progress
 from dynid.scene.batch import why_alone
-from dynid.scene.explanations import explain
-from dynid.scene.explanations.cost import Cost, file_kilobytes
-from dynid.scene.explanations.explanation import Explanation, Fact
-from dynid.scene.outcomes import Outcome
+from dynid.scene.explanations.explanation import CostEstimate, Explanation, Fact, explain, file_kilobytes
+from dynid.scene.outcomes import SampleOutcome
 from dynid.study.execute import valid_samples
 from dynid.study.executors.processes import cores
 from dynid.study.packing import unpacked
@@ -41,7 +39,7 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     """
     base = explain(plan.base)
     paths = list(plan.settings)
-    tell("how samples are run")
+    report_progress("how samples are run")
     reason = (
         why_alone(plan.base, paths, plan.collect, plan.size) if base.obstacle is None else "the scene fails"
     )
@@ -62,19 +60,21 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     if left:
         workers = min(cores(), left)
         parts = {"preparation": first, f"{left:,} samples in {workers} processes": each * left / workers}
-    cost = Cost(parts, base.cost.megabytes * (1 + min(cores(), max(1, left))), 40 + kilobytes * plan.size)
+    cost = CostEstimate(
+        parts, base.cost.megabytes * (1 + min(cores(), max(1, left))), 40 + kilobytes * plan.size
+    )
     return Explanation(base.result, facts, cost)
 
 
-def _numbers(outcome: Outcome) -> float:
+def _numbers(outcome: SampleOutcome) -> float:
     return sum(value.data.nbytes for value in outcome.values.values()) / 8
 
 
-def _sample(plan: Plan, alone: Cost, numbers: Sequence[int]) -> tuple[float, float, float]:
+def _sample(plan: Plan, alone: CostEstimate, numbers: Sequence[int]) -> tuple[float, float, float]:
     """Return seconds of the first sample beyond those of any other, of another, and kilobytes of each."""
     if alone.seconds > _PROBE:
         return 0.0, alone.seconds, alone.kilobytes / 10
-    tell(f"trying {len(numbers)} samples")
+    report_progress(f"trying {len(numbers)} samples")
     job = Job.of(plan.base, plan.collect, len(numbers))  # what repays over the whole study is not compiled
     began = time.thread_time()
     outcomes = [run_chunk(job, plan.overrides(numbers[:1])).outcomes]

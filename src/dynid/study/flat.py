@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.store.tables import Field, Kind, Table, kind_of
-from dynid.store.tables.table import split
+from dynid.store.tables import ColumnKind, ExportTable, TableColumn, kind_of, split
 from dynid.study.analysis.table import SAMPLES, StudyTable
 
 #: Columns beyond which a row for each sample is no table any more.
 MOST_COLUMNS = 16_384
 _VALUES = 2**20  # values that are in memory at a time
 _STATUS = np.array(["pending", "done", "failed"], dtype=object)
-_STORED: dict[str, Kind] = {"bool": "truth", "int64": "integer"}
+_STORED: dict[str, ColumnKind] = {"bool": "truth", "int64": "integer"}
 
 
-def flat_table(table: StudyTable, name: str) -> Table:
+def flat_table(table: StudyTable, name: str) -> ExportTable:
     """Return a study as a table with a row for each sample.
 
     Parameters
@@ -32,7 +31,7 @@ def flat_table(table: StudyTable, name: str) -> Table:
 
     Returns
     -------
-    Table
+    ExportTable
         Columns: the sample's number, its status, what was varied (by path in the scene), what was gathered
         (by path in the result; every entry of an array with its labels: `path[label,…]`; complex numbers as
         `.re` and `.im`), whether each expectation of the scene is met, and the error of a failed sample,
@@ -43,13 +42,13 @@ def flat_table(table: StudyTable, name: str) -> Table:
     UsageError
         Where arrays are so long that no tool would read the row.
     """
-    fields = [Field("sample", "integer"), Field("status", "text")]
-    fields += [Field(path, kind_of(column.dtype)) for path, column in table.inputs.items()]
+    fields = [TableColumn("sample", "integer"), TableColumn("status", "text")]
+    fields += [TableColumn(path, kind_of(column.dtype)) for path, column in table.inputs.items()]
     for path in table.paths:
         fields += _fields(table, path)
     count = sum(path.startswith("study/expect/") for path in table.result)
-    fields += [Field(f"expect[{number + 1}]", "truth") for number in range(count)]
-    fields.append(Field("error", "text"))
+    fields += [TableColumn(f"expect[{number + 1}]", "truth") for number in range(count)]
+    fields.append(TableColumn("error", "text"))
     if len(fields) > MOST_COLUMNS:
         problem = f"a row for each sample would have {len(fields):,} columns"
         raise UsageError(
@@ -61,19 +60,19 @@ def flat_table(table: StudyTable, name: str) -> Table:
         for start in range(0, len(table.numbers), step):
             yield _rows(table, start, start + step, count)
 
-    return Table(name, tuple(fields), batches, {"kind": "study", "title": table.result.title})
+    return ExportTable(name, tuple(fields), batches, {"kind": "study", "title": table.result.title})
 
 
-def _fields(table: StudyTable, path: str) -> list[Field]:
+def _fields(table: StudyTable, path: str) -> list[TableColumn]:
     variable = table.variable(path)
     if variable.dtype.kind == "c":
         return [
-            Field(f"{name}.{part}", "number", variable.units)
+            TableColumn(f"{name}.{part}", "number", variable.units)
             for name, _ in table.entries(path)
             for part in ("re", "im")
         ]
     kind = _STORED.get(str(variable.attrs.get("stored")), kind_of(variable.dtype))
-    return [Field(name, kind, variable.units) for name, _ in table.entries(path)]
+    return [TableColumn(name, kind, variable.units) for name, _ in table.entries(path)]
 
 
 def _rows(table: StudyTable, start: int, stop: int, expectations: int) -> list[NDArray[Any]]:

@@ -1,31 +1,66 @@
-"""What is finished stays finished: an append-only file of outcomes beside the file of the study.
+"""Journal of finished samples: an append-only file of outcomes beside the file of the study.
 
 The journal begins with a magic line. Each record holds samples that were finished together: its length (8
 bytes, little-endian) and its CRC-32 (4 bytes); then the number of samples (4 bytes), their keys, their exit
-codes (a byte each), and their outcomes (`dynid.study.packing`). Whatever end a process, a disk or a power
-supply comes to, all records up to the first damaged one hold.
+codes (a byte each), and their outcomes (`dynid.study.packing`). Every record whose CRC is right is kept,
+whatever is damaged before it: the next one is found by the beginning of its outcomes.
 """
 
 from __future__ import annotations
 
 import contextlib
+import mmap
 import os
+import re
+import shutil
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
-from dynid.scene.outcomes import Block, Outcomes, Places
+from dynid.file_access import replacing, sync_folder
+from dynid.number_format import counted
+from dynid.scene.outcomes import Indices, SampleBlock, SampleOutcomes
 from dynid.study.keys import SIZE, Keys, found_in
-from dynid.study.packing import Packed, unpacked
+from dynid.study.packing import START, Packed, unpacked
 
 MAGIC = b"dynid journal 2\n"
 _ANY_MAGIC = b"dynid journal "
 _HEAD = struct.Struct("<QI")
 _COUNT = struct.Struct("<I")
+_MARK = re.compile(re.escape(START) + rb"(\d{1,9}),")  # outcomes, and the number of samples in them
+_BEFORE = _HEAD.size + 2 * _COUNT.size  # what stands before a mark, beside keys and exit codes
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Damaged part of a journal.
+
+    Parameters
+    ----------
+    path
+        The journal.
+    lost
+        The number of samples in the records that cannot be read.
+    known
+        Whether that number could be read; else it is the least that it can be.
+    kept
+        The file that the damaged journal is kept in.
+    """
+
+    path: str
+    lost: int
+    known: bool
+    kept: str
+
+    def __str__(self) -> str:
+        least = "" if self.known else "at least "
+        loss = f"{least}{counted(self.lost, 'finished sample')} in it cannot be read" if self.lost else ""
+        return f"{self.path} was damaged: {loss or 'no sample is lost'}. It is kept as {self.kept}"
 
 
 class Journal:
@@ -36,7 +71,14 @@ class Journal:
     Parameters
     ----------
     path
-        The file; where there is none, it is begun. A torn end is cut off.
+        The file; where there is none, it is begun. A record at its end whose writing was interrupted is cut
+        off. Where anything else is damaged, the file is kept as `<path>.damaged`, and the records that are
+        whole are written anew.
+
+    Attributes
+    ----------
+    damage
+        What was damaged; None where nothing was.
 
     Raises
     ------
@@ -46,12 +88,14 @@ class Journal:
 
     def __init__(self, path: str) -> None:
         self.path = path
+        self.damage: Damage | None = None
         self._places: list[int] = []  # where each record begins
         self._starts: list[int] = []  # the number of the first sample of each
         self._keys: list[bytes] = []
         self._codes: list[bytes] = []
         self._count = 0
-        self._last: tuple[int, Outcomes] | None = None  # the record that was read last
+        self._last: tuple[int, SampleOutcomes] | None = None  # the record that was read last
+        self._kept = ""  # the damaged file
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         except OSError as error:
@@ -68,9 +112,10 @@ class Journal:
         try:
             with open(path, "rb") as file:  # noqa: PTH123
                 size = os.fstat(file.fileno()).st_size
-                begun = file.read(len(MAGIC)) == MAGIC
-                records = _records(file.fileno(), len(MAGIC), size) if begun else ()
-                return _as_keys([_keys_of(payload) for _, payload in records])
+                begun = file.read(len(MAGIC))
+                if begun != MAGIC and begun.startswith(_ANY_MAGIC):
+                    return _as_keys([])
+                return _as_keys([_keys_of(payload) for _, payload in _Scan(file.fileno(), size).records()])
         except OSError as error:
             problem = f"{path} cannot be read: {error.strerror or error}"
             raise FileError(problem, names=[path]) from error
@@ -88,7 +133,7 @@ class Journal:
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """Which samples failed."""
+        """Mask of the failed samples."""
         return np.frombuffer(b"".join(self._codes), np.int8).astype(np.bool_)
 
     def numbers(self, keys: Keys) -> NDArray[np.int64]:
@@ -122,7 +167,7 @@ class Journal:
             self._end += _HEAD.size + len(payload)
         return first
 
-    def blocks(self, numbers: NDArray[np.int64], rows: Places) -> Iterator[Block]:
+    def blocks(self, numbers: NDArray[np.int64], rows: Indices) -> Iterator[SampleBlock]:
         """Yield samples, each in the row that it shall have; one record is in memory at a time."""
         records = np.searchsorted(self._starts, numbers, side="right") - 1
         for record in np.unique(records).tolist():
@@ -134,18 +179,25 @@ class Journal:
         """Close the file."""
         os.close(self._descriptor)
 
-    def _read(self, record: int) -> Outcomes:
+    def _read(self, record: int) -> SampleOutcomes:
         """Return the outcomes of a record; the last one stays at hand."""
         if self._last is None or self._last[0] != record:
             self._last = None
             payload = self._payload(self._places[record])
             (count,) = _COUNT.unpack_from(payload)
-            self._last = record, unpacked(payload[_COUNT.size + count * (SIZE + 1) :])
+            try:
+                self._last = record, unpacked(payload[_COUNT.size + count * (SIZE + 1) :])
+            except (ValueError, LookupError, TypeError, struct.error) as error:
+                problem = f"{self.path} holds samples that cannot be read"
+                raise FileError(
+                    problem, remedy="Remove it: all of it is run again.", names=[self.path]
+                ) from error
         return self._last[1]
 
     def _failed(self, error: OSError) -> FileError:
         problem = f"{self.path} cannot be written: {error.strerror or error}"
-        remedy = "What it holds is safe. Make room, or see to the disk, and run the study again: it goes on."
+        held = f"It holds {counted(self._count, 'finished sample')}, which are safe. " if self._count else ""
+        remedy = f"{held}Make room, or see to the disk, and run the study again: it goes on."
         return FileError(problem, remedy=remedy, names=[self.path])
 
     def _write(self, content: bytes) -> None:
@@ -161,21 +213,45 @@ class Journal:
             raise
 
     def _recover(self) -> int:
-        """Read all records, note where they are, and cut off what is no whole record."""
+        """Note where all records are, see to what is damaged, and return the end of the last one."""
         size = os.fstat(self._descriptor).st_size
         begun = os.pread(self._descriptor, len(MAGIC), 0)
-        if not MAGIC.startswith(begun):
-            self._refuse(begun)
         self._end = 0
-        if begun != MAGIC:
+        if MAGIC.startswith(begun) and begun != MAGIC:
             self._begin()
             return len(MAGIC)
-        end = len(MAGIC)
-        for place, payload in _records(self._descriptor, end, size):
+        if begun != MAGIC and begun.startswith(_ANY_MAGIC):
+            self._refuse(begun)
+        end, scan = len(MAGIC), _Scan(self._descriptor, size)
+        for place, payload in scan.records():
             self._note(place, payload)
             end = place + _HEAD.size + len(payload)
-        if end < size:
+        if begun != MAGIC and not self._places:
+            self._refuse(begun)
+        if scan.damaged or begun != MAGIC:
+            end = self._renew(scan.lengths)
+            self.damage = Damage(self.path, scan.lost, scan.known, self._kept)
+        elif end < size:
             os.ftruncate(self._descriptor, end)
+        return end
+
+    def _renew(self, lengths: list[int]) -> int:
+        """Keep the damaged file under another name, write its whole records anew, and return their end."""
+        try:
+            self._kept = _copied(self._descriptor, f"{self.path}.damaged")
+        except OSError as error:
+            raise self._failed(error) from error
+        places, end = self._places, len(MAGIC)
+        self._places = []
+        with replacing(self.path) as part, open(part, "wb") as file:  # noqa: PTH123
+            file.write(MAGIC)
+            for place, length in zip(places, lengths, strict=True):
+                payload = _read_at(self._descriptor, length, place + _HEAD.size)
+                file.write(_HEAD.pack(length, zlib.crc32(payload)) + payload)
+                self._places.append(end)
+                end += _HEAD.size + length
+        os.close(self._descriptor)
+        self._descriptor = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
         return end
 
     def _refuse(self, begun: bytes) -> None:
@@ -188,8 +264,6 @@ class Journal:
         raise FileError(problem, remedy=remedy, names=[self.path])
 
     def _begin(self) -> None:
-        from dynid.atomic import sync_folder
-
         try:
             self._write(MAGIC)
         except OSError as error:
@@ -218,18 +292,117 @@ class Journal:
         return payload
 
 
-def _records(descriptor: int, begin: int, size: int) -> Iterator[tuple[int, bytes]]:
-    """Yield where each whole record begins, and its payload."""
-    place = begin
-    while place + _HEAD.size <= size:
-        length, check = _HEAD.unpack(os.pread(descriptor, _HEAD.size, place))
-        if not _COUNT.size < length <= size - place - _HEAD.size:
-            return
-        payload = _read_at(descriptor, length, place + _HEAD.size)
-        if len(payload) < length or zlib.crc32(payload) != check:
-            return
-        yield place, payload
-        place += _HEAD.size + length
+class _Scan:
+    """The whole records of a journal, and what else there is in it.
+
+    Attributes
+    ----------
+    lengths
+        The lengths of the payloads of the records so far.
+    damaged
+        Whether anything was damaged so far. A record at the end whose writing was interrupted is not: it was
+        never reported as finished.
+    lost, known
+        The number of samples in damaged records, and whether it could be read from them.
+    """
+
+    def __init__(self, descriptor: int, size: int) -> None:
+        self._descriptor, self._size = descriptor, size
+        self.lengths: list[int] = []
+        self.damaged, self.lost, self.known = False, 0, True
+
+    def records(self) -> Iterator[tuple[int, bytes]]:
+        """Yield where each whole record begins, and its payload."""
+        place = len(MAGIC)
+        while place < self._size:
+            payload = self._payload(place)
+            following = self._next(place + 1) if payload is None else place + _HEAD.size + len(payload)
+            if payload is None:
+                payload = self._salvaged(place, following)
+            if payload is not None:
+                self.lengths.append(len(payload))
+                yield place, payload
+            place = following
+
+    def _payload(self, place: int) -> bytes | None:
+        """Return the payload of the record that begins at a place; None where no whole one does."""
+        head = os.pread(self._descriptor, _HEAD.size, place)
+        if len(head) < _HEAD.size:
+            return None
+        length, check = _HEAD.unpack(head)
+        if length > self._size - place - _HEAD.size:
+            return None
+        payload = _read_at(self._descriptor, length, place + _HEAD.size)
+        return payload if _is_whole(payload, check) else None
+
+    def _next(self, begin: int) -> int:
+        """Return where the next whole record begins; the end of the file where none does."""
+        with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as content:
+            for mark in _MARK.finditer(content, begin):
+                place = mark.start() - _BEFORE - int(mark[1]) * (SIZE + 1)
+                if place >= begin and self._payload(place) is not None:
+                    return place
+        return self._size
+
+    def _salvaged(self, place: int, following: int) -> bytes | None:
+        """Return a payload of which nothing but the length is wrong; else count what is lost."""
+        content = _read_at(self._descriptor, following - place, place)
+        length, check = _HEAD.unpack(content[: _HEAD.size].ljust(_HEAD.size, b"\xff"))
+        payload = content[_HEAD.size :]
+        if _is_whole(payload, check):
+            self.damaged = True
+            return payload
+        interrupted = following == self._size and len(payload) < length
+        if interrupted and len(_MARK.findall(content)) < 2:
+            return None
+        self.damaged = True
+        self._count(content)
+        return None
+
+    def _count(self, content: bytes) -> None:
+        """Count the samples of records that are damaged, as far as their beginnings can be read."""
+        place = 0
+        while place < len(content):
+            length, _, count = struct.unpack("<QII", content[place : place + 16].ljust(16, b"\xff"))
+            mark = _MARK.search(content, place)
+            if mark and mark.start() == place + _BEFORE + int(mark[1]) * (SIZE + 1):
+                count = int(mark[1])
+            if not 0 < count <= (len(content) - place) // (SIZE + 1):
+                count, self.known = 1, False
+            self.lost += count
+            if length <= len(content) - place - _HEAD.size:
+                place += _HEAD.size + length
+                continue
+            starts = (
+                one.start() - _BEFORE - int(one[1]) * (SIZE + 1) for one in _MARK.finditer(content, place)
+            )
+            place = next((start for start in starts if start > place), len(content))
+
+
+def _is_whole(payload: bytes, check: int) -> bool:
+    """Tell whether a payload is what its CRC says, and holds as many keys as it says."""
+    if len(payload) <= _COUNT.size or zlib.crc32(payload) != check:
+        return False
+    (count,) = _COUNT.unpack_from(payload)
+    return bool(0 < count <= (len(payload) - _COUNT.size) // (SIZE + 1))
+
+
+def _copied(descriptor: int, path: str) -> str:
+    """Copy an open file to a new one, named like this or with a number behind it; return the name."""
+    name, number = path, 1
+    while True:
+        try:
+            target = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            break
+        except FileExistsError:
+            number += 1
+            name = f"{path}-{number}"
+    with open(target, "wb") as copy, open(os.dup(descriptor), "rb") as source:  # noqa: PTH123
+        source.seek(0)
+        shutil.copyfileobj(source, copy)
+        copy.flush()
+        os.fsync(copy.fileno())
+    return name
 
 
 def _read_at(descriptor: int, length: int, place: int) -> bytes:

@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.scene.outcomes import Block
+from dynid.number_format import counted
+from dynid.scene.outcomes import SampleBlock
+from dynid.study.execute import finished_keys
 from dynid.study.file import Heading, write_study
+from dynid.study.keys import Keys, found_in
 from dynid.study.lock import locked
 from dynid.study.stored import StudyFile, open_study
 
@@ -20,7 +24,11 @@ _RANKS = np.array([_PENDING, 0, 1])  # of what is pending, done, failed
 
 
 def merge_studies(
-    files: Sequence[str | os.PathLike[str]], target: str | os.PathLike[str], partial: bool = False
+    files: Sequence[str | os.PathLike[str]],
+    target: str | os.PathLike[str],
+    partial: bool = False,
+    *,
+    force: bool = False,
 ) -> int:
     """Write one file out of the shards of a study, the same as if it had been run in one piece.
 
@@ -31,7 +39,9 @@ def merge_studies(
     target
         The file to write.
     partial
-        Whether samples may be missing.
+        Accept missing samples.
+    force
+        Discard finished samples of an existing target that are in none of the files.
 
     Returns
     -------
@@ -41,9 +51,10 @@ def merge_studies(
     Raises
     ------
     UsageError
-        When the files are not of one study, or samples are missing.
+        When the files are not of one study, samples are missing, or finished samples of the target would
+        be lost.
     FileError
-        When a file cannot be read or written.
+        When a file cannot be read or written, or the target is no file of a study.
     """
     with ExitStack() as stack:
         stack.enter_context(locked(os.fspath(target)))
@@ -57,7 +68,10 @@ def merge_studies(
                 f"{len(missing)} of {size} samples are finished in none of the files: {_listed(missing)}",
                 remedy="Run their shards, or merge what there is with --partial.",
             )
-        write_study(target, rows.heading(), rows, complete=not len(missing))
+        heading = rows.heading()
+        if not force:
+            _refuse_loss(os.fspath(target), heading.keys[rows.finished])
+        write_study(target, heading, rows, complete=not len(missing))
         return len(rows.numbers)
 
 
@@ -67,6 +81,20 @@ def _check_same(studies: Sequence[StudyFile], files: Sequence[str | os.PathLike[
         if study.result.group_attrs["study"]["plan"] != first:
             problem = f"{os.fspath(file)} is of another study than {os.fspath(files[0])}"
             raise UsageError(problem, remedy="Merge the shards of one study, run from the same scenes.")
+
+
+def _refuse_loss(target: str, keys: Keys) -> None:
+    """Refuse to replace finished samples of the target that are not among the merged ones."""
+    if not Path(target).exists():
+        return
+    lost = int(np.sum(found_in(keys, finished_keys(target)) < 0))
+    if lost:
+        raise UsageError(
+            f"{target} holds {counted(lost, 'finished sample')} that {'is' if lost == 1 else 'are'} in none "
+            "of the files, and would be lost",
+            remedy="Write another file with -o, or discard them with --force.",
+            names=[target],
+        )
 
 
 def _missing(rows: _Rows, size: int) -> NDArray[np.int64]:
@@ -96,7 +124,7 @@ class _Rows:
             chosen - np.concatenate([[0], np.cumsum([len(study) for study in studies])])[self._holders]
         )
 
-    def between(self, start: int, stop: int) -> Iterator[Block]:
+    def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
         """Yield the samples of rows start … stop - 1, file by file."""
         for holder, study in enumerate(self.studies):
             own = start + np.flatnonzero(self._holders[start:stop] == holder)

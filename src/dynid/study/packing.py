@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.result import Variable
-from dynid.scene.outcomes import Block, Outcomes, is_shared
+from dynid.scene.outcomes import SampleBlock, SampleOutcomes, is_shared
 
 _LENGTH = struct.Struct("<I")
+#: The beginning of every heading; the number of samples follows, and a comma.
+START = b'{"count":'
 
 
 @dataclass(frozen=True)
@@ -41,11 +43,11 @@ class Packed:
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """Which samples failed."""
+        """Mask of the failed samples."""
         return np.frombuffer(self.exit_codes, np.int8).astype(np.bool_)
 
 
-def packed(outcomes: Outcomes) -> Packed:
+def packed(outcomes: SampleOutcomes) -> Packed:
     """Return outcomes, none of which is pending, as bytes."""
     pieces: list[bytes] = []
     heading = {"count": len(outcomes), "blocks": [_packed(block, pieces) for block in outcomes.blocks]}
@@ -53,16 +55,16 @@ def packed(outcomes: Outcomes) -> Packed:
     return Packed(outcomes.exit_codes.tobytes(), b"".join([_LENGTH.pack(len(text)), text, *pieces]))
 
 
-def unpacked(content: bytes) -> Outcomes:
+def unpacked(content: bytes) -> SampleOutcomes:
     """Return outcomes from bytes, their arrays being parts of these bytes."""
     (length,) = _LENGTH.unpack_from(content)
     begin = _LENGTH.size + length
     heading = json.loads(content[_LENGTH.size : begin])
     reader = _Reader(content, begin)
-    return Outcomes([_unpacked(block, reader) for block in heading["blocks"]], heading["count"])
+    return SampleOutcomes([_unpacked(block, reader) for block in heading["blocks"]], heading["count"])
 
 
-def _packed(block: Block, pieces: list[bytes]) -> dict[str, Any]:
+def _packed(block: SampleBlock, pieces: list[bytes]) -> dict[str, Any]:
     pieces += [block.rows.astype("<i4").tobytes(), block.met.tobytes()]
     arrays = []
     for path, one in block.values.items():
@@ -101,13 +103,13 @@ class _Reader:
         return data.reshape(shape)
 
 
-def _unpacked(heading: dict[str, Any], reader: _Reader) -> Block:
+def _unpacked(heading: dict[str, Any], reader: _Reader) -> SampleBlock:
     count = heading["samples"]
     rows = reader.take("<i4", count).astype(np.intp)
     met = reader.take("?", count, heading["met"])
     values = {path: _variable(count, given, reader) for path, *given in heading["arrays"]}
     errors, codes = (tuple(heading.get(what, ())) for what in ("errors", "exit_codes"))
-    return Block(rows, values, met, errors, codes)
+    return SampleBlock(rows, values, met, errors, codes)
 
 
 def _variable(count: int, given: list[Any], reader: _Reader) -> Variable:

@@ -15,12 +15,11 @@ from dynid.result import Scalar
 from dynid.scene.kinds.study import base_scene, study_model
 from dynid.scene.schema.study import Listed, grid_groups, paths_of
 from dynid.study.derived import derived_columns
-from dynid.study.designs import correlated, unit_samples
-from dynid.study.distributions import quantiles, spread
+from dynid.study.designs import correlated, quantiles, spread, unit_samples
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
-    from dynid.scene.schema.study import Factor, StudyScene
+    from dynid.scene.schema.study import StudyFactor, StudyScene
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ class Plan:
 
     @property
     def collect(self) -> tuple[str, ...]:
-        """What is gathered from each result."""
+        """Paths that are gathered from each result."""
         return tuple(study_model(self.study).collect)
 
     def override(self, number: int) -> dict[str, Any]:
@@ -150,7 +149,7 @@ def _grid_places(model: StudyScene) -> tuple[dict[str, NDArray[np.int64]], int]:
     return {key: place for group, place in zip(groups, places, strict=True) for key in group}, size
 
 
-def _listed(factor: Factor) -> Sequence[Any] | NDArray[Any]:
+def _listed(factor: StudyFactor) -> Sequence[Any] | NDArray[Any]:
     """Return the values of a factor on a grid or in a list."""
     return factor.values if isinstance(factor, Listed) else spread(factor)
 

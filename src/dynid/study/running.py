@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NumericalError
-from dynid.scene.outcomes import Block
-from dynid.study.drive import Chunk, drive
+from dynid.scene.outcomes import SampleBlock
 from dynid.study.file import Heading
 from dynid.study.journal import Journal
 from dynid.study.keys import as_texts
+from dynid.study.scheduler import Chunk, drive
 from dynid.study.work import Job
 
 if TYPE_CHECKING:
-    from dynid.study.executors import Crew
+    from dynid.study.executors import StudyExecutor
     from dynid.study.plan import Plan
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a study is.
+    """Progress of a study.
 
     Parameters
     ----------
@@ -45,6 +45,7 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
+Notice = Callable[[str], None]
 
 
 class TooManyFailures(NumericalError):
@@ -95,7 +96,7 @@ class Run:
             self.where[self.failed], self.failed[:] = -1, False
         self.kept = self._count(self.where >= 0)
 
-    def between(self, start: int, stop: int) -> Iterator[Block]:
+    def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
         """Yield the samples of rows start … stop - 1, one record of the journal at a time."""
         where = self.where[self.one[start:stop]]
         there = np.flatnonzero(where >= 0)
@@ -103,25 +104,25 @@ class Run:
 
     @property
     def progress(self) -> Progress:
-        """How far it is."""
+        """Progress so far."""
         finished, failed = self._count(self.where >= 0), self._count(self.failed)
         return Progress(len(self.keys), finished, failed, self.kept)
 
     @property
     def is_complete(self) -> bool:
-        """Whether all samples are finished."""
+        """True if all samples are finished."""
         return bool(np.all(self.where >= 0))
 
     def _count(self, which: NDArray[np.bool_]) -> int:
         return int(self.copies[which].sum())
 
-    def go(self, crew: Crew) -> None:
+    def go(self, pool: StudyExecutor, notice: Notice | None = None) -> None:
         """Run what is not finished."""
         self._tell()
         todo = np.sort(self.first[self.where < 0])
         if len(todo):
             job = Job.of(self.plan.base, self.plan.collect, self.plan.size)
-            drive(crew, job, self.plan, self.numbers.start + todo * self.numbers.step, self._arrived)
+            drive(pool, job, self.plan, self.numbers.start + todo * self.numbers.step, self._arrived, notice)
 
     def _arrived(self, chunks: list[Chunk]) -> None:
         rows = [(numbers - self.numbers.start) // self.numbers.step for numbers, _ in chunks]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import FileError
 from dynid.result import Result, Variable
-from dynid.scene.outcomes import Block
+from dynid.scene.outcomes import SampleBlock
 from dynid.store import open_stored
 from dynid.study.analysis.table import RESULTS, SAMPLES
 from dynid.study.keys import Keys
@@ -34,7 +34,12 @@ def open_study(path: str | os.PathLike[str]) -> Iterator[StudyFile]:
     with open_stored(path, partial=True) as result:
         if result.kind != "study" or "study/key" not in result:
             raise FileError(f"{os.fspath(path)} is a result of kind {result.kind}, not of a study")
-        yield StudyFile(result)
+        try:
+            yield StudyFile(result)
+        except (LookupError, ValueError, TypeError, AttributeError) as error:
+            problem = f"{os.fspath(path)} does not hold what the file of a study holds"
+            remedy = "Write another file with -o, and run the study again."
+            raise FileError(problem, remedy=remedy, names=[os.fspath(path)]) from error
 
 
 class StudyFile:
@@ -79,22 +84,24 @@ class StudyFile:
 
     @property
     def rows_at_a_time(self) -> int:
-        """How many rows memory shall hold."""
+        """Number of rows to hold in memory at a time."""
         values = sum(int(np.prod(self.result[path].shape[1:])) for path in self._arrays)
         return max(1, min(_BLOCK_ROWS, _BLOCK_VALUES // max(1, values)))
 
-    def between(self, start: int, stop: int) -> Iterator[Block]:
+    def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
         """Yield the samples of rows start … stop - 1, some at a time; what is pending does not come."""
         stop = min(stop, len(self))
         for begin in range(start, stop, self.rows_at_a_time):
             yield from self._block(begin, min(begin + self.rows_at_a_time, stop))
 
-    def _block(self, start: int, stop: int) -> Iterator[Block]:
+    def _block(self, start: int, stop: int) -> Iterator[SampleBlock]:
         codes = self.exit_codes[start:stop]
         if len(failed := np.flatnonzero(codes > 0)):
             errors = self.result["study/error"].rows(start, stop)[failed]
             nothing = np.empty((len(failed), 0), dtype=bool)
-            yield Block(failed + start, {}, nothing, tuple(errors.tolist()), tuple(codes[failed].tolist()))
+            yield SampleBlock(
+                failed + start, {}, nothing, tuple(errors.tolist()), tuple(codes[failed].tolist())
+            )
         if not len(done := np.flatnonzero(codes == 0)):
             return
         met = [self.result[f"study/expect/{n}"].rows(start, stop) for n in range(self._expectations)]
@@ -104,7 +111,7 @@ class StudyFile:
         }
         lengths = {path: self._lengths(path, start, stop) for path in rows}
         for own in _alike(done, [kept for kept in lengths.values() if kept is not None]):
-            yield Block(own + start, self._values(own, rows, lengths), judged[own])
+            yield SampleBlock(own + start, self._values(own, rows, lengths), judged[own])
 
     def _values(
         self,

@@ -1,4 +1,4 @@
-"""What a worker does: samples of one scene, run together."""
+"""Work of an executor: samples of one scene, run together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynid.errors import FileError
 from dynid.result import Result
 from dynid.scene.batch import Expected, run_batch
 from dynid.scene.load import check_source
-from dynid.scene.outcomes import Block
+from dynid.scene.outcomes import SampleBlock
 from dynid.scene.yaml.source import parse_source
 from dynid.study.packing import Packed, packed
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """What all samples of a study share.
+    """Data that all samples of a study share.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """What a worker returns: the outcomes in order, and how long they took in seconds."""
+    """Result of a chunk: the outcomes in order, and the time they took, s."""
 
     outcomes: Packed
     seconds: float
@@ -87,7 +87,7 @@ class _Judge:
         """Judge one result."""
         return tuple(outcome.passed for outcome in check_expectations(result, expected))
 
-    def many(self, block: Block, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
+    def many(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
         """Judge samples side by side (sample x expectation)."""
         return samples_meet(
             block.values, len(block), lambda place: block.result(place, kind, title), expected

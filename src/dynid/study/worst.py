@@ -14,10 +14,9 @@ from dynid.errors import UsageError
 from dynid.result import Result
 from dynid.scene.files import file_places, moved
 from dynid.scene.schema.study import paths_of
-from dynid.scene.yaml.core import Path as KeyPath
-from dynid.scene.yaml.dump import flow
-from dynid.scene.yaml.edit import edited
+from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import Source, parse_source, path_of, set_values
+from dynid.scene.yaml.writer import edited, flow
 from dynid.study.analysis.table import StudyTable, as_numbers
 from dynid.study.analysis.worst import Direction, worst, worst_entries
 

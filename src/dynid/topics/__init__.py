@@ -1,1 +1,1 @@
-"""What `dynid help TOPIC` prints, a Markdown file a topic."""
+"""Topics of `dynid help TOPIC`, one Markdown file each."""

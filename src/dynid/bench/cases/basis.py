@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
-from dynid.choices import BASIS_BAND
+from dynid.bench.benchmark import Alternative, Benchmark
+from dynid.defaults import BASIS_BAND
 
 _OMEGA = (41.0, 132.0, 271.0)  # rad/s, as Yang excites it
 _STEP, _SAMPLES, _SETTLE, _LENGTH = 0.002, 300, 2.0, 7.0
@@ -19,7 +19,7 @@ def beam_with_joints(elements: int) -> Any:
     """Return Yang's beam with its two joints, started at half their true values."""
     from dynid.structure.assembly import Support
     from dynid.structure.beam import beam
-    from dynid.structure.damping import Proportional
+    from dynid.structure.damping import ProportionalDamping
     from dynid.structure.joints import Joint, JointParameter
 
     k, c = JointParameter(start=5e3, true=1e4), JointParameter(start=10.0, true=20.0)
@@ -28,14 +28,14 @@ def beam_with_joints(elements: int) -> Any:
         Joint("link", ("w_6",), k, c),
     ]
     held = [Support(1, ("w",))]
-    damping = Proportional(alpha=0.1)
+    damping = ProportionalDamping(alpha=0.1)
     return beam(elements, _LENGTH, 1723.3, 0.1, supports=held, damping=damping, joints=joints)
 
 
 def _identified(reduce: Callable[[Any], Any]) -> Callable[[int], Callable[[], Any]]:
     def prepare(elements: int) -> Callable[[], Any]:
-        from dynid.identification.estimate import identify
-        from dynid.identification.estimators.passes import Filter
+        from dynid.identification.estimators.filter_passes import Filter
+        from dynid.identification.identify import identify
         from dynid.identification.measurement import Measurement, Simulation
         from dynid.lti.signals import Multisine
         from dynid.structure.response import Channel, Load
@@ -58,10 +58,14 @@ def _below(band: float) -> Callable[[Any], Any]:
     """Keep the modes below so many times the band, and residual vectors at joints, sensors and force."""
 
     def reduce(full: Any) -> Any:
-        from dynid.structure.reduction.modal import Modal
-        from dynid.structure.reduction.selection import Interest, ModeRange
+        from dynid.structure.reduction.modal import ModalTruncation
+        from dynid.structure.reduction.mode_selection import Interest, ModeRange
 
-        return Modal(ModeRange(below=band * max(_OMEGA)), interest=Interest(_SENSORS)).reduce(full).model
+        return (
+            ModalTruncation(ModeRange(below=band * max(_OMEGA)), interest=Interest(_SENSORS))
+            .reduce(full)
+            .model
+        )
 
     return reduce
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.plan import ReducedGraph
 
 # Bits of a reference: those of a double, and some.
 _CERTAIN = 64
@@ -65,7 +65,7 @@ def true_roots(stages: int) -> tuple[Any, Any]:
     """
     import numpy as np
 
-    from dynid.lti.certified import certified_roots, repeated
+    from dynid.lti.certified_roots import certified_roots, repeated
 
     starts = [complex(z) for z in np.linalg.eigvals(matrices(stages)[0])]
     poles, rows = certified_roots(characteristic(stages).numer(), starts), distinct(stages)

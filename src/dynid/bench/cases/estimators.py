@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.cases.suspension import REMARK, Case, by_dynamax, by_filterpy, case, compiles, kernels
-from dynid.choices import ESTIMATOR
+from dynid.bench.benchmark import Alternative, Benchmark
+from dynid.bench.cases.suspension import REMARK, SuspensionRecord, case, compiles, kernels
+from dynid.defaults import ESTIMATOR
 
 #: Noises of the records that a work goes over.
 _SEEDS = (1, 2, 3, 4)
 
 
-def _each(make: Callable[[Case], Callable[[], Any]]) -> Callable[[int], Callable[[], Any]]:
+def each_record(make: Callable[[SuspensionRecord], Callable[[], Any]]) -> Callable[[int], Callable[[], Any]]:
     """Return the work on all records, one after the other (records x parameters)."""
 
     def prepare(samples: int) -> Callable[[], Any]:
@@ -26,12 +26,12 @@ def _each(make: Callable[[Case], Callable[[], Any]]) -> Callable[[int], Callable
 def _house(name: str, wish: str = "1") -> Callable[[int], Callable[[], Any]]:
     """Return an estimator of the house, compiled or not."""
 
-    def make(this: Case) -> Callable[[], Any]:
+    def make(this: SuspensionRecord) -> Callable[[], Any]:
         from dynid.identification.estimators.auto import Auto
-        from dynid.identification.estimators.estimation import Estimator
+        from dynid.identification.estimators.estimate import Estimator
+        from dynid.identification.estimators.filter_passes import Filter
         from dynid.identification.estimators.imbedding import InvariantImbedding
-        from dynid.identification.estimators.output_error import OutputError
-        from dynid.identification.estimators.passes import Filter
+        from dynid.identification.estimators.maximum_likelihood import OutputError
 
         every: dict[str, Estimator] = {f"filter-{k}": Filter(k) for k in (1, 2, 3)}
         every |= {each.name: each for each in (Auto(), OutputError(), InvariantImbedding())}
@@ -43,10 +43,10 @@ def _house(name: str, wish: str = "1") -> Callable[[int], Callable[[], Any]]:
 
         return work
 
-    return _each(make)
+    return each_record(make)
 
 
-def _least_squares(this: Case) -> Callable[[], Any]:
+def _least_squares(this: SuspensionRecord) -> Callable[[], Any]:
     """Return SciPy's optimiser on a simulation, Jacobian by differences, initial state among the unknowns."""
     import numpy as np
     from scipy.optimize import least_squares
@@ -86,9 +86,7 @@ BENCHMARK = Benchmark(
         *(Alternative(f"filter-{k}", _house(f"filter-{k}")) for k in (1, 2, 3)),
         Alternative("output-error", _house("output-error")),
         Alternative("invariant-imbedding", _house("invariant-imbedding"), most=200),
-        Alternative("least-squares", _each(_least_squares), peer=True),
-        Alternative("filterpy", _each(by_filterpy), needs=("filterpy",), peer=True),
-        Alternative("dynamax", _each(by_dynamax), needs=("dynamax",), peer=True),
+        Alternative("least-squares", each_record(_least_squares), peer=True),
     ),
     error=_error,
     measure="RMS of the errors over the Cramér-Rao bound",

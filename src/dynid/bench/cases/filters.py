@@ -6,21 +6,18 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.suspension import (
     REMARK,
     STEP,
     assumed_noise,
-    by_dynamax,
-    by_filterpy,
     case,
     compiles,
     first_covariance,
     first_prior,
     kernels,
 )
-from dynid.identification.filtering.filter import Pass, filter_pass
-from dynid.identification.filtering.linearised import PART
+from dynid.identification.filter import PART, Pass, filter_pass
 
 
 def _house(wish: str, part: float = PART) -> Callable[[int], Callable[[], Any]]:
@@ -109,10 +106,6 @@ def _imbedding(substeps: int) -> Callable[[int], Callable[[], Any]]:
     return prepare
 
 
-def _peer(make: Callable[[Any], Callable[[], Any]]) -> Callable[[int], Callable[[], Any]]:
-    return lambda samples: make(case(samples))
-
-
 @lru_cache(maxsize=4)
 def _exact(samples: int) -> Pass:
     """Return the pass that is linearised at every sample."""
@@ -140,8 +133,6 @@ BENCHMARK = Benchmark(
         Alternative("joseph-float32", _joseph("float32"), most=8000),
         Alternative("imbedding-1", _imbedding(1), most=800),
         Alternative("imbedding-4", _imbedding(4), most=800),
-        Alternative("filterpy", _peer(by_filterpy), needs=("filterpy",), peer=True),
-        Alternative("dynamax", _peer(by_dynamax), needs=("dynamax",), peer=True),
     ),
     error=_error,
     measure="largest distance from the filter linearised at every sample, in its deviations; inf: no number",

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import exact_response, matrices, reduced
 from dynid.bondgraph.chains import distinct
 
@@ -23,7 +23,7 @@ def frequencies() -> Any:
 
 
 def _program(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.frequency import frequency_response
+    from dynid.bondgraph.frequency_response import frequency_response
 
     omega = frequencies()
     return lambda: frequency_response(reduced(stages), omega)[:, 0, 0]
@@ -31,13 +31,15 @@ def _program(stages: int) -> Callable[[], Any]:
 
 def _compiled(stages: int) -> Callable[[], Any]:
     """Run the reduction compiled, in doubled precision, which loads a compiler; long ones always are."""
-    from dynid.bondgraph.algebra.sweep import sweep
+    from dynid.bondgraph.program.compiler import sweep_frequencies
 
     omega = frequencies()
 
     def work() -> Any:
         planned = reduced(stages)
-        return sweep(planned.program, list(planned.channels().values()), planned.graph.value, omega)[0][:, 0]
+        return sweep_frequencies(
+            planned.program, list(planned.channels().values()), planned.graph.value, omega
+        )[0][:, 0]
 
     return work
 

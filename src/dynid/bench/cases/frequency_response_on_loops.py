@@ -6,13 +6,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.frequency_response import distance, frequencies
 from dynid.bench.cases.ladder import exact_response, nodal, reduced
 
 
 def _program(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.frequency import frequency_response
+    from dynid.bondgraph.frequency_response import frequency_response
 
     omega = frequencies()
     return lambda: frequency_response(reduced(stages), omega)[:, 0, 0]
@@ -20,7 +20,7 @@ def _program(stages: int) -> Callable[[], Any]:
 
 def _in_order(stages: int) -> Callable[[], Any]:
     """Run the first plan alone, from the far end on: what its bounds do not certify, in ball arithmetic."""
-    from dynid.bondgraph.frequency import on_axis
+    from dynid.bondgraph.frequency_response import on_axis
 
     def work() -> Any:
         planned = reduced(stages)

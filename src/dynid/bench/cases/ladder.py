@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Any
 
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.plan import ReducedGraph
 
 _RAILS = "ab"
 

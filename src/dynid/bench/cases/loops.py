@@ -8,11 +8,11 @@ from functools import lru_cache
 from itertools import count
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.roots import distance
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.reduced import ReducedGraph
-from dynid.choices import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.defaults import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
 
 
 def _mesh(side: int) -> ReducedGraph:
@@ -40,19 +40,19 @@ def _mesh(side: int) -> ReducedGraph:
 
 
 def _exact(side: int) -> Callable[[], Any]:
-    from dynid.bondgraph.exact import ExactEngine
+    from dynid.bondgraph.exact_engine import ExactEngine
 
     return lambda: _roots(ExactEngine(graph := _mesh(side)), graph)
 
 
 def _float(side: int) -> Callable[[], Any]:
-    from dynid.bondgraph.floating.transfer import FloatEngine
+    from dynid.bondgraph.floating.engine import FloatEngine
 
     return lambda: _roots(FloatEngine(graph := _mesh(side)), graph)
 
 
 def _roots(engine: Any, graph: ReducedGraph) -> tuple[Any, Any]:
-    from dynid.lti.certified import repeated
+    from dynid.lti.certified_roots import repeated
 
     transfer = engine.channel(next(iter(graph.channels())))
     return repeated(transfer.zeros), repeated(transfer.poles)

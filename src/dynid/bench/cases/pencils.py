@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
-from dynid.choices import SPARSE_REFINEMENT
+from dynid.bench.benchmark import Alternative, Benchmark
+from dynid.defaults import SPARSE_REFINEMENT
 
 
 def _pencil(size: int) -> tuple[Any, Any]:

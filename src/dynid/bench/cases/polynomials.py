@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import characteristic, matrices, numerator, reduced
 
 
 def _exact(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.exact import ExactEngine
+    from dynid.bondgraph.exact_engine import ExactEngine
 
     def work() -> Any:
         graph = reduced(stages)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
-from dynid.choices import HOLD
+from dynid.bench.benchmark import Alternative, Benchmark
+from dynid.defaults import HOLD
 
 _STEP = 0.002
 _OMEGA = (70.0, 110.0, 250.0)  # rad/s
@@ -53,12 +53,12 @@ def _force(t: Any) -> Any:
 
 def _house(hold: str) -> Callable[[int], Callable[[], Any]]:
     def prepare(samples: int) -> Callable[[], Any]:
-        from dynid.lti.propagate import response
         from dynid.lti.sampled import Sampled
+        from dynid.lti.time_response import propagate
 
         times = _times(samples)
         signal = Sampled(_force(times), _STEP, hold)
-        return lambda: response(_system(), [signal], times).outputs[:, 0]
+        return lambda: propagate(_system(), [signal], times).outputs[:, 0]
 
     return prepare
 
@@ -138,11 +138,11 @@ def _newmark(samples: int) -> Callable[[], Any]:
 @lru_cache(maxsize=2)
 def _reference(samples: int) -> Any:
     """Return the response to the continuous sines, exactly."""
-    from dynid.lti.propagate import response
-    from dynid.lti.sines import Multisine
+    from dynid.lti.time_response import propagate
+    from dynid.lti.waveforms import Multisine
 
     force = Multisine([100.0] * 3, list(_OMEGA))
-    return response(_system(), [force], _times(samples)).outputs[:, 0]
+    return propagate(_system(), [force], _times(samples)).outputs[:, 0]
 
 
 def _error(samples: int, found: Any) -> float:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
-from dynid.bench.cases.lowest_modes import reference
-from dynid.bench.cases.modes import plate
-from dynid.choices import MASTERS
+from dynid.bench.benchmark import Alternative, Benchmark
+from dynid.bench.cases.modes import plate, reference
+from dynid.defaults import MASTERS
 
 #: Coordinates kept, and modes that are compared.
 _KEPT, _COMPARED = 10, 5

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.basis import beam_with_joints
-from dynid.choices import RESIDUALS
+from dynid.defaults import RESIDUALS
 
 _OMEGA = (45.0, 250.0, 300.0)  # rad/s, where the paper's basis fails most
 _STEP, _SAMPLES, _SETTLE = 0.002, 400, 10.0
@@ -17,12 +17,12 @@ _ELEMENTS = 7
 
 def _identified(residuals: Any) -> Callable[[int], Callable[[], Any]]:
     def prepare(count: int) -> Callable[[], Any]:
-        from dynid.identification.estimate import identify
-        from dynid.identification.estimators.passes import Filter
+        from dynid.identification.estimators.filter_passes import Filter
+        from dynid.identification.identify import identify
         from dynid.identification.measurement import Measurement, Simulation
         from dynid.lti.signals import Multisine
-        from dynid.structure.reduction.joint_aware import JointAware
-        from dynid.structure.reduction.selection import Interest, ModeRange
+        from dynid.structure.reduction.mode_selection import Interest, ModeRange
+        from dynid.structure.reduction.serep import JointAware
         from dynid.structure.response import Channel, Load
 
         full = beam_with_joints(_ELEMENTS)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from dynid.bench.alternative import Alternative, Benchmark
-from dynid.choices import FEW_FREQUENCIES
+from dynid.bench.benchmark import Alternative, Benchmark
+from dynid.defaults import FEW_FREQUENCIES
 
 #: DOFs, about, and modes in the band; frequencies at most that the error is looked at.
 _DOFS, _MODES, _PLACES = 1000, 10, 8

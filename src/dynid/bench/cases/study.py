@@ -10,13 +10,13 @@ from decimal import Decimal, localcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dynid.scene.batch import Outcome
+    from dynid.scene.outcomes import SampleOutcome
     from dynid.study.plan import Plan
 
 _GROUP = "bond_graph/transfer_function/m_s.f/v_in"
@@ -69,7 +69,7 @@ def _plan(samples: int) -> Plan:
     return make_plan(load_scene(folder / "study.yaml"))
 
 
-def _poles(outcomes: Sequence[Outcome]) -> NDArray[np.complex128]:
+def _poles(outcomes: Sequence[SampleOutcome]) -> NDArray[np.complex128]:
     import numpy as np
 
     return np.array([outcome.values[f"{_GROUP}/poles"].data for outcome in outcomes])
@@ -97,13 +97,13 @@ def _as_study(executor: str) -> Callable[[int], Work]:
     def prepare(samples: int) -> Work:
         from dynid.store import read_result
         from dynid.study.execute import run_study
-        from dynid.study.executors import hire
+        from dynid.study.executors import make_executor
 
         plan = _plan(samples)
 
         def work() -> Any:
             target = Path(tempfile.mkdtemp()) / "study.h5"
-            run_study(plan, target, hire(executor))
+            run_study(plan, target, make_executor(executor))
             return read_result(target)[f"study/results/{_GROUP}/poles"].data
 
         return work

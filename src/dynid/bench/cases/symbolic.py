@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import reduced
 
 
 def _expanded(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.formula import expanded
+    from dynid.bondgraph.formulas.transfer import expanded
 
     def work() -> Any:
         ((numerator, denominator),) = expanded(reduced(stages), 10**7).values()
@@ -20,7 +20,7 @@ def _expanded(stages: int) -> Callable[[], Any]:
 
 
 def _nested(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.formula import nested
+    from dynid.bondgraph.formulas.transfer import nested
 
     def work() -> Any:
         graph = reduced(stages)

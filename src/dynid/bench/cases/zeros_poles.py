@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
-from dynid.bench.alternative import Alternative, Benchmark
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import matrices, reduced, true_roots
 from dynid.bench.roots import distance
-from dynid.bondgraph.chains import distinct
-from dynid.choices import EXACT_ROOTS, STARTED_ROOTS
+from dynid.defaults import EXACT_ROOTS, STARTED_ROOTS
 
 
 def _exact(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.exact import ExactEngine
-    from dynid.lti.certified import repeated
+    from dynid.bondgraph.exact_engine import ExactEngine
+    from dynid.lti.certified_roots import repeated
 
     def work() -> Any:
         graph = reduced(stages)
@@ -28,8 +26,8 @@ def _exact(stages: int) -> Callable[[], Any]:
 
 def _unstarted(stages: int) -> Callable[[], Any]:
     """Certify the exact roots without eigenvalues to begin at."""
-    from dynid.bondgraph.transfer import TransferFunction
-    from dynid.lti.certified import repeated
+    from dynid.bondgraph.exact_engine import TransferFunction
+    from dynid.lti.certified_roots import repeated
 
     def work() -> Any:
         graph = reduced(stages)
@@ -41,8 +39,8 @@ def _unstarted(stages: int) -> Callable[[], Any]:
 
 
 def _float(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.floating.transfer import FloatEngine
-    from dynid.lti.certified import repeated
+    from dynid.bondgraph.floating.engine import FloatEngine
+    from dynid.lti.certified_roots import repeated
 
     def work() -> Any:
         graph = reduced(stages)
@@ -62,7 +60,7 @@ def _matrices(stages: int) -> Callable[[], Any]:
     return work
 
 
-def _control(stages: int) -> Callable[[], Any]:
+def controlled(stages: int) -> Callable[[], Any]:
     """Ask control, which takes SLICOT's AB08ND for zeros where slycot is installed."""
     import control
 
@@ -75,7 +73,7 @@ def _control(stages: int) -> Callable[[], Any]:
 
 def _control_alone(stages: int) -> Callable[[], Any]:
     """Ask control as it answers without slycot: QZ on the system's pencil."""
-    work = _control(stages)
+    work = controlled(stages)
 
     def without_slycot() -> Any:
         hidden = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("slycot")}
@@ -119,28 +117,6 @@ def _polynomials(stages: int) -> Callable[[], Any]:
     return lambda: ss2zpk(*matrices(stages))[:2]
 
 
-def _lcapy(stages: int) -> Callable[[], Any]:
-    """Solve the circuit whose currents are forces and voltages velocities, by symbols."""
-    import numpy as np
-
-    circuits = import_module("lcapy")
-
-    def work() -> Any:
-        circuit = circuits.Circuit()
-        for k, (m, spring, damper) in enumerate(distinct(stages), 1):
-            end = k + 1 if k < stages else 0
-            circuit.add(f"C{k} {k} 0 {{{m}}}")
-            circuit.add(f"L{k} {k} {end} {{{1 / spring}}}")
-            circuit.add(f"R{k} {k} {end} {{{1 / damper}}}")
-        transfer = circuit.transimpedance(1, 0, stages, 0)
-        return tuple(
-            np.array([root.cval for root, count in roots.items() for _ in range(int(count.cval.real))])
-            for roots in (transfer.zeros(), transfer.poles())
-        )
-
-    return work
-
-
 def _default(stages: int) -> str:
     """Return what is chosen for a chain, which has two storages a stage and no loops."""
     return "exact" if 2 * stages <= EXACT_ROOTS.value else "float"
@@ -166,11 +142,9 @@ BENCHMARK = Benchmark(
         Alternative("exact-unstarted", _unstarted, least=STARTED_ROOTS.value // 2 + 1, most=100),
         Alternative("pencil", _matrices, most=100),
         Alternative("control", _control_alone, needs=("control",), peer=True),
-        Alternative("control-slycot", _control, needs=("control", "slycot"), peer=True),
         Alternative("control-tf", _control_tf, needs=("control",), most=100, peer=True),
         Alternative("eigvals", _eigenvalues, peer=True),
         Alternative("ss2zpk", _polynomials, most=100, peer=True),
-        Alternative("lcapy", _lcapy, needs=("lcapy",), most=2, peer=True),
     ),
     error=_error,
     measure="largest relative distance from the exact roots; inf: a wrong count",

@@ -1,4 +1,4 @@
-"""Speed against error of a user's own scene: what else could have been chosen, and how that does."""
+"""Speed against error of a user's own scene: its choices and the alternatives to them."""
 
 from dynid.bench.scenes.measure import add_accuracy
 

@@ -1,4 +1,4 @@
-"""What is chosen in a scene of kind `bond-graph`: its engine, and how its time response is propagated."""
+"""Aspects of scenes of kind `bond-graph`: the engine, and the propagation of the time response."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from dynid.bench.alternative import Alternative
+from dynid.bench.benchmark import Alternative
 from dynid.bench.roots import distance, relative_to
-from dynid.bench.scenes.aspect import Aspect
-from dynid.bench.scenes.propagation import propagation
+from dynid.bench.scenes.aspects import Aspect, propagation
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.engines import choose, modelled_storages
+from dynid.bondgraph.engine_choice import choose_engine, modelled_storages
 from dynid.bondgraph.graph import BondGraph
-from dynid.bondgraph.question import ENGINES, NUMERIC, Analysis
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.request import ENGINES, NUMERIC, Analysis
 from dynid.errors import UsageError
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import question
@@ -26,10 +25,10 @@ _SIGNS = "bond_graph/transfer_function/"
 
 
 def engine(scene: Scene) -> Aspect:
-    """Return the engines, and the one that is chosen."""
+    """Return the engines, with the chosen one."""
     graph, analysis = question(scene)
     reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=False)
-    size, choice = modelled_storages(reduced), choose(reduced, analysis)
+    size, choice = modelled_storages(reduced), choose_engine(reduced, analysis)
     return Aspect(
         title="engine of transfer functions, zeros and poles",
         size="storages",

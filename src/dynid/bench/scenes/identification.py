@@ -1,4 +1,4 @@
-"""What is chosen in a scene of kind `identification`: estimator, basis, holds, propagation, mode solver.
+"""Aspects of scenes of kind `identification`: estimator, basis, holds, propagation, mode solver.
 
 Alternatives of the identification are scenes of their own: the same scene with another estimator, reduction
 or hold, without responses.
@@ -13,19 +13,22 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bench.alternative import Alternative
-from dynid.bench.scenes.aspect import Aspect
-from dynid.bench.scenes.bases import METHODS, described, name_of, sizes_around
-from dynid.bench.scenes.modes import solvers
-from dynid.bench.scenes.propagation import propagation
-from dynid.choices import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD, RESIDUALS
-from dynid.lti.polynomials import HOLDS
+from dynid.bench.benchmark import Alternative
+from dynid.bench.scenes.aspects import METHODS, Aspect, described, name_of, propagation, sizes_around, solvers
+from dynid.defaults import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD, RESIDUALS
+from dynid.lti.sampled import HOLDS
 from dynid.result import Result
-from dynid.scene.dispatch import run_scene
-from dynid.scene.kinds.identification import interest_of, reduction_of, reductor_of, responding_structure
-from dynid.scene.kinds.identification_responses import time_question, which_modes
+from dynid.scene.kinds.identification import (
+    interest_of,
+    reduction_of,
+    reductor_of,
+    responding_structure,
+    time_question,
+    which_modes,
+)
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene, check_source
+from dynid.scene.run import run_scene
 from dynid.scene.schema.accuracy import ASPECTS as NAMES
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.response import time_response
@@ -36,7 +39,7 @@ _PASSES = (1, 2, 3, 4)
 _OUTSIDE = ("accuracy", "analysis", "expect", "identifiability", "initial", "plan")
 
 
-class Found(NamedTuple):
+class EstimatedParameters(NamedTuple):
     """Parameters: estimate, true value (NaN where unknown), standard error and Cramér–Rao bound (p each)."""
 
     estimate: NDArray[np.float64]
@@ -64,8 +67,8 @@ def estimator(scene: Scene) -> Aspect:
     return _of_parameters("estimator", "passes", points, (given.method, chosen), named, _is_known(scene))
 
 
-def _filtered(scene: Scene, changes: Mapping[str, Any]) -> Callable[[int], Callable[[], Found]]:
-    def prepare(passes: int) -> Callable[[], Found]:
+def _filtered(scene: Scene, changes: Mapping[str, Any]) -> Callable[[int], Callable[[], EstimatedParameters]]:
+    def prepare(passes: int) -> Callable[[], EstimatedParameters]:
         return _identified(scene, {"estimator": {**changes["estimator"], "passes": passes}})(passes)
 
     return prepare
@@ -91,7 +94,7 @@ def basis(scene: Scene) -> Aspect:
         dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(scene).dofs])
     )
 
-    def reduced(name: str) -> Callable[[int], Callable[[], Found]]:
+    def reduced(name: str) -> Callable[[int], Callable[[], EstimatedParameters]]:
         return lambda size: _identified(scene, {"reduction": described(name, size, ends)})(size)
 
     points += [
@@ -104,7 +107,7 @@ def basis(scene: Scene) -> Aspect:
 
 
 def hold(scene: Scene) -> Aspect:
-    """Return the ways to join the samples that an estimator knows a force by."""
+    """Return the holds between the samples of a force."""
     samples = sum(int(record.samples or 0) for record in cast("Any", scene.model).measurement.each)
     points = [(Alternative("as-written", _identified(scene, {})), samples)]
     points += [(Alternative(name, _held(scene, name)), samples) for name in HOLDS]
@@ -114,8 +117,8 @@ def hold(scene: Scene) -> Aspect:
     )
 
 
-def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], Found]]:
-    """Return the identification with all forces that are known by samples held so."""
+def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], EstimatedParameters]]:
+    """Return the identification with this hold for all sampled forces."""
     data = scene.source.data
     measurement = data["measurement"]
     shared = "simulate" in measurement
@@ -154,7 +157,7 @@ def response(scene: Scene) -> Aspect:
 
 
 def modes_of(scene: Scene) -> Aspect:
-    """Return the solvers of the modes that the scene asks for."""
+    """Return the solvers of the requested modes."""
     structure, values = responding_structure(scene)
     wanted = cast("IdentificationScene", scene.model).analysis
     assert wanted is not None
@@ -164,10 +167,10 @@ def modes_of(scene: Scene) -> Aspect:
 
 def _identified(
     scene: Scene, changes: Mapping[str, Any], data: Mapping[str, Any] | None = None
-) -> Callable[[int], Callable[[], Found]]:
-    """Return an identification with parts of the scene changed; what they make no sense with is refused."""
+) -> Callable[[int], Callable[[], EstimatedParameters]]:
+    """Return an identification with parts of the scene changed; invalid combinations are rejected."""
 
-    def prepare(_: int) -> Callable[[], Found]:
+    def prepare(_: int) -> Callable[[], EstimatedParameters]:
         kept = {key: v for key, v in (data or scene.source.data).items() if key not in _OUTSIDE}
         other = check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
         return lambda: _found(run_scene(other))
@@ -175,9 +178,9 @@ def _identified(
     return prepare
 
 
-def _found(result: Result) -> Found:
+def _found(result: Result) -> EstimatedParameters:
     columns = ("estimate", "true", "standard_error", "cramer_rao")
-    return Found(*(result[f"identification/parameters/{name}"].data for name in columns))
+    return EstimatedParameters(*(result[f"identification/parameters/{name}"].data for name in columns))
 
 
 def _is_known(scene: Scene) -> bool:
@@ -209,13 +212,13 @@ def _of_parameters(
     )
 
 
-def _error(found: Found, reference: Found) -> float:
+def _error(found: EstimatedParameters, reference: EstimatedParameters) -> float:
     true = found.true if np.isfinite(found.true).all() else reference.estimate
     return float(np.sqrt(np.mean((found.estimate / true - 1) ** 2)))
 
 
-def _yardstick(found: Found) -> float | None:
-    """Return the RMS of the relative Cramér–Rao bounds; None where the truth is not known."""
+def _yardstick(found: EstimatedParameters) -> float | None:
+    """Return the RMS of the relative Cramér–Rao bounds; None where the true values are unknown."""
     if not np.isfinite(found.true).all():
         return None
     return float(np.sqrt(np.mean((found.bound / found.true) ** 2)))

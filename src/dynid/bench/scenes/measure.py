@@ -12,9 +12,9 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 from dynid.bench.process import Process
-from dynid.bench.scenes.aspect import Aspect
-from dynid.bench.scenes.worker import Answer, Question, aspect_of
-from dynid.bench.suite import Figure, pareto
+from dynid.bench.scenes.aspects import Aspect
+from dynid.bench.scenes.worker import TrialRequest, TrialResult, aspect_of
+from dynid.bench.suite import BenchmarkFigure, pareto
 from dynid.result import Result
 from dynid.scene.load import Scene
 from dynid.scene.schema.accuracy import ASPECTS, AccuracyModel, aspects_of
@@ -37,7 +37,7 @@ def add_accuracy(
     options: AccuracyModel | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Add what else could have been chosen in a run: what it costs, and how far off it is.
+    """Add the alternatives to the choices of a run, with their costs and errors.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def add_accuracy(
 
 
 def _restricted(aspect: Aspect, wanted: list[str] | str | None) -> Aspect:
-    """Return an aspect with the alternatives that are asked for, beside the choice made."""
+    """Return an aspect with the requested alternatives and the choice made."""
     if wanted is None or isinstance(wanted, str):
         return aspect
     kept = [p for p in aspect.points if p[0].name in wanted or (p[0].name, p[1]) in aspect.chosen]
@@ -82,9 +82,9 @@ def _restricted(aspect: Aspect, wanted: list[str] | str | None) -> Aspect:
 
 @dataclass
 class _Try:
-    """What came of one alternative at one size, and the times of its runs."""
+    """The outcome of one alternative at one size, with the times of its runs."""
 
-    answer: Answer | None = None
+    answer: TrialResult | None = None
     times: list[float] = field(default_factory=list)
     failed: str = ""
 
@@ -95,7 +95,7 @@ class _Try:
 
 
 class _Trial:
-    """The process that tries alternatives, in turns; it is begun anew when it had to be stopped."""
+    """The process that tries alternatives, in turns; it is restarted after it had to be stopped."""
 
     def __init__(
         self, scene: Scene, aspects: Mapping[str, Aspect], budget: float, tell: Callable[[str], None]
@@ -122,7 +122,7 @@ class _Trial:
         return self._deadline - monotonic()
 
     def run(self, repeats: int) -> None:
-        """Try everything once, and again as long as there is time."""
+        """Run everything once, and again within the budget of time."""
         for place, (aspect, key, chosen) in enumerate(self._order):
             part = _SHARE if chosen else min(_SHARE, _FAIR / (len(self._order) - place))
             self._try(aspect, key, part)
@@ -141,7 +141,9 @@ class _Trial:
             return
         assert self._process is not None
         self._tell(f"{aspect}: {key[0]}, {key[1]:,}")
-        answer: Answer | None = self._process.ask(Question(aspect, *key), max(0.0, part * self._left))
+        answer: TrialResult | None = self._process.ask(
+            TrialRequest(aspect, *key), max(0.0, part * self._left)
+        )
         if answer is None:
             self._close()
             if not found.times:
@@ -192,16 +194,16 @@ def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) 
         result.add(f"{here}/chosen", [key in aspect.chosen for key in keys], ("size",))
 
 
-def _figure(aspect: Aspect, key: Key, tried: _Try, reference: Any) -> Figure:
+def _figure(aspect: Aspect, key: Key, tried: _Try, reference: Any) -> BenchmarkFigure:
     assert tried.answer is not None
     error = None if reference is None else aspect.error(tried.answer.found, reference)
-    return Figure(key[1], tried.time, tried.answer.memory, float("nan") if error is None else error)
+    return BenchmarkFigure(key[1], tried.time, tried.answer.memory, float("nan") if error is None else error)
 
 
 def _columns(
-    aspect: Aspect, keys: Sequence[Key], figures: Mapping[Key, Figure], found: Mapping[Key, Any]
+    aspect: Aspect, keys: Sequence[Key], figures: Mapping[Key, BenchmarkFigure], found: Mapping[Key, Any]
 ) -> Iterator[tuple[str, list[float], str]]:
-    """Yield the figures of an alternative, each with its unit; without those that it has no number for."""
+    """Yield the figures of an alternative, each with its unit; without those that have no value."""
     rows = [figures[key] for key in keys]
     yield "time", [row.time for row in rows], "s"
     yield "memory", [row.memory for row in rows], "B"
@@ -213,7 +215,7 @@ def _columns(
 
 
 def _status(name: str, tries: Mapping[Key, _Try]) -> str:
-    """Say what came of an alternative, at which size where that differs."""
+    """Return the status of an alternative, with its size where sizes differ."""
     own = {size: each.failed for (other, size), each in sorted(tries.items()) if other == name}
     sizes = {text: [f"{size:,}" for size in own if own[size] == text] for text in dict.fromkeys(own.values())}
     if len(sizes) == 1:

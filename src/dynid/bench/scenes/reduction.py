@@ -1,4 +1,4 @@
-"""What is chosen in a scene of kind `reduction`: its bases, and the solver of the full structure's modes."""
+"""Aspects of scenes of kind `reduction`: the bases, and the solver of the full structure's modes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,10 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bench.alternative import Alternative
-from dynid.bench.scenes.aspect import Aspect
-from dynid.bench.scenes.bases import METHODS, described, sizes_around
-from dynid.bench.scenes.modes import solvers
-from dynid.choices import BASIS_BAND, DENSE_MODES
-from dynid.scene.kinds.reduction import interest_of, methods_of
-from dynid.scene.kinds.reductions import build_reductor, read_reduction
+from dynid.bench.benchmark import Alternative
+from dynid.bench.scenes.aspects import METHODS, Aspect, described, sizes_around, solvers
+from dynid.defaults import BASIS_BAND, DENSE_MODES
+from dynid.scene.kinds.reduction import build_reductor, interest_of, methods_of, read_reduction
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.reduction import ReductionScene
@@ -24,8 +21,8 @@ from dynid.structure.modes import modes
 from dynid.structure.reduction.methods import Reductor
 
 
-class Found(NamedTuple):
-    """Natural frequencies, rad/s, and the numbers of the full structure's modes that they stand for."""
+class ReducedFrequencies(NamedTuple):
+    """Natural frequencies, rad/s, and the numbers of the corresponding modes of the full structure."""
 
     omega: NDArray[np.float64]
     numbers: NDArray[np.int64]
@@ -41,8 +38,8 @@ def basis(scene: Scene) -> Aspect:
     asked = max(2 * largest, *(max(each.numbers, default=1) for each in made.values()))
     ends = len(dict.fromkeys([*(dof for joint in structure.joints for dof in joint.dofs), *interest.dofs]))
 
-    def reduced(name: str) -> Callable[[int], Callable[[], Found]]:
-        def prepare(size: int) -> Callable[[], Found]:
+    def reduced(name: str) -> Callable[[int], Callable[[], ReducedFrequencies]]:
+        def prepare(size: int) -> Callable[[], ReducedFrequencies]:
             part = read_reduction(described(name, size, ends))
             return _reduced(structure, build_reductor(part, interest, "accuracy"))(size)
 
@@ -67,26 +64,28 @@ def basis(scene: Scene) -> Aspect:
     )
 
 
-def _reduced(structure: StructuralModel, method: Reductor) -> Callable[[int], Callable[[], Found]]:
-    def work() -> Found:
+def _reduced(
+    structure: StructuralModel, method: Reductor
+) -> Callable[[int], Callable[[], ReducedFrequencies]]:
+    def work() -> ReducedFrequencies:
         made = candidate(structure, method)
-        return Found(made.modes.omega, np.array(made.numbers, dtype=np.int64))
+        return ReducedFrequencies(made.modes.omega, np.array(made.numbers, dtype=np.int64))
 
     return lambda _: work
 
 
-def _full(structure: StructuralModel, count: int) -> Callable[[int], Callable[[], Found]]:
+def _full(structure: StructuralModel, count: int) -> Callable[[int], Callable[[], ReducedFrequencies]]:
     """Return the modes of the full structure, all of a small one."""
 
-    def work() -> Found:
+    def work() -> ReducedFrequencies:
         few = None if structure.size <= DENSE_MODES.value else count
         omega = modes(*structure.with_joints(), count=few).omega
-        return Found(omega, np.arange(1, len(omega) + 1))
+        return ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
 
     return lambda _: work
 
 
-def _error(found: Found, reference: Found, compared: int) -> float:
+def _error(found: ReducedFrequencies, reference: ReducedFrequencies, compared: int) -> float:
     if len(found.omega) < compared:
         return float("inf")
     numbers = found.numbers[:compared]

@@ -1,39 +1,34 @@
-"""A process that tries alternatives to the choices of a scene, one at a time, as it is asked."""
+"""Worker process that runs alternatives of a scene, one per request."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from time import perf_counter
 from typing import Any, NamedTuple
 
 from dynid.bench.process import serve
-from dynid.bench.scenes.aspect import Aspect
+from dynid.bench.scenes.aspects import Aspect
 from dynid.errors import DynidError
+from dynid.scene.kind import KINDS
 from dynid.scene.load import Scene, check_source
 from dynid.scene.schema.accuracy import aspects_of
 from dynid.scene.yaml.source import Source
-from dynid.structure.reduction.cost import measured
+from dynid.structure.comparison import measured
 
-#: A first run shorter than this is followed by one that is timed, s: loading and compiling is much of it.
+#: A first run shorter than this, s, is mostly loading and compiling: a second one is timed.
 _LONG = 0.5
-_KINDS = {
-    "bond-graph": "dynid.bench.scenes.bond_graph",
-    "identification": "dynid.bench.scenes.identification",
-    "reduction": "dynid.bench.scenes.reduction",
-}
 
 
-class Question(NamedTuple):
-    """What to try."""
+class TrialRequest(NamedTuple):
+    """The alternative to run, and its size."""
 
     aspect: str
     alternative: str
     size: int
 
 
-class Answer(NamedTuple):
-    """Time, s, rise of the peak memory, B, and what was found; or why there is nothing."""
+class TrialResult(NamedTuple):
+    """Time, s, rise of the peak memory, B, and the result; or the reason of a failure."""
 
     time: float = 0.0
     memory: float = 0.0
@@ -42,30 +37,30 @@ class Answer(NamedTuple):
 
 
 def aspect_of(scene: Scene, name: str) -> Aspect:
-    """Return one of the things that are chosen in a scene."""
-    found: Aspect = import_module(_KINDS[scene.kind]).ASPECTS[name](scene)
+    """Return an aspect of a scene."""
+    found: Aspect = KINDS[scene.kind].load("alternatives")[name](scene)
     return found
 
 
 class Worker:
-    """Answers: first it is given the scene, then questions."""
+    """Receives the scene first, then requests."""
 
-    def __call__(self, asked: Source | Question) -> Answer:
-        """Take over a scene, or answer a question."""
+    def __call__(self, asked: Source | TrialRequest) -> TrialResult:
+        """Store the scene, or serve a request."""
         if isinstance(asked, Source):
             scene = check_source(asked)
             self._aspects = {name: aspect_of(scene, name) for name in aspects_of(asked.data)}
-            return Answer()
+            return TrialResult()
         points = self._aspects[asked.aspect].points
         wanted = (asked.alternative, asked.size)
         chosen = next(each for each, size in points if (each.name, size) == wanted)
         try:
             return _tried(chosen.prepare(asked.size))
         except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
-            return Answer(failed=" ".join(str(error).split()) or type(error).__name__)
+            return TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
 
 
-def _tried(work: Callable[[], Any]) -> Answer:
+def _tried(work: Callable[[], Any]) -> TrialResult:
     with measured() as cost:
         found = work()
     seconds = cost.seconds
@@ -73,9 +68,9 @@ def _tried(work: Callable[[], Any]) -> Answer:
         before = perf_counter()
         work()
         seconds = perf_counter() - before
-    return Answer(seconds, 1024**2 * (cost.peak_megabytes or 0.0), found)
+    return TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), found)
 
 
 def main() -> None:
-    """Answer until there are no more questions."""
+    """Serve requests until there are no more."""
     serve(Worker())

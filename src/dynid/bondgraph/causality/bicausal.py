@@ -13,10 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from dynid.bondgraph.causality.assign import describe
 from dynid.bondgraph.causality.report import Causality
-from dynid.bondgraph.causality.scap import run_scap
-from dynid.bondgraph.causality.strokes import How, Strokes
+from dynid.bondgraph.causality.scap import describe, run_scap
+from dynid.bondgraph.causality.strokes import StrokeReason, Strokes
 from dynid.bondgraph.graph import JUNCTIONS, ONE_PORTS, BondGraph, Port
 from dynid.bondgraph.reduction.junctions import unique
 
@@ -34,7 +33,7 @@ class BicausalBond:
     head: str
     effort: End
     flow: End
-    set_by: How
+    set_by: StrokeReason
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,11 @@ def _along(
     table: dict[int, BicausalBond] = {}
     for bond, settled in zip(beside, inside.bonds, strict=True):
         table[bond] = BicausalBond(
-            settled.tail, settled.head, settled.stroke, _other(settled.stroke), settled.set_by
+            settled.tail,
+            settled.head,
+            settled.stroke,
+            "tail" if settled.stroke == "head" else "head",
+            settled.set_by,
         )
     for node, bond in zip(nodes, line, strict=False):
         tail, head = bonds[bond]
@@ -205,7 +208,3 @@ def _nodes_along(bonds: list[tuple[str, str]], line: tuple[int, ...], start: str
     for bond in line:
         nodes.append(bonds[bond][bonds[bond][0] == nodes[-1]])
     return nodes
-
-
-def _other(end: End) -> End:
-    return "tail" if end == "head" else "head"

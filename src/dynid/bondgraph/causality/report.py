@@ -1,11 +1,20 @@
-"""What causality says of a graph."""
+"""Findings of causality: strokes, states, dependent storages, algebraic loops and conflicts, in words.
+
+With strokes on the bonds every effort and flow has one origin. Cut at the storages, the dependences form
+a directed graph; its strongly connected parts are the algebraic loops: signals that depend on themselves
+without an integration in between.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from dynid.bondgraph.causality.strokes import How
+from dynid.bondgraph.causality.strokes import Contradiction, StrokeReason, Strokes
+from dynid.bondgraph.graph import JUNCTIONS, SOURCES, STORAGES, TWO_PORTS
+
+# --- tables ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -26,7 +35,7 @@ class CausalBond:
     tail: str
     head: str
     stroke: Literal["tail", "head"]
-    set_by: How
+    set_by: StrokeReason
 
 
 @dataclass(frozen=True)
@@ -36,7 +45,7 @@ class CausalElement:
     name: str
     type: str
     causality: str
-    set_by: How
+    set_by: StrokeReason
 
 
 @dataclass(frozen=True)
@@ -49,13 +58,13 @@ class CausalState:
 
 
 @dataclass(frozen=True)
-class Remark:
+class CausalityRemark:
     """Something to know about some nodes, in words.
 
     Parameters
     ----------
     nodes
-        The nodes concerned, the most telling first.
+        The nodes concerned, the most important first.
     meaning
         What it means physically.
     equations
@@ -90,11 +99,168 @@ class Causality:
     bonds: tuple[CausalBond, ...]
     elements: tuple[CausalElement, ...]
     states: tuple[CausalState, ...]
-    dependent: tuple[Remark, ...] = ()
-    loops: tuple[Remark, ...] = ()
-    conflicts: tuple[Remark, ...] = field(default=())
+    dependent: tuple[CausalityRemark, ...] = ()
+    loops: tuple[CausalityRemark, ...] = ()
+    conflicts: tuple[CausalityRemark, ...] = field(default=())
 
     @property
     def order(self) -> int:
         """The number of states that the structure allows."""
         return len(self.states)
+
+
+# --- explanations ---------------------------------------------------------------------------------
+
+#: Most nodes that a sentence lists.
+_MOST = 6
+
+
+def join_nodes(names: Sequence[str]) -> str:
+    """Write names as a reader would: a, b and c."""
+    if len(names) > _MOST:
+        return f"{', '.join(names[:_MOST])} and {len(names) - _MOST} more"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""
+
+
+def join_with_types(kinds: Mapping[str, str], names: Iterable[str]) -> str:
+    """Write nodes with their types: I m1 and C k."""
+    return join_nodes(
+        [
+            f"{kinds[name]}-junction {name}" if kinds[name] in JUNCTIONS else f"{kinds[name]} {name}"
+            for name in names
+        ]
+    )
+
+
+def explain_dependent(strokes: Strokes, name: str) -> CausalityRemark:
+    """Say what a storage in derivative causality follows."""
+    (bond,) = strokes.bonds_at[name]
+    roots, inner = strokes.roots([bond])
+    owners = [owner for owner in _owners(strokes, roots) if owner != name]
+    quantity = "momentum" if strokes.kinds[name] == "I" else "displacement"
+    subject = f"{strokes.kinds[name]} {name}"
+    two_ports = [node for node in inner if strokes.kinds[node] in TWO_PORTS]
+    through = f" through {join_with_types(strokes.kinds, two_ports or inner)}" if inner else ""
+    sources = [owner for owner in owners if strokes.kinds[owner] in SOURCES]
+    storages = [owner for owner in owners if strokes.kinds[owner] in STORAGES]
+    if storages:
+        alike = {strokes.kinds[owner] for owner in (name, *storages)}
+        rigidly = "rigidly " if alike == {"I"} else ""
+        meaning = (
+            f"{subject} is {rigidly}tied to {join_with_types(strokes.kinds, [*storages, *sources])}"
+            f"{through}: its {quantity} is not a state of its own"
+        )
+    elif sources:
+        meaning = (
+            f"{subject} is driven by {join_with_types(strokes.kinds, sources)} with nothing in between"
+            f"{through if two_ports else ''}: its {quantity} follows the source"
+        )
+    else:
+        meaning = f"{subject} is held by the junctions around it{through}: its {quantity} is no state"
+    return CausalityRemark((name, *storages, *sources, *(two_ports or inner)), meaning)
+
+
+def explain_conflict(strokes: Strokes, bond: int, problem: Contradiction) -> CausalityRemark:
+    """Say which rules contradict each other, and where."""
+    found = set(_owners(strokes, [bond, *problem.roots]))
+    owners = [name for name in strokes.kinds if name in found]
+    kind = strokes.kinds.get(problem.node, "")
+    sources = len(owners) > 1 and all(strokes.kinds[owner] in SOURCES for owner in owners)
+    who = join_with_types(strokes.kinds, owners or problem.nodes)
+    if kind in JUNCTIONS:
+        common, others = ("effort", "flow") if kind == "0" else ("flow", "effort")
+        where = join_with_types(strokes.kinds, [problem.node])
+        if problem.surplus:
+            meaning = f"{who} {'both' if len(owners) == 2 else 'at once'} set the {common} of {where}"
+        else:
+            verb = "imposes" if len(owners) == 1 else "impose"
+            meaning = f"nothing is left to set the {common} of {where}: {who} {verb} every {others} on it"
+    else:
+        meaning = f"{who} cannot both impose on the bond {' -> '.join(strokes.bonds[bond])}"
+    if sources:
+        meaning += "; ideal sources meet with no element between them to take up the difference"
+    return CausalityRemark(tuple(dict.fromkeys([*owners, problem.node, *problem.nodes])), meaning)
+
+
+def _owners(strokes: Strokes, bonds: Iterable[int]) -> list[str]:
+    """Return the sources, storages and resistances at the ends of bonds."""
+    one_ports = SOURCES | STORAGES | {"R"}
+    ends = (end for bond in bonds for end in strokes.bonds[bond])
+    return list(dict.fromkeys(end for end in ends if strokes.kinds[end] in one_ports))
+
+
+# --- algebraic loops ------------------------------------------------------------------------------
+
+_EFFORT, _FLOW = 0, 1
+
+
+def algebraic_loops(strokes: Strokes) -> tuple[CausalityRemark, ...]:
+    """Name every algebraic loop of a graph with all strokes put."""
+    import numpy as np
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    edges = list(_dependences(strokes))
+    if not edges:
+        return ()
+    count = 2 * len(strokes.bonds)
+    ends = np.array(edges).T
+    graph = csr_array((np.ones(len(edges), dtype=np.int8), (ends[0], ends[1])), shape=(count, count))
+    _, label = connected_components(graph, directed=True, connection="strong")
+    members: dict[int, list[int]] = {}
+    for signal in range(count):
+        members.setdefault(int(label[signal]), []).append(signal)
+    loops: dict[tuple[int, ...], int] = {}  # efforts and flows may run round the same bonds apart
+    for signals in members.values():
+        bonds = tuple(dict.fromkeys(signal // 2 for signal in signals))
+        if len(signals) > 1:
+            free = sum(strokes.how[bond] == "free" for bond in bonds)
+            loops[bonds] = loops.get(bonds, 0) + max(1, free)
+    return tuple(_remark(strokes, bonds, count) for bonds, count in loops.items())
+
+
+def _dependences(strokes: Strokes) -> Iterator[tuple[int, int]]:
+    """Yield (signal, signal that depends on it); bond k has effort 2k and flow 2k + 1."""
+    for node, kind in strokes.kinds.items():
+        bonds = strokes.bonds_at[node]
+        effort_in = {bond: strokes.at_head[bond] is strokes.towards(node, bond) for bond in bonds}
+        match kind:
+            case "0" | "1":
+                common, balance = (_EFFORT, _FLOW) if kind == "0" else (_FLOW, _EFFORT)
+                setter = strokes.setter[node]
+                for bond in bonds:
+                    if setter is not None and bond != setter:
+                        yield 2 * setter + common, 2 * bond + common
+                        yield 2 * bond + balance, 2 * setter + balance
+            case "R":
+                (bond,) = bonds
+                signals = 2 * bond + _EFFORT, 2 * bond + _FLOW
+                yield signals if effort_in[bond] else signals[::-1]
+            case "TF" | "GY":
+                for one, two in (bonds, bonds[::-1]):
+                    given = _EFFORT if effort_in[one] else _FLOW
+                    yield 2 * one + given, 2 * two + (given if kind == "TF" else 1 - given)
+
+
+def _remark(strokes: Strokes, bonds: tuple[int, ...], count: int) -> CausalityRemark:
+    nodes = dict.fromkeys(end for bond in bonds for end in strokes.bonds[bond])
+    resistances = [name for name in nodes if strokes.kinds[name] == "R"]
+    inner = [name for name in nodes if strokes.kinds[name] in ("0", "1", "TF", "GY")]
+    solved = "one linear equation has" if count == 1 else f"{count} linear equations have"
+    through = f" through {join_nodes(inner)}" if inner else ""
+    if not resistances:
+        meaning = (
+            f"what goes into {join_nodes(inner)} comes back upon itself with no element in between: {solved} "
+            "to be solved, which fails where the gain once round is 1"
+        )
+    elif len(resistances) == 1:
+        meaning = (
+            f"{join_with_types(strokes.kinds, resistances)} depends on itself{through}: "
+            f"{solved} to be solved at once"
+        )
+    else:
+        depend = "each depend on the other" if len(resistances) == 2 else "depend on each other"
+        meaning = (
+            f"{join_with_types(strokes.kinds, resistances)} {depend}{through}: {solved} to be solved at once"
+        )
+    return CausalityRemark((*resistances, *inner), meaning, count)

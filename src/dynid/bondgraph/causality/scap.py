@@ -5,21 +5,131 @@ whatever is left, each with all that it forces. A stroke that leads to a contrad
 Taken one at a time, storages cannot block each other to the wrong effect: sets of storages that
 integrate together are the feasible sets of a delta-matroid (of the matchings of the junctions), on which
 the greedy choice is the largest (Bouchet 1987), as long as every step can still be completed. Where
-forcing alone was blind for that, around a loop, the procedure is run again with a look ahead at each step.
+forcing alone did not notice that, around a loop, the procedure is run again with a look ahead at each step.
+
+The look ahead is a perfect matching of junctions. Every junction takes its common variable from exactly one
+bond. A bond between a 0 and a 1 sets both or neither, so that the setting bonds pair up the junctions that no
+element sets: a perfect matching, which exists exactly where the matrix D + S of random entries (D: junctions
+that an open element can set; S skew-symmetric: open bonds between junctions) has a nonzero determinant (Tutte
+1947). Only junctions on loops need it: the trees attached to them can be completed either way.
 """
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dynid.bondgraph.causality.completion import Completion
-from dynid.bondgraph.causality.strokes import Contradiction, How, Strokes
-from dynid.bondgraph.graph import SOURCES, STORAGES
+from dynid.bondgraph.causality.report import (
+    CausalBond,
+    CausalElement,
+    Causality,
+    CausalState,
+    algebraic_loops,
+    explain_conflict,
+    explain_dependent,
+)
+from dynid.bondgraph.causality.strokes import Contradiction, StrokeReason, Strokes
+from dynid.bondgraph.graph import ONE_PORTS, SOURCES, STORAGES, BondGraph
+from dynid.defaults import LOOKING_AHEAD
+
+# --- look ahead -----------------------------------------------------------------------------------
+
+_PRIME = (1 << 61) - 1
+
+
+class StrokeCompletion:
+    """The loops of a graph, and whether strokes on them can be completed.
+
+    Parameters
+    ----------
+    strokes
+        Strokes on the graph.
+    """
+
+    def __init__(self, strokes: Strokes) -> None:
+        self.loops = _junctions_on_loops(strokes)
+        #: Whether there is anything to look at, and not too much of it.
+        self.feasible = 0 < len(self.loops) <= LOOKING_AHEAD.value
+
+    def possible(self, strokes: Strokes) -> bool:
+        """Test whether the open bonds can be given strokes that obey every rule."""
+        from flint import nmod_mat
+
+        links, alone = self._links(strokes)
+        names = sorted({*(name for pair in links for name in pair), *alone, *self._unset(strokes)})
+        place = {name: index for index, name in enumerate(names)}
+        draw = random.Random(0x5CA9)
+        matrix = nmod_mat(len(names), len(names), _PRIME)
+        for name in sorted(alone):
+            matrix[place[name], place[name]] = draw.randrange(1, _PRIME)
+        for a, b in links:
+            size = draw.randrange(1, _PRIME)
+            matrix[place[a], place[b]] = matrix[place[a], place[b]] + size
+            matrix[place[b], place[a]] = matrix[place[b], place[a]] - size
+        return int(matrix.det()) != 0
+
+    def _unset(self, strokes: Strokes) -> list[str]:
+        return [name for name in self.loops if strokes.setter[name] is None]
+
+    def _links(self, strokes: Strokes) -> tuple[list[tuple[str, str]], set[str]]:
+        """Return the open links between unset junctions, and the junctions that something else can set.
+
+        Two junctions of which a link sets exactly one are linked through a junction of its own.
+        """
+        links: list[tuple[str, str]] = []
+        alone: set[str] = set()
+        for name in self._unset(strokes):
+            for bond in strokes.bonds_at[name]:
+                if strokes.at_head[bond] is not None:
+                    continue
+                end, last, sets_both = _follow(strokes, name, bond)
+                if end not in self.loops:
+                    alone.add(name)
+                elif bond < last or (bond == last and name < end):  # each link is met from both of its ends
+                    if sets_both:
+                        links += [(name, end)] if name != end else []
+                    else:
+                        links += [(name, f"\0{bond}"), (f"\0{bond}", end)]
+        return links, alone
+
+
+def _follow(strokes: Strokes, start: str, bond: int) -> tuple[str, int, bool]:
+    """Follow a bond through TF and GY; return the end, the last bond, and whether it sets both ends."""
+    at_head = strokes.setting(start, bond)
+    node = strokes.other_end(bond, start)
+    while strokes.kinds[node] in ("TF", "GY"):
+        stroke_here = (at_head is strokes.towards(node, bond)) is (strokes.kinds[node] == "GY")
+        bond = next(other for other in strokes.bonds_at[node] if other != bond)
+        at_head = stroke_here is strokes.towards(node, bond)
+        node = strokes.other_end(bond, node)
+    return node, bond, node in strokes.setter and strokes.sets(node, bond, at_head)
+
+
+def _junctions_on_loops(strokes: Strokes) -> dict[str, None]:
+    """Return the junctions that are left when those with a single link to others are taken off in turn."""
+    ends = {
+        name: [_follow(strokes, name, bond)[0] for bond in strokes.bonds_at[name]] for name in strokes.setter
+    }
+    neighbours = {name: [end for end in found if end in strokes.setter] for name, found in ends.items()}
+    degree = {name: len(found) for name, found in neighbours.items()}
+    leaves = [name for name, count in degree.items() if count < 2]
+    left = dict.fromkeys(strokes.setter)
+    while leaves:
+        leaf = leaves.pop()
+        del left[leaf]
+        for end in neighbours[leaf]:
+            degree[end] -= 1
+            if end in left and degree[end] == 1:
+                leaves.append(end)
+    return left
+
+
+# --- procedure ------------------------------------------------------------------------------------
 
 
 @dataclass
-class Assigned:
+class AssignedStrokes:
     """Strokes on every bond, and what could not be had.
 
     Parameters
@@ -34,7 +144,7 @@ class Assigned:
     conflicts: list[tuple[int, Contradiction]]
 
 
-def run_scap(strokes: Strokes, elements: Iterable[str]) -> Assigned:
+def run_scap(strokes: Strokes, elements: Iterable[str]) -> AssignedStrokes:
     """Complete strokes by the procedure.
 
     Parameters
@@ -48,18 +158,18 @@ def run_scap(strokes: Strokes, elements: Iterable[str]) -> Assigned:
     before = strokes.copy()
     assigned = _Procedure(strokes, None).run(elements)
     if any(assigned.strokes.how[bond] != "source" for bond, _ in assigned.conflicts):
-        ahead = Completion(before)
+        ahead = StrokeCompletion(before)
         if ahead.feasible:
             return _Procedure(before, ahead).run(elements)
     return assigned
 
 
 class _Procedure:
-    def __init__(self, strokes: Strokes, ahead: Completion | None) -> None:
+    def __init__(self, strokes: Strokes, ahead: StrokeCompletion | None) -> None:
         self.strokes, self.ahead = strokes, ahead
         self.conflicts: list[tuple[int, Contradiction]] = []
 
-    def run(self, elements: list[str]) -> Assigned:
+    def run(self, elements: list[str]) -> AssignedStrokes:
         strokes, kinds = self.strokes, self.strokes.kinds
         for name in [name for name in strokes.setter if len(strokes.bonds_at[name]) == 1]:
             self._put(
@@ -75,7 +185,7 @@ class _Procedure:
             self._choose(self._bond(name), self._wanted(name))
         for bond in range(len(strokes.bonds)):
             self._choose(bond, True)
-        return Assigned(strokes, self.conflicts)
+        return AssignedStrokes(strokes, self.conflicts)
 
     def _bond(self, name: str) -> int:
         return self.strokes.bonds_at[name][0]
@@ -85,7 +195,7 @@ class _Procedure:
         bond = self._bond(name)
         return self.strokes.towards(name, bond) is (self.strokes.kinds[name] in ("Sf", "I"))
 
-    def _put(self, bond: int, at_head: bool, how: How) -> None:
+    def _put(self, bond: int, at_head: bool, how: StrokeReason) -> None:
         """Put a stroke that has no alternative."""
         problem = self.strokes.put(bond, at_head, how)
         if problem is not None:
@@ -105,7 +215,7 @@ class _Procedure:
             return 0
         return self.strokes.take_back()
 
-    def _prefer(self, bond: int, at_head: bool, how: How) -> None:
+    def _prefer(self, bond: int, at_head: bool, how: StrokeReason) -> None:
         """Put a stroke if it can stand, else its opposite."""
         strokes = self.strokes
         if strokes.at_head[bond] is not None or any(bond == other for other, _ in self.conflicts):
@@ -120,7 +230,7 @@ class _Procedure:
             strokes.how[bond] = "conflict"
             self.conflicts.append((bond, second))
 
-    def _try(self, bond: int, at_head: bool, how: How) -> Contradiction | None:
+    def _try(self, bond: int, at_head: bool, how: StrokeReason) -> Contradiction | None:
         strokes = self.strokes
         problem = strokes.put(bond, at_head, how)
         if problem is None and self.ahead is not None and not self.ahead.possible(strokes):
@@ -128,3 +238,76 @@ class _Procedure:
             settled = [b for b, value in enumerate(strokes.at_head) if value is not None]
             return Contradiction("", False, *strokes.roots(settled))
         return problem
+
+
+# --- causality of a graph -------------------------------------------------------------------------
+
+
+def assign_causality(graph: BondGraph) -> Causality:
+    """Assign causality to every bond of a graph (SCAP).
+
+    It reads nodes and bonds only, no values, and takes time linear in their number; around loops a step
+    may have to be looked ahead.
+
+    Parameters
+    ----------
+    graph
+        The bond graph.
+
+    Returns
+    -------
+    Causality
+        Strokes, states, dependent storages and algebraic loops; conflicts where the graph contradicts
+        itself, with the strokes of the rest.
+    """
+    kinds = {name: node.type for name, node in graph.nodes.items()}
+    strokes = Strokes(kinds, [(bond.tail, bond.head) for bond in graph.bonds])
+    one_ports = [name for name, kind in kinds.items() if kind in ONE_PORTS]
+    return describe(run_scap(strokes, one_ports))
+
+
+def describe(assigned: AssignedStrokes) -> Causality:
+    """Put an assignment into words and tables."""
+    strokes = assigned.strokes
+    kinds = strokes.kinds
+    elements = tuple(_element(strokes, name) for name, kind in kinds.items() if kind in ONE_PORTS)
+    integral = [element.name for element in elements if element.causality == "integral"]
+    derivative = [element.name for element in elements if element.causality == "derivative"]
+    return Causality(
+        bonds=tuple(_bond(strokes, bond) for bond in range(len(strokes.bonds))),
+        elements=elements,
+        states=tuple(_state(kinds[name], name) for name in integral),
+        dependent=tuple(explain_dependent(strokes, name) for name in derivative),
+        loops=() if assigned.conflicts else algebraic_loops(strokes),
+        conflicts=tuple(explain_conflict(strokes, bond, problem) for bond, problem in assigned.conflicts),
+    )
+
+
+def _bond(strokes: Strokes, bond: int) -> CausalBond:
+    tail, head = strokes.bonds[bond]
+    at_head = strokes.at_head[bond]
+    how = "conflict" if at_head is None else strokes.how[bond]
+    return CausalBond(tail, head, "tail" if at_head is False else "head", how)
+
+
+def _element(strokes: Strokes, name: str) -> CausalElement:
+    kind = strokes.kinds[name]
+    (bond,) = strokes.bonds_at[name]
+    if strokes.at_head[bond] is None:
+        return CausalElement(name, kind, "fixed" if kind in SOURCES else "conflict", "conflict")
+    effort_in = strokes.at_head[bond] is strokes.towards(name, bond)
+    if kind in SOURCES:
+        causality = "fixed"
+    elif kind in STORAGES:
+        causality = "integral" if effort_in is (kind == "I") else "derivative"
+    else:
+        causality = "conductive" if effort_in else "resistive"
+    return CausalElement(name, kind, causality, strokes.how[bond])
+
+
+def _state(kind: str, name: str) -> CausalState:
+    return (
+        CausalState(f"p_{name}", name, "momentum")
+        if kind == "I"
+        else CausalState(f"q_{name}", name, "displacement")
+    )

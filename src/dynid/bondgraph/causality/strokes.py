@@ -14,7 +14,7 @@ from typing import Literal
 
 from dynid.bondgraph.graph import JUNCTIONS, TWO_PORTS
 
-How = Literal["source", "preferred", "free", "propagated", "bicausal", "conflict"]
+StrokeReason = Literal["source", "preferred", "free", "propagated", "bicausal", "conflict"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Strokes:
                 self.bonds_at[end].append(bond)
         #: Whether the stroke is at the head; None while it is open.
         self.at_head: list[bool | None] = [None] * len(bonds)
-        self.how: list[How] = ["propagated"] * len(bonds)
+        self.how: list[StrokeReason] = ["propagated"] * len(bonds)
         self.causes: list[tuple[int, ...]] = [()] * len(bonds)
         self.between: dict[int, tuple[str, ...]] = {}
         self.setter: dict[str, int | None] = {n: None for n, kind in kinds.items() if kind in JUNCTIONS}
@@ -80,7 +80,7 @@ class Strokes:
         return tail if node == head else head
 
     def sets(self, node: str, bond: int, at_head: bool | None = None) -> bool:
-        """Tell whether a bond sets the common variable of a junction at its end."""
+        """Test whether a bond sets the common variable of a junction at its end."""
         stroke = self.at_head[bond] if at_head is None else at_head
         return (stroke is (self.bonds[bond][1] == node)) is (self.kinds[node] == "0")
 
@@ -107,7 +107,9 @@ class Strokes:
 
     # --- writing -------------------------------------------------------------------------------
 
-    def put(self, bond: int, at_head: bool, how: How, causes: tuple[int, ...] = ()) -> Contradiction | None:
+    def put(
+        self, bond: int, at_head: bool, how: StrokeReason, causes: tuple[int, ...] = ()
+    ) -> Contradiction | None:
         """Put a stroke and all that it forces, or nothing where that leads to a contradiction."""
         trail = self._latest = []
         queue = deque([(bond, at_head, how, causes)])
@@ -132,7 +134,7 @@ class Strokes:
         return None
 
     def _force(
-        self, node: str, bond: int, queue: deque[tuple[int, bool, How, tuple[int, ...]]]
+        self, node: str, bond: int, queue: deque[tuple[int, bool, StrokeReason, tuple[int, ...]]]
     ) -> Contradiction | None:
         """Queue what a new stroke forces at one of its ends."""
         kind = self.kinds[node]
@@ -146,7 +148,7 @@ class Strokes:
         return None
 
     def _force_at_junction(
-        self, node: str, bond: int, queue: deque[tuple[int, bool, How, tuple[int, ...]]]
+        self, node: str, bond: int, queue: deque[tuple[int, bool, StrokeReason, tuple[int, ...]]]
     ) -> Contradiction | None:
         if self.sets(node, bond):
             earlier = self.setter[node]

@@ -1,33 +1,38 @@
-"""Zero and pole dynamics of a prototype as Park & Kim 1997 print them (eqs 5 to 12), and what they miss.
+"""Zero and pole dynamics of a prototype as Park & Kim 1997 print them (eqs 5 to 12), and the complete ones.
 
 With the systems A = N_A/D_A and B = N_B/D_B of the prototype, each in lowest terms:
 
-- a, b: eqs 5, 6 ask A and B to vanish together, which is sufficient, not necessary: the zeros of the
-  driving point A + B are the roots of its numerator. Eqs 10, 11 give the natural modes with the driving port
-  removed; of the driving point they are the zeros, its poles are those of A and B.
-- c, d: eqs 7, 8 miss the zeros at the poles of A. Eq 12 loses the natural modes that cancel inside A B: all
-  of them are the roots of D_A D_B + N_A N_B.
+- Eqs 5 to 8 give the zeros of a response that the paper names: e/f of a, f/e of b, e_B/f of c, e_A/e of d.
+  Eqs 5, 6 ask A and B to vanish together, which is sufficient, not necessary: the zeros of A + B are the
+  roots of its numerator. Eq 7 misses the zeros at the poles of Y_A. Eq 8 is exact.
+- Eqs 10, 11 give the natural modes with the driving port removed; of the driving point of a and b they are
+  the zeros, its poles are those of A and B. Eq 12 loses the natural modes that cancel inside A B.
+
+The natural modes are the roots of the determinant of the whole graph. Where A and B are independent it is
+D_A D_B + N_A N_B (N_A D_B + N_B D_A for a and b) times what neither of them shows. Where the driven junction
+lies on a loop, A and B share the loop, and these products count the shared part twice.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.reduced import Planned
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.plan import ProgramPlan
 from dynid.bondgraph.reduction.prototypes import Prototype
-from dynid.bondgraph.transfer import TransferFunction
-from dynid.lti.certified import Root
+from dynid.lti.certified_roots import CertifiedRoot
 
 #: Bits to refine a mode to, and Newton steps at most: each doubles the bits.
 _DIGITS, _MOST_STEPS = 192, 40
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class PrototypeDynamics:
     """Zero and pole dynamics of a prototype.
 
     Parameters
@@ -40,8 +45,12 @@ class Dynamics:
         The polynomials of the printed equations (flint `fmpz_poly`); 0 where the condition always holds.
     driving_point
         The driving-point relation (eqs 1 to 4); None where it does not exist.
+    response
+        The response that eqs 5 to 8 name (`Prototype.response_name`); None where it does not exist.
     natural
-        The polynomial of all natural modes that A and B show with the driving port removed.
+        The polynomial of all natural modes with the driving port removed: the determinant of the whole.
+    shown
+        The factor of it whose modes the systems A and B show.
     """
 
     prototype: Prototype
@@ -49,7 +58,9 @@ class Dynamics:
     zero: Any
     pole: Any
     driving_point: TransferFunction | None
+    response: TransferFunction | None
     natural: Any
+    shown: Any
 
     @property
     def zero_equation(self) -> str:
@@ -73,13 +84,13 @@ class Dynamics:
 
     @property
     def missed_zeros(self) -> Any:
-        """The polynomial of the zeros of the driving point that the printed condition does not give."""
-        return _without(self._driving_numerator, self.zero)
+        """The polynomial of the zeros of the named response that the printed condition does not give."""
+        return _without(self._named_numerator, self.zero)
 
     @property
     def foreign_zeros(self) -> Any:
-        """The polynomial of what the printed condition gives and the driving point does not have as zeros."""
-        return _without(self.zero, self._driving_numerator)
+        """The polynomial of what the printed condition gives and the named response has not as zeros."""
+        return _without(self.zero, self._named_numerator)
 
     @property
     def missed_modes(self) -> Any:
@@ -87,33 +98,67 @@ class Dynamics:
         return _without(self.natural, self.pole)
 
     @property
-    def _driving_numerator(self) -> Any:
-        return self.natural * 0 if self.driving_point is None else self.driving_point.numerator
+    def foreign_modes(self) -> Any:
+        """The polynomial of what the printed condition gives and is no natural mode."""
+        return _without(self.pole, self.natural)
 
-    def net_power(self, modes: tuple[Root, ...]) -> NDArray[np.float64]:
+    @property
+    def hidden_modes(self) -> Any:
+        """The polynomial of the natural modes that neither A nor B shows."""
+        return _without(self.natural, self.shown)
+
+    @property
+    def _named_numerator(self) -> Any:
+        return self.natural * 0 if self.response is None else self.response.numerator
+
+    def net_power(self, modes: tuple[CertifiedRoot, ...]) -> NDArray[np.float64]:
         """Return the net power over the link port at natural modes, relative to what passes it (eq 9).
 
         With the driving port removed, what A gives B must take: on a 1-junction Z_A f + Z_B f = 0 for the
         common flow f, on a 0-junction Y_A e + Y_B e = 0. The modes are refined first to many digits, or far
         parts of a long line, which hardly feel the port, would show nothing but the rounding of their modes.
-        Where each takes nothing for itself, no power passes at all: the net is 0.
+        Where each takes nothing for itself, no power passes at all: the net is 0. So it is in a mode that
+        neither shows: it does not move the port, or leaves the balance there as it is.
         """
         from flint import ctx
 
-        a, given = self.systems
-        turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
-        b = TransferFunction(given.denominator, given.numerator) if turned else given
-        from_a, from_b = a.numerator * b.denominator, b.numerator * a.denominator
+        from_a, from_b = self._powers
         simple = self.natural // self.natural.gcd(self.natural.derivative())
+        hidden = _without(simple, self.shown)
+        seen = simple // hidden
         powers = []
         with ctx.workprec(_DIGITS + 16 * int(self.natural.degree())):
             for mode in modes:
                 s = _refined(simple, mode.value)
-                passing = abs(from_a(s)).mid() + abs(from_b(s)).mid()
-                rounding = (_sizes(from_a) + _sizes(from_b))(abs(s).mid()) * 2 ** (-ctx.prec // 2)
-                net = abs(from_a(s) + from_b(s)).mid() / passing if passing > rounding else 0.0
-                powers += [float(net)] * mode.multiplicity
+                net = 0.0 if _nearer(hidden, seen, s) else _net(from_a, from_b, s)
+                powers += [net] * mode.multiplicity
         return np.array(powers, dtype=float)
+
+    @cached_property
+    def _powers(self) -> tuple[Any, Any]:
+        """Powers that A and B take for a unit of the common variable, times their denominators."""
+        a, given = self.systems
+        turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
+        b = TransferFunction(given.denominator, given.numerator) if turned else given
+        return a.numerator * b.denominator, b.numerator * a.denominator
+
+
+def _nearer(one: Any, other: Any, s: Any) -> bool:
+    """Test whether a refined root of the product of two coprime polynomials is one of the first."""
+    if one.degree() < 1 or other.degree() < 1:
+        return bool(one.degree() > 0)
+    here, there = (abs(part(s)).mid() for part in (one, other))
+    slope_here, slope_there = (abs(part.derivative()(s)).mid() for part in (one, other))
+    return bool(here * slope_there < there * slope_here)  # the shorter Newton step
+
+
+def _net(from_a: Any, from_b: Any, s: Any) -> float:
+    """Return the net power at a mode, relative to what passes."""
+    from flint import ctx
+
+    passing = abs(from_a(s)).mid() + abs(from_b(s)).mid()
+    rounding = (_sizes(from_a) + _sizes(from_b))(abs(s).mid()) * 2 ** (-ctx.prec // 2)
+    return float(abs(from_a(s) + from_b(s)).mid() / passing) if passing > rounding else 0.0
 
 
 def _sizes(polynomial: Any) -> Any:
@@ -137,7 +182,7 @@ def _refined(polynomial: Any, value: complex) -> Any:
     return s
 
 
-def dynamics_of(planned: Planned, prototype: Prototype) -> Dynamics:
+def prototype_dynamics(planned: ProgramPlan, prototype: Prototype) -> PrototypeDynamics:
     """Return the zero and pole dynamics of a prototype.
 
     Parameters
@@ -147,22 +192,30 @@ def dynamics_of(planned: Planned, prototype: Prototype) -> Dynamics:
     prototype
         The prototype.
     """
-    registers = [register for _, register in prototype.systems]
-    ratios = planned.rational(registers)
+    assert prototype.released is not None
+    registers, characteristic = [register for _, register in prototype.systems], prototype.released()
+    ratios = planned.rational([*registers, characteristic])
     a, b = (TransferFunction.of(ratios[register]) for register in registers)
-    driving: TransferFunction | None
+    natural = ratios[characteristic].lowest_terms()[0]
     both, crossed = a.numerator * b.numerator, a.denominator * b.denominator
+    driving: TransferFunction | None
+    response: TransferFunction | None
     if prototype.fixed:  # a, b: A and B add
         total = a.numerator * b.denominator + b.numerator * a.denominator
-        zero, natural = a.numerator.gcd(b.numerator), total
-        driving = _lowest(total, crossed)
-        pole = driving.numerator
+        driving = response = _lowest(total, crossed)
+        zero, pole, counted = a.numerator.gcd(b.numerator), driving.numerator, total
     else:  # c, d: A acts back on B
-        natural = crossed + both
-        zero = b.numerator if prototype.letter == "c" else _lowest(both, crossed).numerator
-        pole = _lowest(natural, crossed).numerator
-        driving = _lowest(b.numerator * a.denominator, natural) if natural != 0 else None
-    return Dynamics(prototype, (a, b), zero, pole, driving, natural)
+        counted = crossed + both
+        loop = _lowest(both, crossed)
+        driving = _lowest(b.numerator * a.denominator, counted) if counted != 0 else None
+        exact = prototype.letter == "d"
+        zero, pole = loop.numerator if exact else b.numerator, _lowest(counted, crossed).numerator
+        response = (_lowest(both, counted) if counted != 0 else None) if exact else driving
+    if prototype.shared() and counted != 0:  # of what A and B count, the part that the port feels
+        total = _lowest(counted, crossed if prototype.fixed else a.denominator * b.numerator)
+        counted = total.numerator
+    shown = natural.gcd(counted)
+    return PrototypeDynamics(prototype, (a, b), zero, pole, driving, response, natural, shown)
 
 
 def _lowest(numerator: Any, denominator: Any) -> TransferFunction:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import cached_property, reduce
+from functools import cached_property
 from math import inf
 from typing import Any
 
-from dynid.bondgraph.decomposition.cut import Cut
-from dynid.bondgraph.decomposition.side import Contributions, side_of
+from dynid.bondgraph.decomposition.graph_bisection import GraphBisection
+from dynid.bondgraph.decomposition.one_port_equivalent import Contributions, one_port_equivalent
 from dynid.bondgraph.graph import JUNCTIONS, Bond, BondGraph, NodeType, Port
-from dynid.bondgraph.reduced import Planned
+from dynid.bondgraph.plan import ProgramPlan
+from dynid.bondgraph.program.program import Register
+from dynid.bondgraph.reduction.junctions import NameRegistry
 from dynid.bondgraph.reduction.network import STORED
-from dynid.bondgraph.reduction.program import Register
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
+from dynid.bondgraph.reduction.trace import reserve_system_names, taken_names
 from dynid.errors import Singular
 
 
-class Decomposition(Planned):
+class Decomposition(ProgramPlan):
     """A graph decomposed at a port.
 
     Parameters
@@ -54,18 +56,22 @@ class Decomposition(Planned):
     def __init__(
         self, graph: BondGraph, port: Bond, inputs: Sequence[str], stored: Sequence[str] = ()
     ) -> None:
-        self.cut, self.port = Cut.at(graph, port), port
+        self.cut, self.port = GraphBisection.at(graph, port), port
         self.sources = tuple(inputs)
         self.inputs = (*inputs, *(f"{STORED}{name}" for name in stored))
         super().__init__(graph)
 
     def _write(self) -> None:
-        self.source = side_of(self.cut, self.program, "source", self.inputs)
-        self.load = side_of(self.cut, self.program, "load", self.inputs)
+        names = NameRegistry(taken_names(self.graph))
+        self._suffix, *sides = (reserve_system_names(names, suffix) for suffix in ("", "_source", "_load"))
+        self.source, self.load = (
+            one_port_equivalent(self.cut, self.program, side, self.inputs, names, suffix)
+            for side, suffix in zip(("source", "load"), sides, strict=True)
+        )
         self.total = self._total()
         if self.total is not None and self.program.is_zero(self.total):
             raise _contradiction(self.port)
-        self.driven = self._driven_load() if self.source.ideal else None
+        self.driven = self._driven_load(names) if self.source.ideal else None
         self.effort = {name: self._effort(name) for name in self.inputs}
         self.flow = {name: self._flow(name) for name in self.inputs}
 
@@ -154,7 +160,9 @@ class Decomposition(Planned):
         b_is_load = growth["load"] >= growth["source"]
         part_a, part_b = (source, load) if b_is_load else (load, source)
         names = ("the source side", "the load side")
-        return Prototype(self.program, kind, False, part_a, part_b, *(names if b_is_load else names[::-1]))
+        names = names if b_is_load else names[::-1]
+        determinant, suffix = self._determinant, self._suffix
+        return Prototype(self.program, kind, False, part_a, part_b, *names, determinant, suffix=suffix)
 
     def _growth(self, register: Register) -> float:
         """Return the degree of the numerator less that of the denominator; zero sets nothing."""
@@ -169,14 +177,14 @@ class Decomposition(Planned):
             return "0" if self.load.ideal == "flow" else "1"
         return kinds[0] if kinds else "1"
 
-    def _driven_load(self) -> Reduction:
+    def _driven_load(self, names: NameRegistry) -> Reduction:
         """Reduce the load with the source side, which is ideal, as its source."""
         probe: NodeType = "Se" if self.source.ideal == "effort" else "Sf"
         structure = self.cut.structure({self.load.end: probe})
         name = self.cut.probe(self.load.end)
         kind = structure.junctions[structure.place[name]].kind
         port = Port(name, "f" if kind == "1" else "e")
-        return reduce_graph(structure, self.program, port, [name])
+        return reduce_graph(structure, self.program, port, [name], names=names, suffix=self._suffix)
 
     @property
     def meeting(self) -> str:
@@ -186,7 +194,12 @@ class Decomposition(Planned):
 
     def characteristic(self) -> Any:
         """Return the polynomial of all natural modes of both sides joined (flint `fmpz_poly`)."""
-        program, source, load = self.program, self.source, self.load
+        register = self._determinant()
+        return self.rational([register])[register].lowest_terms()[0]
+
+    def _determinant(self) -> Register:
+        """Write the determinant of both sides joined."""
+        source, load = self.source, self.load
         parts: tuple[Register | None, ...]
         if source.impedance is not None and load.impedance is not None:
             parts = source.opened, load.opened, self.total
@@ -196,8 +209,7 @@ class Decomposition(Planned):
             parts = (
                 (source.opened, load.shorted) if source.ideal == "effort" else (source.shorted, load.opened)
             )
-        register = reduce(program.mul, [part for part in parts if part is not None], program.one)
-        return self.rational([register])[register].lowest_terms()[0]
+        return self.program.product(part for part in parts if part is not None)
 
 
 def _contradiction(port: Bond) -> Singular:

@@ -11,21 +11,21 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dynid.bondgraph.decomposition.equivalents import Decomposition
-from dynid.bondgraph.decomposition.side import Side
-from dynid.bondgraph.transfer import TransferFunction
+from dynid.bondgraph.decomposition.one_port_equivalent import OnePortEquivalent
+from dynid.bondgraph.exact_engine import TransferFunction
 
-Point = tuple[Fraction, Fraction]
+FlowEffort = tuple[Fraction, Fraction]
 
 
 @dataclass(frozen=True)
-class Line:
+class StaticLine:
     """The points (f, e) with effort * e + flow * f = right."""
 
     effort: Fraction
     flow: Fraction
     right: Fraction
 
-    def meets(self, other: Line) -> Point | None:
+    def meets(self, other: StaticLine) -> FlowEffort | None:
         """Return the point (f, e) that two lines share, None where they are parallel."""
         determinant = self.effort * other.flow - self.flow * other.effort
         if determinant == 0:
@@ -34,18 +34,18 @@ class Line:
         flow = (self.effort * other.right - self.right * other.effort) / determinant
         return flow, effort
 
-    def ends(self, box: tuple[Point, Point]) -> tuple[Point, Point]:
+    def ends(self, box: tuple[FlowEffort, FlowEffort]) -> tuple[FlowEffort, FlowEffort]:
         """Return where the line enters and leaves a box, given by two corners."""
         (left, low), (right, high) = box
-        sides = [Line(Fraction(0), Fraction(1), left), Line(Fraction(0), Fraction(1), right)]
-        sides += [Line(Fraction(1), Fraction(0), low), Line(Fraction(1), Fraction(0), high)]
+        sides = [StaticLine(Fraction(0), Fraction(1), left), StaticLine(Fraction(0), Fraction(1), right)]
+        sides += [StaticLine(Fraction(1), Fraction(0), low), StaticLine(Fraction(1), Fraction(0), high)]
         crossings = [point for side in sides if (point := self.meets(side)) is not None]
         inside = sorted(point for point in crossings if left <= point[0] <= right and low <= point[1] <= high)
         return inside[0], inside[-1]
 
 
 @dataclass(frozen=True)
-class Characteristic:
+class StaticCharacteristic:
     """The static characteristic for one input of value 1.
 
     Parameters
@@ -56,12 +56,12 @@ class Characteristic:
         The operating point (f, e).
     """
 
-    source: tuple[Point, Point]
-    load: tuple[Point, Point]
-    operating: Point
+    source: tuple[FlowEffort, FlowEffort]
+    load: tuple[FlowEffort, FlowEffort]
+    operating: FlowEffort
 
 
-def static_characteristics(parts: Decomposition) -> dict[str, Characteristic]:
+def static_characteristics(parts: Decomposition) -> dict[str, StaticCharacteristic]:
     """Return the static characteristic for every input that has one.
 
     It has none where a side has no finite line at s -> 0 (an input that is integrated without end), or where
@@ -74,15 +74,15 @@ def static_characteristics(parts: Decomposition) -> dict[str, Characteristic]:
         if source is None or load is None or operating is None:
             continue
         box = _box(source, load, operating)
-        found[name] = Characteristic(source.ends(box), load.ends(box), operating)
+        found[name] = StaticCharacteristic(source.ends(box), load.ends(box), operating)
     return found
 
 
-def _lines(parts: Decomposition, name: str) -> tuple[Line | None, Line | None]:
+def _lines(parts: Decomposition, name: str) -> tuple[StaticLine | None, StaticLine | None]:
     return _line(parts, parts.source, name, 1), _line(parts, parts.load, name, -1)
 
 
-def _line(parts: Decomposition, side: Side, name: str, outward: int) -> Line | None:
+def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int) -> StaticLine | None:
     """Return e + Z_eq f = e_eq, or Y_eq e + f = f_eq, at s -> 0, f counted into the load."""
     given = side.flow if side.impedance is None else side.effort
     immittance = side.admittance if side.impedance is None else side.impedance
@@ -101,7 +101,7 @@ def _line(parts: Decomposition, side: Side, name: str, outward: int) -> Line | N
     effort, flow = ("own", "one") if side.impedance is None else ("one", "own")
     if values[effort] == values[flow] == 0:
         return None
-    return Line(values[effort], outward * values[flow], values["drive"])
+    return StaticLine(values[effort], outward * values[flow], values["drive"])
 
 
 def _at_zero(polynomials: Mapping[str, object]) -> dict[str, Fraction]:
@@ -111,10 +111,10 @@ def _at_zero(polynomials: Mapping[str, object]) -> dict[str, Fraction]:
     return {name: Fraction(row[lowest] if lowest < len(row) else 0) for name, row in coefficients.items()}
 
 
-def _box(source: Line, load: Line, operating: Point) -> tuple[Point, Point]:
+def _box(source: StaticLine, load: StaticLine, operating: FlowEffort) -> tuple[FlowEffort, FlowEffort]:
     """Return a box around the origin, the operating point and the intercepts of both lines."""
     zero = Fraction(0)
-    axes = Line(Fraction(1), zero, zero), Line(zero, Fraction(1), zero)
+    axes = StaticLine(Fraction(1), zero, zero), StaticLine(zero, Fraction(1), zero)
     points = [operating, (zero, zero)]
     points += [point for line in (source, load) for axis in axes if (point := line.meets(axis)) is not None]
     corners = []

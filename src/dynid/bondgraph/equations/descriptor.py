@@ -1,16 +1,95 @@
-"""The equations of a graph: junction balances, with one more unknown for every storage that integrates."""
+"""The descriptor equations of a graph, as linear forms over any field of numbers.
+
+The equations are the junction balances, with one more unknown for every storage that integrates. A form is
+linear in unknowns, their rates and the derivatives of inputs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
 
-from dynid.bondgraph.equations.forms import Field, Form, add, rate, scaled
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
 from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
+from dynid.errors import Singular
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.reduced import ReducedGraph
+    from dynid.bondgraph.graph import BondGraph
+    from dynid.bondgraph.plan import ReducedGraph
+
+
+# --- linear forms ---------------------------------------------------------------------------------
+
+#: An unknown ("w", name), its rate ("dw", name), or the k-th derivative of an input ("u", name, k).
+FormSymbol = tuple[str, str] | tuple[str, str, int]
+#: Coefficients by symbol, none of them zero.
+LinearForm = dict[FormSymbol, Any]
+
+
+@dataclass(frozen=True)
+class NumberField:
+    """The numbers that equations are written in: exact rationals, or formulas in the parameters.
+
+    Parameters
+    ----------
+    value
+        The value of an element or the modulus of a two-port, by name.
+    one
+        The number 1. Numbers have `+ - * /`, and are false where they are zero.
+    """
+
+    value: Callable[[str], Any]
+    one: Any
+
+    @classmethod
+    def rational(cls, graph: BondGraph) -> Self:
+        """Return the field of the rationals, with the values of a graph."""
+        from flint import fmpq
+
+        def value(name: str) -> Any:
+            exact = graph.value(name)
+            return fmpq(exact.numerator, exact.denominator)
+
+        return cls(value, fmpq(1))
+
+
+def add(form: LinearForm, other: LinearForm, factor: Any = None) -> None:
+    """Add a multiple of another form in place; zero coefficients disappear."""
+    for symbol, value in other.items():
+        term = value if factor is None else factor * value
+        total = form[symbol] + term if symbol in form else term
+        if total:
+            form[symbol] = total
+        else:
+            form.pop(symbol, None)
+
+
+def scaled(form: LinearForm, factor: Any) -> LinearForm:
+    """Return a multiple of a form."""
+    return {symbol: factor * value for symbol, value in form.items()}
+
+
+def rate(form: LinearForm) -> LinearForm:
+    """Differentiate a form in time."""
+    return {_rate_of(symbol): value for symbol, value in form.items()}
+
+
+def _rate_of(symbol: FormSymbol) -> FormSymbol:
+    if len(symbol) == 3:
+        return ("u", symbol[1], symbol[2] + 1)
+    return ("dw", symbol[1])
+
+
+def contradiction() -> Singular:
+    """Return the error for equations without a unique solution."""
+    return Singular(
+        "the state equations of this graph contradict each other or leave a variable open",
+        remedy="Look for junctions without elements in a loop, or sources that meet without one.",
+    )
+
+
+# --- descriptor equations -------------------------------------------------------------------------
 
 
 class Descriptor:
@@ -36,7 +115,7 @@ class Descriptor:
         self,
         structure: JunctionStructure,
         junctions: Iterable[str],
-        field: Field,
+        field: NumberField,
         *,
         inputs: Iterable[str] = (),
         initial: Iterable[str] = (),
@@ -45,11 +124,11 @@ class Descriptor:
         self.structure, self.graph, self.field = structure, structure.graph, field
         self.inputs, self.initial, self.freed = set(inputs), set(initial), freed
         modelled = set(junctions)
-        self.equations: list[Form] = []
+        self.equations: list[LinearForm] = []
         self._owners: list[str] = []  # the storage or junction behind each equation
-        self._responses: dict[str, Form] = {}
-        self._integrals: dict[str, Form] = {}
-        self._balance: dict[str, Form] = {name: {} for name in structure.junctions if name in modelled}
+        self._responses: dict[str, LinearForm] = {}
+        self._integrals: dict[str, LinearForm] = {}
+        self._balance: dict[str, LinearForm] = {name: {} for name in structure.junctions if name in modelled}
         for name, balance in self._balance.items():
             for element in structure.junctions[name].elements:
                 self._responses[element] = self._response(element, name)
@@ -75,22 +154,22 @@ class Descriptor:
             if row in self._balance:
                 add(self._balance[row], self._common(column), size * sign)
 
-    def signal(self, source: str) -> Form:
+    def signal(self, source: str) -> LinearForm:
         """Return what a source imposes."""
         if source == self.freed:
             return {("w", source): self.field.one}
         return {("u", source, 0): self.field.one} if source in self.inputs else {}
 
-    def _common(self, junction: str) -> Form:
+    def _common(self, junction: str) -> LinearForm:
         """Return the common variable of a junction."""
         fixing = self.structure.junctions[junction].fixing
         return {("w", junction): self.field.one} if fixing is None else self.signal(fixing)
 
-    def _response(self, element: str, place: str) -> Form:
+    def _response(self, element: str, place: str) -> LinearForm:
         """Return what an element answers the common variable with (effort on a 1, flow on a 0)."""
         node, value = self.graph.nodes[element], self.field.value(element)
         on_one = self.structure.junctions[place].kind == "1"
-        stored: Form = {("u", f"initial:{element}", 0): -value} if element in self.initial else {}
+        stored: LinearForm = {("u", f"initial:{element}", 0): -value} if element in self.initial else {}
         if node.type == "R":
             size = value if on_one else self.field.one / value
             return scaled(self._common(place), size) if size else {}
@@ -98,7 +177,7 @@ class Descriptor:
             return {**scaled(rate(self._common(place)), value), **stored} if value else {}
         # it integrates: C e' = f + C e(0) delta(t); what it stores is given along the arrow of its bond
         stored = scaled(stored, self.field.one * bond_sign(self.graph, element))
-        equation: Form = {("dw", element): value, **stored} if value else {}
+        equation: LinearForm = {("dw", element): value, **stored} if value else {}
         add(equation, self._common(place), -self.field.one)
         self._integrals[element] = equation
         return {("w", element): self.field.one}
@@ -123,7 +202,7 @@ class Descriptor:
                     found[element] = None
         return [name for name in self.graph.nodes if name in found]
 
-    def output(self, port: Port) -> Form:
+    def output(self, port: Port) -> LinearForm:
         """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
         form = self._variable(port.node, self.graph.behind(port).quantity)
         if self.graph.is_state(port):
@@ -135,7 +214,7 @@ class Descriptor:
         self.equations.append({("dw", name): self.field.one, **scaled(form, -self.field.one)})
         return {("w", name): self.field.one}
 
-    def _variable(self, name: str, quantity: str) -> Form:
+    def _variable(self, name: str, quantity: str) -> LinearForm:
         node, place = self.graph.nodes[name], self.structure.place[name]
         junction = self.structure.junctions[place]
         if node.type in SOURCES and quantity == ("e" if node.type == "Se" else "f"):
@@ -149,8 +228,8 @@ class Descriptor:
 
 
 def constrained(
-    reduced: ReducedGraph, port: Port, source: str, field: Field
-) -> tuple[Descriptor, list[Form]]:
+    reduced: ReducedGraph, port: Port, source: str, field: NumberField
+) -> tuple[Descriptor, list[LinearForm]]:
     """Return the equations of a channel with its output at zero and its input unknown, all others zero."""
     system = Descriptor(reduced.structure, reduced.reductions[port].junctions, field, freed=source)
     output = system.output(port)

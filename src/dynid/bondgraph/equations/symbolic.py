@@ -6,16 +6,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from dynid.bondgraph.algebra.modular import numeric_point, prime_for, random_point
-from dynid.bondgraph.equations.descriptor import Descriptor, constrained
-from dynid.bondgraph.equations.forms import Field, Form, Symbol
-from dynid.bondgraph.equations.index import solve
-from dynid.bondgraph.formula import symbol_names, symbol_value
+from dynid.bondgraph.equations.descriptor import Descriptor, FormSymbol, LinearForm, NumberField, constrained
+from dynid.bondgraph.equations.index_reduction import solve
+from dynid.bondgraph.formulas.expressions import free_letter, length, print_register, shared
+from dynid.bondgraph.formulas.printers import TEXT, Printed
+from dynid.bondgraph.formulas.transfer import symbol_names, symbol_value
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.reduction.notation import express, free_letter, length, shared
-from dynid.bondgraph.reduction.program import Point, Program, Register
-from dynid.bondgraph.reduction.writing import TEXT, Written
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.program.modular import numeric_point, prime_for, random_point
+from dynid.bondgraph.program.program import ModularPoint, Program, Register
 from dynid.errors import UsageError
 
 #: Most symbols and terms with which coefficients are brought to lowest terms.
@@ -24,7 +23,7 @@ _SYMBOLS, _TERMS = 100, 12
 _WHOLE, _PART = 24, 12
 
 
-class Symbolic:
+class RegisterNumber:
     """A number that is written down, not computed: a register of a program.
 
     Parameters
@@ -43,9 +42,6 @@ class Symbolic:
     def _made(self, register: Register) -> Self:
         return type(self)(self.program, register)
 
-    def _constant(self, integer: int) -> Register:
-        return self.program.constant(integer)
-
     def __bool__(self) -> bool:
         return not self.program.is_zero(self.register)
 
@@ -57,7 +53,7 @@ class Symbolic:
 
     def __mul__(self, other: Self | int) -> Self:
         if isinstance(other, int):  # of equations: a sign
-            return self if other == 1 else -self if other == -1 else self._made(self._constant(0))
+            return self if other == 1 else -self if other == -1 else self._made(self.program.constant(0))
         return self._made(self.program.mul(self.register, other.register))
 
     __rmul__ = __mul__
@@ -109,7 +105,9 @@ def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> StateEquati
     return _written(reduced, states, None)
 
 
-def zero_equations(reduced: ReducedGraph, port: Port, source: str, states: Sequence[str]) -> StateEquations:
+def zero_dynamics_equations(
+    reduced: ReducedGraph, port: Port, source: str, states: Sequence[str]
+) -> StateEquations:
     """Write the zero dynamics of a channel in the graph's symbols; the output is the input that holds it.
 
     Parameters
@@ -140,10 +138,13 @@ def _written(reduced: ReducedGraph, states: Sequence[str], held: tuple[Port, str
 class _Solved:
     """State equations whose coefficients are registers."""
 
-    def __init__(self, reduced: ReducedGraph, point: Point, held: tuple[Port, str] | None) -> None:
+    def __init__(self, reduced: ReducedGraph, point: ModularPoint, held: tuple[Port, str] | None) -> None:
         self.reduced, self.graph = reduced, reduced.graph
         program = self.program = Program(point)
-        field = Field(lambda name: Symbolic(program, program.parameter(name)), Symbolic(program, program.one))
+        field = NumberField(
+            lambda name: RegisterNumber(program, program.parameter(name)),
+            RegisterNumber(program, program.one),
+        )
         if held is None:
             junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
             self.system = Descriptor(reduced.structure, junctions, field, inputs=reduced.inputs)
@@ -169,19 +170,21 @@ class _Solved:
             whole = {
                 register: TEXT.name(labels[register])
                 if register in labels
-                else express(self.program, register, nodes, labels)
+                else print_register(self.program, register, nodes, labels)
                 for register in self.registers
             }
         left = [f"d/dt {name}" for name in self.states]
         return StateEquations(
-            tuple(f"{name} = {express(self.program, r, nodes, labels)[0]}" for r, name in labels.items()),
+            tuple(
+                f"{name} = {print_register(self.program, r, nodes, labels)[0]}" for r, name in labels.items()
+            ),
             tuple(self._equations(left, self.rates.values(), whole)),
             tuple(self._equations(self.ports, self.outputs, whole)),
         )
 
-    def _lowest_terms(self) -> dict[Register, Written]:
+    def _lowest_terms(self) -> dict[Register, Printed]:
         """Write coefficients as quotients of polynomials; nothing where one of them grows long."""
-        from dynid.bondgraph.algebra.symbolic import TooLong, quotient, variables
+        from dynid.bondgraph.formulas.symbolic import FormulaTooLong, quotient, variables
 
         try:
             names = symbol_names(self.reduced)
@@ -191,7 +194,7 @@ class _Solved:
             values = {name: symbol_value(self.reduced, name, symbols, one) for name in self.reduced.valued}
             found = self.program.run(self.registers, values, one, one)
             lowest = {register: value.lowest_terms() for register, value in found.items()}
-        except (UsageError, TooLong, KeyError, ZeroDivisionError):
+        except (UsageError, FormulaTooLong, KeyError, ZeroDivisionError):
             return {}
         if any(max(len(above), len(below)) > _TERMS for above, below in lowest.values()):
             return {}
@@ -208,7 +211,7 @@ class _Solved:
         return {register: f"{letter}{k}" for k, register in enumerate(named, 1)}
 
     def _equations(
-        self, left: Iterable[str], forms: Iterable[Form], coefficients: dict[Register, Written]
+        self, left: Iterable[str], forms: Iterable[LinearForm], coefficients: dict[Register, Printed]
     ) -> Iterable[str]:
         for name, form in zip(left, forms, strict=True):
             terms = [
@@ -217,13 +220,13 @@ class _Solved:
             ]
             yield f"{name} = {TEXT.listed(terms)[0]}"
 
-    def _place(self, symbol: Symbol) -> tuple[int, int]:
+    def _place(self, symbol: FormSymbol) -> tuple[int, int]:
         """States first, in their order, then inputs, then their derivatives."""
         if len(symbol) == 2:
             return 0, self.places[symbol[1]]
         return 1 + symbol[2], self.places[symbol[1]]
 
-    def _variable(self, symbol: Symbol) -> str:
+    def _variable(self, symbol: FormSymbol) -> str:
         if len(symbol) == 2:
             return self.system.name(symbol[1])
         times = "" if symbol[2] == 1 else str(symbol[2])

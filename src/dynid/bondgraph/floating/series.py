@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from dynid.bondgraph.algebra.modular import axis_point
-from dynid.bondgraph.reduced import Planned, ReducedGraph
+from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
+from dynid.bondgraph.program.modular import axis_point
 from dynid.errors import NumericalError
 
 #: First and last number of terms that are carried before giving up.
@@ -27,7 +27,7 @@ class _TooFew(ArithmeticError):
     """All terms that were carried cancelled."""
 
 
-class Series:
+class LaurentSeries:
     """coefficients[0] t^start + coefficients[1] t^(start+1) + …, the first nonzero.
 
     Parameters
@@ -35,7 +35,7 @@ class Series:
     start
         The lowest power; without coefficients all that is known is that no power below occurs.
     coefficients
-        Numbers that know whether they are zero (`Certain`, or flint `nmod`).
+        Numbers that know whether they are zero (`CertifiedNumber`, or flint `nmod`).
     terms
         Most coefficients that are kept.
     """
@@ -46,41 +46,41 @@ class Series:
         leading = next((k for k, c in enumerate(coefficients) if c), len(coefficients))
         self.start, self.coefficients, self.terms = start + leading, coefficients[leading:], terms
 
-    def __add__(self, other: Series) -> Series:
+    def __add__(self, other: LaurentSeries) -> LaurentSeries:
         one, later = (self, other) if self.start <= other.start else (other, self)
         end = min(one._end, later._end, one.start + self.terms)
         total = one.coefficients[: end - one.start]
         for place, c in zip(range(later.start - one.start, len(total)), later.coefficients, strict=False):
             total[place] = total[place] + c
-        return Series(one.start, total, self.terms) if total else Series(end, [], self.terms)
+        return LaurentSeries(one.start, total, self.terms) if total else LaurentSeries(end, [], self.terms)
 
-    def __neg__(self) -> Series:
-        return Series(self.start, [-c for c in self.coefficients], self.terms)
+    def __neg__(self) -> LaurentSeries:
+        return LaurentSeries(self.start, [-c for c in self.coefficients], self.terms)
 
-    def __sub__(self, other: Series) -> Series:
+    def __sub__(self, other: LaurentSeries) -> LaurentSeries:
         return self + (-other)
 
-    def __mul__(self, other: Series | int) -> Series:
+    def __mul__(self, other: LaurentSeries | int) -> LaurentSeries:
         if isinstance(other, int):
             if other == 0:
-                return Series(_NEVER, [], self.terms)
-            return Series(self.start, [c * other for c in self.coefficients], self.terms)
+                return LaurentSeries(_NEVER, [], self.terms)
+            return LaurentSeries(self.start, [c * other for c in self.coefficients], self.terms)
         a, b = self.coefficients, other.coefficients
         size = min(len(a), len(b))
-        return Series(
+        return LaurentSeries(
             self.start + other.start,
             [sum((a[i] * b[k - i] for i in range(1, k + 1)), a[0] * b[k]) for k in range(size)],
             self.terms,
         )
 
-    def __truediv__(self, other: Series) -> Series:
+    def __truediv__(self, other: LaurentSeries) -> LaurentSeries:
         if not other.coefficients:
             raise _TooFew
         a, b = self.coefficients, other.coefficients
         quotient: list[Any] = []
         for k in range(min(len(a), len(b))):
             quotient.append(sum((-quotient[i] * b[k - i] for i in range(k)), a[k]) / b[0])
-        return Series(self.start - other.start, quotient, self.terms)
+        return LaurentSeries(self.start - other.start, quotient, self.terms)
 
     @property
     def _end(self) -> int:
@@ -88,7 +88,7 @@ class Series:
         return _NEVER if self.start >= _NEVER else self.start + len(self.coefficients)
 
 
-class Certain:
+class CertifiedNumber:
     """A number known twice: modulo a large prime, where it vanishes only if it is zero, and in a ball.
 
     Parameters
@@ -105,66 +105,66 @@ class Certain:
     def __bool__(self) -> bool:
         return bool(self.residue)
 
-    def __add__(self, other: Certain) -> Certain:
-        return Certain(self.residue + other.residue, self.ball + other.ball)
+    def __add__(self, other: CertifiedNumber) -> CertifiedNumber:
+        return CertifiedNumber(self.residue + other.residue, self.ball + other.ball)
 
-    def __mul__(self, other: Certain | int) -> Certain:
+    def __mul__(self, other: CertifiedNumber | int) -> CertifiedNumber:
         if isinstance(other, int):
-            return Certain(self.residue * other, self.ball * other)
-        return Certain(self.residue * other.residue, self.ball * other.ball)
+            return CertifiedNumber(self.residue * other, self.ball * other)
+        return CertifiedNumber(self.residue * other.residue, self.ball * other.ball)
 
-    def __truediv__(self, other: Certain) -> Certain:
-        return Certain(self.residue / other.residue, self.ball / other.ball)
+    def __truediv__(self, other: CertifiedNumber) -> CertifiedNumber:
+        return CertifiedNumber(self.residue / other.residue, self.ball / other.ball)
 
-    def __neg__(self) -> Certain:
-        return Certain(-self.residue, -self.ball)
+    def __neg__(self) -> CertifiedNumber:
+        return CertifiedNumber(-self.residue, -self.ball)
 
     def __float__(self) -> float:
         return float(self.ball.mid())
 
     @property
     def is_sharp(self) -> bool:
-        """Whether the ball says what double it is."""
+        """True where the ball determines the nearest double."""
         return bool(self.ball.rel_accuracy_bits() > _BITS)
 
 
 class _Point(NamedTuple):
-    """Where to expand: a field, the values of the nodes in it, and how s begins: power and coefficients."""
+    """A point of expansion: a field, the values of the nodes in it, power and coefficients of s there."""
 
     field: Callable[[int], Any]
     values: Mapping[str, Any]
     laplace: tuple[int, list[Any]]
 
 
-def _residues(planned: Planned, power: int) -> _Point:
+def _residues(planned: ProgramPlan, power: int) -> _Point:
     """Return the expansion at 0 in t, s = t^power, modulo a large prime."""
     at = planned.modulo()
     return _Point(at.residue, at.values, (power, [at.residue(1)]))
 
 
-def _certain(planned: Planned, power: int) -> _Point:
+def _certain(planned: ProgramPlan, power: int) -> _Point:
     """Return the same expansion in numbers that are known in balls of the working precision as well."""
     from flint import arb, fmpq
 
     field, residues, _ = _residues(planned, power)
     values = {
-        name: Certain(residues[name], arb(fmpq(value.numerator, value.denominator)))
+        name: CertifiedNumber(residues[name], arb(fmpq(value.numerator, value.denominator)))
         for name, value in planned.exact.items()
     }
 
-    def certain(number: int) -> Certain:
-        return Certain(field(number), arb(number))
+    def certain(number: int) -> CertifiedNumber:
+        return CertifiedNumber(field(number), arb(number))
 
     return _Point(certain, values, (power, [certain(1)]))
 
 
 def _sharp(
-    planned: Planned,
+    planned: ProgramPlan,
     registers: Iterable[int],
     power: int,
-    known: Callable[[Series], bool],
+    known: Callable[[LaurentSeries], bool],
     precisions: Sequence[int] = PRECISIONS,
-) -> dict[int, Series]:
+) -> dict[int, LaurentSeries]:
     """Return the series of registers in t, s = t^power, with as many bits as their first terms take.
 
     Raises
@@ -182,7 +182,7 @@ def _sharp(
         if all(series.coefficients[0].is_sharp for series in run.values() if series.coefficients):
             return run
     raise NumericalError(
-        f"a response of this graph at rest or for fast inputs is lost in rounding at {precisions[-1]} bits",
+        f"a response of this graph at rest or for fast inputs is lost to round-off at {precisions[-1]} bits",
         remedy="Ask for fewer stages, or for its zeros and poles instead.",
     )
 
@@ -209,7 +209,7 @@ def leading_terms(
 
 
 def limits_at_rest(
-    planned: Planned, registers: Iterable[int], precisions: Sequence[int] = PRECISIONS
+    planned: ProgramPlan, registers: Iterable[int], precisions: Sequence[int] = PRECISIONS
 ) -> dict[int, float]:
     """Return the limits of registers as s goes to 0, rounded; infinite at a pole.
 
@@ -231,7 +231,7 @@ def limits_at_rest(
     return {register: _limit(series) for register, series in run.items()}
 
 
-def orders_on_axis(planned: Planned, registers: Iterable[int], omega: Fraction) -> dict[int, int]:
+def orders_on_axis(planned: ProgramPlan, registers: Iterable[int], omega: Fraction) -> dict[int, int]:
     """Return how registers begin at s = j omega: -k at a pole, k at a zero of that order, 0 elsewhere.
 
     They are expanded modulo a large prime, in which orders are the same but for accidents.
@@ -251,31 +251,31 @@ def orders_on_axis(planned: Planned, registers: Iterable[int], omega: Fraction) 
     return {register: series.start for register, series in run.items()}
 
 
-def _knows_its_limit(series: Series) -> bool:
+def _knows_its_limit(series: LaurentSeries) -> bool:
     return bool(series.coefficients) or series.start > 0
 
 
-def _limit(series: Series) -> float:
+def _limit(series: LaurentSeries) -> float:
     if series.start < 0:
         return math.inf
     return float(series.coefficients[0]) if series.start == 0 else 0.0
 
 
 def _expanded(
-    planned: Planned,
+    planned: ProgramPlan,
     registers: Iterable[int],
     point: _Point,
-    known: Callable[[Series], bool],
+    known: Callable[[LaurentSeries], bool],
     terms: int = _FIRST,
-) -> tuple[dict[int, Series], int]:
+) -> tuple[dict[int, LaurentSeries], int]:
     """Return the series of registers, with as many terms as it takes to know them, and how many that is."""
     wanted = list(registers)
 
-    def series(start: int, *coefficients: Any) -> Series:
-        return Series(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
+    def series(start: int, *coefficients: Any) -> LaurentSeries:
+        return LaurentSeries(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
 
     while True:
-        values = {n: series(0, v) if v else Series(_NEVER, [], terms) for n, v in point.values.items()}
+        values = {n: series(0, v) if v else LaurentSeries(_NEVER, [], terms) for n, v in point.values.items()}
         start, coefficients = point.laplace
         try:
             run = planned.run(wanted, values, series(start, *coefficients), series(0, point.field(1)))

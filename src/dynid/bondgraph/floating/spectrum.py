@@ -14,15 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.equations.blocks import irreducible_blocks
-from dynid.bondgraph.equations.forms import Form
-from dynid.bondgraph.equations.index import solve
-from dynid.bondgraph.floating.discs import Discs
-from dynid.errors import Undecided
+from dynid.bondgraph.equations.descriptor import Descriptor, LinearForm, NumberField
+from dynid.bondgraph.equations.index_reduction import irreducible_blocks, solve
+from dynid.bondgraph.floating.roots import RootDiscs
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.errors import NumericalError, Undecided
 from dynid.lti.floating import finite, guarded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+# --- eigenvalues, refined -------------------------------------------------------------------------
 
 _UNIT = 2.0**-53
 #: What the error estimate allows for: coefficients rounded once, and the rounding of a sparse solution.
@@ -33,7 +37,7 @@ _ITERATIONS, _FACTORISATIONS = 2, 4
 _SHIFTS = (_UNIT, 2.0**-40, 2.0**-26, 2.0**-18)
 
 
-def spectrum(equations: Sequence[Form]) -> Discs:
+def spectrum(equations: Sequence[LinearForm]) -> RootDiscs:
     """Return the roots of the determinant of equations, with error estimates.
 
     Parameters
@@ -46,23 +50,23 @@ def spectrum(equations: Sequence[Form]) -> Discs:
     Singular
         Where the determinant vanishes.
     """
-    return Discs.joined([_roots_of(block.forms) for block in irreducible_blocks(equations)])
+    return RootDiscs.joined([_roots_of(block.forms) for block in irreducible_blocks(equations)])
 
 
-def first_values(equations: Sequence[Form]) -> list[complex]:
+def first_values(equations: Sequence[LinearForm]) -> list[complex]:
     """Return the roots of the determinant of equations as the eigenvalues come, without any judgement."""
     return [complex(s) for block in irreducible_blocks(equations) for s in _eigenvalues(_states(block.forms))]
 
 
-def _roots_of(block: list[Form]) -> Discs:
+def _roots_of(block: list[LinearForm]) -> RootDiscs:
     states = _states(block)
     if len(states) == 1:  # exact, rounded once
         (value,) = states[0]
-        return Discs(np.array([value], dtype=np.complex128), np.array([_UNIT * abs(value)]), np.zeros(1))
-    return _Pencil(block).refined(_eigenvalues(states)) if len(states) else Discs.none()
+        return RootDiscs(np.array([value], dtype=np.complex128), np.array([_UNIT * abs(value)]), np.zeros(1))
+    return _Pencil(block).refined(_eigenvalues(states)) if len(states) else RootDiscs.none()
 
 
-def _states(block: list[Form]) -> NDArray[np.float64]:
+def _states(block: list[LinearForm]) -> NDArray[np.float64]:
     """Return the matrix of the state equations that a block comes down to."""
     rates, _ = solve(block, [])
     place = {name: k for k, name in enumerate(rates)}
@@ -90,7 +94,7 @@ def _float(value: Any) -> float:
 class _Pencil:
     """The equations of a block as a sparse matrix A + s E."""
 
-    def __init__(self, block: list[Form]) -> None:
+    def __init__(self, block: list[LinearForm]) -> None:
         place: dict[str, int] = {}
         entries: dict[tuple[int, int], list[float]] = {}
         for row, form in enumerate(block):
@@ -108,7 +112,7 @@ class _Pencil:
         self.unit = 1.0  # rad/s: the largest root
         self.seed = np.random.default_rng(0).uniform(0.5, 1.5, self.size)
 
-    def refined(self, starts: NDArray[np.complex128]) -> Discs:
+    def refined(self, starts: NDArray[np.complex128]) -> RootDiscs:
         """Refine roots that come in conjugate pairs; those of the lower half-plane follow the upper ones."""
         upper = starts[starts.imag >= 0]
         self.unit = float(np.max(np.abs(starts))) or 1.0
@@ -118,10 +122,10 @@ class _Pencil:
         value = np.where(upper.imag == 0, value.real, value)  # a real root alone stays real
         pairs = upper.imag > 0
         parts = [
-            Discs(value.astype(np.complex128), radius, residual),
-            Discs(value[pairs].conj().astype(np.complex128), radius[pairs], residual[pairs]),
+            RootDiscs(value.astype(np.complex128), radius, residual),
+            RootDiscs(value[pairs].conj().astype(np.complex128), radius[pairs], residual[pairs]),
         ]
-        return Discs.joined(parts)
+        return RootDiscs.joined(parts)
 
     def _refined(self, start: complex, room: float) -> tuple[complex, float, float]:
         """Return a root, its error estimate and its residual.
@@ -214,3 +218,33 @@ def _distance_to_next(values: NDArray[np.complex128]) -> NDArray[np.float64]:
     apart = np.abs(values[:, None] - values[None, :])
     np.fill_diagonal(apart, np.inf)
     return np.asarray(apart.min(axis=1))
+
+
+# --- systems of equations -------------------------------------------------------------------------
+
+#: Most storages whose eigenvalues are sought: the matrix is dense.
+_LARGEST = 8000
+
+
+def natural_equations(reduced: ReducedGraph, port: Port) -> list[LinearForm]:
+    """Return the equations of the part behind an output without inputs: their roots are its natural modes."""
+    return _descriptor(reduced, port).equations
+
+
+def zero_equations(reduced: ReducedGraph, channel: Channel) -> list[LinearForm]:
+    """Return the equations with the input unknown and the output held at zero: zeros, and hidden modes."""
+    port, source = channel
+    system = _descriptor(reduced, port, freed=source)
+    output = system.output(port)
+    return [*system.equations, output]
+
+
+def _descriptor(reduced: ReducedGraph, port: Port, freed: str | None = None) -> Descriptor:
+    if len(reduced.storages) > _LARGEST:
+        raise NumericalError(
+            f"zeros and poles of {len(reduced.storages):,} storages are beyond dense eigenvalues "
+            f"(at most {_LARGEST:,})",
+            remedy="Ask for the frequency response, which needs no roots, or for a smaller part.",
+        )
+    junctions = reduced.reductions[port].junctions
+    return Descriptor(reduced.structure, junctions, NumberField.rational(reduced.graph), freed=freed)

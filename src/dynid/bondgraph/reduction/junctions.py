@@ -17,11 +17,14 @@ from functools import cached_property
 from itertools import count
 from typing import NamedTuple
 
-from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, BondGraph
+from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, Bond, BondGraph
 from dynid.errors import Singular
 
 #: A flow source feeds a 0 and fixes a 1; an effort source feeds a 1 and fixes a 0.
 _FIXING = {("0", "Se"), ("1", "Sf")}
+
+#: What fixes a common variable that the equations leave open and nothing depends on: no source, zero.
+UNDETERMINED = ""
 
 
 @dataclass(slots=True)
@@ -39,11 +42,11 @@ class Junction:
     between
         The user's nodes that a bare junction was put between.
     elements
-        Names of the passive one-ports on it.
+        NameRegistry of the passive one-ports on it.
     feeding
         Sources that feed its balance, with +1 where the arrow points at the junction.
     fixing
-        The source that fixes its common variable, if any.
+        The source that fixes its common variable, if any; `UNDETERMINED` where it is held at zero.
     """
 
     name: str
@@ -76,10 +79,16 @@ class Coupling(NamedTuple):
 class JunctionStructure:
     """Junctions, the couplings that tie them, and the place of every one-port.
 
+    Attributes
+    ----------
+    rings
+        Bonds that close a ring of like junctions: the variable that these do not share is undetermined in
+        the ring, and nothing depends on it.
+
     Raises
     ------
     Singular
-        Where two sources fix the same junction, or like junctions stand in a ring of plain bonds.
+        Where two sources fix the same junction.
     """
 
     def __init__(self, graph: BondGraph) -> None:
@@ -87,7 +96,7 @@ class JunctionStructure:
         self.junctions: dict[str, Junction] = {}
         self.couplings: list[Coupling] = []
         self.place: dict[str, str] = {}
-        self._merged = _merge_like_junctions(graph)
+        self._merged, self.rings = _merge_like_junctions(graph)
         self._between: dict[tuple[str, str], str] = {}  # bare junction of a bond at a two-port
         for name, root in self._merged.items():
             junction = self.junctions.setdefault(root, Junction(root, graph.nodes[name].type))
@@ -96,28 +105,25 @@ class JunctionStructure:
         two_ports = {name: None for name, node in graph.nodes.items() if node.type in TWO_PORTS}
         for tail, head in graph.bonds:
             if tail not in two_ports and head not in two_ports:
-                self._add_bond(tail, head)
+                a, b = self._merged.get(tail), self._merged.get(head)
+                if a is not None and b is not None:
+                    if a != b:
+                        self.couplings.append(Coupling(a, b))
+                elif a is not None:
+                    self._attach(head, a, incoming=False)
+                elif b is not None:
+                    self._attach(tail, b, incoming=True)
+                else:  # two one-ports face to face
+                    kind = "0" if "Sf" in (self.graph.nodes[tail].type, self.graph.nodes[head].type) else "1"
+                    bare = self._bare((tail, head), kind)
+                    self._attach(tail, bare, incoming=True)
+                    self._attach(head, bare, incoming=False)
         for name in two_ports:
             self._add_two_port(name)
         self.tied: dict[str, list[Coupling]] = {name: [] for name in self.junctions}
         for coupling in self.couplings:
             self.tied[coupling.tail].append(coupling)
             self.tied[coupling.head].append(coupling)
-
-    def _add_bond(self, tail: str, head: str) -> None:
-        a, b = self._merged.get(tail), self._merged.get(head)
-        if a is not None and b is not None:
-            if a != b:
-                self.couplings.append(Coupling(a, b))
-        elif a is not None:
-            self._attach(head, a, incoming=False)
-        elif b is not None:
-            self._attach(tail, b, incoming=True)
-        else:  # two one-ports face to face
-            kind = "0" if "Sf" in (self.graph.nodes[tail].type, self.graph.nodes[head].type) else "1"
-            bare = self._bare((tail, head), kind)
-            self._attach(tail, bare, incoming=True)
-            self._attach(head, bare, incoming=False)
 
     def _attach(self, name: str, at: str, *, incoming: bool) -> None:
         """Put a one-port on a junction; `incoming` where its arrow points at the junction."""
@@ -167,8 +173,8 @@ class JunctionStructure:
         return self._between[bond]
 
     @cached_property
-    def _names(self) -> Names:
-        return Names(self.graph.nodes)
+    def _names(self) -> NameRegistry:
+        return NameRegistry(self.graph.nodes)
 
     def _bare(self, between: tuple[str, str], kind: str) -> str:
         name = self._names.fresh("_".join(between))
@@ -183,12 +189,16 @@ def unique(name: str, taken: Collection[str]) -> str:
     return next(other for number in count(2) if (other := f"{name}_{number}") not in taken)
 
 
-class Names:
+class NameRegistry:
     """Names that are taken, and how far each is numbered: one wanted often takes no longer every time."""
 
     def __init__(self, taken: Iterable[str]) -> None:
         self._taken = set(taken)
         self._number: dict[str, int] = {}
+
+    def has(self, name: str) -> bool:
+        """Test whether a name is taken."""
+        return name in self._taken
 
     def fresh(self, wanted: str) -> str:
         """Return a name that is not taken, and take it: itself, or with a number behind."""
@@ -200,13 +210,17 @@ class Names:
         return name
 
 
-def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:
-    """Map every junction to the first of those it is one with (like junctions joined by plain bonds)."""
+def _merge_like_junctions(graph: BondGraph) -> tuple[dict[str, str], list[Bond]]:
+    """Map every junction to the first of those it is one with (like junctions joined by plain bonds).
+
+    Bonds that close a ring are returned as well.
+    """
     kinds = {name: node.type for name, node in graph.nodes.items() if node.type in JUNCTIONS}
     root = {name: name for name in kinds}
     like = [bond for bond in graph.bonds if bond.tail in kinds and kinds[bond.tail] == kinds.get(bond.head)]
+    rings: list[Bond] = []
     if not like:
-        return root
+        return root, rings
     order = {name: index for index, name in enumerate(root)}
 
     def find(name: str) -> str:
@@ -215,22 +229,22 @@ def _merge_like_junctions(graph: BondGraph) -> dict[str, str]:
             name = root[name]
         return name
 
-    for tail, head in like:
-        a, b = sorted((find(tail), find(head)), key=order.__getitem__)
+    for bond in like:
+        a, b = sorted(map(find, bond), key=order.__getitem__)
         if a == b:
-            raise _ring(graph, tail, head)
-        root[b] = a
-    return {name: find(name) for name in root}
+            rings.append(bond)
+        else:
+            root[b] = a
+    return {name: find(name) for name in root}, rings
 
 
-def _ring(graph: BondGraph, tail: str, head: str) -> Singular:
-    kind = graph.nodes[tail].type
+def ring_text(graph: BondGraph, bond: Bond) -> str:
+    """Return the warning of a bond that closes a ring of like junctions."""
+    kind = graph.nodes[bond.tail].type
     what, medium = ("flow", "effort") if kind == "0" else ("effort", "flow")
-    return Singular(
-        f"the {what} through the bond '{tail} -> {head}' is not determined: it closes a ring of "
-        f"{kind}-junctions, which share their {medium} already (a loop with no solution)",
-        remedy="Drop this bond, or put an element into the ring.",
-        names=(tail, head),
+    return (
+        f"the {what} through the bond '{bond}' is not determined: it closes a ring of {kind}-junctions, "
+        f"which share their {medium} already; nothing else depends on it: drop this bond"
     )
 
 
@@ -238,9 +252,11 @@ def _source_conflict(junction: Junction, second: str) -> Singular:
     effort = junction.kind == "0"
     fixes = f"the {'effort' if effort else 'flow'} of junction '{junction.name}'"
     kind, arrangement = ("effort", "parallel") if effort else ("flow", "series")
+    other, between = ("1", "an R or an I") if effort else ("0", "an R or a C")
     return Singular(
         f"{kind} sources '{junction.fixing}' and '{second}' both fix {fixes} "
         f"(two ideal sources in {arrangement})",
-        remedy="Put a resistance between them, or drop one.",
+        remedy=f"Put '{second}' on a {other}-junction of its own, with {between} that takes up the "
+        f"difference of the {kind}s, or drop one of them.",
         names=(second, str(junction.fixing), junction.name),
     )

@@ -1,25 +1,29 @@
-"""The nodal form that a reduction works on: K x = b, with registers of a program as entries.
+"""The nodal form that a reduction works on, K x = b, with registers of a program as entries.
 
-Every junction has a row. Eliminating one is a physical step: a leaf is superposed and reflected into its
-neighbour, a source on it is swapped (Park & Kim 1997, eqs 15, 16), a junction on a loop becomes its
-multiport equivalent (the Schur complement of the nodal form).
+Every junction has a balance: one row of K and b. Eliminating one is a physical step: a leaf is superposed and
+reflected into its neighbour, a source on it is swapped (Park & Kim 1997, eqs 15, 16), a junction on a loop
+becomes its multiport equivalent (the Schur complement of the nodal form). Reduced to its root, the nodal form
+gives the output that was requested (`port_form`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from dynid.bondgraph.graph import bond_sign
+from dynid.bondgraph.graph import JUNCTIONS, SOURCES, Port, bond_sign
+from dynid.bondgraph.program.program import Program, Register
 from dynid.bondgraph.reduction.junctions import Coupling, Junction, JunctionStructure
-from dynid.bondgraph.reduction.program import Program, Register
+
+# --- nodal form -----------------------------------------------------------------------------------
 
 #: What stands before the name of a storage whose energy at t = 0 is an input.
 STORED = "initial:"
 
 
-class Term(NamedTuple):
+class Immittance(NamedTuple):
     """One immittance on a junction: an impedance on a 1, an admittance on a 0."""
 
     name: str  # the node or label it comes from
@@ -27,7 +31,7 @@ class Term(NamedTuple):
 
 
 class Tie(NamedTuple):
-    """What alone ties two junctions: a bond, or the TF or GY of that name (`Coupling`)."""
+    """The only connection of two junctions: a bond, or the TF or GY of that name (`Coupling`)."""
 
     two_port: str | None
     inverse: bool
@@ -37,7 +41,7 @@ class Tie(NamedTuple):
 BOND = Tie(None, False)
 
 
-class Row:
+class Balance:
     """The balance of a junction, as far as it is reduced.
 
     Parameters
@@ -68,19 +72,19 @@ class Row:
     def __init__(self, junction: Junction, depth: int) -> None:
         self.name, self.kind, self.fixing = junction.name, junction.kind, junction.fixing
         self.depth = depth
-        self.terms: list[Term] = []
-        self.entries: dict[Row, Register] = {}
+        self.terms: list[Immittance] = []
+        self.entries: dict[Balance, Register] = {}
         self.sources: dict[str, Register] = {}
         self.rank = self.round = 0
         self.gone = False
 
     @property
     def origin(self) -> str:
-        """What stands on the junction: its only element, or itself."""
+        """The name of what stands on the junction: its only element, or itself."""
         return self.terms[0].name if len(self.terms) == 1 else self.name
 
 
-class Network:
+class NodalNetwork:
     """The part of a junction structure that the root depends on.
 
     Parameters
@@ -110,12 +114,12 @@ class Network:
         self.inputs = tuple(inputs)
         self._kept = frozenset(self.inputs)
         junctions = structure.junctions
-        self.rows = {name: Row(junctions[name], depth) for name, depth in reach(structure, root).items()}
+        self.rows = {name: Balance(junctions[name], depth) for name, depth in reach(structure, root).items()}
         self.root = self.rows[root]
-        self._ties: dict[frozenset[Row], Tie | None] = {}  # of pairs that are tied by other than one bond
+        self._ties: dict[frozenset[Balance], Tie | None] = {}  # of pairs that are tied by other than one bond
         for name, row in self.rows.items():
             junction = junctions[name]
-            row.terms = [Term(element, self.immittance(element, row)) for element in junction.elements]
+            row.terms = [Immittance(element, self.immittance(element, row)) for element in junction.elements]
             for source, sign in junction.feeding:
                 self._feed(row, source, program.one if sign > 0 else self._minus_one)
         for source in self.inputs:
@@ -125,11 +129,11 @@ class Network:
             self._couple(coupling)
 
     @property
-    def left(self) -> list[Row]:
+    def left(self) -> list[Balance]:
         """The rows that are not eliminated."""
         return [row for row in self.rows.values() if not row.gone]
 
-    def immittance(self, name: str, row: Row) -> Register:
+    def immittance(self, name: str, row: Balance) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
         program, node = self.program, self.structure.graph.nodes[name]
         value = program.parameter(name)
@@ -137,11 +141,15 @@ class Network:
         own = "0" if node.type == "C" else "1"  # where the law itself is the immittance
         return law if row.kind == own else program.inv(law)
 
-    def feed(self, row: Row, source: str, amount: Register) -> None:
-        """Add what an input feeds into a balance."""
-        row.sources[source] = self.program.add(row.sources.get(source, self.program.zero), amount)
+    def feed(self, row: Balance, source: str, amount: Register) -> None:
+        """Add what an input feeds into a balance; nothing is left of what takes each other back."""
+        total = self.program.add(row.sources.get(source, self.program.zero), amount)
+        if self.program.is_zero(total):
+            row.sources.pop(source, None)
+        else:
+            row.sources[source] = total
 
-    def _feed(self, row: Row, source: str | None, amount: Register) -> None:
+    def _feed(self, row: Balance, source: str | None, amount: Register) -> None:
         if source in self._kept:
             self.feed(row, source, amount)
 
@@ -150,7 +158,7 @@ class Network:
         if row is not None:
             self.feed(row, f"{STORED}{name}", self.stored(name, row))
 
-    def stored(self, name: str, row: Row) -> Register:
+    def stored(self, name: str, row: Balance) -> Register:
         """Write the equivalent source of a storage's energy at t = 0 (Park & Kim 1997, eqs 13 to 16).
 
         An element that answers with a rate has e = I (s f - f(0)): the momentum p(0) = I f(0) drives. One
@@ -190,15 +198,15 @@ class Network:
     def _minus_one(self) -> Register:
         return self.program.neg(self.program.one)
 
-    def retie(self, a: Row, b: Row, tie: Tie) -> None:
+    def retie(self, a: Balance, b: Balance, tie: Tie) -> None:
         """Note what alone ties two junctions from now on."""
         self._ties[frozenset((a, b))] = tie
 
-    def tie(self, a: Row, b: Row) -> Tie | None:
+    def tie(self, a: Balance, b: Balance) -> Tie | None:
         """Return what ties two junctions, where it is one bond or two-port."""
         return self._ties.get(frozenset((a, b)), BOND) if self._ties else BOND
 
-    def add_entry(self, row: Row, column: Row, entry: Register) -> None:
+    def add_entry(self, row: Balance, column: Balance, entry: Register) -> None:
         """Add to a matrix entry off the diagonal; more than a bond or two-port ties the two from now on.
 
         One that is zero both ways ties them no more.
@@ -210,15 +218,15 @@ class Network:
         if program.is_zero(total) and program.is_zero(back):
             del own[column], other[row]
 
-    def entry(self, row: Row, column: Row) -> Register:
+    def entry(self, row: Balance, column: Balance) -> Register:
         """Return a matrix entry off the diagonal."""
         return row.entries.get(column, self.program.zero)
 
-    def diagonal(self, row: Row) -> Register:
+    def diagonal(self, row: Balance) -> Register:
         """Return the sum of the immittances on a junction."""
         return self.program.sum([term.register for term in row.terms])
 
-    def remove(self, row: Row) -> None:
+    def remove(self, row: Balance) -> None:
         """Take an eliminated junction out."""
         for other in row.entries:
             del other.entries[row]
@@ -226,13 +234,110 @@ class Network:
         del row.entries, row.terms, row.sources
 
 
-def reach(structure: JunctionStructure, root: str) -> dict[str, int]:
-    """Return the junctions that influence the root, with their distance; fixed ones separate."""
+def reach(structure: JunctionStructure, root: str, without: str | None = None) -> dict[str, int]:
+    """Return the junctions that influence the root, with their distance; fixed ones separate.
+
+    Parameters
+    ----------
+    structure
+        The junction structure.
+    root
+        Where to start.
+    without
+        A junction through which nothing is looked for.
+    """
     depth, queue = {root: 0}, [root]
     for name in queue:
         for tail, head, _, _ in structure.tied[name]:
             other = head if tail == name else tail
-            if other not in depth and structure.junctions[other].fixing is None:
+            if other not in depth and other != without and structure.junctions[other].fixing is None:
                 depth[other] = depth[name] + 1
                 queue.append(other)
     return depth
+
+
+# --- output ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PortForm:
+    """An output as a linear form: of the root's common variable, of what drives the root, and of itself.
+
+    Parameters
+    ----------
+    common, drive, own
+        Coefficients.
+    by
+        The input that `own` multiplies: the output's node, or the energy that it stores at t = 0.
+    """
+
+    common: Register
+    drive: Register
+    own: Register
+    by: str
+
+    def scaled(self, program: Program, factor: Register) -> PortForm:
+        """Return the form times a factor."""
+        common, drive, own = (program.mul(factor, part) for part in (self.common, self.drive, self.own))
+        return PortForm(common, drive, own, self.by)
+
+
+def port_form(net: NodalNetwork, port: Port, total: Register) -> PortForm:
+    """Write an output in terms of the root's common variable.
+
+    The displacement of a C and the momentum of an I are its state, q = C e and p = I f; any other
+    displacement or momentum is the integral of flow or effort.
+
+    Parameters
+    ----------
+    net
+        The network, reduced to its root.
+    port
+        The output.
+    total
+        What stands on the root: Z_A + Z_B on a 1-junction, Y_A + Y_B on a 0-junction.
+    """
+    program, graph = net.program, net.structure.graph
+    form = _effort_or_flow(net, port.node, graph.behind(port).quantity, total)
+    if graph.is_state(port):
+        value = program.parameter(port.node)
+        return form.scaled(program, value if bond_sign(graph, port.node) > 0 else program.neg(value))
+    return form.scaled(program, program.inv(program.s)) if port.quantity in "qp" else form
+
+
+def _effort_or_flow(net: NodalNetwork, name: str, quantity: str, total: Register) -> PortForm:
+    """Write an effort or flow: common to the junction, set by a source, or the answer of what is asked."""
+    program, kind = net.program, net.structure.graph.nodes[name].type
+    zero, one = program.zero, program.one
+    if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
+        return PortForm(zero, zero, one, name)
+    if kind in JUNCTIONS or quantity == ("f" if net.root.kind == "1" else "e"):
+        return PortForm(one, zero, zero, name)
+    if kind in SOURCES:  # it fixes the common variable; its reaction balances the junction
+        form = PortForm(program.neg(total), one, zero, name)
+    else:
+        source = f"{STORED}{name}"
+        own = program.neg(net.stored(name, net.root)) if source in net.inputs else zero
+        form = PortForm(net.immittance(name, net.root), zero, own, source)
+    outward = bond_sign(net.structure.graph, name) > 0
+    return form if outward else form.scaled(program, program.neg(one))
+
+
+def channel(net: NodalNetwork, form: PortForm, source: str, common: Register) -> Register:
+    """Write the transfer function from a source to an output.
+
+    Parameters
+    ----------
+    net
+        The network, reduced to its root.
+    form
+        The output in terms of the root's common variable.
+    source
+        The input.
+    common
+        The transfer function from the source to the common variable.
+    """
+    program = net.program
+    drive = net.root.sources.get(source, program.zero)
+    value = program.add(program.mul(form.common, common), program.mul(form.drive, drive))
+    return program.add(value, form.own) if source == form.by else value

@@ -7,12 +7,16 @@ variable and drives A, which acts back: feedback.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
+from dynid.bondgraph.formulas.printers import TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.graph import STORAGES, Port
-from dynid.bondgraph.reduction.network import Network, Term
-from dynid.bondgraph.reduction.program import Program, Register
-from dynid.bondgraph.reduction.writing import TEXT, Hand, Written
+from dynid.bondgraph.program.program import Program, Register
+from dynid.bondgraph.reduction.network import Immittance, NodalNetwork
+
+#: The names of a prototype's systems.
+SYSTEMS = ("Z_A", "Z_B", "Y_A", "Y_B")
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,15 @@ class Prototype:
         Impedances of A and B on a 1-junction, admittances on a 0-junction.
     name_a, name_b
         What they stand for.
+    released
+        Writes the determinant of the whole with the driving port removed (the common variable free, its
+        balance without a source), times s for every storage that integrates: its zeros are the natural modes.
+        None: it is not known.
+    shared
+        Finds the user's junctions that A and B share, where the driven junction lies on a loop; none: A and B
+        are independent.
+    suffix
+        What stands behind the names of the systems, where others have these names.
     """
 
     program: Program
@@ -40,6 +53,9 @@ class Prototype:
     part_b: Register
     name_a: str
     name_b: str
+    released: Callable[[], Register] | None = field(default=None, compare=False)
+    shared: Callable[[], tuple[str, ...]] = field(default=tuple, compare=False)
+    suffix: str = ""
 
     @property
     def letter(self) -> str:
@@ -48,15 +64,15 @@ class Prototype:
             self.kind, self.fixed
         ]
 
-    def relation(self, hand: Hand) -> Written:
+    def relation(self, hand: FormulaPrinter) -> Printed:
         """Write the right-hand side of the driving-point relation (eqs 1 to 4)."""
         names = {"a": ("Z_A", "Z_B"), "b": ("Y_A", "Y_B"), "c": ("Y_A", "Z_B"), "d": ("Z_A", "Y_B")}
-        a, b = (hand.name(name) for name in names[self.letter])
+        a, b = (hand.name(f"{name}{self.suffix}") for name in names[self.letter])
         if self.fixed:
             return hand.total(a, b)
         return hand.quotient(b, hand.total(hand.integer(1), hand.product(b, a)))
 
-    def equation(self, hand: Hand = TEXT) -> str:
+    def equation(self, hand: FormulaPrinter = TEXT) -> str:
         """Write the driving-point relation (eqs 1 to 4)."""
         return f"{'Z' if self.letter in 'ac' else 'Y'} = {self.relation(hand)[0]}"
 
@@ -68,11 +84,24 @@ class Prototype:
         if not self.fixed and not self.program.is_zero(self.part_b):
             b = "Y_B" if self.kind == "1" else "Z_B"
             register_b = self.program.inv(self.part_b)
-        return (a, self.part_a), (b, register_b)
+        return (f"{a}{self.suffix}", self.part_a), (f"{b}{self.suffix}", register_b)
+
+    @property
+    def response_name(self) -> str:
+        """The response whose zeros eqs 5 to 8 give, over the source."""
+        return {"a": "e/f", "b": "f/e", "c": "e_B/f", "d": "e_A/e"}[self.letter]
+
+    @property
+    def response(self) -> Register:
+        """The register of that response: the driving point of a, b and c, the effort of A in d."""
+        total = self.program.add(self.part_a, self.part_b)
+        if self.fixed:
+            return total
+        return self.program.div(self.part_a if self.letter == "d" else self.program.one, total)
 
     @property
     def type(self) -> str:
-        """Whether what stands on the junction depends on the source, or sets the common variable itself."""
+        """The type: dependent on the source, or independent, setting the common variable itself."""
         common, answer = ("flow", "effort") if self.kind == "1" else ("effort", "flow")
         if self.fixed:
             return f"dependent: the source sets the common {common}, A and B answer with their {answer}s"
@@ -98,18 +127,18 @@ class Prototype:
 
 
 @dataclass(frozen=True)
-class DrivenBy:
-    """What a prototype answers a source with, ready to be written."""
+class DrivenRelation:
+    """The response of a prototype to its source, ready to be printed."""
 
     prototype: Prototype
     source: str
 
-    def __call__(self, hand: Hand) -> Written:
+    def __call__(self, hand: FormulaPrinter) -> Printed:
         """Write the driving-point relation times the source."""
         return hand.scaled(self.prototype.relation(hand), self.source)
 
 
-def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Term]]:
+def split_root(network: NodalNetwork, port: Port, fixed: bool) -> tuple[Immittance, list[Immittance]]:
     """Split what stands on the root into the systems B and A.
 
     Where a source fixes the common variable (a, b) B is the output's element. Else (c, d) B sets the common
@@ -120,7 +149,7 @@ def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Te
     elements = network.structure.junctions[network.root.name].elements
     integrating = "I" if network.root.kind == "1" else "C"
 
-    def rank(term: Term) -> int:
+    def rank(term: Immittance) -> int:
         if network.program.is_zero(term.register):
             return 6
         if term.name not in elements:
@@ -131,7 +160,7 @@ def split_root(network: Network, port: Port, fixed: bool) -> tuple[Term, list[Te
         return 2 if own else 4 if kind in STORAGES else 3
 
     if not terms:
-        return Term("nothing", network.program.zero), []
+        return Immittance("nothing", network.program.zero), []
     chosen = min(terms, key=rank)
     rest = [term for term in terms if term is not chosen]
     return chosen, sorted(rest, key=lambda term: -rank(term))  # what was reduced first, then elements

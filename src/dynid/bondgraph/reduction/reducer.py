@@ -4,7 +4,7 @@ Park & Kim 1997, section 4: source-load decomposition with series and parallel s
 reflection through TF and GY, junction merging, and the swap between a flow source on a 0-junction and an
 effort source on a 1-junction (eqs 15, 16). Leaves are eliminated first, farthest from the port first, so
 that a tree collapses step by step; a junction on a loop is eliminated by its multiport equivalent, and a
-bare junction by the constraint it states.
+bare junction by the constraint that it states.
 """
 
 from __future__ import annotations
@@ -12,19 +12,221 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from operator import attrgetter
 
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.reduction.elimination import Elimination
-from dynid.bondgraph.reduction.junctions import JunctionStructure
-from dynid.bondgraph.reduction.network import Network, Row
-from dynid.bondgraph.reduction.port import channel, port_form
-from dynid.bondgraph.reduction.program import Program, Register
+from dynid.bondgraph.program.program import Program, Register
+from dynid.bondgraph.reduction.junctions import JunctionStructure, NameRegistry
+from dynid.bondgraph.reduction.network import (
+    BOND,
+    Balance,
+    Immittance,
+    NodalNetwork,
+    Tie,
+    channel,
+    port_form,
+    reach,
+)
 from dynid.bondgraph.reduction.prototypes import Prototype, split_root
-from dynid.bondgraph.reduction.singularity import explain_singularity
-from dynid.bondgraph.reduction.steps import Step
-from dynid.bondgraph.reduction.telling import Told, Untold
+from dynid.bondgraph.reduction.solvability import explain
+from dynid.bondgraph.reduction.trace import NoTrace, ReductionStep, TraceRecorder
+
+# --- elimination of one junction ------------------------------------------------------------------
+
+
+class JunctionElimination:
+    """A network under elimination, with the pivots met so far.
+
+    Parameters
+    ----------
+    network
+        The network; it shrinks.
+    trace
+        The recorder of the steps.
+
+    Attributes
+    ----------
+    pivots
+        The registers divided by.
+    held
+        The root's unknown by inputs, where a bare neighbour fixes it.
+    holding
+        The pivot that fixes it.
+    origins
+        The junction whose elimination left a term on another, by that other one and the term.
+    """
+
+    def __init__(self, network: NodalNetwork, trace: NoTrace) -> None:
+        self.net, self.program, self.root = network, network.program, network.root
+        self.trace = trace
+        self.pivots: list[Register] = []
+        self.held: dict[str, Register] | None = None
+        self.holding: Register | None = None
+        self.origins: dict[tuple[Balance, Immittance], Balance] = {}
+
+    def eliminate(self, row: Balance, own: Register) -> list[Balance]:
+        """Eliminate a junction on which something stands, in all `own`; return its former neighbours."""
+        neighbours = list(row.entries)
+        self.trace.superposed(row, row.terms, own)
+        self.pivots.append(own)
+        if len(neighbours) == 1:
+            self._absorb_leaf(row, neighbours[0], own)
+        elif neighbours:
+            self._eliminate_on_loop(row, neighbours, own)
+        else:
+            self._remove(row)
+        return neighbours
+
+    def _stand(self, row: Balance, term: Immittance, origin: Balance) -> None:
+        """Let an immittance that was left by an elimination stand on a junction."""
+        row.terms.append(term)
+        self.origins[row, term] = origin
+
+    def _remove(self, row: Balance) -> None:
+        """Take out an eliminated junction, after which the network is whole."""
+        self.net.remove(row)
+        self.trace.done()
+
+    def _absorb_leaf(self, leaf: Balance, into: Balance, own: Register) -> None:
+        """Let a leaf's neighbour see its immittance and its sources, through what ties them."""
+        tie = self.net.tie(leaf, into)
+        if tie is None:
+            self._eliminate_on_loop(leaf, [into], own)
+        elif tie.two_port is not None:
+            self._reflect(leaf, into, own, tie)
+        elif leaf.sources:
+            self._swap(leaf, into, Immittance(leaf.origin, self.program.inv(own)))
+        else:
+            self._stand(into, Immittance(leaf.origin, self.program.inv(own)), leaf)
+            self._remove(leaf)
+
+    def _reflect(self, leaf: Balance, into: Balance, own: Register, tie: Tie) -> None:
+        """Let a leaf be seen through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2; then swap its sources."""
+        program = self.program
+        modulus = program.parameter(str(tie.two_port))
+        square = program.mul(modulus, modulus)
+        own = program.inv(program.mul(square, own)) if tie.inverse else program.mul(square, program.inv(own))
+        seen = Immittance(str(tie.two_port), own)
+        self.trace.reflected(leaf, into, seen)
+        if leaf.sources:
+            self._move_across(leaf, into, seen)
+            self._swap(leaf, into, seen, tie.two_port)
+        else:
+            self._stand(into, seen, leaf)
+            self._remove(leaf)
+
+    def _move_across(self, leaf: Balance, into: Balance, seen: Immittance) -> None:
+        """Draw a leaf on the near side of its TF or GY: its unknown and balance in the neighbour's units."""
+        net, program = self.net, self.program
+        size = net.entry(into, leaf)
+        leaf.sources = {source: program.div(amount, size) for source, amount in leaf.sources.items()}
+        self.trace.moved(leaf, size)
+        leaf.terms = [Immittance(seen.name, program.inv(seen.register))]
+        into.entries[leaf], leaf.entries[into] = program.one, program.neg(program.one)
+        net.retie(into, leaf, BOND)
+        self.trace.done()
+
+    def _swap(self, leaf: Balance, into: Balance, seen: Immittance, two_port: str | None = None) -> None:
+        """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
+        net, program = self.net, self.program
+        factor = program.mul(program.neg(into.entries[leaf]), seen.register)
+        for source, amount in leaf.sources.items():
+            net.feed(into, source, program.mul(factor, amount))
+        self.trace.swapped(leaf, into, factor, two_port)
+        self._stand(into, seen, leaf)
+        self._remove(leaf)
+        if two_port is None:
+            self.trace.merged(leaf, into)
+
+    def _eliminate_on_loop(self, row: Balance, neighbours: list[Balance], own: Register) -> None:
+        """Eliminate a junction by its multiport equivalent: the Schur complement of the nodal form."""
+        net, program = self.net, self.program
+        inverse = program.inv(own)
+        factors = {other: program.mul(other.entries[row], inverse) for other in neighbours}
+        changes = {
+            (one, other): program.neg(program.mul(factor, row.entries[other]))
+            for one, factor in factors.items()
+            for other in neighbours
+        }
+        for (one, other), change in changes.items():
+            self._add(one, other, change, row)
+        for other, factor in factors.items():
+            for source, amount in row.sources.items():
+                net.feed(other, source, program.mul(program.neg(factor), amount))
+        self.trace.eliminated(row, factors, changes)
+        self._remove(row)
+
+    def _add(self, row: Balance, column: Balance, change: Register, origin: Balance) -> None:
+        if self.program.is_zero(change):
+            return
+        if row is not column:
+            self.net.add_entry(row, column, change)
+        elif (taken_back := self._opposite(row, change)) is not None:
+            row.terms.remove(taken_back)
+            del self.origins[row, taken_back]
+        else:
+            self._stand(row, Immittance(origin.name, change), origin)
+
+    def _opposite(self, row: Balance, change: Register) -> Immittance | None:
+        """Return what was left on a junction before and a change takes back."""
+        left = (term for term in row.terms if (row, term) in self.origins)
+        return next((term for term in left if self.program.are_opposite(term.register, change)), None)
+
+    # --- bare junctions ------------------------------------------------------------------------
+
+    def paired(self, a: Balance, b: Balance) -> bool:
+        """Test whether two junctions appear in each other's balance, so that they can be one pivot."""
+        zero = self.program.is_zero
+        return not zero(self.net.entry(a, b)) and not zero(self.net.entry(b, a))
+
+    def hold_root(self, bare: Balance) -> None:
+        """Let a bare junction at the root state the root's unknown."""
+        program, root = self.program, self.root
+        entry = bare.entries[root]
+        self.held = {source: program.div(amount, entry) for source, amount in bare.sources.items()}
+        self.holding = program.mul(entry, root.entries[bare])
+        self.trace.constrained(bare, root, {})
+        self._remove(bare)
+
+    def eliminate_pair(self, partner: Balance, bare: Balance) -> list[Balance]:
+        """Eliminate a bare junction with a neighbour, a 2 x 2 pivot [[d, a], [b, 0]]; return those around."""
+        net, program = self.net, self.program
+        a, b = partner.entries[bare], bare.entries[partner]
+        d = net.diagonal(partner)
+        self.pivots.append(program.mul(a, b))
+        around = [row for row in {**partner.entries, **bare.entries} if row not in (partner, bare)]
+
+        def solve(of_partner: Register, of_bare: Register) -> tuple[Register, Register]:
+            x = program.div(of_bare, b)
+            return x, program.div(program.sub(of_partner, program.mul(d, x)), a)
+
+        columns = {column: solve(net.entry(partner, column), net.entry(bare, column)) for column in around}
+        one, other = partner.sources, bare.sources
+        sides = {
+            source: solve(one.get(source, program.zero), other.get(source, program.zero))
+            for source in {**one, **other}
+        }
+        changes: dict[tuple[Balance, Balance], Register] = {}
+        for row in around:
+            left = (net.entry(row, partner), net.entry(row, bare))
+            for column, solved in columns.items():
+                change = changes[row, column] = program.neg(_dot(program, left, solved))
+                self._add(row, column, change, partner)
+            for source, solved in sides.items():
+                net.feed(row, source, program.neg(_dot(program, left, solved)))
+            self.trace.driven(row)
+        self.trace.constrained(bare, partner, changes)
+        self.net.remove(bare)
+        self._remove(partner)
+        return around
+
+
+def _dot(program: Program, left: tuple[Register, Register], right: tuple[Register, Register]) -> Register:
+    return program.add(program.mul(left[0], right[0]), program.mul(left[1], right[1]))
+
+
+# --- order of elimination -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -47,6 +249,8 @@ class Reduction:
         The transfer function from each input to the port; inputs that cannot reach it have zero.
     pivots
         Registers whose product is the determinant of the nodal form, up to sign.
+    others
+        The same without what solves for the root's own common variable.
     structure
         The junction structure.
     junctions
@@ -54,16 +258,17 @@ class Reduction:
     driving
         The inputs that drive them.
     labels
-        Names of registers in the equations of the steps.
+        NameRegistry of registers in the equations of the steps.
     """
 
     port: Port
     root: str
-    steps: tuple[Step, ...]
+    steps: tuple[ReductionStep, ...]
     prototype: Prototype
     drives: dict[str, Register]
     channels: dict[str, Register]
     pivots: tuple[Register, ...]
+    others: tuple[Register, ...]
     structure: JunctionStructure
     junctions: tuple[str, ...]
     driving: frozenset[str]
@@ -90,14 +295,8 @@ class Reduction:
 
     @property
     def integrators(self) -> int:
-        """How many storages integrate: their immittance has s in the denominator."""
-        nodes = self.structure.graph.nodes
-        standing = ((self.structure.junctions[name].kind, name) for name in self.junctions)
-        return sum(
-            (kind, nodes[element].type) in {("1", "C"), ("0", "I")}
-            for kind, name in standing
-            for element in self.structure.junctions[name].elements
-        )
+        """Number of storages in integral causality: their immittance has s in the denominator."""
+        return _integrators(self.structure, self.junctions)
 
 
 def reduce_graph(
@@ -108,6 +307,8 @@ def reduce_graph(
     *,
     traced: bool = True,
     balanced: bool = False,
+    names: NameRegistry | None = None,
+    suffix: str = "",
 ) -> Reduction:
     """Reduce a graph to a prototype at the junction that carries an output.
 
@@ -122,17 +323,20 @@ def reduce_graph(
     inputs
         The sources to keep; all others are zero.
     traced
-        Whether the steps are told, which takes as long again.
+        Whether the steps are recorded, which takes as long again.
     balanced
         Whether loops are opened everywhere at once rather than from the far end on (`Reducer`).
+    names, suffix
+        The names that are taken, and what stands behind those of the systems (`TraceRecorder`).
 
     Raises
     ------
     Singular
         Where the equations have no solution or more than one; it names the junctions and sources.
     """
-    network = Network(structure, program, structure.place[port.node], inputs)
-    return Reducer(network, Told(network) if traced else Untold(), balanced=balanced).run(port)
+    network = NodalNetwork(structure, program, structure.place[port.node], inputs)
+    trace = TraceRecorder(network, names=names, suffix=suffix) if traced else NoTrace()
+    return Reducer(network, trace, balanced=balanced).run(port)
 
 
 class Reducer:
@@ -142,8 +346,8 @@ class Reducer:
     ----------
     network
         The network to reduce; it shrinks.
-    story
-        Where the steps are told.
+    trace
+        The recorder of the steps.
     balanced
         Whether loops are opened in rounds, of junctions that do not touch each other (cyclic reduction):
         results then depend on one another over as many steps as the logarithm of the graph's length, where
@@ -156,38 +360,71 @@ class Reducer:
         The elimination, with the pivots so far.
     """
 
-    def __init__(self, network: Network, story: Untold, *, balanced: bool) -> None:
+    def __init__(self, network: NodalNetwork, trace: NoTrace, *, balanced: bool) -> None:
         self._balanced = balanced
-        self.net, self.program, self.root, self.story = network, network.program, network.root, story
-        self.work = Elimination(network, story)
+        self.net, self.program, self.root, self.trace = network, network.program, network.root, trace
+        self.work = JunctionElimination(network, trace)
         self._driving = frozenset(name for row in network.rows.values() for name in row.sources)
 
     def run(self, port: Port) -> Reduction:
         """Reduce the network to the prototype at its root, for an output there."""
-        self._eliminate_all()
-        prototype = self._prototype(port)
+        # leaves first, then the junctions with the fewest neighbours; at last those that are still bare
+        nearest_first = list(self.net.rows.values())
+        rows = sorted(nearest_first, key=attrgetter("depth"), reverse=True)
+        rows.remove(self.root)
+        for rank, row in enumerate(rows):
+            row.rank = rank
+        self._eliminate_in_turn([row for row in rows if len(row.entries) < 2], most=1)
+        self._eliminate_in_turn([row for row in rows if not row.gone], most=len(rows))
+        self._eliminate_bare([row for row in nearest_first if not row.gone and row is not self.root])
+        # the prototype, and the eliminated junctions behind A and B, before the trace adds their terms up
+        element, rest = split_root(self.net, port, self._root_known())
+        part_a = self.program.sum(term.register for term in rest)
+        factors = (*self.work.pivots, self.program.add(part_a, element.register))
+        found: tuple[set[str], set[str]] = set(), set()
+        for term in self.root.terms:
+            origin = self.work.origins.get((self.root, term))
+            if origin is not None:
+                found[term is element].add(origin.name)
+        origins = frozenset(found[0]), frozenset(found[1])
+        label = f"{'Z' if self.root.kind == '1' else 'Y'}_A{self.trace.suffix}"
+        self.trace.superposed(self.root, rest, part_a, label)
+        prototype = Prototype(
+            program=self.program,
+            kind=self.root.kind,
+            fixed=self._root_known(),
+            part_a=part_a,
+            part_b=element.register,
+            name_a=", ".join(term.name for term in rest) or "nothing",
+            name_b=element.name,
+            released=partial(_released, self.program, factors, self.net.structure, tuple(self.net.rows)),
+            shared=partial(_shared, self.net.structure, self.root.name, *origins),
+            suffix=self.trace.suffix,
+        )
         total = self.program.add(prototype.part_a, prototype.part_b)
+        others, own = tuple(self.work.pivots), self.work.holding
         if not prototype.fixed:
             if self.program.is_zero(total):
                 raise self._singular()
-            self.work.pivots.append(total)
+            own = total
         form = port_form(self.net, port, total)
-        self.story.reached(prototype, port, form)
+        self.trace.reached(prototype, port, form)
         return Reduction(
             port=port,
             root=self.root.name,
-            steps=tuple(self.story.steps),
+            steps=tuple(self.trace.steps),
             prototype=prototype,
             drives=dict(self.root.sources),
             channels={
                 source: channel(self.net, form, source, self._common(source, total))
                 for source in self.net.inputs
             },
-            pivots=tuple(self.work.pivots),
+            pivots=others if own is None else (*others, own),
+            others=others,
             structure=self.net.structure,
             junctions=tuple(self.net.rows),
             driving=self._driving,
-            labels=self.story.labels,
+            labels=self.trace.labels,
         )
 
     def _common(self, source: str, total: Register) -> Register:
@@ -199,36 +436,11 @@ class Reducer:
             return program.one if source == fixing else program.zero
         return program.div(self.root.sources.get(source, program.zero), total)
 
-    def _prototype(self, port: Port) -> Prototype:
-        element, rest = split_root(self.net, port, self._root_known())
-        part_a = self.program.sum(term.register for term in rest)
-        self.story.superposed(self.root, rest, part_a, "Z_A" if self.root.kind == "1" else "Y_A")
-        return Prototype(
-            program=self.program,
-            kind=self.root.kind,
-            fixed=self._root_known(),
-            part_a=part_a,
-            part_b=element.register,
-            name_a=", ".join(term.name for term in rest) or "nothing",
-            name_b=element.name,
-        )
-
     def _root_known(self) -> bool:
-        """Tell whether a source, or a bare junction beside it, fixes the root's unknown."""
+        """Test whether a source, or a bare junction beside it, fixes the root's unknown."""
         return self.work.held is not None or self.root.fixing is not None
 
-    def _eliminate_all(self) -> None:
-        """Eliminate leaves first, then what has most to say to the fewest; at last what is still bare."""
-        nearest_first = list(self.net.rows.values())
-        rows = sorted(nearest_first, key=attrgetter("depth"), reverse=True)
-        rows.remove(self.root)
-        for rank, row in enumerate(rows):
-            row.rank = rank
-        self._eliminate_in_turn([row for row in rows if len(row.entries) < 2], most=1)
-        self._eliminate_in_turn([row for row in rows if not row.gone], most=len(rows))
-        self._eliminate_bare([row for row in nearest_first if not row.gone and row is not self.root])
-
-    def _eliminate_in_turn(self, rows: list[Row], most: int) -> None:
+    def _eliminate_in_turn(self, rows: list[Balance], most: int) -> None:
         """Eliminate by (round, number of neighbours, distance from the root), up to so many neighbours."""
         turns = [_turn(row) for row in rows]
         heapq.heapify(turns)
@@ -244,7 +456,7 @@ class Reducer:
                 if other is not self.root and len(other.entries) <= most:
                     heapq.heappush(turns, _turn(other))
 
-    def _eliminate_next(self, row: Row) -> list[Row]:
+    def _eliminate_next(self, row: Balance) -> list[Balance]:
         """Eliminate a junction if something stands on it, or if it is bare and a dead end."""
         own = self.net.diagonal(row)
         if not self.program.is_zero(own):
@@ -254,7 +466,7 @@ class Reducer:
             return self.work.eliminate_pair(neighbours[0], row)
         return []  # nothing stands on it yet; it is queued again when a neighbour is eliminated
 
-    def _eliminate_bare(self, rows: list[Row]) -> None:
+    def _eliminate_bare(self, rows: list[Balance]) -> None:
         """Eliminate junctions on which nothing stands, each with a neighbour that its balance fixes."""
         for row in rows:
             if row.gone:
@@ -273,11 +485,44 @@ class Reducer:
                 raise self._singular()
 
     def _singular(self) -> Exception:
-        net = self.net
-        return explain_singularity(Network(net.structure, self.program, self.root.name, net.inputs))
+        return explain(self.net.structure)
 
 
-def _turn(row: Row) -> tuple[int, int, int, Row]:
+def _turn(row: Balance) -> tuple[int, int, int, Balance]:
     """Return when a junction is eliminated: leaves first, fill low, the farthest from the root first."""
     degree = len(row.entries)
     return (row.round if degree > 1 else 0, degree, row.rank, row)
+
+
+def _integrators(structure: JunctionStructure, junctions: Iterable[str]) -> int:
+    """Count the storages on junctions whose immittance has s in the denominator."""
+    nodes = structure.graph.nodes
+    standing = ((structure.junctions[name].kind, name) for name in junctions)
+    return sum(
+        (kind, nodes[element].type) in {("1", "C"), ("0", "I")}
+        for kind, name in standing
+        for element in structure.junctions[name].elements
+    )
+
+
+def _released(
+    program: Program, factors: tuple[Register, ...], structure: JunctionStructure, junctions: tuple[str, ...]
+) -> Register:
+    """Write the determinant with the driving port removed, times s for every storage that integrates."""
+    return program.product([*factors, *(program.s for _ in range(_integrators(structure, junctions)))])
+
+
+def _shared(
+    structure: JunctionStructure, root: str, of_a: frozenset[str], of_b: frozenset[str]
+) -> tuple[str, ...]:
+    """Return the user's junctions of the parts that systems A and B were both reduced from.
+
+    Without the root a graph falls into parts; one that left terms in both systems hangs on it by a loop.
+    """
+    members: list[str] = []
+    while of_a and of_b:
+        part = set(reach(structure, min(of_b), without=root))
+        if part & of_a:
+            members += [member for name in part for member in structure.junctions[name].members]
+        of_a, of_b = of_a - part, of_b - part
+    return tuple(name for name in structure.graph.nodes if name in set(members))

@@ -1,6 +1,6 @@
-"""What is left of a graph after each step of its reduction, made only when somebody asks.
+"""Snapshots of a graph after each step of its reduction, taken only on request.
 
-The reduction is run once more with somebody watching. Its program shares equal operations, so that nothing
+The reduction is run once more with an observer. Its program shares equal operations, so that nothing
 new is written: a snapshot holds registers of the reduction that it shows.
 """
 
@@ -10,14 +10,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.reduction.elimination import Elimination
+from dynid.bondgraph.program.program import Program, Register
 from dynid.bondgraph.reduction.junctions import JunctionStructure
-from dynid.bondgraph.reduction.network import Network, Row, Term
-from dynid.bondgraph.reduction.port import PortForm, port_form
-from dynid.bondgraph.reduction.program import Program, Register
-from dynid.bondgraph.reduction.reducer import Reducer
-from dynid.bondgraph.reduction.steps import Step
-from dynid.bondgraph.reduction.telling import Told
+from dynid.bondgraph.reduction.network import Balance, Immittance, NodalNetwork, PortForm, port_form
+from dynid.bondgraph.reduction.reducer import JunctionElimination, Reducer
+from dynid.bondgraph.reduction.trace import ReductionStep, TraceRecorder
 
 
 @dataclass(frozen=True)
@@ -32,6 +29,8 @@ class JunctionState:
         The user's junctions in it; empty for one that was put in between.
     terms
         The immittances on it: impedances on a 1, admittances on a 0; elements, and what was reduced.
+    titles
+        The name of each of them in the steps.
     sources
         What each input feeds into its balance.
     drives
@@ -40,14 +39,15 @@ class JunctionState:
 
     kind: str
     nodes: tuple[str, ...]
-    terms: tuple[Term, ...]
+    terms: tuple[Immittance, ...]
+    titles: dict[Immittance, str]
     sources: dict[str, Register]
     drives: dict[str, Register]
 
 
 @dataclass(frozen=True)
-class Link:
-    """What ties two junctions: a bond, a TF or GY, or a coupling that only the equations show.
+class SnapshotCoupling:
+    """The connection of two junctions: a bond, a TF or GY, or a coupling that only the equations show.
 
     Parameters
     ----------
@@ -93,10 +93,10 @@ class Snapshot:
         Junctions on which something changed in this step, and those that it consumed.
     """
 
-    step: Step | None
+    step: ReductionStep | None
     root: str
     junctions: dict[str, JunctionState]
-    links: tuple[Link, ...]
+    links: tuple[SnapshotCoupling, ...]
     known: dict[str, Register] | None
     reading: PortForm
     changed: tuple[str, ...]
@@ -118,34 +118,46 @@ def snapshots(
     Singular
         As the reduction itself.
     """
-    network = Network(structure, program, structure.place[port.node], inputs)
-    camera = _Camera(network, port)
-    story = Told(network, camera.look)
-    reducer = Reducer(network, story, balanced=False)
-    camera.story, camera.work = story, reducer.work
-    camera.look()
+    network = NodalNetwork(structure, program, structure.place[port.node], inputs)
+    taker = _SnapshotTaker(network, port)
+    trace = TraceRecorder(network, taker.look)
+    reducer = Reducer(network, trace, balanced=False)
+    taker.trace, taker.work = trace, reducer.work
+    taker.look()
     reducer.run(port)
-    return tuple(camera.taken)
+    return tuple(taker.taken)
 
 
-class _Camera:
+class _SnapshotTaker:
     """Takes the last whole state of the network for every number of steps done."""
 
-    story: Told
-    work: Elimination
+    trace: TraceRecorder
+    work: JunctionElimination
 
-    def __init__(self, network: Network, port: Port) -> None:
+    def __init__(self, network: NodalNetwork, port: Port) -> None:
         self.net, self.port = network, port
         self.taken: list[Snapshot] = []
 
     def look(self) -> None:
         """Take a snapshot; what changed without a step belongs to the step before."""
-        steps = self.story.steps
+        steps = self.trace.steps
         if not steps and self.taken:
             return  # the graph as drawn stays as it was drawn
         del self.taken[len(steps) :]
         before = self.taken[-1].junctions if self.taken else {}
-        left = {row.name: self._state(row) for row in self.net.left}
+        left = {
+            row.name: (
+                JunctionState(
+                    kind=row.kind,
+                    nodes=tuple(self.net.structure.junctions[row.name].members),
+                    terms=tuple(row.terms),
+                    titles={term: self.trace.title(row, term) for term in row.terms},
+                    sources=dict(row.sources),
+                    drives=dict(self.trace.drives[row]),
+                )
+            )
+            for row in self.net.left
+        }
         self.taken.append(
             Snapshot(
                 step=steps[-1] if steps else None,
@@ -159,17 +171,8 @@ class _Camera:
             )
         )
 
-    def _state(self, row: Row) -> JunctionState:
-        return JunctionState(
-            kind=row.kind,
-            nodes=tuple(self.net.structure.junctions[row.name].members),
-            terms=tuple(row.terms),
-            sources=dict(row.sources),
-            drives=dict(self.story.drives[row]),
-        )
-
-    def _links(self) -> Iterable[Link]:
-        seen: set[Row] = set()
+    def _links(self) -> Iterable[SnapshotCoupling]:
+        seen: set[Balance] = set()
         for tail in self.net.left:
             seen.add(tail)
             for head in tail.entries:
@@ -177,7 +180,9 @@ class _Camera:
                     tie = self.net.tie(tail, head)
                     two_port = tie.two_port if tie is not None else None
                     pair = tail.entries[head], head.entries[tail]
-                    yield Link(tail.name, head.name, *pair, drawn=tie is not None, two_port=two_port)
+                    yield SnapshotCoupling(
+                        tail.name, head.name, *pair, drawn=tie is not None, two_port=two_port
+                    )
 
     def _known(self) -> dict[str, Register] | None:
         held, program = self.work.held, self.net.program

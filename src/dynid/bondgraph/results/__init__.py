@@ -1,1 +1,1 @@
-"""What the analyses of a graph put into a `Result`, one question a file."""
+"""The results of bond graph analyses, written into a `Result`, one kind a file."""

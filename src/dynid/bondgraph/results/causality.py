@@ -1,4 +1,8 @@
-"""The causality of a graph as tables: strokes, states, dependent storage, loops and conflicts."""
+"""The causality of a graph and the zero dynamics of its channels in a result.
+
+Strokes, states, dependent storages, loops and conflicts as tables; the zero dynamics of every channel as a
+graph by bicausality, and as exact state equations.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynid.bondgraph.causality.assign import assign_causality
-from dynid.bondgraph.causality.report import Causality, Remark
-from dynid.bondgraph.graph import VALUED, BondGraph
-from dynid.errors import Singular
+from dynid.bondgraph.causality.bicausal import ZeroCausality, zero_causality
+from dynid.bondgraph.causality.report import Causality, join_nodes, join_with_types
+from dynid.bondgraph.causality.scap import assign_causality
+from dynid.bondgraph.equations.symbolic import zero_dynamics_equations
+from dynid.bondgraph.graph import VALUED, BondGraph, Port
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.state_space import ZeroPart, natural_order, zero_dynamics, zero_parts
+from dynid.errors import NumericalError, Singular
 from dynid.result import Result
+
+# --- causality ------------------------------------------------------------------------------------
 
 _GROUP = "bond_graph/causality"
 
@@ -33,7 +43,10 @@ def add_causality(result: Result, graph: BondGraph) -> Causality:
         ("loop", causality.loops),
         ("conflict", causality.conflicts),
     ):
-        _remarks(result, axis, remarks)
+        rows = [(", ".join(remark.nodes), remark.meaning, remark.equations) for remark in remarks]
+        dtype = [("nodes", object), ("meaning", object), ("equations", np.int64)]
+        result.add_axis(f"{_GROUP}/{axis}", np.arange(1, len(rows) + 1))
+        result.add(f"{_GROUP}/{axis}s", np.array(rows, dtype=dtype), (axis,))
     result.add(f"{_GROUP}/order", causality.order)
     note = _compare_order(result, graph, causality)
     if note:
@@ -44,13 +57,6 @@ def add_causality(result: Result, graph: BondGraph) -> Causality:
 def _table(result: Result, axis: str, rows: Sequence[tuple[str, ...]], names: tuple[str, ...]) -> None:
     result.add_axis(f"{_GROUP}/{axis}", np.arange(1, len(rows) + 1))
     result.add(f"{_GROUP}/{axis}s", np.array(rows, dtype=[(name, object) for name in names]), (axis,))
-
-
-def _remarks(result: Result, axis: str, remarks: Sequence[Remark]) -> None:
-    rows = [(", ".join(remark.nodes), remark.meaning, remark.equations) for remark in remarks]
-    dtype = [("nodes", object), ("meaning", object), ("equations", np.int64)]
-    result.add_axis(f"{_GROUP}/{axis}", np.arange(1, len(rows) + 1))
-    result.add(f"{_GROUP}/{axis}s", np.array(rows, dtype=dtype), (axis,))
 
 
 def _compare_order(result: Result, graph: BondGraph, causality: Causality) -> str:
@@ -78,4 +84,131 @@ def _compare_order(result: Result, graph: BondGraph, causality: Causality) -> st
     return (
         f"the structure allows {causality.order} states, but the equations have {exact}, the degree of the "
         f"natural polynomial: {because}"
+    )
+
+
+# --- zero dynamics --------------------------------------------------------------------------------
+
+#: Most states of which the coupled equations are written down, and most parts that a sentence names.
+_MATRIX, _PARTS = 40, 4
+
+
+def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causality) -> None:
+    """Add the zero dynamics of every channel.
+
+    Parameters
+    ----------
+    result
+        Where to add them.
+    reduced
+        The graph with its inputs and outputs.
+    causality
+        The graph's own causality.
+    """
+    for port in reduced.outputs:
+        integrated = reduced.graph.integrates(port)
+        modelled = set(reduced.reductions[port].modelled)
+        order = sum(state.element in modelled for state in causality.states) + integrated
+        junctions = reduced.reductions[port].junctions
+        exact_order = natural_order(reduced.graph, junctions, reduced.structure) + integrated
+        for source in reduced.inputs:
+            found = zero_causality(reduced.graph, port, source)
+            group = f"bond_graph/causality/zero_dynamics/{port}/{source}"
+            structural = None if found is None else _add_graph(result, group, found, modelled, order)
+            exact = _add_equations(result, group, reduced, port, source, exact_order)
+            note = _difference(structural, exact, order - exact_order, found)
+            if note:
+                result.annotate(group, note=note)
+
+
+def _add_graph(result: Result, group: str, found: ZeroCausality, modelled: set[str], order: int) -> int:
+    """Add the bicausal graph; return the number of zeros that its structure allows."""
+    names = ("tail", "head", "effort", "flow", "set_by")
+    rows = [(b.tail, b.head, b.effort, b.flow, b.set_by) for b in found.bonds]
+    result.add_axis(f"{group}/bond", np.arange(1, len(rows) + 1))
+    result.add(f"{group}/bonds", np.array(rows, dtype=[(name, object) for name in names]), ("bond",))
+    result.add_axis(f"{group}/line", list(found.line))
+    inside = [state.name for state in found.inside.states if state.element in modelled]
+    derivative = [name for name in found.derivative if name in modelled]
+    result.add_axis(f"{group}/internal_state", np.array(inside, dtype=object))
+    result.add_axis(f"{group}/derivative_storage", np.array(derivative, dtype=object))
+    result.add(f"{group}/zeros_structural", len(inside))
+    result.add(f"{group}/relative_degree_structural", order - len(inside))
+    return len(inside)
+
+
+def _add_equations(
+    result: Result, group: str, reduced: ReducedGraph, port: Port, source: str, order: int
+) -> int | None:
+    """Add the exact zero dynamics; return the number of zeros, None where the input does not reach."""
+    try:
+        parts = zero_parts(reduced, port, source)
+    except Singular:
+        result.add(f"{group}/meaning", f"the input {source} does not reach {port}: no zero dynamics")
+        return None
+    count = sum(len(part.states) for part in parts)
+    result.add(f"{group}/zeros_exact", count)
+    result.add(f"{group}/relative_degree_exact", order - count)
+    result.add(f"{group}/meaning", _meaning(reduced, port, source, parts))
+    rows = [
+        (
+            ", ".join(part.elements),
+            ", ".join(part.states),
+            "not formed: too large" if part.polynomial is None else str(part.polynomial),
+        )
+        for part in parts
+    ]
+    dtype = [(name, object) for name in ("elements", "states", "polynomial")]
+    result.add_axis(f"{group}/part", np.arange(1, len(rows) + 1))
+    result.add(f"{group}/parts", np.array(rows, dtype=dtype), ("part",))
+    if 0 < count <= _MATRIX:
+        _add_matrices(result, group, reduced, port, source)
+    return count
+
+
+def _add_matrices(result: Result, group: str, reduced: ReducedGraph, port: Port, source: str) -> None:
+    """Add x' = A x of the inside and u = C x that holds the output, where doubles can hold them."""
+    try:
+        inside = zero_dynamics(reduced, port, source)
+    except NumericalError:
+        return
+    names = np.array(inside.states, dtype=object)
+    result.add_axis(f"{group}/state", names)
+    result.add_axis(f"{group}/rate_of", names)
+    result.add(f"{group}/A", inside.A, ("rate_of", "state"))
+    result.add(f"{group}/input", inside.C[0], ("state",))
+    written = zero_dynamics_equations(reduced, port, source, inside.states)
+    result.add(f"{group}/equations", np.array(written.states, dtype=object), ("rate_of",))
+    result.add(f"{group}/input_equation", written.outputs[0])
+    if written.definitions:
+        result.add_axis(f"{group}/definition", np.arange(1, len(written.definitions) + 1))
+        result.add(f"{group}/definitions", np.array(written.definitions, dtype=object), ("definition",))
+
+
+def _meaning(reduced: ReducedGraph, port: Port, source: str, parts: tuple[ZeroPart, ...]) -> str:
+    kinds = {name: node.type for name, node in reduced.graph.nodes.items()}
+    held = f"with {port} held at zero by {source}"
+    if not parts:
+        return f"{held} there are no zero dynamics: the channel has no zeros"
+    carried = [
+        join_with_types(kinds, part.elements) if part.elements else join_nodes(part.states)
+        for part in parts[:_PARTS]
+    ]
+    more = f", and {len(parts) - _PARTS} more parts" if len(parts) > _PARTS else ""
+    carry = "carries" if len(parts) == 1 and len(parts[0].elements) == 1 else "carry"
+    return f"zero dynamics, {held}: {'; '.join(carried)}{more} {carry} on inside"
+
+
+def _difference(structural: int | None, exact: int | None, lost: int, found: ZeroCausality | None) -> str:
+    """Say why the structure and the numbers count differently."""
+    several = "" if found is None or found.lines < 2 else f" ({found.lines} lines of power were compared)"
+    if structural is None:
+        return "" if exact is None else "no single line of power can be made bicausal; the exact count holds"
+    if exact is None:
+        return f"the structure lets the input through, but contributions cancel{several}"
+    if structural - exact == lost == 0:
+        return ""
+    return (
+        f"the structure allows {structural} zeros and the numbers have {exact}: values, or the unit gains of "
+        f"plain bonds, cancel{several}"
     )

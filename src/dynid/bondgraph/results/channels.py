@@ -1,4 +1,4 @@
-"""Results channel by channel: transfer functions, zeros and poles, properties, hidden modes."""
+"""Results channel by channel: transfer functions and formulas, zeros and poles, properties, hidden modes."""
 
 from __future__ import annotations
 
@@ -7,23 +7,74 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.engines import Choice, choose
-from dynid.bondgraph.exact import ExactEngine
-from dynid.bondgraph.question import Analysis, Formulas
-from dynid.bondgraph.reduced import Channel, ReducedGraph
+from dynid.bondgraph.engine_choice import EngineChoice, choose_engine
+from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
+from dynid.bondgraph.formulas.printers import LATEX, TEXT
+from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.request import Analysis, FormulaRequest
 from dynid.bondgraph.results.roots import add_roots, each
-from dynid.bondgraph.transfer import TransferFunction
 from dynid.errors import Undecided
-from dynid.lti.verdicts import Verdicts
-from dynid.progress import counted
+from dynid.lti.stability import TransferProperties
+from dynid.progress import tracked
 from dynid.result import Result
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.floating.transfer import FloatEngine
-    from dynid.bondgraph.sampling.engine import Sample
+    from dynid.bondgraph.floating.engine import FloatEngine
+    from dynid.bondgraph.sampling.engine import EngineSample
 
 
-#: What is told of a channel by one value.
+# --- formulas -------------------------------------------------------------------------------------
+
+
+def add_formulas(result: Result, reduced: ReducedGraph, wanted: FormulaRequest | None) -> None:
+    """Add what there is to read of every channel.
+
+    A formula of a page is the attribute `symbolic` (and `latex`) of its channel. On demand a channel has the
+    datasets `program` and `program_latex` (named assignments, none expanded), and where it is to be expanded
+    `symbolic_numerator` and `symbolic_denominator`, however long.
+
+    Raises
+    ------
+    NumericalError
+        Where an expansion outgrows its guard.
+    UsageError
+        Where a formula that was asked for cannot be written.
+    """
+    from dynid.bondgraph.formulas.transfer import expanded, nested
+
+    _add_readable(result, reduced)
+    if wanted is None:
+        return
+    for channel, register in reduced.channels().items():
+        for name, hand in (("program", TEXT), ("program_latex", LATEX)):
+            result.add(f"{_group(channel)}/{name}", nested(reduced, [register], hand))
+    if wanted.form == "expanded":
+        from dynid.bondgraph.formulas.symbolic import plain
+
+        for channel, polynomials in expanded(reduced, wanted.terms).items():
+            for name, part in zip(("numerator", "denominator"), polynomials, strict=True):
+                result.add(f"{_group(channel)}/symbolic_{name}", plain(part), terms=len(part))
+
+
+def _add_readable(result: Result, reduced: ReducedGraph) -> None:
+    from dynid.bondgraph.formulas.symbolic import quotient, written
+    from dynid.bondgraph.formulas.transfer import readable
+
+    for channel, (numerator, denominator) in readable(reduced).items():
+        latex, rank = written(numerator, LATEX)
+        if denominator != 1:
+            latex, rank = LATEX.quotient((latex, rank), written(denominator, LATEX))
+        result.annotate(_group(channel), symbolic=quotient(numerator, denominator)[0], latex=latex)
+
+
+def _group(channel: Channel) -> str:
+    return f"bond_graph/transfer_function/{channel[0]}/{channel[1]}"
+
+
+# --- channels -------------------------------------------------------------------------------------
+
+
+#: Properties of a channel that are one value.
 _PROPERTIES = (
     "relative_degree",
     "dc_gain",
@@ -44,9 +95,9 @@ def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> N
     Raises
     ------
     Undecided
-        Where the float engine was asked for and cannot tell.
+        Where the float engine was asked for and cannot decide.
     """
-    choice = choose(reduced, analysis)
+    choice = choose_engine(reduced, analysis)
     try:
         found = _channels(reduced, analysis, choice)
     except Undecided as error:
@@ -58,38 +109,32 @@ def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> N
     result.annotate("bond_graph", **choice.attributes(analysis.reading))
 
 
-def _channels(reduced: ReducedGraph, analysis: Analysis, choice: Choice) -> Result:
+def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -> Result:
     result = Result("bond-graph")
     for channel in reduced.channels():
         own = {"unit": unit} if (unit := reduced.units.of_channel(*channel)) else {}
         result.annotate(_group(channel), engine=choice.engine, reading=analysis.reading, **own)
     if "transfer_function" in analysis.results:
-        from dynid.bondgraph.results.formulas import add_formulas
-
-        nested = Formulas() if choice.engine == "symbolic" else None
+        nested = FormulaRequest() if choice.engine == "symbolic" else None
         add_formulas(result, reduced, analysis.formulas or nested)
     if choice.engine == "symbolic":
         return result
     engine = _engine(choice, reduced)
-    for channel in counted(reduced.channels(), "zeros and poles of channel"):
+    for channel in tracked(reduced.channels(), "zeros and poles of channel"):
         add_channel(result, engine, channel, analysis.results)
     return result
 
 
-def _engine(choice: Choice, reduced: ReducedGraph) -> ExactEngine | FloatEngine:
+def _engine(choice: EngineChoice, reduced: ReducedGraph) -> ExactEngine | FloatEngine:
     if choice.engine == "exact":
         return ExactEngine(reduced)
-    from dynid.bondgraph.floating.transfer import FloatEngine
+    from dynid.bondgraph.floating.engine import FloatEngine
 
     return FloatEngine(reduced)
 
 
-def _group(channel: Channel) -> str:
-    return f"bond_graph/transfer_function/{channel[0]}/{channel[1]}"
-
-
 def add_channel(
-    result: Result, engine: ExactEngine | FloatEngine | Sample, channel: Channel, asked: frozenset[str]
+    result: Result, engine: ExactEngine | FloatEngine | EngineSample, channel: Channel, asked: frozenset[str]
 ) -> None:
     """Add what is asked for of one channel."""
     transfer, group = engine.channel(channel), _group(channel)
@@ -116,7 +161,9 @@ def _add_coefficients(result: Result, group: str, transfer: TransferFunction) ->
         result.add(f"{group}/{name}", coefficients, (axis,))
 
 
-def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduced: ReducedGraph) -> None:
+def _add_properties(
+    result: Result, channel: Channel, transfer: TransferProperties, reduced: ReducedGraph
+) -> None:
     """Add the properties; a truth value that is undecided is left out, and its verdict says so."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
     units = reduced.units.of_channel(*channel)
@@ -125,14 +172,11 @@ def _add_properties(result: Result, channel: Channel, transfer: Verdicts, reduce
             result.add(path, value, units=units if name in _GAINS else "")
     result.add(f"{group}/prototype", reduced.reductions[channel[0]].prototype.letter)
     if any(result.wants(f"{group}/{name}") for name in ("natural_frequency", "damping_ratio")):
-        _add_natural_frequencies(result, group, each(transfer.poles, "value", np.complex128))
-
-
-def _add_natural_frequencies(result: Result, group: str, poles: NDArray[np.complex128]) -> None:
-    size, damping = natural_frequencies(poles)
-    result.add_axis(f"{group}/mode", np.arange(1, len(size) + 1))
-    result.add(f"{group}/natural_frequency", size, ("mode",), "rad/s")
-    result.add(f"{group}/damping_ratio", damping, ("mode",))
+        poles = each(transfer.poles, "value", np.complex128)
+        size, damping = natural_frequencies(poles)
+        result.add_axis(f"{group}/mode", np.arange(1, len(size) + 1))
+        result.add(f"{group}/natural_frequency", size, ("mode",), "rad/s")
+        result.add(f"{group}/damping_ratio", damping, ("mode",))
 
 
 def natural_frequencies(
@@ -145,7 +189,7 @@ def natural_frequencies(
 
 
 def _add_hidden_modes(
-    result: Result, engine: ExactEngine | FloatEngine | Sample, channel: Channel, *, explained: bool
+    result: Result, engine: ExactEngine | FloatEngine | EngineSample, channel: Channel, *, explained: bool
 ) -> None:
     """Add the natural modes that cancel in the channel, and why where that is asked for and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
@@ -154,7 +198,7 @@ def _add_hidden_modes(
     if not (explained and isinstance(engine, ExactEngine)):
         _add_modes(result, group, each(engine.hidden_modes(channel), "value", np.complex128))
         return
-    from dynid.bondgraph.hidden import hidden_modes
+    from dynid.bondgraph.hidden_modes import hidden_modes
 
     found = hidden_modes(engine.reduced, channel, engine.hidden_polynomial(channel))
     modes = [mode for mode in found for _ in range(mode.root.multiplicity)]

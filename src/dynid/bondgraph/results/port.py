@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.decomposition.dynamics import dynamics_of
+from dynid.bondgraph.decomposition.dynamics import prototype_dynamics
 from dynid.bondgraph.decomposition.equivalents import Decomposition
+from dynid.bondgraph.decomposition.one_port_equivalent import OnePortEquivalent
 from dynid.bondgraph.decomposition.performance import static_characteristics
-from dynid.bondgraph.decomposition.side import Side
 from dynid.bondgraph.domains import quotient
-from dynid.bondgraph.formula import readable_registers
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.formulas.printers import LATEX, TEXT
+from dynid.bondgraph.formulas.transfer import readable_registers
+from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
-from dynid.bondgraph.reduction.writing import LATEX, TEXT
-from dynid.bondgraph.results.dynamics import add_dynamics, add_ratio
-from dynid.bondgraph.results.roots import add_roots, roots_of
-from dynid.bondgraph.results.trace import add_traces, system_text
-from dynid.bondgraph.transfer import TransferFunction
+from dynid.bondgraph.results.prototype import add_dynamics, add_ratio, add_traces, system_text
+from dynid.bondgraph.results.roots import add_roots
 from dynid.result import Result
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
 
 _GROUP = "bond_graph/port"
 
@@ -41,24 +41,38 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
     """
     prototype = parts.prototype
     result.annotate(_GROUP, bond=str(parts.port), junction=parts.meeting)
-    _add_sides(result, parts, initial)
+    wanted: dict[str, int] = {}
+    for side in (parts.source, parts.load):
+        group = f"{_GROUP}/{side.name}"
+        result.annotate(group, nodes=", ".join(side.nodes), form=_form(side))
+        for immittance, register, source, given in (
+            ("Z_eq", side.impedance, "e_eq", side.effort),
+            ("Y_eq", side.admittance, "f_eq", side.flow),
+        ):
+            if register is not None and given is not None:
+                wanted[f"{group}/{immittance}"] = register
+                wanted |= {f"{group}/{source}/{name}": drive for name, drive in given.items()}
+    ratios, texts = parts.rational(wanted.values()), readable_registers(parts, wanted.values())
+    for path, register in wanted.items():
+        ratio, stored = TransferFunction.of(ratios[register]), path.partition(f"/{STORED}")[2]
+        if stored:  # what the energy given at t = 0 makes of it
+            ratio = ratio.times(Fraction(initial[stored]))
+        add_ratio(result, path, ratio, None if stored else texts.get(register))
     result.add(f"{_GROUP}/prototype", prototype.letter)
     for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
         result.add(f"{_GROUP}/prototype_equation{suffix}", prototype.equation(hand))
     result.add(f"{_GROUP}/type", prototype.type)
     result.add(f"{_GROUP}/meaning", prototype.describe(parts.meeting))
     sides = {side.name: side.reduction for side in (parts.source, parts.load) if side.reduction is not None}
-    reductions = [*sides.values(), *([parts.driven] if parts.driven is not None else [])]
-    labels = {r: label for reduction in reductions for r, label in reduction.labels.items()}
+    if parts.driven is not None:
+        sides["driven load"] = parts.driven
+    labels = {r: label for reduction in sides.values() for r, label in reduction.labels.items()}
     for index, part in enumerate(("system_a", "system_b")):
         for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
             result.add(f"{_GROUP}/{part}{suffix}", system_text(parts, prototype, index, labels, hand))
     add_traces(result, _GROUP, parts, sides, "side")
-    dynamics = dynamics_of(parts, prototype)
+    dynamics = prototype_dynamics(parts, prototype)
     add_dynamics(result, _GROUP, dynamics)
-    whole = parts.characteristic()
-    unseen = whole // whole.gcd(dynamics.natural) if whole != 0 and dynamics.natural != 0 else whole**0
-    add_roots(result, _GROUP, "hidden_modes", roots_of(unseen))
     _add_performance(result, parts)
 
 
@@ -73,7 +87,7 @@ def add_requested(result: Result, reduced: ReducedGraph) -> None:
 
 
 def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.float64]) -> None:
-    """Add the characteristic over frequency: both sides, and effort and flow where they meet.
+    """Add both sides, effort and flow where they meet, and what eqs 5 to 8 name, over frequency.
 
     Parameters
     ----------
@@ -82,7 +96,7 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
     omega
         Angular frequencies, rad/s.
     """
-    from dynid.bondgraph.frequency import on_axis
+    from dynid.bondgraph.frequency_response import on_axis
 
     group, zero = f"{_GROUP}/frequency_response", parts.program.zero
     units = _units(parts)
@@ -105,10 +119,13 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
     for name, answers in (("effort", parts.effort), ("flow", parts.flow)):
         values = on_axis(parts, [answers[source] for source in parts.sources], omega)
         result.add(f"{group}/{name}", values, ("omega", "input"))
+    named = on_axis(parts, [parts.prototype.response], omega)[:, 0]
+    unit = units[{"b": "Y_eq", "d": "ratio"}.get(parts.prototype.letter, "Z_eq")]
+    result.add(f"{group}/zero_dynamics_response", named, ("omega",), unit)
 
 
 def _units(parts: Decomposition) -> dict[str, str]:
-    """Return the units of effort, flow and immittances at the port; empty where no domain tells them."""
+    """Return the units of effort, flow, immittances and ratios at the port; empty where none is known."""
     at = next((end for end in (parts.port.tail, parts.port.head) if parts.units.of(end, "e")), "")
     effort, flow = (parts.units.of(at, quantity) for quantity in "ef")
     return {
@@ -116,31 +133,11 @@ def _units(parts: Decomposition) -> dict[str, str]:
         "flow": flow,
         "Z_eq": quotient(effort, flow) if at else "",
         "Y_eq": quotient(flow, effort) if at else "",
+        "ratio": "",
     }
 
 
-def _add_sides(result: Result, parts: Decomposition, initial: Mapping[str, float | Fraction]) -> None:
-    """Add Z_eq, Y_eq, and e_eq, f_eq of every input, of both sides, as far as they exist."""
-    wanted: dict[str, int] = {}
-    for side in (parts.source, parts.load):
-        group = f"{_GROUP}/{side.name}"
-        result.annotate(group, nodes=", ".join(side.nodes), form=_form(side))
-        for immittance, register, source, given in (
-            ("Z_eq", side.impedance, "e_eq", side.effort),
-            ("Y_eq", side.admittance, "f_eq", side.flow),
-        ):
-            if register is not None and given is not None:
-                wanted[f"{group}/{immittance}"] = register
-                wanted |= {f"{group}/{source}/{name}": drive for name, drive in given.items()}
-    ratios, texts = parts.rational(wanted.values()), readable_registers(parts, wanted.values())
-    for path, register in wanted.items():
-        ratio, stored = TransferFunction.of(ratios[register]), path.partition(f"/{STORED}")[2]
-        if stored:  # what the energy given at t = 0 makes of it
-            ratio = ratio.times(Fraction(initial[stored]))
-        add_ratio(result, path, ratio, None if stored else texts.get(register))
-
-
-def _form(side: Side) -> str:
+def _form(side: OnePortEquivalent) -> str:
     """Say in which of the two forms a side exists."""
     if side.ideal:
         lost, kept, other = (

@@ -1,4 +1,4 @@
-"""State equations, frequency response and time response of a graph."""
+"""State equations, frequency response, time response and zero-input response of a graph in a result."""
 
 from __future__ import annotations
 
@@ -7,30 +7,34 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
+from dynid.bondgraph.results.prototype import add_ratio
+from dynid.defaults import PEAKS_NEAR_POLES
 from dynid.result import Result, common_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.lti.generator import Signal
-    from dynid.lti.model import StateSpace
-    from dynid.lti.propagate import Response
+    from dynid.lti.state_space import StateSpace
+    from dynid.lti.time_response import TimeResponse
+
+
+# --- state equations and responses ----------------------------------------------------------------
 
 
 _TIME = "bond_graph/time_response"
 _SHARED = (
     "some storages depend on others or on a source: stored energy given to one of them is shared at t = 0+, "
     "as in an impact (Park & Kim 1997, eqs 13 to 16), so that the response starts elsewhere"
-)
-_DIRAC = (
-    "an output follows the derivative of an input: where that jumps, the output has a Dirac impulse, "
-    "which is not shown"
 )
 
 
@@ -67,8 +71,9 @@ def add_state_space(result: Result, reduced: ReducedGraph) -> None:
 
 
 def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray[np.float64]) -> None:
-    """Add T(j omega) of every channel."""
-    from dynid.bondgraph.frequency import frequency_response
+    """Add T(j omega) of every channel, and the largest magnitude over the band of the frequencies."""
+    from dynid.bondgraph.frequency_response import frequency_response
+    from dynid.lti.peaks import add_peaks
 
     group = "bond_graph/frequency_response"
     result.add_axis(f"{group}/omega", omega, "rad/s")
@@ -80,6 +85,21 @@ def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray
     result.add(f"{group}/response", response, ("omega", "output", "input"), unit)
     if any(map(any, each)):
         result.add(f"{group}/unit", np.array(each, dtype=object), ("output", "input"))
+    add_peaks(result, "bond_graph", partial(frequency_response, reduced), _near_poles(result, reduced))
+
+
+def _near_poles(result: Result, reduced: ReducedGraph) -> NDArray[np.float64]:
+    """Return the frequencies near which a response may be large, rad/s: those of the poles."""
+    from dynid.bondgraph.engine_choice import modelled_storages
+
+    known = [found.data for path, found in result.items() if path.endswith("/poles")]
+    if not known and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:
+        from dynid.bondgraph.state_space import state_space
+
+        known = [np.linalg.eigvals(state_space(reduced).A)]
+    poles = np.concatenate([np.zeros(0, dtype=complex), *known])
+    resonant = poles.real**2 < poles.imag**2
+    return np.concatenate([np.abs(poles.imag), np.sqrt((poles.imag**2 - poles.real**2)[resonant])])
 
 
 def add_time_response(
@@ -125,8 +145,7 @@ def add_time_response(
     _add_courses(result, reduced, times, outputs, sources)
     result.annotate(_TIME, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
-    if _has_dirac(system, [*signals, *stored]):
-        notes.append(_DIRAC)
+    notes += _impulses(reduced, system, [*signals, *stored], float(times[-1]))
     doubt = max(doubt for _, doubt in settled.values())
     if doubt:
         notes.append(f"rounding moves an output by about {doubt:.1g} of its largest value")
@@ -140,13 +159,19 @@ def _settled(
     driving: Sequence[tuple[str, Signal]],
     initial: Sequence[str],
     times: NDArray[np.float64],
-) -> tuple[Response, float]:
+) -> tuple[TimeResponse, float]:
     """Return the response to signals, and the part of an output in doubt; several may drive one source."""
     from dynid.bondgraph.state_space import rational_matrices
-    from dynid.lti.settled import settled_response
+    from dynid.lti.refined_response import refined_response
 
+    rational = partial(rational_matrices, reduced, initial, [name for name, _ in driving])
+    return refined_response(_driven(system, driving), [signal for _, signal in driving], times, rational)
+
+
+def _driven(system: StateSpace, driving: Sequence[tuple[str, Signal]]) -> StateSpace:
+    """Return the system with an input for every signal; several may drive one source."""
     columns = [system.inputs.index(name) for name, _ in driving]
-    driven = replace(
+    return replace(
         system,
         B=system.B[:, columns],
         D=system.D[:, columns],
@@ -154,15 +179,21 @@ def _settled(
         inputs=(),
         input_units=(),
     )
-    rational = partial(rational_matrices, reduced, initial, [name for name, _ in driving])
-    return settled_response(driven, [signal for _, signal in driving], times, rational)
 
 
-def _has_dirac(system: StateSpace, driving: Sequence[tuple[str, Signal]]) -> bool:
-    """Tell whether an output may follow the derivative of an input that jumps."""
-    columns = [system.inputs.index(name) for name, _ in driving]
-    impulses = any(signal.jump for _, signal in driving)
-    return any(matrix.any() for matrix in system.higher) or bool(impulses and system.D[:, columns].any())
+def _impulses(
+    reduced: ReducedGraph, system: StateSpace, driving: Sequence[tuple[str, Signal]], stop: float
+) -> list[str]:
+    """Return the note that outputs have Dirac impulses; none where no output has one."""
+    from dynid.lti.time_response import impulsive_outputs
+
+    found = impulsive_outputs(_driven(system, driving), [signal for _, signal in driving], stop)
+    names = [str(port) for port, impulsive in zip(reduced.outputs, found, strict=True) if impulsive]
+    if not names:
+        return []
+    where = "where an input, or a derivative of one, jumps"
+    verb = "has" if len(names) == 1 else "have"
+    return [f"{', '.join(names)} {verb} {where} a Dirac impulse, which is not shown"]
 
 
 def _add_courses(
@@ -185,3 +216,57 @@ def _add_courses(
         result.add(f"{_TIME}/unit", own, ("output",))
     if any(driving):
         result.add(f"{_TIME}/input_unit", driving, ("source",))
+
+
+# --- zero-input response --------------------------------------------------------------------------
+
+
+def add_zero_input(result: Result, reduced: ReducedGraph, initial: Mapping[str, float | Fraction]) -> None:
+    """Add the Laplace transform of every output, all inputs zero, over the polynomial of the natural modes.
+
+    Common factors stay: a numerator that shares a root with the natural modes does not excite that mode.
+
+    Parameters
+    ----------
+    result, reduced
+        Where to add it, and of what.
+    initial
+        The flow of an I or the effort of a C at t = 0, by name.
+    """
+    for port, output in zero_input_outputs(reduced, initial).items():
+        add_ratio(result, f"bond_graph/zero_input/{port}", output)
+    result.annotate(
+        "bond_graph/zero_input", initial=", ".join(f"{n} = {float(v):g}" for n, v in initial.items())
+    )
+
+
+def zero_input_outputs(
+    reduced: ReducedGraph, initial: Mapping[str, float | Fraction]
+) -> dict[Port, TransferFunction]:
+    """Return every output's transform as numerator over natural polynomial, not in lowest terms.
+
+    The displacement or momentum of what is no storage has a factor s more below: it integrates.
+    """
+    from flint import fmpq, fmpq_poly
+
+    stored, natural = reduced.stored(initial), characteristic_polynomials(reduced)
+    ratios = reduced.rational(stored.values())
+    outputs = {}
+    for port in reduced.outputs:
+        answers = {name: TransferFunction.of(ratios[stored[port, name]]) for name in initial}
+        below = _common(natural[port], answers.values(), fmpq_poly)
+        above = fmpq_poly(0)
+        for name, answer in answers.items():
+            value = Fraction(initial[name])
+            share = fmpq_poly(answer.numerator) * (below // fmpq_poly(answer.denominator))
+            above += fmpq(value.numerator, value.denominator) * share
+        outputs[port] = TransferFunction(above.numer(), below.numer() * above.denom())
+    return outputs
+
+
+def _common(natural: Any, answers: Any, polynomial: Any) -> Any:
+    """Return the natural polynomial, with a factor s where an answer integrates it."""
+    below = polynomial(natural)
+    if all(below % polynomial(answer.denominator) == 0 for answer in answers):
+        return below
+    return below * polynomial([0, 1])

@@ -9,27 +9,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.lti import certified
-from dynid.lti.verdicts import Root
+from dynid.lti import certified_roots
+from dynid.lti.stability import SidedRoot
 from dynid.result import Result
 
 
-def roots_of(polynomial: Any) -> tuple[certified.Root, ...]:
+def roots_of(polynomial: Any) -> tuple[certified_roots.CertifiedRoot, ...]:
     """Return certified roots; the same polynomial is the answer to several questions of a port."""
     return _roots(tuple(int(c) for c in (polynomial // polynomial.content()).coeffs()))
 
 
 @lru_cache(maxsize=32)
-def _roots(coefficients: tuple[int, ...]) -> tuple[certified.Root, ...]:
+def _roots(coefficients: tuple[int, ...]) -> tuple[certified_roots.CertifiedRoot, ...]:
     from flint import fmpz_poly
 
-    return certified.certified_roots(fmpz_poly(list(coefficients)))
+    return certified_roots.certified_roots(fmpz_poly(list(coefficients)))
 
 
 def add_roots(
-    result: Result, group: str, name: str, roots: Sequence[Root], *, estimated: bool = False
+    result: Result, group: str, name: str, roots: Sequence[SidedRoot], *, estimated: bool = False
 ) -> None:
-    """Add roots, each as often as its multiplicity says, with certified error bounds or with estimates.
+    """Add roots, each as often as its multiplicity says, with certified_roots error bounds or with estimates.
 
     Parameters
     ----------
@@ -51,6 +51,6 @@ def add_roots(
         result.add(f"{group}/{axis}_residual", each(roots, "residual", np.float64), (axis,))
 
 
-def each(roots: Sequence[Root], what: str, dtype: type) -> NDArray[Any]:
+def each(roots: Sequence[SidedRoot], what: str, dtype: type) -> NDArray[Any]:
     """Return an attribute of roots, each as often as its multiplicity says."""
     return np.array([getattr(root, what) for root in roots for _ in range(root.multiplicity)], dtype=dtype)

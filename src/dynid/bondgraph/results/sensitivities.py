@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from dynid.bondgraph.engines import modelled_storages
-from dynid.bondgraph.natural import characteristic_polynomials
-from dynid.bondgraph.question import Analysis, Parameter
-from dynid.bondgraph.reduced import ReducedGraph
-from dynid.bondgraph.sensitivity import Sensitivity, sensitivity
-from dynid.bondgraph.transfer import TransferFunction
+from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
+from dynid.bondgraph.engine_choice import modelled_storages
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.request import Analysis, SensitivityParameter
+from dynid.bondgraph.sensitivity import sensitivity
 from dynid.errors import UsageError
-from dynid.lti.certified import Root, certified_roots, repeated
+from dynid.lti.certified_roots import certified_roots, repeated
 from dynid.result import Result
 
 #: Most storages with which they are taken unasked: the work grows with the cube.
@@ -53,28 +53,18 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
         transfer = TransferFunction.of(ratios[register])
         roots = transfer.zeros, transfer.poles
         found = sensitivity(reduced, register, *roots, modes[port], parameters)
-        _add_channel(result, f"bond_graph/sensitivities/{port}/{source}", found, roots, parameters)
-
-
-def _add_channel(
-    result: Result,
-    group: str,
-    found: Sensitivity,
-    roots: tuple[Sequence[Root], Sequence[Root]],
-    parameters: Sequence[Parameter],
-) -> None:
-    """Add the zeros and poles of a channel, and how they and its gains move."""
-    result.annotate(group, note=_NOTE)
-    result.add_axis(f"{group}/parameter", np.array([p.name for p in parameters], dtype=object))
-    sizes = np.array([float(p.value) for p in parameters])
-    result.add(f"{group}/value", sizes, ("parameter",))
-    for name, own, rates in zip(("zero", "pole"), roots, (found.zeros, found.poles), strict=True):
-        values = repeated(own)
-        result.add_axis(f"{group}/{name}", np.arange(1, len(values) + 1))
-        result.add(f"{group}/{name}s", values, (name,), "rad/s")
-        _add_rates(result, f"{group}/{name}_sensitivity", rates, sizes, (name, "parameter"), "rad/s")
-    for gain, slopes in (("dc_gain", found.dc_gain), ("high_frequency_gain", found.high_frequency_gain)):
-        _add_rates(result, f"{group}/{gain}_sensitivity", slopes, sizes, ("parameter",))
+        group = f"bond_graph/sensitivities/{port}/{source}"
+        result.annotate(group, note=_NOTE)
+        result.add_axis(f"{group}/parameter", np.array([p.name for p in parameters], dtype=object))
+        sizes = np.array([float(p.value) for p in parameters])
+        result.add(f"{group}/value", sizes, ("parameter",))
+        for name, own, rates in zip(("zero", "pole"), roots, (found.zeros, found.poles), strict=True):
+            values = repeated(own)
+            result.add_axis(f"{group}/{name}", np.arange(1, len(values) + 1))
+            result.add(f"{group}/{name}s", values, (name,), "rad/s")
+            _add_rates(result, f"{group}/{name}_sensitivity", rates, sizes, (name, "parameter"), "rad/s")
+        for gain, slopes in (("dc_gain", found.dc_gain), ("high_frequency_gain", found.high_frequency_gain)):
+            _add_rates(result, f"{group}/{gain}_sensitivity", slopes, sizes, ("parameter",))
 
 
 def _add_rates(
@@ -87,13 +77,15 @@ def _add_rates(
     result.add(f"{path}_relative", relative, dims, units)
 
 
-def _parameters(reduced: ReducedGraph, given: Sequence[Parameter] | None) -> list[Parameter]:
+def _parameters(
+    reduced: ReducedGraph, given: Sequence[SensitivityParameter] | None
+) -> list[SensitivityParameter]:
     """Return the parameters that the reduced part depends on; by default the values of its nodes."""
     modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
     if given is not None:
         return [parameter for parameter in given if modelled & parameter.rates.keys()]
     return [
-        Parameter(name, reduced.graph.value(name), {name: Fraction(1)})
+        SensitivityParameter(name, reduced.graph.value(name), {name: Fraction(1)})
         for name in reduced.valued
         if name in modelled
     ]

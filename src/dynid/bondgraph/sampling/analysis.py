@@ -1,4 +1,4 @@
-"""What a user asks of many samples of a graph, computed together as far as that goes.
+"""The analysis of many samples of a graph, computed together as far as possible.
 
 Zeros, poles and what follows from them are computed for all samples at once; responses sample by sample, on
 the plan that they share. Every number is that of `dynid.bondgraph.analysis` for the sample alone.
@@ -8,21 +8,112 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.bondgraph.engines import choose
-from dynid.bondgraph.garbage import no_collection
-from dynid.bondgraph.graph import BondGraph
-from dynid.bondgraph.question import Analysis
-from dynid.bondgraph.reduced import Channel
-from dynid.bondgraph.results.channels import add_channels
+from dynid.bondgraph.engine_choice import choose_engine
+from dynid.bondgraph.graph import BondGraph, no_collection
+from dynid.bondgraph.plan import Channel
+from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.results.channels import add_channel, add_channels, natural_frequencies
 from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
-from dynid.bondgraph.sampling.columns import Column, columns
 from dynid.bondgraph.sampling.engine import SampledEngine
-from dynid.bondgraph.sampling.family import Family, Polynomials, Values
+from dynid.bondgraph.sampling.family import ChannelPolynomials, GraphFamily, SampleValues
 from dynid.errors import DynidError
 from dynid.result import Result, Selection, Variable
+
+# --- arrays of all samples ------------------------------------------------------------------------
+
+ResultColumn = Sequence[Variable]
+"""One array of a result for every sample."""
+
+
+def columns(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) -> dict[str, ResultColumn]:
+    """Return what is wanted of the channels of all samples, by path.
+
+    Parameters
+    ----------
+    engine
+        The samples; of those that are not certain nothing is meant.
+    analysis
+        What is asked.
+    wanted
+        The arrays to make.
+    """
+    found: dict[str, ResultColumn] = {}
+    for name in engine.channels:
+        found |= {path: column for path, column in _quick(engine, name, wanted).items() if path in wanted}
+    rest = frozenset(path for path in wanted if path not in found)
+    return found | _others(engine, analysis, rest)
+
+
+def _quick(engine: SampledEngine, of: Channel, wanted: Collection[str]) -> dict[str, ResultColumn]:
+    """Return the zeros and poles of a channel, its gains, degrees and verdicts."""
+    found: dict[str, ResultColumn] = {}
+    channel, name = engine.channels[of], f"{of[0]}/{of[1]}"
+    group, count = f"bond_graph/transfer_function/{name}", engine.count
+    for kind, spectrum in (("zero", channel.zeros), ("pole", channel.poles)):
+        found[f"{group}/{kind}"] = [_axis(kind, spectrum.values.shape[1])] * count
+        found[f"{group}/{kind}s"] = [Variable((f"{kind}",), row, "rad/s") for row in spectrum.values]
+    group, units = f"bond_graph/properties/{name}", engine.family.reduced.units.of_channel(*of)
+    for side, gain in (("dc", channel.dc_gain), ("high_frequency", channel.high_frequency_gain)):
+        if f"{group}/{side}_gain" in wanted:
+            found[f"{group}/{side}_gain"] = [_scalar(value, units) for value in gain()]
+    degrees = {"relative_degree": channel.relative_degree, "order": channel.poles.values.shape[1]}
+    found |= {f"{group}/{what}": [_scalar(degree)] * count for what, degree in degrees.items()}
+    verdicts = {"stable": channel.poles, "minimum_phase": channel.zeros}
+    told = {truth: _scalar(truth) for truth in (False, True)}
+    for what, spectrum in verdicts.items():
+        left = np.all(spectrum.sides < 0, axis=1)
+        found[f"{group}/{what}"] = [told[bool(truth)] for truth in left]
+    if not channel.hidden.values.shape[1]:
+        found[f"{group}/hidden_mode"] = [_axis("hidden_mode", 0)] * count
+        found[f"{group}/hidden_modes"] = [
+            Variable(("hidden_mode",), np.empty(0, dtype=complex), "rad/s")
+        ] * count
+    if f"{group}/natural_frequency" in wanted or f"{group}/damping_ratio" in wanted:
+        found |= _natural(group, channel.poles.values)
+    return found
+
+
+def _natural(group: str, poles: NDArray[np.complex128]) -> dict[str, ResultColumn]:
+    """Return natural frequencies and damping ratios."""
+    each = [natural_frequencies(row) for row in poles]
+    axes = {length: _axis("mode", length) for length in {len(size) for size, _ in each}}
+    return {
+        f"{group}/mode": [axes[len(size)] for size, _ in each],
+        f"{group}/natural_frequency": [Variable(("mode",), size, "rad/s") for size, _ in each],
+        f"{group}/damping_ratio": [Variable(("mode",), ratio) for _, ratio in each],
+    }
+
+
+def _axis(name: str, length: int) -> Variable:
+    return Variable((name,), np.arange(1, length + 1))
+
+
+def _scalar(value: Any, units: str = "") -> Variable:
+    return Variable((), np.asarray(value), units)
+
+
+def _others(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) -> dict[str, ResultColumn]:
+    """Return what is told of each sample by itself."""
+    if not wanted:
+        return {}
+    results = []
+    for number in range(engine.count):
+        result = Selection("bond-graph", wanted)
+        if engine.certain[number]:
+            for channel in engine.channels:
+                add_channel(result, engine[number], channel, analysis.results)
+        results.append(result)
+    nothing = Variable((), np.asarray(np.nan))
+    kept = {path for result in results for path in result}
+    return {path: [result.get(path, nothing) for result in results] for path in wanted if path in kept}
+
+
+# --- analysis -------------------------------------------------------------------------------------
 
 #: Groups of results that samples are computed for together.
 _CHANNELS = ("bond_graph/transfer_function/", "bond_graph/properties/")
@@ -63,14 +154,14 @@ class SampledAnalysis:
         self, graph: BondGraph, analysis: Analysis, varying: Collection[str], wanted: Collection[str]
     ) -> None:
         self.analysis, self.wanted = analysis, frozenset(wanted)
-        self._family = Family(graph, analysis.inputs, analysis.outputs, tuple(varying), traced=False)
+        self._family = GraphFamily(graph, analysis.inputs, analysis.outputs, tuple(varying), traced=False)
         self._responds = self._asks(_FREQUENCY, _TIME)
         self._polynomials = self._together() if self._asks(*_CHANNELS) else None
 
-    def _together(self) -> dict[Channel, Polynomials] | None:
+    def _together(self) -> dict[Channel, ChannelPolynomials] | None:
         """Return the channels as polynomials; None where each sample is to be solved by itself."""
         ends = {path.rpartition("/")[2] for path in self.wanted}
-        if ends & _ALONE or choose(self._family.reduced, self.analysis).engine != "exact":
+        if ends & _ALONE or choose_engine(self._family.reduced, self.analysis).engine != "exact":
             return None
         found = self._family.polynomials
         explained = "hidden_modes" in self.analysis.results and "hidden_modes" in ends
@@ -79,7 +170,10 @@ class SampledAnalysis:
         return found
 
     def run(
-        self, values: Values, count: int, initial: Sequence[Mapping[str, float | Fraction]] | None = None
+        self,
+        values: SampleValues,
+        count: int,
+        initial: Sequence[Mapping[str, float | Fraction]] | None = None,
     ) -> list[Mapping[str, Variable] | None]:
         """Return what is wanted of every sample; None for one that is to be run alone.
 
@@ -93,33 +187,30 @@ class SampledAnalysis:
             Stored energy of every sample at t = 0; absent: as the analysis says.
         """
         with no_collection():
-            return self._run(values, count, initial)
-
-    def _run(
-        self, values: Values, count: int, initial: Sequence[Mapping[str, float | Fraction]] | None
-    ) -> list[Mapping[str, Variable] | None]:
-        kept = np.flatnonzero(self._family.holds(values, count)).tolist()
-        engine = self._engine({name: [column[k] for k in kept] for name, column in values.items()}, len(kept))
-        known: dict[str, Column] = {}
-        if engine is not None:
-            known = columns(
-                engine, self.analysis, {path for path in self.wanted if path.startswith(_CHANNELS)}
+            kept = np.flatnonzero(self._family.holds(values, count)).tolist()
+            engine = self._engine(
+                {name: [column[k] for k in kept] for name, column in values.items()}, len(kept)
             )
-        found: list[Mapping[str, Variable] | None] = [None] * count
-        for place, sample in enumerate(kept):
-            certain = engine is not None and bool(engine.certain[place])
-            told = {path: column[place] for path, column in known.items()} if certain else {}
-            if self._responds or not certain:
-                one = {name: column[sample] for name, column in values.items()}
-                stored = self.analysis.initial if initial is None else initial[sample]
-                alone = self._alone(one, stored, channels=not certain)
-                if alone is None:
-                    continue
-                told |= alone
-            found[sample] = told
-        return found
+            known: dict[str, ResultColumn] = {}
+            if engine is not None:
+                known = columns(
+                    engine, self.analysis, {path for path in self.wanted if path.startswith(_CHANNELS)}
+                )
+            found: list[Mapping[str, Variable] | None] = [None] * count
+            for place, sample in enumerate(kept):
+                certain = engine is not None and bool(engine.certain[place])
+                told = {path: column[place] for path, column in known.items()} if certain else {}
+                if self._responds or not certain:
+                    one = {name: column[sample] for name, column in values.items()}
+                    stored = self.analysis.initial if initial is None else initial[sample]
+                    alone = self._alone(one, stored, channels=not certain)
+                    if alone is None:
+                        continue
+                    told |= alone
+                found[sample] = told
+            return found
 
-    def _engine(self, values: Values, count: int) -> SampledEngine | None:
+    def _engine(self, values: SampleValues, count: int) -> SampledEngine | None:
         if self._polynomials is None or not count:
             return None
         return SampledEngine(self._family, self._polynomials, values, count)

@@ -10,16 +10,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.reduced import Channel, ReducedGraph
-from dynid.bondgraph.sampling.family import Family, Polynomials, Values
-from dynid.bondgraph.sampling.polynomials import Factor, Integers, Tables, nonzero
-from dynid.bondgraph.transfer import TransferFunction
-from dynid.lti.batches.roots import RootBatch, disjoint, root_batch
-from dynid.lti.certified import Root
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.sampling.family import (
+    ChannelPolynomials,
+    GraphFamily,
+    Integers,
+    PowerTables,
+    SampleValues,
+    SquarefreeFactor,
+    nonzero,
+)
+from dynid.lti.certified_roots import CertifiedRoot
+from dynid.lti.root_batches import RootBatch, disjoint, root_batch
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class SampledRoots:
     """Roots of one polynomial of every sample.
 
     Attributes
@@ -38,7 +45,7 @@ class Spectrum:
     multiplicities: NDArray[np.int64]
 
     @classmethod
-    def of(cls, factors: Sequence[tuple[RootBatch, int]], count: int) -> Spectrum:
+    def of(cls, factors: Sequence[tuple[RootBatch, int]], count: int) -> SampledRoots:
         """Join the roots of the factors of polynomials, each with its multiplicity."""
 
         def joined(what: str, kind: type) -> NDArray[Any]:
@@ -51,11 +58,11 @@ class Spectrum:
         order = np.lexsort((values.imag, values.real, np.hypot(values.real, values.imag)))
         return cls(*(np.take_along_axis(part, order, axis=1) for part in (values, radii, sides, powers)))
 
-    def roots(self, sample: int) -> tuple[Root, ...]:
+    def roots(self, sample: int) -> tuple[CertifiedRoot, ...]:
         """Return the roots of one sample, each once."""
         rows = (part[sample].tolist() for part in (self.values, self.radii, self.sides, self.multiplicities))
         found = dict.fromkeys(zip(*rows, strict=True))
-        return tuple(Root(value, power, radius, side) for value, radius, side, power in found)
+        return tuple(CertifiedRoot(value, power, radius, side) for value, radius, side, power in found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +71,9 @@ class SampledChannel:
 
     numerator: list[Integers]
     denominator: list[Integers]
-    zeros: Spectrum
-    poles: Spectrum
-    hidden: Spectrum
+    zeros: SampledRoots
+    poles: SampledRoots
+    hidden: SampledRoots
 
     @property
     def relative_degree(self) -> int:
@@ -108,7 +115,11 @@ class SampledEngine:
     """
 
     def __init__(
-        self, family: Family, channels: dict[Channel, Polynomials], values: Values, count: int
+        self,
+        family: GraphFamily,
+        channels: dict[Channel, ChannelPolynomials],
+        values: SampleValues,
+        count: int,
     ) -> None:
         self.family, self.count = family, count
         self.certain = np.ones(count, dtype=bool)
@@ -117,11 +128,11 @@ class SampledEngine:
             for one in channels.values()
             for part in (one.numerator, one.denominator, *(factor.polynomial for factor in one.factors))
         ]
-        self._tables = Tables([values[name] for name in family.varying], parts, count)
+        self._tables = PowerTables([values[name] for name in family.varying], parts, count)
         self.channels = {channel: self._solve(one) for channel, one in channels.items()}
 
-    def __getitem__(self, sample: int) -> Sample:
-        return Sample(self, sample)
+    def __getitem__(self, sample: int) -> EngineSample:
+        return EngineSample(self, sample)
 
     def transfer(self, channel: Channel, sample: int) -> TransferFunction:
         """Return a channel of a sample; its roots are known already."""
@@ -136,21 +147,21 @@ class SampledEngine:
             numerator, denominator, solved.zeros.roots(sample), solved.poles.roots(sample)
         )
 
-    def hidden_modes(self, channel: Channel, sample: int) -> tuple[Root, ...]:
+    def hidden_modes(self, channel: Channel, sample: int) -> tuple[CertifiedRoot, ...]:
         """Return the natural modes that cancel in a channel of a sample."""
         return self.channels[channel].hidden.roots(sample)
 
-    def _solve(self, channel: Polynomials) -> SampledChannel:
+    def _solve(self, channel: ChannelPolynomials) -> SampledChannel:
         above, below = map(self._tables.coefficients, (channel.numerator, channel.denominator))
         for columns in (above, below):
             self.certain &= nonzero(columns[_lowest(columns) :])
         zeros, poles, hidden = (self._roots(part) for part in (channel.zeros, channel.poles, channel.hidden))
         self.certain &= _apart([*zeros, *poles], self.count) & _apart(hidden, self.count)
         return SampledChannel(
-            above, below, *(Spectrum.of(part, self.count) for part in (zeros, poles, hidden))
+            above, below, *(SampledRoots.of(part, self.count) for part in (zeros, poles, hidden))
         )
 
-    def _roots(self, factors: Sequence[Factor]) -> list[tuple[RootBatch, int]]:
+    def _roots(self, factors: Sequence[SquarefreeFactor]) -> list[tuple[RootBatch, int]]:
         spectrum = []
         for factor in factors:
             if factor.is_laplace:
@@ -168,7 +179,7 @@ class SampledEngine:
         return spectrum
 
 
-class Sample(NamedTuple):
+class EngineSample(NamedTuple):
     """One sample of an engine, which answers for its channels as any engine does."""
 
     engine: SampledEngine
@@ -183,7 +194,7 @@ class Sample(NamedTuple):
         """Return one channel."""
         return self.engine.transfer(channel, self.number)
 
-    def hidden_modes(self, channel: Channel) -> tuple[Root, ...]:
+    def hidden_modes(self, channel: Channel) -> tuple[CertifiedRoot, ...]:
         """Return the natural modes that cancel in a channel."""
         return self.engine.hidden_modes(channel, self.number)
 

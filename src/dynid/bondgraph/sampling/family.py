@@ -1,8 +1,11 @@
-"""A graph in which some values vary: planned once, its channels polynomials in s and these values."""
+"""A graph in which some values vary: planned once, its channels polynomials in s and these values.
+
+The polynomials are evaluated exactly for many samples.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -11,24 +14,153 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.algebra.residues import PRIME, SampledResidues
-from dynid.bondgraph.algebra.symbolic import TooLong, variables
+from dynid.bondgraph.characteristic_polynomial import determinant
+from dynid.bondgraph.formulas.symbolic import FormulaTooLong, variables
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.natural import determinant
-from dynid.bondgraph.reduced import Channel, ReducedGraph
-from dynid.bondgraph.sampling.polynomials import Factor, factors
-from dynid.choices import SHARED_POLYNOMIALS
+from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.program.modular import PRIME, SampledResidues
+from dynid.defaults import SHARED_POLYNOMIALS
+
+# --- polynomials of samples -----------------------------------------------------------------------
+
+Integers = NDArray[np.object_]
+
+
+@dataclass(frozen=True)
+class SquarefreeFactor:
+    """A factor of a polynomial of a graph, without multiple roots for almost all values.
+
+    Parameters
+    ----------
+    polynomial
+        The factor (flint `fmpz_mpoly`, s being the first variable).
+    multiplicity
+        How often it occurs.
+    """
+
+    polynomial: Any
+    multiplicity: int
+
+    @property
+    def degree(self) -> int:
+        """The degree in s."""
+        return int(self.polynomial.degrees()[0])
+
+    @property
+    def even(self) -> bool:
+        """True of a polynomial in s^2: with s, -s is a root as well."""
+        return all(powers[0] % 2 == 0 for powers in self.polynomial.monoms())
+
+    @property
+    def is_laplace(self) -> bool:
+        """True of s itself, up to a sign."""
+        return len(self.polynomial) == 1 and self.degree == 1
+
+
+def factors(polynomial: Any) -> tuple[SquarefreeFactor, ...]:
+    """Return factors of a polynomial that for almost all values have simple roots, none in common.
+
+    Pairs of roots s and -s have a factor of their own, a polynomial in s^2. Factors without s are left out.
+    """
+    ring = polynomial.context()
+    s = ring.gen(0)
+    power = min((int(powers[0]) for powers in polynomial.monoms()), default=0)
+    found = [SquarefreeFactor(s, power)] if power else []
+    for part, multiplicity in _squarefree(polynomial // s**power):
+        even, rest = _paired(part)
+        found += [SquarefreeFactor(one, multiplicity) for one in (even, rest) if one.degrees()[0]]
+    return tuple(found)
+
+
+def _squarefree(polynomial: Any) -> Iterator[tuple[Any, int]]:
+    """Yield the square-free factors in s with their multiplicities (Yun's algorithm)."""
+    slope = polynomial.derivative(0)
+    if slope == 0:
+        return
+    common = polynomial.gcd(slope)
+    b, multiplicity = polynomial // common, 1
+    d = slope // common - b.derivative(0)
+    while b.degrees()[0]:
+        part = b.gcd(d)
+        if part.degrees()[0]:
+            yield part, multiplicity
+        b, multiplicity = b // part, multiplicity + 1
+        d = d // part - b.derivative(0)
+
+
+def _paired(polynomial: Any) -> tuple[Any, Any]:
+    """Split into a polynomial in s^2 and one that shares no root with its mirror image."""
+    ring, s = polynomial.context(), polynomial.context().gen(0)
+    terms = polynomial.to_dict()
+    even = ring.from_dict({powers: c for powers, c in terms.items() if powers[0] % 2 == 0})
+    odd = polynomial - even
+    # what the even and the odd part share; the odd part less its factor s is even as well
+    shared = even.gcd(odd // s) if odd != 0 else polynomial
+    return shared, polynomial // shared
+
+
+class PowerTables:
+    """Powers of the values of many samples, as integers over a common denominator.
+
+    A value n/d that occurs up to the power D enters as n^e d^(D - e): the same positive or negative factor
+    multiplies every polynomial.
+
+    Parameters
+    ----------
+    values
+        For every variable but s the values of the samples.
+    polynomials
+        What will be evaluated (flint `fmpz_mpoly`).
+    samples
+        How many samples there are.
+    """
+
+    def __init__(
+        self, values: Sequence[Sequence[Fraction]], polynomials: Iterable[Any], samples: int
+    ) -> None:
+        degrees = np.max([(*polynomial.degrees(),) for polynomial in polynomials], axis=0, initial=0)[1:]
+        self.samples = samples
+        self._powers = [_powers(column, int(degree)) for column, degree in zip(values, degrees, strict=True)]
+
+    def coefficients(self, polynomial: Any) -> list[Integers]:
+        """Return the coefficients of s, ascending: for every power one integer a sample."""
+        found: list[Any] = [0] * (int(polynomial.degrees()[0]) + 1)
+        for (power, *exponents), coefficient in polynomial.terms():
+            term: Any = int(coefficient)
+            for table, exponent in zip(self._powers, exponents, strict=True):
+                term = term * table[exponent]
+            found[power] = found[power] + term
+        return [np.broadcast_to(np.asarray(column, dtype=object), (self.samples,)) for column in found]
+
+
+def _powers(values: Sequence[Fraction], degree: int) -> list[Integers]:
+    """Return n^e d^(D - e) for e up to D."""
+    above, below = (
+        np.array(part, dtype=object)
+        for part in zip(*((v.numerator, v.denominator) for v in values), strict=True)
+    )
+    return [above**e * below ** (degree - e) for e in range(degree + 1)]
+
+
+def nonzero(columns: Sequence[Integers]) -> NDArray[np.bool_]:
+    """Tell for which samples first and last coefficient are not zero."""
+    first, last = columns[0], columns[-1]
+    found: NDArray[np.bool_] = (first != 0) & (last != 0)
+    return found.astype(bool)
+
+
+# --- graphs of a family ---------------------------------------------------------------------------
 
 _TERMS = SHARED_POLYNOMIALS.value
 #: The residue that stands for s: any but 0 does.
 _LAPLACE = 0x2F6E2B1D
 
-Values = Mapping[str, Sequence[Fraction]]
+SampleValues = Mapping[str, Sequence[Fraction]]
 """For every value that varies those of the samples, exact."""
 
 
 @dataclass(frozen=True)
-class Polynomials:
+class ChannelPolynomials:
     """A channel of a family.
 
     Parameters
@@ -41,17 +173,17 @@ class Polynomials:
 
     numerator: Any
     denominator: Any
-    zeros: tuple[Factor, ...]
-    poles: tuple[Factor, ...]
-    hidden: tuple[Factor, ...]
+    zeros: tuple[SquarefreeFactor, ...]
+    poles: tuple[SquarefreeFactor, ...]
+    hidden: tuple[SquarefreeFactor, ...]
 
     @property
-    def factors(self) -> tuple[Factor, ...]:
+    def factors(self) -> tuple[SquarefreeFactor, ...]:
         """All of these factors."""
         return (*self.zeros, *self.poles, *self.hidden)
 
 
-class Family:
+class GraphFamily:
     """Graphs that differ in the values of some elements.
 
     Parameters
@@ -63,7 +195,7 @@ class Family:
     varying
         The elements whose values vary. A value of zero is another structure, and not of the family.
     traced
-        Whether the reductions tell their steps.
+        Whether the reductions record their steps.
 
     Raises
     ------
@@ -83,14 +215,23 @@ class Family:
         self.varying = tuple(varying)
         stand_ins = {name: Fraction(1009 + 20 * k, 7) for k, name in enumerate(varying)}
         self.reduced = ReducedGraph(graph.with_values(stand_ins), inputs, outputs, traced=traced)
+        self._alone = bool(self.reduced.undetermined) or not self._unsolved().isdisjoint(varying)
 
-    def holds(self, values: Values, count: int) -> NDArray[np.bool_]:
+    def _unsolved(self) -> set[str]:
+        """Return the elements that no output depends on, but whose values decide whether sources agree."""
+        structure, found = self.reduced.structure, set[str]()
+        for name in self.reduced.unsolved():
+            found.update(structure.junctions[name].elements)
+            found.update(coupling.two_port for coupling in structure.tied[name] if coupling.two_port)
+        return found
+
+    def holds(self, values: SampleValues, count: int) -> NDArray[np.bool_]:
         """Tell for which samples the plan holds: nothing that it divides by vanishes.
 
         What is not zero modulo a prime is not zero; a sample for which that cannot be told counts as one for
         which it does not hold.
         """
-        vanished = np.zeros(count, dtype=bool)
+        vanished = np.full(count, self._alone)  # elsewhere some values may contradict each other
         fixed = {name: [self.reduced.graph.value(name)] * count for name in self.reduced.valued}
         residues = {name: SampledResidues.of(v, vanished) for name, v in (fixed | dict(values)).items()}
         one, s = (SampledResidues(np.full(count, x, dtype=np.int64), vanished) for x in (1, _LAPLACE % PRIME))
@@ -107,14 +248,14 @@ class Family:
         return self.reduced.with_values(values)
 
     @cached_property
-    def polynomials(self) -> dict[Channel, Polynomials] | None:
+    def polynomials(self) -> dict[Channel, ChannelPolynomials] | None:
         """The channels; None where they have too many terms, or a channel is zero whatever the values."""
         try:
             return self._polynomials()
-        except TooLong:
+        except FormulaTooLong:
             return None
 
-    def _polynomials(self) -> dict[Channel, Polynomials] | None:
+    def _polynomials(self) -> dict[Channel, ChannelPolynomials] | None:
         reduced = self.reduced
         named, one = variables(["s", *(f"x{k}" for k in range(len(self.varying)))], _TERMS)
         values = {name: one.constant(reduced.graph.value(name)) for name in reduced.valued}
@@ -132,7 +273,7 @@ class Family:
             modes, rest = ratios[natural[port]].lowest_terms()
             if numerator == 0 or rest.degrees()[0] or modes % _primitive(shown) != 0:
                 return None
-            found[channel] = Polynomials(
+            found[channel] = ChannelPolynomials(
                 numerator,
                 denominator,
                 factors(numerator),

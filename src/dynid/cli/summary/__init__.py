@@ -1,26 +1,29 @@
-"""What a result says, on one screen: the user's question first, then how it is known."""
+"""Summary of a result on one screen: the answers first, then the method."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynid.cli.summary.need import need_lines
-from dynid.report.answers import method
-from dynid.report.answers.common import doubts
+from dynid.report.content import method
+from dynid.report.content.common import doubts
+from dynid.scene.kind import KINDS, resolve
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
-_KINDS = {
-    "bond-graph": "dynid.cli.summary.bond_graph",
-    "identification": "dynid.cli.summary.identification",
+#: Kinds of results that are of no scene.
+_OTHERS = {
     "plan": "dynid.cli.summary.plan",
-    "reduction": "dynid.cli.summary.reduction",
     "bench": "dynid.cli.summary.bench",
-    "study": "dynid.cli.summary.study",
 }
+
+
+def _module(result: Result) -> Any:
+    """Return the module for results of a kind; None where the kind is unknown."""
+    kind = KINDS.get(result.kind)
+    return kind.load("summary") if kind else resolve(_OTHERS.get(result.kind, ""))
 
 
 def summary(result: Result, note: str) -> str:
@@ -33,9 +36,9 @@ def summary(result: Result, note: str) -> str:
     note
         What to say at the end of the headline (how long it took, or when it was made).
     """
-    if result.kind not in _KINDS:
+    if _module(result) is None:
         return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
-    module = import_module(_KINDS[result.kind])
+    module = _module(result)
     lines = [_headline(result.title, method(result), note), "", *module.lines(result)]
     while not lines[-1]:
         lines.pop()
@@ -57,7 +60,7 @@ def _headline(title: str, method: str, note: str) -> str:
 
 def contents(result: Result) -> str:
     """Return the arrays of a result with their axes, types and units, one a line."""
-    from dynid.report.answers.contents import array_rows
+    from dynid.report.content.common import array_rows
 
     width = max((len(path) for path in result), default=0)
     return "\n".join(

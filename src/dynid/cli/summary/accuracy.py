@@ -1,4 +1,4 @@
-"""What else could have been chosen: a table for everything that is chosen in a scene."""
+"""Tables of the alternatives to each choice of a scene, with their cost and error."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from textwrap import wrap
 
-from dynid.numerals import memory_text, time_text
+from dynid.number_format import memory_text, time_text
 from dynid.result import Result
 
 _GROUP = "accuracy"

@@ -12,7 +12,7 @@ from dynid.cli.summary.causality import causality_lines, equation_lines
 from dynid.cli.summary.channels import channel_lines
 from dynid.cli.summary.port import port_lines
 from dynid.cli.summary.responses import response_lines
-from dynid.numerals import MOST_ROOTS, counted
+from dynid.number_format import MOST_ROOTS, counted
 from dynid.result import Result
 
 #: Most steps, and prototypes, that are listed.
@@ -24,6 +24,7 @@ def lines(result: Result) -> list[str]:
     need = result.group_attrs.get("bond_graph", {})
     said = [f"  {counted(int(need['nodes']), 'node')}, {counted(int(need['bonds']), 'bond')}"]
     said += _engine(need)
+    said += _warnings(result)
     said += causality_lines(result)
     said += [*_reduction(result), ""]
     said += port_lines(result)
@@ -42,6 +43,12 @@ def _engine(attributes: Mapping[str, Any]) -> Iterable[str]:
             yield from (f"    {line}" for line in wrap(str(attributes["engine_limits"]), 100))
     if attributes.get("reading") == "binary":
         yield "  every value is read as the double nearest to it (reading: binary)"
+
+
+def _warnings(result: Result) -> Iterable[str]:
+    """Yield what the graph leaves undetermined although no output depends on it."""
+    for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
+        yield from wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
 
 
 def _reduction(result: Result) -> Iterable[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from textwrap import wrap
 
-from dynid.numerals import counted
+from dynid.number_format import counted
 from dynid.result import Result
 
 #: Most states, remarks of a kind, and bonds that are listed.

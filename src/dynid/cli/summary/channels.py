@@ -9,8 +9,16 @@ from typing import Any
 import numpy as np
 
 from dynid.cli.summary.sensitivities import sensitivity_lines
-from dynid.numerals import MOST_ROOTS, counted, limit, root_text, roots_text
-from dynid.report.answers.channels import Channel, channels, in_numbers, same_poles, unit_of
+from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_text
+from dynid.report.content.transfer_functions import (
+    Channel,
+    channel_unit,
+    channels,
+    numeric_forms,
+    oscillation_text,
+    same_poles,
+)
+from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
 #: Most channels that are told in full, most rows of the table of the others, and longest formula shown.
@@ -73,7 +81,7 @@ def _channel(result: Result, output: str, source: str, *, alone: bool, poles: bo
     yield from _roots(result, output, source, "zeros", "zero_stability")
     if poles:
         yield from _poles(result, output, source)
-    yield from _numbers(result, properties, unit_of(result, output, source))
+    yield from _numbers(result, properties, channel_unit(result, output, source))
     yield from sensitivity_lines(result, f"bond_graph/sensitivities/{output}/{source}")
 
 
@@ -82,14 +90,14 @@ def _poles(result: Result, output: str, source: str) -> Iterable[str]:
     yield from _roots(result, output, source, "poles", "stability")
     path = f"bond_graph/transfer_function/{output}/{source}/poles"
     if path in result:
-        yield from _modes(result[path].data)
+        yield from _modes(result, result[path].data)
 
 
 def _roots(result: Result, output: str, source: str, name: str, verdict: str) -> Iterable[str]:
     roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
     said = f"bond_graph/properties/{output}/{source}/{verdict}"
     if roots is not None:
-        yield from _hanging(f"    {name}   ", roots_text(roots.data))
+        yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=in_hertz(result)))
         yield from _wrapped(result, said)
     elif said in result:
         first, *rest = _wrapped(result, said)
@@ -99,7 +107,7 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
 
 def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
     """Write a short transfer function in numbers, and in symbols where they were kept."""
-    written = [*in_numbers(result, group)]
+    written = [*numeric_forms(result, group)]
     formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
     if formula and written != ["0"] and (alone or len(formula) < _LONGEST):
         written.append(formula if len(formula) < _LONGEST else "(its formula is in the file)")
@@ -124,7 +132,7 @@ def _numbers(result: Result, group: str, unit: str) -> Iterable[str]:
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
         head = "    hidden modes (natural modes that this channel does not show)  "
-        yield from _hanging(head, roots_text(hidden.data), indent=12)
+        yield from _hanging(head, roots_text(hidden.data, hertz=in_hertz(result)), indent=12)
         yield from _causes(result, group, hidden.data)
 
 
@@ -136,9 +144,8 @@ def _causes(result: Result, group: str, modes: np.ndarray[Any, Any]) -> Iterable
     upper = [place for place, root in enumerate(modes) if root.imag >= 0]
     for place in upper[:MOST_ROOTS]:
         held = f"; its energy is in {elements[place]}" if elements[place] else ""
-        yield from (
-            f"            {line}" for line in wrap(f"{root_text(modes[place])}: {causes[place]}{held}", 92)
-        )
+        root = root_text(modes[place], hertz=in_hertz(result))
+        yield from (f"            {line}" for line in wrap(f"{root}: {causes[place]}{held}", 92))
 
 
 def _hanging(head: str, text: str, *, indent: int | None = None) -> Iterable[str]:
@@ -161,8 +168,7 @@ def _wrapped(result: Result, path: str) -> Iterable[str]:
     yield from (f"            {line}" for line in wrap(text, 92))
 
 
-def _modes(poles: np.ndarray[Any, Any]) -> Iterable[str]:
+def _modes(result: Result, poles: np.ndarray[Any, Any]) -> Iterable[str]:
     pairs = [pole for pole in poles if pole.imag > 0]
     if 0 < len(pairs) <= 4:
-        shown = (f"ω_n = {abs(p):.4g} rad/s, ζ = {-p.real / abs(p) or 0.0:.4g}" for p in pairs)
-        yield f"            {' · '.join(shown)}"
+        yield f"            {' · '.join(oscillation_text(result, pole) for pole in pairs)}"

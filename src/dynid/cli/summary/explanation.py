@@ -8,8 +8,7 @@ from textwrap import wrap
 
 from dynid.cli.summary.causality import causality_lines
 from dynid.cli.summary.identifiability import identifiability_lines
-from dynid.scene.explanations.cost import Cost
-from dynid.scene.explanations.explanation import Explanation
+from dynid.scene.explanations.explanation import CostEstimate, Explanation
 
 #: Seconds below which a part of the work is not worth a word, and the share of the whole.
 _LEAST, _SHARE = 0.5, 0.1
@@ -35,7 +34,7 @@ def _hanging(topic: str, text: str) -> Iterator[str]:
     yield from (f"{'':14}{line}" for line in rest)
 
 
-def _cost(cost: Cost) -> Iterator[str]:
+def _cost(cost: CostEstimate) -> Iterator[str]:
     memory, file = size_text(1e6 * cost.megabytes), size_text(1e3 * cost.kilobytes)
     yield from _hanging("cost", f"{seconds_text(cost.seconds)}, {memory} of memory; a file of about {file}")
     large = sorted(cost.parts.items(), key=lambda part: -part[1])

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from textwrap import wrap
 
-from dynid.report.answers.identifiability import GROUP, bounds, groups, shifts
+from dynid.report.content.identifiability import GROUP, bound_table, collinear_groups, modal_shifts
+from dynid.report.content.identifiability import calibration_sentences as calibration
 from dynid.result import Result
 
 #: The most modes on the screen.
@@ -25,11 +26,15 @@ def identifiability_lines(result: Result) -> list[str]:
     """Return bounds, collinear parameters, and what the parameters do to the modes."""
     if f"{GROUP}/relative_bound" not in result:
         return []
-    return [*_bounds(result), *(f"    {line}" for line in groups(result)), "", *_modes(result), ""]
+    told = [*_bounds(result), *(f"    {line}" for line in collinear_groups(result))]
+    # Where there are estimates, their own slopes stand beside them.
+    if "identification/parameters/name" not in result:
+        told += [f"    {sentence}" for sentence in calibration(result)]
+    return [*told, "", *_modes(result), ""]
 
 
 def _bounds(result: Result) -> Iterable[str]:
-    found = bounds(result)
+    found = bound_table(result)
     place, noise = found.where
     what = "record" if found.of_time else "frequency responses"
     state = ", initial state unknown" if found.of_time else ""
@@ -40,8 +45,8 @@ def _bounds(result: Result) -> Iterable[str]:
 
 def _modes(result: Result) -> Iterable[str]:
     """Yield what one per cent of each parameter does to frequency and damping of each mode."""
-    columns, rows = shifts(result)
+    columns, rows = modal_shifts(result)
     yield "  what 1 % of a stiffness does to a mode's frequency, and 1 % of a damping to its damping ratio"
     yield from table(columns, rows[:_MOST_MODES])
     if len(rows) > _MOST_MODES:
-        yield f"    … up to {rows[-1][1]} rad/s"
+        yield f"    … up to {rows[-1][1]} {columns[1]}"

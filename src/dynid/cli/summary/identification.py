@@ -8,8 +8,15 @@ from io import StringIO
 
 from dynid.cli.summary.identifiability import identifiability_lines
 from dynid.cli.summary.responses import response_lines
-from dynid.numerals import counted
-from dynid.report.answers.identification import parameters, prepared, record, verdict
+from dynid.number_format import counted
+from dynid.report.content.identifiability import calibration_sentences as calibration
+from dynid.report.content.identification import (
+    parameter_table,
+    preparation,
+    record_summary,
+    verdict_sentences,
+)
+from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
 #: The most modes and massless DOFs on the screen.
@@ -21,12 +28,13 @@ def lines(result: Result) -> list[str]:
     said: list[str] = []
     if "identification/parameters/name" in result:
         said += [
-            f"  {record(result)}",
-            *(f"  {line}" for line in prepared(result)),
+            f"  {record_summary(result)}",
+            *(f"  {line}" for line in preparation(result)),
             "",
             *_table(result),
             "",
-            *(f"  {sentence}" for sentence in verdict(result)),
+            *(f"  {sentence}" for sentence in verdict_sentences(result)),
+            *(f"  {sentence}" for sentence in calibration(result)),
             "",
         ]
     said += identifiability_lines(result)
@@ -56,7 +64,8 @@ def _modes(result: Result) -> Iterable[str]:
         )
         yield line.rstrip()
     if count > _MOST_MODES:
-        yield f"    … up to {get['omega'][-1]:.5g} rad/s"
+        unit = frequency_unit(result)
+        yield f"    … up to {unit.factor * get['omega'][-1]:.5g} {unit.name}"
 
 
 def _none_or(count: int, what: str) -> str:
@@ -68,7 +77,7 @@ def _table(result: Result) -> list[str]:
     from rich.console import Console
     from rich.table import Table
 
-    columns, rows = parameters(result)
+    columns, rows = parameter_table(result)
     table = Table(box=None, padding=(0, 2), show_edge=False, header_style="")
     for heading in columns:
         table.add_column(heading, justify="right" if heading else "left")

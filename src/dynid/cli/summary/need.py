@@ -1,4 +1,4 @@
-"""What was left out of a model, and why."""
+"""Parts that were left out of a model, and the reasons."""
 
 from __future__ import annotations
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dynid.cli.summary.identifiability import identifiability_lines, table
-from dynid.numerals import span_text
-from dynid.report.answers.identifiability import bound_text
-from dynid.report.answers.plan import gain_text, reached
+from dynid.number_format import span_text
+from dynid.report.content.identifiability import bound_text
+from dynid.report.content.plan import chosen_lines, efficiency_text, gain_text
+from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
 #: The most bands on the screen.
@@ -34,7 +35,7 @@ def _sensors(result: Result) -> Iterable[str]:
     ]
     now = ("now: " + ", ".join(present), *map(bound_text, result[f"{group}/present_bound"].data), "")
     yield from table(("", *names, "gain"), [*rows, now])
-    yield f"    {reached(result.value(f'{group}/efficiency'), 'the sensors')}"
+    yield f"    {efficiency_text(result.value(f'{group}/efficiency'), 'the sensors')}"
 
 
 def _excitation(result: Result) -> Iterable[str]:
@@ -43,7 +44,7 @@ def _excitation(result: Result) -> Iterable[str]:
         yield "  the structure is driven by a prescribed motion: forces in its place are not ranked"
         return
     names = [str(name) for name in result[f"{group}/parameter"].data]
-    choice = result[f"{group}/choice"].data
+    choice = chosen_lines(result)
     amplitude = result.value(f"{group}/amplitude")
     sines = f"{len(choice)} sine{'s' * (len(choice) != 1)} of {amplitude:.3g} N"
     yield f"  best {sines} (the present force's RMS), as bounds go with the present sensors"
@@ -56,7 +57,7 @@ def _excitation(result: Result) -> Iterable[str]:
     ]
     now = ("now", *map(bound_text, result[f"{group}/present_bound"].data), "")
     yield from table(("", *names, "gain"), [*rows, now])
-    yield f"    {reached(result.value(f'{group}/efficiency'), 'the forces')}"
+    yield f"    {efficiency_text(result.value(f'{group}/efficiency'), 'the forces')}"
     if f"{group}/settling_time" in result:
         wait = result.value(f"{group}/settling_time")
         yield f"    of settled motion: the slowest mode takes {wait:.2g} s to decay to a hundredth"
@@ -66,12 +67,12 @@ def _excitation(result: Result) -> Iterable[str]:
 
 
 def _bands(result: Result, names: list[str]) -> Iterable[str]:
-    group = "plan/excitation/bands"
+    group, unit = "plan/excitation/bands", frequency_unit(result)
     get = {name: result[f"{group}/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")}
     yield ""
     yield "  best bands, the same force spread evenly over one (steady state)"
     rows = [
-        (f"{dof}: {span_text(low, high)} rad/s", *map(bound_text, bounds))
+        (f"{dof}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}", *map(bound_text, bounds))
         for dof, low, high, bounds in zip(*get.values(), strict=True)
     ]
     yield from table(("", *names), rows)

@@ -1,11 +1,11 @@
-"""What the screen says of a graph decomposed at a port."""
+"""Screen of a graph decomposed at a port."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from textwrap import wrap
 
-from dynid.report.answers.port import PORT, port_items
+from dynid.report.content.bond_graph import PORT, port_items
 from dynid.result import Result
 
 #: Longest formula that is shown, and how wide its name stands.
@@ -25,8 +25,10 @@ def port_lines(result: Result) -> Iterable[str]:
 
 
 def _named(name: str, lines: Sequence[str]) -> Iterable[str]:
-    """Yield lines behind their name: those of a side below each other, else on one line."""
-    if name in ("source", "load"):
+    """Yield lines behind their name: those of a side or a sentence below each other, else on one line."""
+    if name == "loop":
+        lines = wrap(lines[0], 92 - _WIDTH)
+    if name in ("source", "load", "loop"):
         names: Sequence[str] = (name, *("" for _ in lines[1:]))
     elif name == "at rest":
         names = (name,) * len(lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from io import StringIO
 
-from dynid.report.answers.reduction import methods, notes, seconds_text
+from dynid.report.content.reduction import method_table, remarks, seconds_text
 from dynid.result import Result
 
 
@@ -13,7 +13,7 @@ def lines(result: Result) -> list[str]:
     size = len(result["reduction/dof"].data)
     took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
     effort = f"; its modes took {took}" if took else ""
-    return [f"  {size} DOFs{effort}", "", *_table(result), "", *(f"  {note}" for note in notes(result))]
+    return [f"  {size} DOFs{effort}", "", *_table(result), "", *(f"  {note}" for note in remarks(result))]
 
 
 def _table(result: Result) -> list[str]:
@@ -21,7 +21,7 @@ def _table(result: Result) -> list[str]:
     from rich.console import Console
     from rich.table import Table
 
-    columns, rows = methods(result)
+    columns, rows = method_table(result)
     table = Table(box=None, padding=(0, 1), show_edge=False, header_style="")
     for heading in columns:
         table.add_column(heading, justify="right" if heading else "left")

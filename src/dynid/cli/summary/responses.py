@@ -1,13 +1,12 @@
-"""What the screens say of frequency and time responses."""
+"""Frequency and time responses on the screens of results."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from textwrap import wrap
 
-import numpy as np
-
-from dynid.numerals import counted, span_text
+from dynid.number_format import counted, span_text
+from dynid.report.scenes import frequency_span, peak_responses
 from dynid.result import Result
 
 #: Most channels and outputs that are listed.
@@ -23,15 +22,16 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
 def _frequency(result: Result, group: str) -> Iterable[str]:
     if f"{group}/omega" not in result:
         return
-    omega, response = result[f"{group}/omega"].data, np.abs(result[f"{group}/response"].data)
-    span = span_text(omega[0], omega[-1])
-    yield f"  frequency response at {counted(len(omega), 'frequency')}, {span} rad/s"
+    low, high, unit = frequency_span(result, group)
+    count = counted(len(result[f"{group}/omega"].data), "frequency")
+    yield f"  frequency response at {count}, {span_text(low, high)} {unit}"
+    top = peak_responses(result, group)
     outputs, inputs = (result[f"{group}/{axis}"].data for axis in ("output", "input"))
     channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
     for k, m in channels[:_MOST]:
-        peak = int(np.argmax(response[:, k, m]))
-        top = f"{response[peak, k, m]:.4g} at {omega[peak]:.4g} rad/s".replace("inf", "∞")
-        said = f"is largest, {top}" if response[peak, k, m] else "is 0 at all of them"
+        size = f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
+        said = f"is largest, {size} at {top.at[k, m]:.4g} {unit}"
+        said = said if top.magnitude[k, m] else "is 0 at all of them"
         yield f"    |{outputs[k]} over {inputs[m]}| {said}"
     if len(channels) > _MOST:
         yield f"    … {counted(len(channels) - _MOST, 'more channel')} in the file"

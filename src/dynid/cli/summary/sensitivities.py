@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from dynid.report.answers.sensitivities import cell, columns, influence
+from dynid.report.content.transfer_functions import influence, sensitivity_columns, sensitivity_text
 from dynid.result import Result
 
 #: Most parameters and roots that are listed.
@@ -17,7 +17,7 @@ def sensitivity_lines(result: Result, group: str) -> Iterable[str]:
     """Return a table of the most influential parameters of one channel."""
     if f"{group}/parameter" not in result:
         return
-    every = columns(result, group)
+    every = sensitivity_columns(result, group)
     if not every:
         return
     yield "    a parameter larger by 1 % moves"
@@ -31,7 +31,8 @@ def sensitivity_lines(result: Result, group: str) -> Iterable[str]:
     order = [place for place in np.argsort(-weight, kind="stable") if weight[place]]
     for place in order[:_ROWS]:
         cells = "  ".join(
-            cell(moved[place] / 100).rjust(width) for (_, moved), width in zip(shown, widths, strict=True)
+            sensitivity_text(moved[place] / 100).rjust(width)
+            for (_, moved), width in zip(shown, widths, strict=True)
         )
         yield f"      {names[place]!s:{left}}  {cells}"
     if len(every) > _COLUMNS or len(order) > _ROWS:

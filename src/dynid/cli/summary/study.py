@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from dynid.numerals import counted
-from dynid.report.answers.study import (
+from dynid.number_format import counted
+from dynid.report.content.study import (
     COLUMNS,
+    display_name,
     first_samples,
     met_expectations,
     range_text,
-    ranked,
     shown_numbers,
-    split,
-    state,
+    split_name,
     statistics_row,
+    status_text,
     text_shares,
-    written,
+    variance_sources,
 )
 from dynid.result import Result
 from dynid.study.analysis.failures import failures
@@ -42,7 +42,7 @@ def lines(result: Result) -> list[str]:
 
 
 def _state(table: StudyTable) -> Iterator[str]:
-    yield f"  {state(table)}"
+    yield f"  {status_text(table)}"
     width = max((len(name) for name in table.inputs), default=0)
     for name, column in table.inputs.items():
         yield f"    {name:<{width}}  {range_text(column)}"
@@ -66,7 +66,8 @@ def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list
     if not table.paths and table.done.any():
         yield "  nothing was collected; name in the study's 'collect' what to gather"
     rows = [
-        (*split(written(table, path, column)), statistics_row(table, path, column)) for path, column in shown
+        (*split_name(display_name(table, path, column)), statistics_row(table, path, column))
+        for path, column in shown
     ]
     if rows:
         width = max(len(name) for _, name, _ in rows)
@@ -103,11 +104,11 @@ def _expectations(table: StudyTable) -> Iterator[str]:
 
 def _influences(table: StudyTable, shown: list[tuple[str, Column]]) -> Iterator[str]:
     """Say for each number which inputs its variance comes from."""
-    rows, notes = ranked(table, shown, _RANKED)
+    rows, notes = variance_sources(table, shown, _RANKED)
     if not rows:
         return
     yield "  where the variance comes from"
-    names = [split(name) for name, _ in rows]
+    names = [split_name(name) for name, _ in rows]
     width = max(len(name) for _, name in names)
     group = None
     for (own, name), (_, said) in zip(names, rows, strict=True):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.numerals import counted
-from dynid.words import short_paths
+from dynid.number_format import counted
+from dynid.suggestions import short_paths
 
 if TYPE_CHECKING:
     from dynid.study.plan import Plan
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _ROWS = 5
 
 
-def lines(plan: Plan, numbers: Sequence[int], finished: int, target: str) -> Iterator[str]:
+def lines(plan: Plan, numbers: Sequence[int], finished: int, target: str, foreign: int = 0) -> Iterator[str]:
     """Yield what a plan says: its size, what varies and how, what is gathered, the first samples.
 
     Parameters
@@ -30,6 +30,8 @@ def lines(plan: Plan, numbers: Sequence[int], finished: int, target: str) -> Ite
         How many of them are finished already.
     target
         The file that they would be written to.
+    foreign
+        How many finished samples of that file do not belong to the study.
     """
     yield f"{plan.study.title}: {counted(len(numbers), 'sample')} of {plan.attrs['base']} ({plan.base.kind})"
     yield f"  sampling  {plan.attrs['method']}" + (f", seed {plan.seed}" if _is_drawn(plan) else "")
@@ -37,6 +39,10 @@ def lines(plan: Plan, numbers: Sequence[int], finished: int, target: str) -> Ite
         yield f"  shard     of {plan.size} samples, one in {plan.size // len(numbers)} or so"
     yield f"  collects  {', '.join(plan.collect) or 'every number under properties and parameters'}"
     yield f"  {target}: {finished} finished, {len(numbers) - finished} to run"
+    if foreign:
+        verb = "does" if foreign == 1 else "do"
+        yield f"  warning: {counted(foreign, 'finished sample')} of {target} {verb} not belong to this study,"
+        yield "           and would be lost: write another file with -o, or discard them with --force"
     yield ""
     yield from _table([["", "values", "from", "to"], *(_column(plan, path) for path in plan.arrays)])
     yield ""

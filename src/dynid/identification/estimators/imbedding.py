@@ -20,12 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
-from dynid.identification.ensemble import Ensemble
-from dynid.identification.estimators.estimation import Estimation, Stage
-from dynid.identification.estimators.passes import chained, last
-from dynid.identification.filtering.filter import ASTRAY, Pass, Prior, check_run_away
-from dynid.identification.fit import Fitter
-from dynid.progress import tell
+from dynid.identification.estimators.estimate import Estimate, Stage
+from dynid.identification.estimators.filter_passes import chained, last
+from dynid.identification.filter import ASTRAY, FilterPrior, Pass, check_run_away
+from dynid.identification.time_record import TimeLikelihood, TimeRecord
+from dynid.progress import report_progress
 
 Array = NDArray[np.float64]
 
@@ -61,7 +60,7 @@ class InvariantImbedding:
         if not 1e-12 <= self.tolerance <= 1e-2:
             raise UsageError("the tolerance of the integration must lie between 1e-12 and 0.01")
 
-    def run(self, ensemble: Ensemble, origin: Array) -> Estimation:
+    def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
         """Estimate, from the logarithms `origin` (p).
 
         Raises
@@ -69,21 +68,21 @@ class InvariantImbedding:
         Diverged
             If the integration breaks down, or parameters run away.
         """
-        facts = {"equations": 0, "evaluations": 0}
+        counts = {"equations": 0, "evaluations": 0}
 
-        def passed(_: int, record: Fitter, prior: Prior) -> Pass:
+        def passed(_: int, record: TimeRecord, prior: FilterPrior) -> Pass:
             history, equations, evaluations = self._integrated(record, prior, origin)
-            facts["equations"] = equations
-            facts["evaluations"] += evaluations
+            counts["equations"] = equations
+            counts["evaluations"] += evaluations
             return history
 
-        sweep = chained(ensemble, [record.wide_prior(origin) for record in ensemble.records], passed)
-        fit = ensemble.fit(last(ensemble, [sweep]))
-        return Estimation(fit, [sweep], [Stage.at("invariant imbedding", ensemble, fit)], facts)
+        sweep = chained(likelihood, [record.wide_prior(origin) for record in likelihood.records], passed)
+        fit = likelihood.fit(last(likelihood, [sweep]))
+        return Estimate(fit, [sweep], [Stage.at("invariant imbedding", likelihood, fit)], counts)
 
-    def _integrated(self, record: Fitter, prior: Prior, origin: Array) -> tuple[Pass, int, int]:
+    def _integrated(self, record: TimeRecord, prior: FilterPrior, origin: Array) -> tuple[Pass, int, int]:
         """Return the pass over one record, its number of equations, and that of their evaluations."""
-        tell("integrating eqs 19 and 20")
+        report_progress("integrating eqs 19 and 20")
         from scipy.integrate import solve_ivp  # heavy import, needed here only
 
         flow = Flow(record, self)
@@ -110,7 +109,7 @@ class InvariantImbedding:
 class Flow:
     """Right-hand side of eqs 19 and 20, and its derivatives; the covariance as its upper triangle."""
 
-    def __init__(self, fitter: Fitter, options: InvariantImbedding) -> None:
+    def __init__(self, fitter: TimeRecord, options: InvariantImbedding) -> None:
         self.model = model = fitter.model
         self.size = model.states + model.parameters
         self.upper = np.triu_indices(self.size)

@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged
-from dynid.identification.augmented import unknowns_of
-from dynid.identification.estimate import MOST_ROUNDS, Rebuild, stays
-from dynid.identification.estimators.output_error import OutputError
-from dynid.identification.filtering.filter import ASTRAY
-from dynid.identification.frf.estimator import FrfAuto, FrfLikelihood
-from dynid.identification.frf.fitter import FrfFitter
+from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
+from dynid.identification.filter import ASTRAY
 from dynid.identification.frf.measurement import FrfMeasurement, check_cost, frf_data
-from dynid.identification.frf.outcome import FrfOutcome
-from dynid.identification.measurement import Data
-from dynid.identification.model_error import ModelError, model_error
+from dynid.identification.frf.record import FrfAuto, FrfLikelihood, FrfRecord
+from dynid.identification.identifiability import expected_records, identifiability_result
+from dynid.identification.identify import MOST_ROUNDS, Rebuild, has_settled
+from dynid.identification.measurement import RecordData
+from dynid.identification.model_error import model_error
+from dynid.identification.posterior import Posterior
+from dynid.identification.record_model import unknowns_of
+from dynid.identification.write_result import write_result
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
+FrfEstimator: TypeAlias = FrfAuto | OutputError | Huber
 
 
 def identify_frf(
     model: StructuralModel,
     measurement: FrfMeasurement,
-    estimator: FrfAuto | OutputError | None = None,
+    estimator: FrfEstimator | None = None,
     *,
     truth: StructuralModel | None = None,
     rebuild: Rebuild | None = None,
@@ -46,20 +49,21 @@ def identify_frf(
     truth
         The structure that simulated responses are made with; absent: `model`.
     rebuild
-        As of `dynid.identification.estimate.identify_all`.
+        As of `dynid.identification.identify.identify_all`.
 
     Returns
     -------
     Result
-        ``identification/{parameters, stages, measurement, diagnostics}`` as of `identify_all`, where they are
-        of whole records; ``measurement/{omega, channel, measured, predicted}`` (omega x channel, complex),
-        with `noise`, `given_noise` or `deviation` of the complex values. Residuals are white where neither
-        real nor imaginary parts are correlated from line to line; those that are not are the model's.
+        ``identification/{parameters, considered, stages, measurement, diagnostics}`` as of `identify_all`,
+        where they are of whole records; ``measurement/{omega, channel, measured, predicted}`` (omega x
+        channel, complex), with `noise`, `given_noise` or `deviation` of the complex values. Residuals are
+        white where neither real nor imaginary parts are correlated from line to line; those that are not are
+        the model's.
 
     Raises
     ------
     NotIdentifiable
-        If the responses cannot see parameters or tell them apart, or one is dead.
+        If parameters are not visible or not distinguishable in the responses, or one is dead.
     Diverged
         If estimates run away, or the prediction explains nothing of the responses.
     Singular
@@ -75,48 +79,71 @@ def identify_frf(
 def _identified(
     model: StructuralModel,
     measurement: FrfMeasurement,
-    estimator: FrfAuto | OutputError,
+    estimator: FrfEstimator,
     truth: StructuralModel,
     rebuild: Rebuild | None,
 ) -> Result:
     data = frf_data(truth, measurement)
     names = [unknown.name for unknown in model.unknowns]
     logs = np.log([unknown.start for unknown in model.unknowns])
-    here = estimator if rebuild is None else _for_rounds(estimator)
-    outcome: FrfOutcome | None = None
+    here = estimator if rebuild is None else _without_restarts(estimator)
+    posterior: Posterior | None = None
     for rounds in range(1, 2 * MOST_ROUNDS + 1):
         likelihood = likelihood_of(model, measurement, data)
-        if outcome is None:
+        if posterior is None:
             likelihood.information(likelihood.fit(logs), [data.rms]).check()
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
-            found = here.run(likelihood, logs)
-        if outcome is not None:
-            found = replace(found, stages=[*outcome.estimation.stages, *found.stages])
-        outcome = FrfOutcome(likelihood, estimator.name, found, measurement)
-        change, logs = np.abs(found.fit.logs - logs), found.fit.logs
+            estimate = here.run(likelihood, logs)
+        if posterior is not None:
+            estimate = replace(estimate, stages=[*posterior.estimate.stages, *estimate.stages])
+        posterior = Posterior(estimate.likelihood or likelihood, estimator.name, estimate, model.dofs)
+        change, logs = np.abs(estimate.fit.logs - logs), estimate.fit.logs
         if rebuild is None:
             break
-        if stays(change, outcome.information) or rounds == MOST_ROUNDS:
-            if outcome.explained or not isinstance(here, FrfAuto) or here.nets:
+        if has_settled(change, posterior.information) or rounds == MOST_ROUNDS:
+            if posterior.explained or (other := _with_restarts(here)) is None:
                 break
-            here = replace(here, nets=True)
+            here = other
         model = rebuild(dict(zip(names, np.exp(logs).tolist(), strict=True)))
-    assert outcome is not None
-    outcome.check()
+    assert posterior is not None
+    posterior.check()
     if model.basis is not None and truth.basis is None:
-        outcome = replace(outcome, model_error=_model_error(model, outcome, data))
-    return outcome.result()
+        dofs = [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)]
+        own = posterior.likelihood.records[0].data
+        found = model_error(
+            model,
+            posterior.likelihood,
+            posterior.fit,
+            list(dict.fromkeys(dofs)),
+            lambda finer: likelihood_of(finer, measurement, own),
+        )
+        posterior = replace(posterior, model_error=found)
+    return write_result(Result("identification"), posterior)
 
 
-def _for_rounds(estimator: FrfAuto | OutputError) -> FrfAuto | OutputError:
+def _without_restarts(estimator: FrfEstimator) -> FrfEstimator:
     """Return the estimator for a model that is to be made anew.
 
-    What its basis leaves need not be white; a basis may lead where no start does.
+    The residuals of its basis need not be white; a basis may lead where no start does.
     """
-    return replace(estimator, content=True, nets=False) if isinstance(estimator, FrfAuto) else estimator
+    if isinstance(estimator, Huber):
+        return replace(estimator, inner=_without_restarts(cast("FrfEstimator", estimator.inner)))
+    if isinstance(estimator, FrfAuto):
+        return replace(estimator, accept_small=True, multi_start=False)
+    return estimator
 
 
-def likelihood_of(model: StructuralModel, measurement: FrfMeasurement, data: Data) -> FrfLikelihood:
+def _with_restarts(estimator: FrfEstimator) -> FrfEstimator | None:
+    """Return the estimator with other starts; None where it has them, or takes none."""
+    if isinstance(estimator, Huber):
+        inner = _with_restarts(cast("FrfEstimator", estimator.inner))
+        return None if inner is None else replace(estimator, inner=inner)
+    if not isinstance(estimator, FrfAuto) or estimator.multi_start:
+        return None
+    return replace(estimator, multi_start=True)
+
+
+def likelihood_of(model: StructuralModel, measurement: FrfMeasurement, data: RecordData) -> FrfLikelihood:
     """Return the likelihood of measured responses with a model.
 
     Raises
@@ -125,16 +152,28 @@ def likelihood_of(model: StructuralModel, measurement: FrfMeasurement, data: Dat
         If there is more to solve than can be.
     """
     check_cost(model, len(measurement.omega))
-    return FrfLikelihood((FrfFitter(model, measurement, data),))
+    return FrfLikelihood((FrfRecord(model, measurement, data),))
 
 
-def _model_error(model: StructuralModel, outcome: FrfOutcome, data: Data) -> ModelError:
-    measurement = outcome.measurement
-    named = [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)]
-    return model_error(
-        model,
-        outcome.ensemble,
-        outcome.estimation.fit,
-        list(dict.fromkeys(named)),
-        lambda finer: likelihood_of(finer, measurement, data),
-    )
+def frf_identifiability(
+    model: StructuralModel, measurement: FrfMeasurement, truth: StructuralModel | None = None
+) -> Result:
+    """Return the identifiability of the unknown joint parameters from responses, by their Fisher information.
+
+    Parameters
+    ----------
+    model, measurement, truth
+        As of `dynid.identification.frf.identify.identify_frf`.
+
+    Returns
+    -------
+    Result
+        As of `dynid.identification.identifiability.identifiability`; there is no initial state to know. The
+        deviation of the noise is that of real and imaginary part each, over the deviation by line where that
+        is given.
+    """
+    names = [unknown.name for unknown in model.unknowns]
+    with guarded(f"the identifiability of {', '.join(names)}", names=names):
+        likelihood = likelihood_of(model, measurement, frf_data(truth or model, measurement))
+        channels = [(frf.name, frf.unit) for frf in measurement.channels]
+        return identifiability_result(model, expected_records(likelihood), channels)

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, Singular, UsageError
-from dynid.identification.measurement import Data, Simulation, per_channel
-from dynid.lti.frequency import second_order_response
+from dynid.identification.measurement import RecordData, Simulation, per_channel
+from dynid.lti.frequency_response import second_order_response
+from dynid.number_format import frequency_text
 from dynid.structure.matrices import Label, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel
@@ -160,7 +161,7 @@ def _refuse_poles(solved: NDArray[np.complex128], omega: Array) -> None:
     infinite = ~np.isfinite(solved).all(axis=(1, 2))
     if infinite.any():
         raise Singular(
-            f"at {float(omega[np.argmax(infinite)]):.6g} rad/s a frequency response is infinite: "
+            f"at {frequency_text(float(omega[np.argmax(infinite)]), 6)} a frequency response is infinite: "
             "that line lies on an undamped pole",
             remedy="Leave that line out, or give the structure some damping.",
             names=("measurement.frf", "measurement"),
@@ -211,7 +212,7 @@ def responses(
     return Response(H, slopes)
 
 
-def frf_data(model: StructuralModel, measurement: FrfMeasurement) -> Data:
+def frf_data(model: StructuralModel, measurement: FrfMeasurement) -> RecordData:
     """Return the measured values as real ones, simulated with `model` where they are to be simulated.
 
     Raises
@@ -231,11 +232,11 @@ def frf_data(model: StructuralModel, measurement: FrfMeasurement) -> Data:
         if source.noise is not None:
             noise = noise / np.sqrt(2)  # half of the power in each part
         generator = np.random.Generator(np.random.PCG64(source.seed))
-        data = Data(clean + noise * generator.standard_normal(clean.shape), noise, clean, told)
+        data = RecordData(clean + noise * generator.standard_normal(clean.shape), noise, clean, told)
     else:
         values = np.asarray(source)
         whole = np.where(np.isnan(values), complex(np.nan, np.nan), values)
-        data = Data(stacked(np.asarray(whole / measurement.profile)), given=told)
+        data = RecordData(stacked(np.asarray(whole / measurement.profile)), given=told)
     for column, channel in enumerate(measurement.channels):
         if not np.any(np.nan_to_num(data.values[:, column])):
             raise NotIdentifiable(

@@ -1,22 +1,22 @@
-"""The exact step and its derivatives at given parameters, as a kernel; see `AugmentedModel.transition`.
+"""The exact step and its derivatives at given parameters, as a kernel; see `RecordModel.transition`.
 
 They are summed from a Taylor series, which the lower half of the system matrix alone drives: the upper half
 says that velocities are rates of displacements. Where a step is too long for the series the kernel says so,
-and its caller asks `AugmentedModel.transition`, which squares.
+and its caller asks `RecordModel.transition`, which squares.
 """
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.choices import FORCING_TABLE
-from dynid.identification.augmented import AugmentedModel, Transition
-from dynid.identification.kernels.compile import inlined, kernel
-from dynid.identification.kernels.lanes import LANES, accumulate, product
+from dynid.defaults import FORCING_TABLE
+from dynid.identification.kernels.simd import LANES, accumulate, inlined, kernel, product
+from dynid.identification.record_model import RecordModel, Transition
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ REACH = 4.0
 
 
 class Tables(NamedTuple):
-    """What steps need of the model, as plain arrays.
+    """The parts of a model that the steps of a kernel need, as plain arrays.
 
     `lower` (n/2 x n) and `rates` (n/2) are the lower half of A and the diagonal of its upper right quarter;
     `left` (p x n/2 x r) times `right` (p x r x n) is the lower half's change by the parameters. `forcing`
@@ -48,6 +48,9 @@ class Tables(NamedTuple):
     feedthrough: Array
     which: NDArray[np.int64]
     sample: NDArray[np.int64]
+
+
+_TABLES: WeakKeyDictionary[RecordModel, Tables] = WeakKeyDictionary()
 
 
 class Linear(NamedTuple):
@@ -86,8 +89,15 @@ def lanes(count: int) -> int:
     return -(-count // LANES) * LANES
 
 
-def tables(model: AugmentedModel) -> Tables:
-    """Return the tables of a model."""
+def tables(model: RecordModel) -> Tables:
+    """Return the tables of a model, which are made once."""
+    found = _TABLES.get(model)
+    if found is None:
+        found = _TABLES[model] = _tables(model)
+    return found
+
+
+def _tables(model: RecordModel) -> Tables:
     line, m = model.line, model.states // 2
     left, right = _factors(model.A_slopes[:, m:])
     forcing = _forcing(model)
@@ -116,7 +126,7 @@ def _factors(slopes: Array) -> tuple[Array, Array]:
     return U[:, :, :rank] * s[:, None, :rank], Vt[:, :rank]
 
 
-def _forcing(model: AugmentedModel) -> Array:
+def _forcing(model: RecordModel) -> Array:
     """Return the table of forcing, by Horner's scheme from the highest degree down; empty if it is large."""
     line, drive = model.line, model.drive[model.states // 2 :]
     degrees = _degree(REACH) + 1
@@ -131,7 +141,7 @@ def _forcing(model: AugmentedModel) -> Array:
     return forcing
 
 
-def linear(model: AugmentedModel) -> Linear:
+def linear(model: RecordModel) -> Linear:
     """Return room for the steps of a model, none of which is ready."""
     n, p, lengths = model.states, model.parameters, len(model.line.lengths)
     return Linear(

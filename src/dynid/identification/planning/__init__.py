@@ -1,1 +1,1 @@
-"""Where to measure and what to excite: designs ranked by the information they give."""
+"""Ranking of sensors and excitations by the information they give."""

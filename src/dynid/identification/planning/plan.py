@@ -1,4 +1,4 @@
-"""A plan: identifiability as things are, and the sensors and excitations that would tell most."""
+"""Plan of a measurement: identifiability as it is, and the most informative sensors and excitations."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from dynid.errors import UsageError
-from dynid.identification.identifiability import identifiability, prospect
+from dynid.identification.identifiability import add_expected_slopes, expected_time_records, identifiability
 from dynid.identification.measurement import Experiment
-from dynid.identification.planning.excitation import add_excitation, present_lines
-from dynid.identification.planning.lines import lines
-from dynid.identification.planning.sensors import add_sensors, every_channel, every_dof, sensors
+from dynid.identification.planning.excitation import add_excitation, candidate_sines, present_lines
+from dynid.identification.planning.sensors import add_sensors, candidate_sensors, every_channel, every_dof
 from dynid.lti.floating import guarded
-from dynid.numerals import counted
-from dynid.progress import tell
+from dynid.number_format import counted
+from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.structure import labels
 from dynid.structure.matrices import Label
@@ -22,8 +21,8 @@ from dynid.structure.response import UNITS, Channel
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What to look for.
+class PlanRequest:
+    """A request for a plan.
 
     Parameters
     ----------
@@ -53,7 +52,7 @@ class Wanted:
 def plan(
     model: StructuralModel,
     experiments: Sequence[Experiment],
-    wanted: Wanted | None = None,
+    wanted: PlanRequest | None = None,
     truth: StructuralModel | None = None,
 ) -> Result:
     """Rank sensors and excitations by the bounds that they give on the unknown joint parameters.
@@ -61,14 +60,15 @@ def plan(
     Parameters
     ----------
     model, experiments, truth
-        As of `dynid.identification.identifiability.prospect`; the plan is one for the first record.
+        As of `identifiability.expected_time_records`; the plan is one for the first record.
     wanted
-        What to look for; absent: `Wanted()`.
+        Numbers and candidates; absent: `PlanRequest()`.
 
     Returns
     -------
     Result
-        ``identification/identifiability/`` as of `identifiability`, ``plan/sensors/`` as of `add_sensors`,
+        ``identification/identifiability/`` as of `identifiability`, ``identification/considered/`` as of
+        `add_expected_slopes`, ``plan/sensors/`` as of `add_sensors`,
         ``plan/excitation/`` as of `add_excitation` (not where a motion is prescribed: a force in its place
         would act on another structure). Bounds are relative to the values, and infinite where a
         design does not tell a parameter.
@@ -80,23 +80,24 @@ def plan(
     """
     if not experiments:
         raise UsageError("there is no record to plan for", names=("measurement",))
-    wanted = wanted or Wanted()
+    wanted = wanted or PlanRequest()
     known = identifiability(model, experiments[:1], truth)
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the plan for {', '.join(names)}", names=names):
         experiment = experiments[0]
-        expected = prospect(model, [experiment], truth)
+        expected = expected_time_records(model, [experiment], truth)
         own = experiment.measurement.channels
         result = Result("plan")
         result.merge(known)
+        add_expected_slopes(result, expected)
         channels = wanted.candidates or every_channel(model, wanted.quantities)
-        tell(f"ranking {counted(len(channels), 'sensor')}")
-        found = sensors(model, experiment, expected, channels, wanted.noise)
+        report_progress(f"ranking {counted(len(channels), 'sensor')}")
+        found = candidate_sensors(model, experiment, expected, channels, wanted.noise)
         add_sensors(result, found, own, names, wanted.sensors or len(own))
         if all(load.motion is None for load in experiment.loads):
             dofs = wanted.dofs or [dof for dof in every_dof(model) if labels.kind(dof) != "rotation"]
-            tell(f"ranking sines at {len(dofs)} DOFs")
-            sines = lines(model, experiment, expected, dofs, wanted.band)
+            report_progress(f"ranking sines at {len(dofs)} DOFs")
+            sines = candidate_sines(model, experiment, expected, dofs, wanted.band)
             count = wanted.lines or present_lines(experiment)
             add_excitation(result, model, experiment, expected, sines, count)
     return result

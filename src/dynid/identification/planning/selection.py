@@ -29,7 +29,7 @@ _AT_ONCE = 10_000_000
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """What candidates tell, each as a triangle of its sensitivities over noise.
+    """The information of candidates, each as a triangle of its sensitivities over noise.
 
     Attributes
     ----------

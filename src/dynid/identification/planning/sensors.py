@@ -1,4 +1,4 @@
-"""Which sensors to add: every candidate's sensitivities come from one propagation of the record."""
+"""Ranking of sensors: the sensitivities of all candidates come from one propagation of the record."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.augmented import augmented
-from dynid.identification.identifiability import Prospect
+from dynid.identification.identifiability import ExpectedTimeRecords
 from dynid.identification.measurement import Experiment, as_estimated
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.prediction import free_prediction, prediction
+from dynid.identification.record_model import record_model
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
@@ -25,7 +25,7 @@ _STILL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Sensors:
+class CandidateSensors:
     """Candidate sensors for a record, and what each would tell.
 
     Attributes
@@ -63,13 +63,13 @@ def every_channel(model: StructuralModel, quantities: Sequence[str] = tuple(UNIT
     return [Channel(dof, quantity) for quantity in quantities for dof in every_dof(model)]
 
 
-def sensors(
+def candidate_sensors(
     model: StructuralModel,
     experiment: Experiment,
-    expected: Prospect,
+    expected: ExpectedTimeRecords,
     channels: Sequence[Channel],
     noise: Mapping[str, float] | None = None,
-) -> Sensors:
+) -> CandidateSensors:
     """Return what candidate sensors would tell of a record.
 
     Parameters
@@ -87,10 +87,10 @@ def sensors(
         the record's own channels, whose noise stays as it is.
     """
     own = experiment.measurement.channels
-    record = expected.ensemble.records[0]
+    record = expected.likelihood.records[0]
     every = tuple(dict.fromkeys([*own, *channels]))
     known = as_estimated(experiment.loads, experiment.measurement.record)
-    joint = augmented(model, known, every, experiment.measurement.record.times)
+    joint = record_model(model, known, every, experiment.measurement.record.times)
     logs, x0 = expected.fit.logs, expected.fit.parts[0].predicted.states[0]
     free, steps = free_prediction(joint, logs)
     seen = prediction(joint, logs, x0, free, steps)
@@ -105,7 +105,7 @@ def sensors(
     roots = np.asarray(np.linalg.qr(np.moveaxis(both / level[kept, None], 1, 0), mode="r"))
     left_out = tuple(channel.name for channel, yes in zip(every, moves, strict=True) if not yes)
     found = Candidates(roots, joint.states)
-    return Sensors(tuple(every[k] for k in kept), level[kept], rms[kept], found, left_out)
+    return CandidateSensors(tuple(every[k] for k in kept), level[kept], rms[kept], found, left_out)
 
 
 def _levels(
@@ -120,7 +120,7 @@ def _levels(
 
 
 def add_sensors(
-    result: Result, found: Sensors, own: Sequence[Channel], names: Sequence[str], count: int
+    result: Result, found: CandidateSensors, own: Sequence[Channel], names: Sequence[str], count: int
 ) -> None:
     """Add the ranking of sensors to a result.
 

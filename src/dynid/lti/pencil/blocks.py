@@ -1,4 +1,4 @@
-"""The block triangular form of a pencil: its determinant is the product of the diagonal blocks' own."""
+"""The block triangular form of a pencil: its determinant is the product of those of the diagonal blocks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Indices = NDArray[np.intp]
 
 
 def diagonal_blocks(pattern: Any) -> list[tuple[Indices, Indices]] | None:
-    """Return rows and columns of the irreducible diagonal blocks; None where every determinant vanishes.
+    """Return rows and columns of the irreducible diagonal blocks; None for a structurally singular pattern.
 
     Parameters
     ----------

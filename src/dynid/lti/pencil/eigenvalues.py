@@ -1,9 +1,9 @@
-"""Finite eigenvalues of a regular pencil sF - G in floating point, every one checked.
+"""Finite eigenvalues of a regular pencil sF - G in floating point, each with an error bound.
 
-The pencil is split into its irreducible diagonal blocks, each block scaled so that a change of units leaves
-no trace, its infinite eigenvalues deflated by orthogonal transformations, the rest found by QR or QZ, and
-each polished on the block as it was given by two-sided inverse iteration, which also gives its condition.
-Nothing is returned whose error bound is not small.
+The pencil is split into its irreducible diagonal blocks, each block scaled so that units do not matter, its
+infinite eigenvalues deflated by orthogonal transformations, and the others found by QR or QZ. Each is refined
+on the given block by two-sided inverse iteration, which also yields its condition. An error is raised where
+an error bound is not small.
 
 References
 ----------
@@ -20,23 +20,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.choices import SPARSE_REFINEMENT
+from dynid.defaults import SPARSE_REFINEMENT
 from dynid.errors import Singular, Undecided
 from dynid.lti.pencil.blocks import diagonal_blocks
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
 EPSILON = float(np.finfo(float).eps)
 #: Sweeps that scale rows and columns; steps of inverse iteration.
 _SWEEPS, _STEPS = 12, 3
-#: Singular values below the first are noise, above the second they are not; ranks in between are guesses.
+#: Singular values below the first are rounding, above the second they are not.
 _NOISE, _SURE = 1e-12, 1e-7
-#: Relative error bound beyond which an eigenvalue is not trusted; below this share of the others it may be 0.
+#: Largest relative error bound of an eigenvalue; eigenvalues below this share of the others may be 0.
 TOLERANCE, _SMALL = 1e-8, 1e-8
-#: Roundings that a residual is allowed.
+#: Roundings allowed for a residual.
 _ROUNDINGS = 8
-
 EXACT = 'The exact engine (engine="exact") decides.'
 
 
@@ -49,9 +47,9 @@ class FiniteEigenvalues:
     values
         The eigenvalues, by modulus.
     bounds
-        First-order bounds on the distance from the true ones, for data that are exact to the last bit.
+        First-order bounds on the errors, for exact data.
     infinite
-        How many more the pencil has at infinity.
+        Number of eigenvalues at infinity.
     """
 
     values: Complex
@@ -69,20 +67,19 @@ def finite_eigenvalues(
     F, G
         Dense or sparse (n x n).
     count
-        How many there are, where that is known exactly.
+        Their number, where known exactly.
     origin
-        How many of them are 0, where that is known exactly.
+        Number of eigenvalues at 0, where known exactly.
     sparse
-        Whether they are refined by sparse factors; absent: in blocks that are large and sparse. It changes
-        the time alone: each bound comes from an eigenvalue's own residual, whichever factors led to it.
+        True to refine by sparse factors; absent: in blocks that are large and sparse. It changes the time
+        alone: each bound comes from the residual of the eigenvalue.
 
     Raises
     ------
     Singular
         Where det(sF - G) vanishes identically by the positions of its entries.
     Undecided
-        Where a rank cannot be told from rounding, the count is another, or an error bound exceeds
-        `TOLERANCE`.
+        Where rounding hides a rank, the count differs, or an error bound exceeds `TOLERANCE`.
     """
     from scipy.sparse import csr_array
 
@@ -90,11 +87,17 @@ def finite_eigenvalues(
     blocks = diagonal_blocks(abs(F) + abs(G))
     if blocks is None:
         raise Singular("the pencil's determinant is identically zero", remedy="Check the equations.")
-    parts = [_of_single_entries(F, G, [block for block in blocks if len(block[0]) == 1])]
+    parts: list[tuple[Complex, Real]] = [(np.zeros(0, complex), np.zeros(0))]
+    if single := [block for block in blocks if len(block[0]) == 1]:
+        at = tuple(np.concatenate(part) for part in zip(*single, strict=True))
+        f, g = np.ravel(F[at]), np.ravel(G[at])
+        with np.errstate(over="ignore", under="ignore"):
+            quotients = g[f != 0] / f[f != 0]
+        parts = [(quotients.astype(complex), EPSILON * np.abs(quotients))]
     dynamic = np.diff(F.indptr) > 0
     for rows, columns in (block for block in blocks if len(block[0]) > 1 and dynamic[block[0]].any()):
         block = F[rows][:, columns], G[rows][:, columns]
-        parts.append(_of_block(*block, sure=count is not None, sparse=sparse))
+        parts.append(_block_eigenvalues(*block, known=count is not None, sparse=sparse))
     value, bound = (np.concatenate(part) for part in zip(*parts, strict=True))
     if count is not None and len(value) != count:
         raise Undecided(
@@ -103,12 +106,15 @@ def finite_eigenvalues(
     order = np.lexsort((value.imag, value.real, np.abs(value)))
     value, bound = value[order], bound[order]
     settle_origin(value, bound, origin)
-    _refuse_uncertain(value, bound)
+    floor = _SMALL * float(np.median(np.abs(value))) if len(value) else 0.0
+    if len(poor := np.flatnonzero(~(bound <= TOLERANCE * np.maximum(np.abs(value), floor)))):
+        z, error = value[poor[0]], bound[poor[0]]
+        raise Undecided(f"the error of the eigenvalue near {z:.4g} may be {error:.1g}", remedy=EXACT)
     return FiniteEigenvalues(value, bound, F.shape[0] - len(value))
 
 
 def settle_origin(value: Complex, bound: Real, origin: int | None) -> None:
-    """Set the smallest eigenvalues to 0 where so many are known to be."""
+    """Set the smallest eigenvalues to 0, as many as are known to be."""
     if origin is None:
         return
     if not (np.abs(value[origin:]) > bound[origin:]).all() or np.max(
@@ -119,39 +125,26 @@ def settle_origin(value: Complex, bound: Real, origin: int | None) -> None:
     bound[:origin] = 0
 
 
-def _refuse_uncertain(value: Complex, bound: Real) -> None:
-    floor = _SMALL * float(np.median(np.abs(value))) if len(value) else 0.0
-    if len(poor := np.flatnonzero(~(bound <= TOLERANCE * np.maximum(np.abs(value), floor)))):
-        z, error = value[poor[0]], bound[poor[0]]
-        raise Undecided(f"the eigenvalue near {z:.4g} is known to ± {error:.1g} only", remedy=EXACT)
+def _block_eigenvalues(F: Any, G: Any, *, known: bool, sparse: bool | None) -> tuple[Complex, Real]:
+    """Return eigenvalues and error bounds of one irreducible block; `known`: their total is known."""
+    from scipy.linalg import eigvals
 
-
-def _of_single_entries(F: Any, G: Any, blocks: list[tuple[Any, Any]]) -> tuple[Complex, Real]:
-    """Return the eigenvalues of all blocks of one row."""
-    if not blocks:
-        return np.zeros(0, complex), np.zeros(0)
-    rows, columns = (np.concatenate(part) for part in zip(*blocks, strict=True))
-    f, g = (np.ravel(M[rows, columns]) for M in (F, G))
-    with np.errstate(over="ignore", under="ignore"):
-        value = g[f != 0] / f[f != 0]
-    return value.astype(complex), EPSILON * np.abs(value)
-
-
-# --- one irreducible block -----------------------------------------------------------------------
-
-
-def _of_block(F: Any, G: Any, *, sure: bool, sparse: bool | None) -> tuple[Complex, Real]:
-    """Return eigenvalues and error bounds of one block; `sure`: the count is checked elsewhere."""
     if F.count_nonzero() == 0:
         return np.zeros(0, complex), np.zeros(0)
     F, G, unit = scaled(F, G)
-    small_F, small_G = _deflated(*_without_algebraic(F, G), sure=sure)
-    starts = _eigenvalues(small_F, small_G)
+    small_F, small_G = _deflated(*_without_algebraic(F, G), known=known)
+    if not small_F.size:
+        starts = np.zeros(0, complex)
+    elif np.linalg.cond(small_F) < 1e3:
+        starts = np.asarray(np.linalg.eigvals(np.linalg.solve(small_F, small_G)), dtype=complex)
+    else:
+        with np.errstate(all="ignore"):
+            starts = np.asarray(eigvals(small_G, small_F), dtype=complex)
     if sparse is None:
         sparse = F.shape[0] >= SPARSE_REFINEMENT.value and F.nnz + G.nnz <= F.shape[0] ** 2 / 10
     if not sparse:
         F, G = F.toarray(), G.toarray()
-    values, bounds = _polished(F, G, starts)
+    values, bounds = _refined(F, G, starts)
     return values * unit, bounds * unit
 
 
@@ -178,7 +171,7 @@ def scaled(F: Any, G: Any) -> tuple[Any, Any, float]:
 
 
 def _without_algebraic(F: Any, G: Any) -> tuple[Real, Real]:
-    """Eliminate the equations free of s for the unknowns free of s, where that is well conditioned."""
+    """Eliminate the unknowns free of s by the equations free of s, where that is well conditioned."""
     rows, columns = np.diff(F.indptr) == 0, np.diff(F.tocsc().indptr) == 0
     if rows.sum() == columns.sum() > 0:
         algebraic = G[rows][:, columns].toarray()
@@ -191,14 +184,22 @@ def _without_algebraic(F: Any, G: Any) -> tuple[Real, Real]:
     return F.toarray(), G.toarray()
 
 
-def _deflated(F: Real, G: Real, *, sure: bool) -> tuple[Real, Real]:
-    """Take off the infinite eigenvalues, step by step: rows free of s fix as many unknowns."""
+def _deflated(F: Real, G: Real, *, known: bool) -> tuple[Real, Real]:
+    """Deflate the infinite eigenvalues, step by step: rows free of s fix as many unknowns."""
     from scipy.linalg import qr
 
     scale = float(np.linalg.norm(F, 2)) if F.size else 1.0
     while F.size:
         U, sizes, _ = np.linalg.svd(F)
-        rank = _rank(sizes / scale, sure=sure)
+        sizes = sizes / scale
+        unclear = (sizes > _NOISE) & (sizes < _SURE)
+        if not unclear.any():
+            rank = int((sizes >= _SURE).sum())
+        elif known:  # the widest gap, a guess that the known total checks
+            ladder = np.concatenate([[1.0], np.maximum(sizes, EPSILON**2), [EPSILON]])
+            rank = int(np.argmax(np.where(ladder[1:] < _SURE, ladder[:-1] / ladder[1:], 0)))
+        else:
+            raise Undecided("a rank is undecided within rounding", remedy=EXACT)
         if rank == len(F):
             break
         Q, _ = qr((U.T @ G)[rank:].T)
@@ -207,63 +208,41 @@ def _deflated(F: Real, G: Real, *, sure: bool) -> tuple[Real, Real]:
     return F, G
 
 
-def _rank(sizes: Real, *, sure: bool) -> int:
-    """Return how many singular values are not noise; a guess is good enough where the count is checked."""
-    grey = (sizes > _NOISE) & (sizes < _SURE)
-    if not grey.any():
-        return int((sizes >= _SURE).sum())
-    if not sure:
-        raise Undecided("a rank cannot be told from rounding", remedy=EXACT)
-    ladder = np.concatenate([[1.0], np.maximum(sizes, EPSILON**2), [EPSILON]])
-    return int(np.argmax(np.where(ladder[1:] < _SURE, ladder[:-1] / ladder[1:], 0)))  # the widest gap
-
-
-def _eigenvalues(F: Real, G: Real) -> Complex:
-    """Return the eigenvalues of a pencil whose F has full rank."""
-    from scipy.linalg import eigvals
-
-    if not F.size:
-        return np.zeros(0, complex)
-    if np.linalg.cond(F) < 1e3:
-        return np.asarray(np.linalg.eigvals(np.linalg.solve(F, G)), dtype=complex)
-    with np.errstate(all="ignore"):
-        return np.asarray(eigvals(G, F), dtype=complex)
-
-
-# --- what was found, checked ---------------------------------------------------------------------
-
-
-def _polished(F: Any, G: Any, starts: Complex) -> tuple[Complex, Real]:
+def _refined(F: Any, G: Any, starts: Complex) -> tuple[Complex, Real]:
     """Refine eigenvalues on the pencil itself and bound their errors; conjugates share the work."""
     if not np.isfinite(starts).all():
-        raise Undecided("an eigenvalue cannot be told from infinity", remedy=EXACT)
+        raise Undecided("rounding hides whether an eigenvalue is infinite", remedy=EXACT)
     upper = starts[starts.imag >= 0]
     values, bounds = np.empty_like(upper), np.empty(len(upper))
     for k, start in enumerate(upper):
         others = np.abs(starts - start)
         room = float(np.min(others[others > 0], initial=np.inf))
-        values[k], bounds[k] = _refined(F, G, complex(start), room)
-    _refuse_merged(upper, values, bounds)
+        values[k], bounds[k] = _rayleigh_quotient_iteration(F, G, complex(start), room)
+    # Two starts that converged to one eigenvalue: another may be missing.
+    both = bounds[:, None] + bounds[None, :]
+    merged = (np.abs(values[:, None] - values) <= both) & (np.abs(upper[:, None] - upper) > 4 * both)
+    if merged.any():
+        z = values[np.argwhere(merged)[0][0]]
+        raise Undecided(f"rounding hides whether two eigenvalues near {z:.4g} are one", remedy=EXACT)
     mirrored = upper.imag > 0
     return np.concatenate([values, values[mirrored].conj()]), np.concatenate([bounds, bounds[mirrored]])
 
 
-def _refuse_merged(starts: Complex, values: Complex, bounds: Real) -> None:
-    """Raise where two eigenvalues have become one on the way, and so another may be missing."""
-    both = bounds[:, None] + bounds[None, :]
-    merged = (np.abs(values[:, None] - values) <= both) & (np.abs(starts[:, None] - starts) > 4 * both)
-    if merged.any():
-        z = values[np.argwhere(merged)[0][0]]
-        raise Undecided(f"two eigenvalues near {z:.4g} cannot be told apart", remedy=EXACT)
-
-
-def _refined(F: Any, G: Any, z: complex, room: float) -> tuple[complex, float]:
+def _rayleigh_quotient_iteration(F: Any, G: Any, z: complex, room: float) -> tuple[complex, float]:
     """Return an eigenvalue after Rayleigh quotient steps, and its error bound."""
     generator = np.random.default_rng(0)
     u, v = generator.standard_normal((2, F.shape[0])) + 0j
     step = np.inf
     for _ in range(_STEPS):
-        u, v = _vectors(F, G, z, u, v)
+        # One inverse iteration for both vectors; beside z where the pencil is exactly singular there.
+        beside = [4**k * EPSILON * abs(z) for k in range(1, 8)]
+        for nudge in (0.0, *beside, EPSILON):
+            left, right = _solved((z + nudge) * F - G, u, v)
+            if np.isfinite(left).all() and np.isfinite(right).all():
+                break
+        else:
+            raise Undecided(f"the residual at {z:.4g} cannot be computed", remedy=EXACT)
+        u, v = left / np.linalg.norm(left), right / np.linalg.norm(right)
         slope = u.conj() @ (F @ v)
         if slope == 0:
             return z, np.inf
@@ -275,16 +254,6 @@ def _refined(F: Any, G: Any, z: complex, room: float) -> tuple[complex, float]:
             break
     rounding = np.abs(u) @ (abs(z) * (abs(F) @ np.abs(v)) + abs(G) @ np.abs(v))
     return z, float(_ROUNDINGS * EPSILON * rounding / abs(slope) + abs(step))
-
-
-def _vectors(F: Any, G: Any, z: complex, u: Complex, v: Complex) -> tuple[Complex, Complex]:
-    """Return left and right vectors after one inverse iteration each."""
-    beside = [4**k * EPSILON * abs(z) for k in range(1, 8)]  # singular to the last bit: from beside it
-    for nudge in (0.0, *beside, EPSILON):
-        left, right = _solved((z + nudge) * F - G, u, v)
-        if np.isfinite(left).all() and np.isfinite(right).all():
-            return left / np.linalg.norm(left), right / np.linalg.norm(right)
-    raise Undecided(f"the residual at {z:.4g} cannot be computed", remedy=EXACT)
 
 
 def _solved(P: Any, u: Complex, v: Complex) -> tuple[Complex, Complex]:

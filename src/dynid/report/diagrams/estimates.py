@@ -1,25 +1,34 @@
-"""Estimates with their intervals, and how they are correlated."""
+"""Estimates with confidence intervals and correlations, and histories of parameters and state errors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dynid.report.diagrams.matrices import matrix_picture
-from dynid.report.diagrams.records import parameters, texts
-from dynid.report.figure import Figure, Picture, Table
-from dynid.report.numbers import short
-from dynid.report.plot import Axis, Bars, Marks, Panel, Rule, chart
-from dynid.report.plot.layers import Layer
+from dynid.report.content.identification import is_rejected
+from dynid.report.figure import Figure, FigureTable, Picture, table_of
+from dynid.report.labels import labels_with_units, short, texts
+from dynid.report.plot import (
+    Band,
+    Bars,
+    Curve,
+    Layer,
+    Markers,
+    PlotAxis,
+    ReferenceLine,
+    Subplot,
+    chart,
+    matrix_picture,
+)
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
 GROUP = "identification/parameters"
-#: The columns of the table: what they hold, and their titles.
+#: Columns of the table: names of the arrays, and headings.
 _COLUMNS = {
     "start": "start",
     "estimate": "estimate",
@@ -28,6 +37,31 @@ _COLUMNS = {
     "cramer_rao": "Cramér–Rao bound",
     "error_percent": "error (%)",
 }
+#: Most subplots of a history.
+PANELS = 12
+
+
+class RecordGroup(NamedTuple):
+    """The group of a record in a result, and the ends of the names and titles of its figures."""
+
+    group: str
+    suffix: str
+    title: str
+
+
+def record_groups(result: Result, group: str, member: str) -> list[RecordGroup]:
+    """Return the groups that have a member: the group itself, or `record_1`, `record_2`, … in it."""
+    if f"{group}/{member}" in result:
+        return [RecordGroup(group, "", "")]
+    depth = group.count("/") + 1
+    names = [
+        path.split("/")[depth]
+        for path in result
+        if path.startswith(f"{group}/record_")
+        and path.endswith(f"/{member}")
+        and path.count("/") == depth + 1
+    ]
+    return [RecordGroup(f"{group}/{name}", f"-{name}", f", {name.replace('_', ' ')}") for name in names]
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -43,44 +77,139 @@ def figures(result: Result) -> Iterator[Figure]:
             "Correlation of the estimates",
             [("", result[path].data, names, names, ("", ""))],
             (-1.0, 1.0),
-            "Blue: errors go together; orange: against each other. Near ±1 the data cannot tell two apart.",
+            "Blue: positive, orange: negative. Near ±1 the data do not distinguish the two parameters.",
         )
         yield Figure("correlation", "Correlation of the estimates", draw)
 
 
 def _estimates(result: Result) -> Picture:
     estimate, error = (result[f"{GROUP}/{name}"].data for name in ("estimate", "standard_error"))
-    names = parameters(result)
+    names = labels_with_units(result, GROUP, "name", len(result[f"{GROUP}/name"].data))
     true = result[f"{GROUP}/true"].data if f"{GROUP}/true" in result else np.full(len(names), np.nan)
-    about_what = np.where(np.isfinite(true), true, estimate)
-    scale = np.where(about_what == 0, 1.0, np.abs(about_what)) / 100
-    off, half = (estimate - about_what) / scale, 1.96 * error / scale
+    reference = np.where(np.isfinite(true), true, estimate)
+    scale = np.where(reference == 0, 1.0, np.abs(reference)) / 100
+    off, half = (estimate - reference) / scale, 1.96 * error / scale
     place = np.arange(len(names), dtype=float)
     known = bool(np.isfinite(true).any())
-    tips = [f"{n}: {short(e, 6)} ± {short(s, 2)}" for n, e, s in zip(names, estimate, error, strict=True)]
-    layers: list[Layer] = [
-        Bars(place, off - half, off + half, "95 % interval", "s1", 0.22, True, tips),
-        Marks(off, place, "estimate", "s2", "o", 4, tips),
-        Rule(0.0, "true" if known else "", "line dashed", upright=True),
+    barred = not is_rejected(result)
+    tips = [
+        f"{n}: {short(e, 6)}{f' ± {short(s, 2)}' if barred else ''}"
+        for n, e, s in zip(names, estimate, error, strict=True)
     ]
-    bound = f"{GROUP}/cramer_rao"
-    if bound in result:
-        reach = 1.96 * result[bound].data / scale
-        layers.append(
-            Marks(np.concatenate([-reach, reach]), np.tile(place, 2), "Cramér–Rao bound, 95 %", "s3", "+", 5)
-        )
-    label = "off the true value (%)" if known else "about the estimate (%)"
-    panel = Panel(Axis(label), Axis("", names=tuple(names)), layers, height=max(90.0, 30.0 * len(names)))
-    about = "The best that any estimator could do with this record is the Cramér–Rao bound."
-    svg = chart("estimates", "Estimates", [[panel]], about)
-    return Picture(svg, about, _table(result, names))
-
-
-def _table(result: Result, names: Sequence[str]) -> Table:
+    bars = [Bars(place, off - half, off + half, "95 % interval", "s1", 0.22, True, tips)] if barred else []
+    layers: list[Layer] = [
+        *bars,
+        Markers(off, place, "estimate", "s2", "o", 4, tips),
+        ReferenceLine(0.0, "true" if known else "", "line dashed", upright=True),
+    ]
+    if f"{GROUP}/cramer_rao" in result:
+        reach = 1.96 * result[f"{GROUP}/cramer_rao"].data / scale
+        ends = np.concatenate([-reach, reach])
+        layers.append(Markers(ends, np.tile(place, 2), "Cramér–Rao bound, 95 %", "s3", "+", 5))
+    label = "error relative to the true value (%)" if known else "deviation from the estimate (%)"
+    height = max(90.0, 30.0 * len(names))
+    plot = Subplot(PlotAxis(label), PlotAxis("", names=tuple(names)), layers, height=height)
+    about = "The Cramér–Rao bound is the least standard error of any unbiased estimator on this record."
     columns = {
         title: result[f"{GROUP}/{name}"].data
         for name, title in _COLUMNS.items()
-        if f"{GROUP}/{name}" in result
+        if f"{GROUP}/{name}" in result and (barred or name != "standard_error")
     }
     rows = zip(names, *(values.tolist() for values in columns.values()), strict=True)
-    return Table(("parameter", *columns), tuple(rows))
+    svg = chart("estimates", "Estimates", [[plot]], about)
+    return Picture(svg, about, FigureTable(("parameter", *columns), tuple(rows)))
+
+
+def histories(result: Result) -> Iterator[Figure]:
+    """Yield histories of parameters, and errors of states with known true values (Yang, Figs. 5, 8-10)."""
+    for group, name, title in (
+        ("identification/history", "history", "Parameters over the record"),
+        ("identification/first_pass", "first-pass", "Parameters over the record, first pass"),
+    ):
+        for record in record_groups(result, group, "estimate"):
+            own, heading = f"{name}{record.suffix}", f"{title}{record.title}"
+            yield Figure(own, heading, partial(_history, result, record.group, own, heading))
+    for group, name, title, members in (
+        (
+            "identification/history",
+            "state-error",
+            "State estimation error of the filter",
+            ("true_state", "state", "state_standard_deviation"),
+        ),
+        (
+            "identification/states",
+            "smoothed-state-error",
+            "State estimation error at the estimate",
+            ("true", "estimate", "standard_deviation"),
+        ),
+    ):
+        for record in record_groups(result, group, members[0]):
+            own, heading = f"{name}{record.suffix}", f"{title}{record.title}"
+            draw = partial(_state_errors, result, record.group, own, heading, members)
+            yield Figure(own, heading, draw)
+
+
+def _history(result: Result, group: str, name: str, title: str) -> Picture:
+    time, estimate = result[f"{group}/time"].data, result[f"{group}/estimate"].data
+    deviation = result[f"{group}/standard_deviation"].data
+    # The true values are stored with the last pass only.
+    of_truth = group.replace("first_pass", "history")
+    true = result[f"{of_truth}/true"].data if f"{of_truth}/true" in result else None
+    known = texts(result, f"{GROUP}/name")
+    labelled = (
+        dict(zip(known, labels_with_units(result, GROUP, "name", len(known)), strict=True)) if known else {}
+    )
+    names = [labelled.get(own, own) for own in texts(result, f"{group}/parameter")][: estimate.shape[1]]
+    subplots, columns, barred = list[Subplot](), {"time (s)": time}, not is_rejected(result)
+    for place, label in enumerate(names):
+        own, half = estimate[:, place], deviation[:, place]
+        columns |= {label: own} | ({f"± {label}": half} if barred else {})
+        if place < PANELS:
+            bands = [Band(time, *_visible_band(own, 1.96 * half), "95 % band", "s1")] if barred else []
+            layers: list[Layer] = [*bands, Curve(time, own, "estimate", "s1")]
+            if true is not None:
+                layers.append(ReferenceLine(float(true[place]), "true", "s2 dashed"))
+            subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(label), layers, height=170.0))
+    ends = "; ".join(f"{label}: {short(float(estimate[-1, k]))}" for k, label in enumerate(names[:4]))
+    left = f" The first {PANELS} of {len(names)} parameters." if len(names) > PANELS else ""
+    about = f"Final values: {ends}.{left}"
+    rows = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
+    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
+
+
+def _visible_band(own: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of a band, limited so that the curve itself stays visible."""
+    span = float(np.ptp(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0
+    span = max(span, 4 * float(np.sort(half)[len(half) // 2]))
+    low, high = float(np.nanmin(own)) - 0.6 * span, float(np.nanmax(own)) + 0.6 * span
+    return np.maximum(own - half, low), np.minimum(own + half, high)
+
+
+def _state_errors(
+    result: Result, group: str, name: str, title: str, members: tuple[str, str, str]
+) -> Picture:
+    time = result[f"{group}/time"].data
+    true, estimate, deviation = members
+    error = result[f"{group}/{estimate}"].data - result[f"{group}/{true}"].data
+    path = f"{group}/{deviation}"
+    half = 1.96 * result[path].data if path in result and not is_rejected(result) else None
+    names = labels_with_units(result, group, "component", error.shape[1])
+    shown = list(range(error.shape[1]))
+    if len(shown) > PANELS:  # velocities, which the paper shows and most sensors measure
+        fast = [place for place in shown if ".velocity" in names[place]]
+        shown = (fast or shown)[:PANELS]
+    subplots = []
+    for place in shown:
+        layers: list[Layer] = []
+        if half is not None:
+            low, high = _visible_band(error[:, place], half[:, place])
+            near = np.clip(half[:, place], 0, max(float(np.abs(low).max()), float(np.abs(high).max())))
+            layers.append(Band(time, -near, near, "95 % band", "s1"))
+        layers.append(Curve(time, error[:, place], "estimate − true", "s1 fine"))
+        layers.append(ReferenceLine(0.0, "", "hair"))
+        subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(names[place]), layers, height=135.0))
+    left = f" {len(shown)} of {len(names)} states." if len(shown) < len(names) else ""
+    about = f"Estimated minus true states, with the 95 % band of the estimator.{left}"
+    rows = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
+    columns = {"time (s)": time} | {f"error of {names[place]}": error[:, place] for place in shown}
+    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))

@@ -1,8 +1,9 @@
-"""Pole–zero maps: certified error discs, hidden modes, lines of constant damping and natural frequency."""
+"""Pole–zero maps with certified error discs and hidden modes, and root loci over a parameter of a study."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -10,42 +11,55 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.report.figure import Cell, Figure, Picture, Table
-from dynid.report.numbers import short
-from dynid.report.plot import Axis, Line, Marks, Note, Panel, Rule, chart
-from dynid.report.plot.layers import Key, Layer
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced
+from dynid.report.labels import short
+from dynid.report.plot import (
+    Annotation,
+    Curve,
+    Layer,
+    LegendEntry,
+    Markers,
+    PlotAxis,
+    ReferenceLine,
+    Subplot,
+    chart,
+)
+from dynid.report.scenes import frequency_unit
+from dynid.scene.frequency_unit import FrequencyUnit
 
 if TYPE_CHECKING:
+    from dynid.report.diagrams.study_samples import StudyNumbers, StudyVariable
     from dynid.result import Result
 
 Complex = NDArray[np.complex128]
-ROOT = "bond_graph/transfer_function"
-#: A gap between magnitudes above which what lies below it has a panel of its own.
+Roots = tuple[str, Complex, NDArray[np.float64]]
+TRANSFER_FUNCTION = "bond_graph/transfer_function"
+#: Ratio of successive magnitudes above which the smaller roots have a subplot of their own.
 _FAR = 25.0
 _DAMPING = (0.1, 0.3, 0.5, 0.7, 0.9)
 _MOST = 400
+_SYMBOLS = {"pole": ("x", "s1"), "zero": ("ring", "s2"), "hidden mode": ("kite", "s4")}
+_AXES = ("real part (rad/s)", "imaginary part (rad/s)")
+#: Most samples of a root locus that are drawn.
+POINTS = 600
 
 
 def figures(result: Result) -> Iterator[Figure]:
-    """Yield the map of every transfer function."""
+    """Yield the pole–zero map of every transfer function."""
     groups = dict.fromkeys(
         path.rpartition("/")[0]
         for path in result
-        if path.startswith(ROOT) and path.endswith(("/poles", "/zeros"))
+        if path.startswith(TRANSFER_FUNCTION) and path.endswith(("/poles", "/zeros"))
     )
     for group in groups:
-        pair = group.removeprefix(f"{ROOT}/")
-        name = f"poles-{pair.replace('/', '-')}"
-        yield Figure(name, f"Poles and zeros of {_pair(pair)}", partial(_picture, result, group, name, pair))
+        pair = group.removeprefix(f"{TRANSFER_FUNCTION}/")
+        output, _, source = pair.rpartition("/")
+        name, title = f"poles-{pair.replace('/', '-')}", f"Poles and zeros of {output} / {source}"
+        yield Figure(name, title, partial(_map_picture, result, group, name, title))
 
 
-def _pair(pair: str) -> str:
-    output, _, source = pair.rpartition("/")
-    return f"{output} / {source}"
-
-
-def roots_of(result: Result, group: str, pair: str) -> list[tuple[str, Complex, NDArray[np.float64]]]:
-    """Return poles, zeros and hidden modes with the bounds of their errors (NaN: none is known)."""
+def roots_of(result: Result, group: str) -> list[Roots]:
+    """Return poles, zeros and hidden modes with the bounds of their errors (NaN: unknown)."""
     found = []
     for what in ("pole", "zero"):
         if f"{group}/{what}s" in result:
@@ -53,49 +67,47 @@ def roots_of(result: Result, group: str, pair: str) -> list[tuple[str, Complex, 
             path = f"{group}/{what}_error_bound"
             bounds = result[path].data if path in result else np.full(len(values), np.nan)
             found.append((what, values, bounds))
-    path = f"bond_graph/properties/{pair}/hidden_modes"
+    path = f"bond_graph/properties/{group.removeprefix(f'{TRANSFER_FUNCTION}/')}/hidden_modes"
     if path in result and len(result[path].data):
         values = result[path].data
         found.append(("hidden mode", values, np.full(len(values), np.nan)))
     return found
 
 
-_SYMBOLS = {"pole": ("x", "s1"), "zero": ("ring", "s2"), "hidden mode": ("kite", "s4")}
-
-
-def _picture(result: Result, group: str, name: str, pair: str) -> Picture:
-    kinds = roots_of(result, group, pair)
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (what, value.real, value.imag, abs(value), _damping(value), float(bound))
+def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
+    kinds, unit = roots_of(result, group), frequency_unit(result)
+    rows: tuple[tuple[CellValue, ...], ...] = tuple(
+        (
+            what,
+            value.real,
+            value.imag,
+            unit.factor * abs(value),
+            -value.real / abs(value) if abs(value) > 0 else math.nan,
+            float(bound),
+        )
         for what, values, bounds in kinds
         for value, bound in zip(values.tolist(), bounds, strict=True)
     )
-    columns = (
-        "what",
-        "real part (rad/s)",
-        "imaginary part (rad/s)",
-        "ω_n (rad/s)",
-        "ζ",
-        "error bound (rad/s)",
-    )
     sizes = np.abs(np.concatenate([values for _, values, _ in kinds] or [np.zeros(0, complex)]))
-    reaches = _reaches(sizes[np.isfinite(sizes)])
-    panels = [_map(kinds, reach, title) for reach, title in reaches]
-    title = f"Poles and zeros of {_pair(pair)}"
-    about = _about(kinds, panels[0] if panels else None)
-    keys = [Key(f"{what}s", _SYMBOLS[what][0], _SYMBOLS[what][1]) for what, values, _ in kinds if len(values)]
-    svg = chart(
-        name, title, [panels], about, width=480.0 if len(panels) == 1 else 860.0, height=360.0, keys=keys
-    )
-    return Picture(svg, about, Table(columns, rows))
-
-
-def _damping(value: complex) -> float:
-    return -value.real / abs(value) if abs(value) > 0 else math.nan
+    maps = [_map(kinds, reach, heading, unit) for reach, heading in _reaches(sizes[np.isfinite(sizes)])]
+    counts = ", ".join(f"{len(values)} {what}{'s' * (len(values) != 1)}" for what, values, _ in kinds)
+    bounds = np.concatenate([b for _, _, b in kinds] or [np.zeros(0)])
+    known = bounds[np.isfinite(bounds)]
+    certified = ""
+    if known.size:
+        drawn = any(isinstance(layer, Curve) and layer.cls == "s3 fine" for layer in maps[0].layers)
+        where = "drawn as discs" if drawn else "too small to be seen, listed in the table"
+        certified = f" Certified error bounds, at most {short(float(known.max()), 2)} rad/s: {where}."
+    about = f"{counts}; dashed: constant damping ratio; circles: constant natural frequency.{certified}"
+    legend = [LegendEntry(f"{what}s", *_SYMBOLS[what]) for what, values, _ in kinds if len(values)]
+    width = 480.0 if len(maps) == 1 else 860.0
+    svg = chart(name, title, [maps], about, width=width, height=360.0, legend=legend)
+    columns = ("root", *_AXES, f"{unit.symbol}_n ({unit.name})", "ζ", "error bound (rad/s)")
+    return Picture(svg, about, FigureTable(columns, rows))
 
 
 def _reaches(sizes: NDArray[np.float64]) -> list[tuple[float, str]]:
-    """Return how far from the origin each panel reaches: all roots, and those before a wide gap."""
+    """Return the radius and title of each subplot: of all roots, and of those before a wide gap."""
     positive = np.sort(sizes[sizes > 0])
     if not positive.size:
         return [(1.0, "")]
@@ -108,80 +120,101 @@ def _reaches(sizes: NDArray[np.float64]) -> list[tuple[float, str]]:
     return [(whole, "all"), (float(near), "near the origin")]
 
 
-def _map(kinds: Sequence[tuple[str, Complex, NDArray[np.float64]]], reach: float, title: str) -> Panel:
-    """Return the panel of the roots within a distance from the origin."""
+def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) -> Subplot:
+    """Return the subplot of the roots within a distance from the origin."""
     within = [
         (what, values[np.abs(values) <= 1.001 * reach], bounds[np.abs(values) <= 1.001 * reach])
         for what, values, bounds in kinds
     ]
     every = np.concatenate([values for _, values, _ in within] or [np.zeros(0, complex)])
-    layers: list[Layer] = [*_grid(reach)] if every.size and (every.real < 0).any() else []
-    layers += [Rule(0.0, "", "frame"), Rule(0.0, "", "frame", upright=True)]
+    layers: list[Layer] = [*_damping_grid(reach)] if every.size and (every.real < 0).any() else []
+    layers += [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
     margin = 0.06 * reach
+    turn = np.exp(1j * np.linspace(0, 2 * np.pi, 73))
     for what, values, bounds in within:
         symbol, cls = _SYMBOLS[what]
-        distinct, counts = _counted(values[:_MOST])
-        tips = [
-            f"{what} {_complex(v)} rad/s" + (f", {c} times" if c > 1 else "")
-            for v, c in zip(distinct, counts, strict=True)
-        ]
-        points = np.array(distinct, dtype=complex)
-        layers.append(Marks(points.real, points.imag, "", cls, symbol, 8 if symbol == "kite" else 5, tips))
+        counts = Counter(values[:_MOST].tolist())
+        tips = []
+        for root, count in counts.items():
+            value = f"{short(root.real)} {'+' if root.imag >= 0 else '−'} {short(abs(root.imag))}j"
+            shown = f" ({unit.text(abs(root))})" if unit.name != "rad/s" and root.imag else ""
+            tips.append(f"{what} {value} rad/s{shown}" + (f", {count} times" if count > 1 else ""))
+        points = np.array(list(counts), dtype=complex)
+        size = 8 if symbol == "kite" else 5
+        layers.append(Markers(points.real, points.imag, "", cls, symbol, size, tips))
         layers += [
-            Note(v.real, v.imag, f"×{c}", f"small {cls}", shift=(7.0, -5.0))
-            for v, c in zip(distinct, counts, strict=True)
-            if c > 1
+            Annotation(root.real, root.imag, f"×{count}", f"small {cls}", shift=(7.0, -5.0))
+            for root, count in counts.items()
+            if count > 1
         ]
-        layers += [
-            _disc(v, bound) for v, bound in zip(values.tolist(), bounds, strict=True) if bound > reach / 300
-        ]
-    room = 1.14 * np.append(every, [-margin, margin, 1j * margin, -1j * margin])
-    across = Axis("real part (rad/s)", low=float(room.real.min()), high=float(room.real.max()))
-    up = Axis("imaginary part (rad/s)", low=float(room.imag.min()), high=float(room.imag.max()))
-    return Panel(across, up, layers, title, square=True)
+        for root, bound in zip(values.tolist(), bounds, strict=True):
+            if bound > reach / 300:
+                disc = root + bound * turn
+                layers.append(Curve(disc.real, disc.imag, "", "s3 fine", spans=False))
+    space = 1.14 * np.append(every, [-margin, margin, 1j * margin, -1j * margin])
+    across = PlotAxis(_AXES[0], low=float(space.real.min()), high=float(space.real.max()))
+    up = PlotAxis(_AXES[1], low=float(space.imag.min()), high=float(space.imag.max()))
+    return Subplot(across, up, layers, title, square=True)
 
 
-def _disc(centre: complex, radius: float) -> Line:
-    turn = np.exp(1j * np.linspace(0, 2 * np.pi, 73))
-    around = centre + radius * turn
-    return Line(around.real, around.imag, "", "s3 fine")
-
-
-def _counted(values: Complex) -> tuple[list[complex], list[int]]:
-    """Return the distinct values, and how often each is there."""
-    found: dict[complex, int] = {}
-    for value in values.tolist():
-        found[value] = found.get(value, 0) + 1
-    return list(found), list(found.values())
-
-
-def _grid(reach: float) -> Iterator[Layer]:
+def _damping_grid(reach: float) -> Iterator[Layer]:
     """Yield lines of constant damping ratio and circles of constant natural frequency, left of the axis."""
     for zeta in _DAMPING:
         end = 4 * reach * complex(-zeta, math.sqrt(1 - zeta * zeta))
-        yield Line([end.real, 0, end.real], [end.imag, 0, -end.imag], "", "grid dashed", spans=False)
+        yield Curve([end.real, 0, end.real], [end.imag, 0, -end.imag], "", "grid dashed", spans=False)
         at = 1.08 * reach * complex(-zeta, math.sqrt(1 - zeta * zeta))
-        yield Note(at.real, at.imag, f"ζ {zeta:g}", "small muted", "end", (-3.0, 3.0))
+        yield Annotation(at.real, at.imag, f"ζ {zeta:g}", "small muted", "end", (-3.0, 3.0))
     turn = np.exp(1j * np.linspace(0.5 * np.pi, 1.5 * np.pi, 61))
     for share in (0.25, 0.5, 0.75, 1.0):
         circle = share * reach * turn
-        yield Line(circle.real, circle.imag, "", "grid", spans=False)
+        yield Curve(circle.real, circle.imag, "", "grid", spans=False)
 
 
-def _complex(value: complex) -> str:
-    sign = "+" if value.imag >= 0 else "−"
-    return f"{short(value.real)} {sign} {short(abs(value.imag))}j"
+def root_loci(result: Result) -> Iterator[Figure]:
+    """Yield a root locus for each array of poles or zeros of a study over one parameter."""
+    from dynid.report.diagrams.study_samples import StudyNumbers
 
-
-def _about(kinds: Sequence[tuple[str, Complex, NDArray[np.float64]]], panel: Panel | None) -> str:
-    counts = ", ".join(f"{len(values)} {what}{'s' * (len(values) != 1)}" for what, values, _ in kinds)
-    bounds = np.concatenate([b for _, _, b in kinds] or [np.zeros(0)])
-    known = bounds[np.isfinite(bounds)]
-    said = ""
-    if known.size and panel is not None:
-        drawn = any(isinstance(layer, Line) and layer.cls == "s3 fine" for layer in panel.layers)
-        where = "drawn as discs" if drawn else "too small to be seen, they stand in the table"
-        said = f" Certified error bounds, at most {short(float(known.max()), 2)} rad/s: {where}."
-    return (
-        f"{counts}; dashed lines are of constant damping ratio, circles of constant natural frequency.{said}"
+    numbers = StudyNumbers(result)
+    if len(numbers.inputs) != 1:
+        return
+    parameter = numbers.inputs[0]
+    groups = dict.fromkeys(
+        path.rpartition("/")[0]
+        for path in numbers.table.paths
+        if path.endswith(("/poles", "/zeros")) and numbers.table.variable(path).dtype.kind == "c"
     )
+    for group in groups:
+        pair = group.removeprefix(f"{TRANSFER_FUNCTION}/")
+        name, title = f"root-locus-{pair.replace('/', '-')}", f"Root locus of {pair} over {parameter.name}"
+        yield Figure(name, title, partial(_locus_picture, numbers, parameter, group, name, title))
+
+
+def _locus_picture(
+    numbers: StudyNumbers, parameter: StudyVariable, group: str, name: str, title: str
+) -> Picture:
+    order = np.argsort(parameter.values, kind="stable")
+    drawn = order[evenly_spaced(len(order), POINTS)]
+    layers: list[Layer] = [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
+    rows: list[tuple[CellValue, ...]] = []
+    for what, symbol, cls in (("poles", "x", "s1"), ("zeros", "ring", "s2")):
+        path = f"{group}/{what}"
+        if path not in numbers.table.paths:
+            continue
+        roots = numbers.table.variable(path).data[drawn]  # samples x roots
+        kept = np.isfinite(roots)
+        values, opacity = (
+            np.broadcast_to(column[:, None], roots.shape)[kept].tolist()
+            for column in (parameter.values[drawn], np.linspace(0.25, 1.0, len(roots)))
+        )
+        roots = roots[kept]
+        tips = [
+            f"{parameter.name} {short(p)}: {short(r.real)} {'−+'[r.imag >= 0]} {short(abs(r.imag))}j"
+            for r, p in zip(roots.tolist(), values, strict=True)
+        ]
+        layers.append(Markers(roots.real, roots.imag, what, cls, symbol, 3.5, tips, opacity))
+        rows += zip(values, [what[:-1]] * len(tips), roots.real.tolist(), roots.imag.tolist(), strict=True)
+    ends = parameter.values[order[[0, -1]]]
+    about = f"{parameter.path} from {short(float(ends[0]))} (faint) to {short(float(ends[1]))} (opaque)."
+    plot = Subplot(PlotAxis(_AXES[0]), PlotAxis(_AXES[1]), layers, square=True)
+    svg = chart(name, title, [[plot]], about, width=560.0, height=420.0)
+    return Picture(svg, about, FigureTable((parameter.label, "root", *_AXES), tuple(rows[:1000])))

@@ -1,4 +1,4 @@
-"""What a reduction does: frequency responses before and after it (Yang, Fig. 7), frequencies, MAC."""
+"""Reduced models against the full model: frequency responses (Yang, Fig. 7), natural frequencies, MAC."""
 
 from __future__ import annotations
 
@@ -8,36 +8,40 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.report.diagrams.frequencies import frequencies
-from dynid.report.diagrams.matrices import Matrix, matrix_picture
-from dynid.report.diagrams.records import texts
-from dynid.report.figure import Cell, Figure, Picture, Table
-from dynid.report.numbers import labelled, short
-from dynid.report.plot import Axis, Line, Marks, Panel, chart, listed
-from dynid.report.plot.layers import Layer, hue
+from dynid.report.diagrams.responses import frequencies
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
+from dynid.report.labels import labelled, short, texts
+from dynid.report.plot import (
+    Curve,
+    Layer,
+    Markers,
+    Matrix,
+    PlotAxis,
+    Subplot,
+    chart,
+    matrix_picture,
+    series_class,
+)
+from dynid.report.scenes import frequency_unit
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
-_PANELS = 6
+#: Most responses that are drawn.
+RESPONSES = 6
+_SYMBOLS = ("o", "square", "diamond", "ring", "x", "+")
 
 
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the comparison of all methods with the full model."""
     methods = texts(result, "reduction/method")
     if "reduction/frf/full" in result:
-        yield Figure(
-            "reduction-frf",
-            "Frequency responses before and after reduction",
-            partial(_responses, result, methods),
-        )
+        title = "Frequency responses before and after reduction"
+        yield Figure("reduction-frf", title, partial(_responses, result, methods, title))
     compared = [method for method in methods if f"reduction/{method}/frequency_error" in result]
     if compared:
-        yield Figure(
-            "reduction-frequencies",
-            "Frequencies of the reduced models",
-            partial(_frequencies, result, compared),
-        )
+        title = "Frequencies of the reduced models"
+        yield Figure("reduction-frequencies", title, partial(_frequencies, result, compared, title))
     matrices: list[Matrix] = [
         (
             method,
@@ -50,68 +54,63 @@ def figures(result: Result) -> Iterator[Figure]:
         if f"reduction/{method}/mac" in result
     ]
     if matrices:
-        about = "1: a mode of the reduced model has the shape of one of the full model; 0: nothing in common."
+        about = "1: the modes of the reduced and of the full model have the same shape; 0: orthogonal shapes."
         draw = partial(matrix_picture, "mac", "Modal assurance criterion", matrices, (0.0, 1.0), about)
         yield Figure("mac", "Modal assurance criterion", draw)
 
 
-def _responses(result: Result, methods: Sequence[str]) -> Picture:
+def _responses(result: Result, methods: Sequence[str], title: str) -> Picture:
     group = "reduction/frf"
     at = frequencies(result, f"{group}/omega")
     outputs, inputs = texts(result, f"{group}/output"), texts(result, f"{group}/input")
     full = result[f"{group}/full"]
     units = texts(result, f"{group}/unit") or [full.units] * len(outputs)
     shown = [method for method in methods if f"{group}/{method}" in result]
-    panels, columns = [], dict(at.columns)
+    subplots, columns = [], dict(at.columns)
     for row, output in enumerate(outputs):
         for column, source in enumerate(inputs):
             pair = f"{output} / {source}"
             curves = {"full": full.data[:, row, column]}
             curves |= {method: result[f"{group}/{method}"].data[:, row, column] for method in shown}
             layers: list[Layer] = [
-                Line(at.shown, np.abs(values), name, "bond" if name == "full" else hue(place - 1, True))
+                Curve(
+                    at.shown,
+                    np.abs(values),
+                    name,
+                    "bond" if name == "full" else series_class(place - 1, True),
+                )
                 for place, (name, values) in enumerate(curves.items())
             ]
-            panels.append(Panel(at.axis, Axis(labelled(pair, units[row]), log=True), layers, height=230.0))
+            upright = PlotAxis(labelled(pair, units[row]), log=True)
+            subplots.append(Subplot(at.axis, upright, layers, height=230.0))
             columns |= {f"|{pair}|, {name}": np.abs(values) for name, values in curves.items()}
-    left = f" The first {_PANELS} of {len(panels)} responses." if len(panels) > _PANELS else ""
-    about = f"Where a reduced model leaves the full line, its modes or what it leaves out are wrong.{left}"
-    svg = chart(
-        "reduction-frf",
-        "Frequency responses before and after reduction",
-        [[p] for p in panels[:_PANELS]],
-        about,
-        shared=True,
-    )
-    return Picture(svg, about, listed(columns))
+    left = f" The first {RESPONSES} of {len(subplots)} responses." if len(subplots) > RESPONSES else ""
+    about = f"Deviations from the full model: errors of reduced modes, or modes that a method omits.{left}"
+    svg = chart("reduction-frf", title, [[plot] for plot in subplots[:RESPONSES]], about, shared=True)
+    return Picture(svg, about, table_of(columns))
 
 
-def _frequencies(result: Result, methods: Sequence[str]) -> Picture:
+def _frequencies(result: Result, methods: Sequence[str], title: str) -> Picture:
     layers: list[Layer] = []
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[CellValue, ...]] = []
+    unit = frequency_unit(result)
     for place, method in enumerate(methods):
         get = {
             name: result[f"reduction/{method}/{name}"].data
             for name in ("mode", "frequencies", "reference", "frequency_error")
         }
-        error = np.abs(get["frequency_error"])
-        seen = np.maximum(error, 1e-16)
-        tips = [f"{method}, mode {m}: {short(100 * e, 2)} %" for m, e in zip(get["mode"], error, strict=True)]
+        get |= {name: unit.factor * get[name] for name in ("frequencies", "reference")}
+        modes, error = get["mode"], np.abs(get["frequency_error"])
+        percent = 100 * np.maximum(error, 1e-16)
+        tips = [f"{method}, mode {m}: {short(100 * e, 2)} %" for m, e in zip(modes, error, strict=True)]
         layers += [
-            Line(get["mode"], 100 * seen, "", hue(place, True) + " fine"),
-            Marks(
-                get["mode"],
-                100 * seen,
-                method,
-                hue(place),
-                ("o", "square", "diamond", "ring", "x", "+")[place % 6],
-                4,
-                tips,
-            ),
+            Curve(modes, percent, "", series_class(place, True) + " fine", name=method),
+            Markers(modes, percent, method, series_class(place), _SYMBOLS[place % 6], 4, tips),
         ]
         rows += [(method, *map(float, row)) for row in zip(*get.values(), strict=True)]
-    about = "Distance of the frequencies from those of the full model; exact ones lie at 10⁻¹⁴ %."
-    panel = Panel(Axis("mode", step=1), Axis("frequency error (%)", log=True), layers)
-    svg = chart("reduction-frequencies", "Frequencies of the reduced models", [[panel]], about)
-    columns = ("method", "mode", "frequency (rad/s)", "of the full model (rad/s)", "relative error")
-    return Picture(svg, about, Table(columns, tuple(rows)))
+    about = "Relative error of the natural frequencies; errors of zero are drawn at 10⁻¹⁴ %."
+    plot = Subplot(PlotAxis("mode", step=1), PlotAxis("frequency error (%)", log=True), layers)
+    own, full = f"frequency ({unit.name})", f"of the full model ({unit.name})"
+    columns = ("method", "mode", own, full, "relative error")
+    svg = chart("reduction-frequencies", title, [[plot]], about)
+    return Picture(svg, about, FigureTable(columns, tuple(rows)))

@@ -1,68 +1,253 @@
-"""Responses over time: to a step, an impulse or any other signal, or of stored energy alone."""
+"""Frequency and time responses: Bode and Nyquist diagrams, impedances at a port, histories of outputs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from dynid.report.figure import Figure, Picture
-from dynid.report.numbers import labelled, short
-from dynid.report.plot import Axis, Line, Panel, chart, listed
-from dynid.report.plot.layers import hue
+from dynid.report.figure import Figure, Picture, table_of
+from dynid.report.labels import in_decibels, labelled, short
+from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
+from dynid.report.scenes import in_hertz, peak_responses
+from dynid.result import common_unit
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
-#: The most panels under each other.
-PANELS = 12
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+NamedResponse = tuple[str, Complex]
+#: Most curves in one diagram; most subplots of a Nyquist grid in a row and in all; most of time responses.
+CURVES, ROW, LOCI, OUTPUTS = 7, 3, 12, 12
+
+
+@dataclass(frozen=True)
+class Frequencies:
+    """The frequencies of a response.
+
+    Parameters
+    ----------
+    omega
+        Angular frequencies, rad/s.
+    hertz
+        True if they are shown in Hz, as in the scene.
+    """
+
+    omega: Floats
+    hertz: bool
+
+    @property
+    def unit(self) -> str:
+        """The unit in which they are shown."""
+        return "Hz" if self.hertz else "rad/s"
+
+    @property
+    def shown(self) -> Floats:
+        """The frequencies in the unit in which they are shown."""
+        return self.omega / (2 * math.pi) if self.hertz else self.omega
+
+    @property
+    def axis(self) -> PlotAxis:
+        """The axis: logarithmic if it spans more than a decade."""
+        values = self.omega[self.omega > 0]
+        wide = bool(len(values)) and bool(values.max() > 10 * values.min()) and len(values) == len(self.omega)
+        return PlotAxis("frequency (Hz)" if self.hertz else "angular frequency (rad/s)", log=wide)
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        """Their columns in a table."""
+        found = {"angular frequency (rad/s)": self.omega}
+        return found | ({"frequency (Hz)": self.shown} if self.hertz else {})
+
+
+def frequencies(result: Result, path: str) -> Frequencies:
+    """Return the frequencies at a path of a result."""
+    return Frequencies(result[path].data, in_hertz(result))
+
+
+def decibels(values: Complex) -> Floats:
+    """Return 20 log10 |values|; NaN where it is not finite."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = 20 * np.log10(np.abs(values))
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def degrees(values: Complex) -> Floats:
+    """Return the phase, unwrapped along the frequencies; NaN where it is undefined."""
+    known = np.isfinite(values) & (values != 0)
+    phase = np.full(len(values), np.nan)
+    phase[known] = np.rad2deg(np.unwrap(np.angle(values[known])))
+    return phase
 
 
 def figures(result: Result) -> Iterator[Figure]:
+    """Yield the Bode and Nyquist diagrams of every group of responses, and the impedances at the port."""
+    for group in ("bond_graph/frequency_response", "structure/frequency_response"):
+        if f"{group}/response" in result:
+            yield from _responses(result, group)
+    group = "bond_graph/port/frequency_response"
+    if f"{group}/omega" in result:
+        at = frequencies(result, f"{group}/omega")
+        found = [
+            (f"Z_eq of the {side}", result[f"{group}/{side}_Z_eq"])
+            for side in ("source", "load")
+            if f"{group}/{side}_Z_eq" in result
+        ]
+        if found:
+            title, about = "Impedances at the port", "Impedances of source and load, as seen from the port."
+            shown = [(name, variable.data) for name, variable in found]
+            draw = partial(_bode, "port-impedances", title, about, at, shown, found[0][1].units, "impedance")
+            yield Figure("port-impedances", title, draw)
+
+
+def _responses(result: Result, group: str) -> Iterator[Figure]:
+    """Yield the Bode diagrams, in parts of at most `CURVES` curves, and the Nyquist diagram."""
+    at = frequencies(result, f"{group}/omega")
+    response = result[f"{group}/response"]
+    outputs, inputs = (list(map(str, result[f"{group}/{axis}"].data)) for axis in ("output", "input"))
+    if f"{group}/unit" in result:
+        given = result[f"{group}/unit"].data.reshape(len(outputs), -1)  # of a structure one for all forces
+        units = np.broadcast_to(given, (len(outputs), len(inputs))).ravel().tolist()
+    else:
+        units = [response.units] * (len(outputs) * len(inputs))
+    top = peak_responses(result, group)
+    peaks = [
+        f"is {f'largest, {short(size)},' if np.isfinite(size) else 'infinite'} at {short(where)} {top.unit}"
+        if size
+        else "is 0"
+        for size, where in zip(top.magnitude.ravel(), top.at.ravel(), strict=True)
+    ]
+    curves = [
+        (f"{output} / {source}", response.data[:, row, column])
+        for row, output in enumerate(outputs)
+        for column, source in enumerate(inputs)
+    ]
+    for number, start in enumerate(range(0, len(curves), CURVES), 1):
+        part = slice(start, start + CURVES)
+        suffix = f"-{number}" if len(curves) > CURVES else ""
+        same = common_unit(units[part])
+        tops = [f"|{name}| {peak}" for (name, _), peak in zip(curves[part], peaks[part], strict=True)]
+        about = f"{'; '.join(tops[:3])}."
+        absolute = group.startswith("structure") and bool(same)
+        yield Figure(
+            f"bode{suffix}",
+            f"Frequency response{suffix.replace('-', ', part ')}",
+            partial(
+                _bode,
+                f"bode{suffix}",
+                "Frequency response",
+                about,
+                at,
+                curves[part],
+                same,
+                "magnitude",
+                absolute=absolute,
+            ),
+        )
+    yield Figure("nyquist", "Nyquist diagram", partial(_nyquist, at, curves, units, len(inputs)))
+
+
+def _bode(
+    name: str,
+    title: str,
+    about: str,
+    at: Frequencies,
+    curves: Sequence[NamedResponse],
+    units: str,
+    quantity: str,
+    *,
+    absolute: bool = False,
+) -> Picture:
+    """Draw magnitudes, in dB or absolute on a logarithmic axis, and phases."""
+    label = labelled(quantity, units) if absolute else in_decibels(quantity, units)
+    up, down, columns = list[Layer](), list[Layer](), dict(at.columns)
+    for place, (curve, values) in enumerate(curves):
+        size, phase, own = np.abs(values) if absolute else decibels(values), degrees(values), f"|{curve}|"
+        up.append(Curve(at.shown, size, curve, series_class(place)))
+        down.append(Curve(at.shown, phase, "", series_class(place), name=curve))
+        columns[labelled(own, units) if absolute else in_decibels(own, units or "1")] = size
+        columns[f"∠ {curve} (°)"] = phase
+    rows = [
+        [Subplot(at.axis, PlotAxis(label, log=absolute), up, height=220.0)],
+        [Subplot(at.axis, PlotAxis("phase (°)", step=15), down, height=0.7 * 220.0)],
+    ]
+    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
+
+
+def _nyquist(at: Frequencies, curves: Sequence[NamedResponse], units: Sequence[str], inputs: int) -> Picture:
+    subplots, columns = [], dict(at.columns)
+    for (name, response), unit in zip(curves[:LOCI], units, strict=False):
+        columns |= {f"Re {name}": response.real, f"Im {name}": response.imag}
+        values = np.where(np.isfinite(response), response, np.nan)
+        known = np.flatnonzero(np.isfinite(values))
+        size = np.nanmax(np.abs(values)) if known.size else 0.0
+        critical = bool(0.05 < size < 1e3)  # −1 is at the scale of the response
+        layers: list[Layer] = [
+            Curve(values.real, -values.imag, "", "s1 fine dashed", name="negative frequencies"),
+            Curve(values.real, values.imag, "", "s1", name="positive frequencies"),
+            Markers([-1.0], [0.0], "", "mark", "+", 5, ["−1"]) if critical else Markers([], []),
+        ]
+        if known.size:
+            first = known[0]
+            tip = f"{short(at.shown[first])} {at.unit}"
+            layers.append(Markers([values.real[first]], [values.imag[first]], "", "s1", "o", 4, [tip]))
+        real, imaginary = (PlotAxis(labelled(f"{part} part", unit)) for part in ("real", "imaginary"))
+        subplots.append(Subplot(real, imaginary, layers, name, square=True))
+    per_row = min(len(subplots), inputs if 1 < inputs <= ROW else ROW)
+    rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
+    left = f" The first {LOCI} of {len(curves)} responses." if len(curves) > LOCI else ""
+    about = (
+        "The dot is the lowest frequency, dashed lines are negative frequencies, the cross is the critical "
+        f"point −1.{left}"
+    )
+    wide = 420.0 if per_row == 1 else 760.0
+    svg = chart("nyquist", "Nyquist diagram", rows, about, width=wide, height=300.0 if per_row < 3 else 210.0)
+    return Picture(svg, about, table_of(columns))
+
+
+def time_responses(result: Result) -> Iterator[Figure]:
     """Yield the responses over time."""
     for group in ("bond_graph/time_response", "structure/time_response"):
         if f"{group}/response" in result:
-            yield Figure("time-response", "Time response", partial(_picture, result, group))
+            yield Figure("time-response", "Time response", partial(_time_response, result, group))
 
 
-def _picture(result: Result, group: str) -> Picture:
+def _time_response(result: Result, group: str) -> Picture:
     time = result[f"{group}/time"].data
     outputs = _columns(result, group, "response", "output", "unit")
     sources = _columns(result, group, "input", "source", "input_unit") if f"{group}/input" in result else {}
-    shown = list(outputs.items())[:PANELS]
+    shown = list(outputs.items())[:OUTPUTS]
     height = 240.0 if len(shown) == 1 else 150.0
-    panels = [
-        Panel(Axis("time (s)"), Axis(name), [Line(time, values, "", hue(0))], height=height)
-        for name, values in shown
-    ]
+    curves = [(name, Curve(time, values, "", series_class(0)), height) for name, values in shown]
     moving = {name: values for name, values in sources.items() if np.any(np.asarray(values) != 0)}
-    for name, values in list(moving.items())[:3]:
-        panels.append(Panel(Axis("time (s)"), Axis(name), [Line(time, values, "", hue(6))], height=90.0))
-    about = _about(time, shown, bool(moving), len(outputs))
-    svg = chart("time-response", "Time response", [[panel] for panel in panels], about, shared=True)
-    return Picture(svg, about, listed({"time (s)": time, **dict(shown), **moving}))
-
-
-def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Mapping[str, ArrayLike]:
-    """Return the columns of an array over time, each under its name with its units."""
-    variable = result[f"{group}/{name}"]
-    names = list(map(str, result[f"{group}/{axis}"].data))
-    given = result[f"{group}/{unit}"].data if f"{group}/{unit}" in result else [variable.units] * len(names)
-    units = [str(own) or "SI" for own in given]
-    return {
-        labelled(own, its): variable.data[:, k] for k, (own, its) in enumerate(zip(names, units, strict=True))
-    }
-
-
-def _about(time: np.ndarray, shown: list[tuple[str, ArrayLike]], driven: bool, count: int) -> str:
-    said = []
+    curves += [(n, Curve(time, values, "", series_class(6)), 90.0) for n, values in list(moving.items())[:3]]
+    ranges = []
     for name, values in shown[:3]:
         data = np.asarray(values)
         if np.isfinite(data).any():
-            said.append(f"{name}: {short(np.nanmin(data))} … {short(np.nanmax(data))}")
-    way = "" if driven else "Moved by stored energy alone. "
-    left = f" The first {PANELS} of {count} outputs." if count > PANELS else ""
-    return f"{way}{'; '.join(said)}, over {short(float(time[-1] - time[0]))} s.{left}"
+            ranges.append(f"{name}: {short(np.nanmin(data))} … {short(np.nanmax(data))}")
+    way = "" if moving else "Free response to the initial state. "
+    left = f" The first {OUTPUTS} of {len(outputs)} outputs." if len(outputs) > OUTPUTS else ""
+    about = f"{way}{'; '.join(ranges)}, over {short(float(time[-1] - time[0]))} s.{left}"
+    rows = [
+        [Subplot(PlotAxis("time (s)"), PlotAxis(name), [curve], height=tall)] for name, curve, tall in curves
+    ]
+    svg = chart("time-response", "Time response", rows, about, shared=True)
+    return Picture(svg, about, table_of({"time (s)": time, **dict(shown), **moving}))
+
+
+def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Mapping[str, ArrayLike]:
+    """Return the columns of an array over time, by their names with units."""
+    variable = result[f"{group}/{name}"]
+    names = list(map(str, result[f"{group}/{axis}"].data))
+    given = result[f"{group}/{unit}"].data if f"{group}/{unit}" in result else [variable.units] * len(names)
+    return {
+        labelled(own, str(its) or "SI"): variable.data[:, k]
+        for k, (own, its) in enumerate(zip(names, given, strict=True))
+    }

@@ -1,25 +1,25 @@
-"""Where everything of a bond graph stands: a spine from left to right, trees hanging above and below it.
+"""Layout of a bond graph: the spine in columns from left to right, trees above and below its nodes.
 
-The spine of a tree is a longest path, through the port and from the source where there is one; that of a
-graph with loops is the part that the loops hold together, in columns of a plane embedding. What is left are
-trees, which hang on it. A bond leaves and reaches a node at a place of its own, straight, where its stroke
-and arrow are; it turns only between columns or levels. So nothing overlaps, by construction.
+A bond leaves and reaches a node at a place of its own, along a straight segment that carries its stroke and
+arrow; it turns only between columns or levels. Nothing overlaps, by construction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from dynid.report.drawing.columns import Item, Spine, Stop
-from dynid.report.drawing.forest import GAP, RUN, Forest, depth, grow
+from dynid.report.drawing.layered_layout import LayeredLayout, LayoutItem, Waypoint, layered_layouts
 from dynid.report.drawing.sketch import PORT, Sketch
-from dynid.report.drawing.spine import spine_of
 from dynid.report.svg import Point
 
-#: Least distance between columns or levels, without the straight ends of bonds; most slope of a bond there.
+#: Length of the straight segment of a bond at a node, for its stroke and arrow; least distance of boxes; px.
+RUN, GAP = 26.0, 16.0
+#: Least distance between columns or levels, without the straight segments; greatest slope of a bond there.
 CHANNEL, SLOPE = 14.0, 1.7
+
+Outline = list[tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -33,27 +33,27 @@ class Box:
 
     @property
     def centre(self) -> Point:
-        """Its middle."""
+        """Its centre."""
         return (self.left + self.right) / 2, (self.top + self.bottom) / 2
 
     def moved(self, x: float, y: float) -> Box:
-        """Return it elsewhere."""
+        """Return the box moved by x and y."""
         return Box(self.left + x, self.top + y, self.right + x, self.bottom + y)
 
 
 @dataclass
-class Layout:
-    """A laid out sketch.
+class GraphLayout:
+    """A sketch that is laid out.
 
     Parameters
     ----------
     boxes
         The box of every node.
     routes
-        The points of every bond from tail to head, in the sketch's order; the first and the last stretch are
+        The points of every bond from tail to head, in the sketch's order; the first and the last segment are
         horizontal or vertical and at least `RUN` long.
     crossings
-        How many bonds cross another one.
+        Number of pairs of bonds that cross.
     """
 
     boxes: dict[str, Box] = field(default_factory=dict)
@@ -62,21 +62,132 @@ class Layout:
 
     @property
     def frame(self) -> Box:
-        """The box around everything."""
+        """Bounding box of nodes and bonds."""
         boxes = self.boxes.values()
         xs = [x for box in boxes for x in (box.left, box.right)] + [p[0] for r in self.routes for p in r]
         ys = [y for box in boxes for y in (box.top, box.bottom)] + [p[1] for r in self.routes for p in r]
         return Box(min(xs), min(ys), max(xs), max(ys)) if xs else Box(0, 0, 0, 0)
 
 
-def lay_out(sketch: Sketch) -> Layout:
-    """Lay out a sketch; parts that nothing ties stand below each other."""
-    whole = Layout(routes=[[] for _ in sketch.links])
+@dataclass
+class TreeLayout:
+    """Trees side by side over one node, which is at x = 0.
+
+    Parameters
+    ----------
+    x
+        Horizontal position of every node.
+    levels
+        The nodes of every level, from left to right.
+    parent
+        The node on which each node hangs.
+    """
+
+    x: dict[str, float] = field(default_factory=dict)
+    levels: list[list[str]] = field(default_factory=list)
+    parent: dict[str, str] = field(default_factory=dict)
+
+    def port(self, name: str) -> float:
+        """Return the horizontal position at which the bond to a node leaves its parent."""
+        parent = self.parent[name]
+        siblings = sorted((n for n, above in self.parent.items() if above == parent), key=self.x.__getitem__)
+        return self.x[parent] + PORT * (siblings.index(name) - (len(siblings) - 1) / 2)
+
+    def slant(self, level: Iterable[str]) -> float:
+        """Return the greatest horizontal distance that a bond to a node of a level covers."""
+        return max(abs(self.port(name) - self.x[name]) for name in level)
+
+
+def tree_layout(
+    root: str,
+    trees: list[str],
+    children: Mapping[str, list[str]],
+    size: Callable[[str], tuple[float, float]],
+) -> TreeLayout:
+    """Lay out the trees on one side of a node, as narrow as their outlines allow.
+
+    Parameters
+    ----------
+    root
+        The node on which they hang.
+    trees
+        Their first nodes, from left to right.
+    children
+        The nodes that hang on every node.
+    size
+        Width and height of a node.
+    """
+    found = TreeLayout()
+    order: list[str] = []
+    stack = [(name, root, 0) for name in reversed(trees)]
+    while stack:
+        name, parent, level = stack.pop()
+        found.parent[name] = parent
+        if level == len(found.levels):
+            found.levels.append([])
+        found.levels[level].append(name)
+        order.append(name)
+        stack += [
+            (child, name, level + 1) for child in reversed(_deepest_in_middle(children[name], children))
+        ]
+    outlines: dict[str, Outline] = {}  # left and right of a subtree from its root, level by level
+    offsets: dict[str, dict[str, float]] = {}
+    for name in reversed(order):
+        offsets[name], below = _side_by_side(_deepest_in_middle(children[name], children), outlines)
+        half = size(name)[0] / 2
+        outlines[name] = [(-half, half), *below]
+    offsets[root], _ = _side_by_side(trees, outlines)
+    found.x[root] = 0.0
+    for name in order:
+        parent = found.parent[name]
+        found.x[name] = found.x[parent] + offsets[parent][name]
+    return found
+
+
+def depth(name: str, children: Mapping[str, list[str]]) -> int:
+    """Return the number of levels of a tree."""
+    level, count = [name], 0
+    while level:
+        level = [child for parent in level for child in children[parent]]
+        count += 1
+    return count
+
+
+def _deepest_in_middle(names: list[str], children: Mapping[str, list[str]]) -> list[str]:
+    """Return siblings in an order that has the deepest tree in the middle."""
+    if len(names) < 3:
+        return names
+    by_depth = sorted(names, key=lambda name: depth(name, children))
+    return [*by_depth[0::2], *by_depth[1::2][::-1]]
+
+
+def _side_by_side(names: list[str], outlines: Mapping[str, Outline]) -> tuple[dict[str, float], Outline]:
+    """Return the offsets of subtrees that stand side by side, centred, and their common outline."""
+    if not names:
+        return {}, []
+    places: list[float] = []
+    joint: Outline = []
+    for name in names:
+        own = outlines[name]
+        least = places[-1] + PORT if places else 0.0
+        shift = max([least, *(right + GAP - left for (_, right), (left, _) in zip(joint, own, strict=False))])
+        shift = shift if places else 0.0
+        places.append(shift)
+        moved = [(left + shift, right + shift) for left, right in own]
+        shared = [(a[0], b[1]) for a, b in zip(joint, moved, strict=False)]
+        joint = [*shared, *joint[len(shared) :], *moved[len(shared) :]]
+    centre = places[len(places) // 2] if len(places) % 2 else (places[0] + places[-1]) / 2
+    offsets = {name: place - centre for name, place in zip(names, places, strict=True)}
+    return offsets, [(left - centre, right - centre) for left, right in joint]
+
+
+def lay_out(sketch: Sketch) -> GraphLayout:
+    """Lay out a sketch; its connected parts are placed below each other."""
+    whole = GraphLayout(routes=[[] for _ in sketch.bonds])
     below = 0.0
-    for spine in spine_of(sketch):
-        part = _Part(sketch, spine)
-        part.place()
-        frame = part.frame()
+    for spine in layered_layouts(sketch):
+        part = _PartLayout(sketch, spine)
+        frame = GraphLayout(part.boxes, list(part.routes.values())).frame
         for name, box in part.boxes.items():
             whole.boxes[name] = box.moved(-frame.left, below - frame.top)
         for index, route in part.routes.items():
@@ -86,190 +197,162 @@ def lay_out(sketch: Sketch) -> Layout:
     return whole
 
 
-class _Part:
-    """The layout of one connected part."""
+class _PartLayout:
+    """Layout of one connected part: boxes of its nodes and routes of its bonds."""
 
-    def __init__(self, sketch: Sketch, spine: Spine) -> None:
+    def __init__(self, sketch: Sketch, spine: LayeredLayout) -> None:
         self.sketch, self.spine = sketch, spine
-        self.vertices = {vertex.key: vertex for vertex in sketch.vertices}
+        self.nodes = {node.key: node for node in sketch.nodes}
         self.boxes: dict[str, Box] = {}
         self.routes: dict[int, list[Point]] = {}
         self.children = spine.children
-        self.sides: dict[str, tuple[list[str], list[str]]] = {}  # trees above and below, of the spine's nodes
+        self.sides: dict[str, tuple[list[str], list[str]]] = {}  # trees above and below nodes of the spine
         for column in spine.columns:
-            for item in column.items:
+            for item in column:
                 if item.name is not None:
-                    self.sides[item.name] = self._halves(item.name)
-
-    def _halves(self, name: str) -> tuple[list[str], list[str]]:
-        """Split the trees on a node of the spine into those above and those below."""
-        trees = sorted(self.children[name], key=lambda tree: -depth(tree, self.children))
-        return sorted(trees[1::2], key=trees.index), sorted(trees[0::2], key=trees.index)
+                    trees = self.children[item.name]
+                    trees = sorted(trees, key=lambda tree: -depth(tree, self.children))
+                    self.sides[item.name] = (
+                        sorted(trees[1::2], key=trees.index),
+                        sorted(trees[0::2], key=trees.index),
+                    )
+        self._place()
 
     def size(self, name: str) -> tuple[float, float]:
-        """Return width and height of a node: room for its text and for its bonds."""
-        vertex = self.vertices[name]
+        """Return width and height of a node: space for its text and for its bonds."""
+        node = self.nodes[name]
         if name in self.sides:
             across = max(len(side) for side in self.sides[name])
             along = max(self.spine.ports[name])
         else:
             across, along = max(len(self.children[name]), 1), 0
-        return max(vertex.width, across * PORT), max(vertex.height, along * PORT)
+        return max(node.width, across * PORT), max(node.height, along * PORT)
 
-    def place(self) -> None:
-        """Place the nodes of the spine with all that hangs on them, then the bonds between columns."""
-        forests = {
-            name: [grow(name, side, self.children, self.size) for side in sides]
+    def _place(self) -> None:
+        """Place the nodes of the spine with their trees, then route the bonds between columns."""
+        trees = {
+            name: [tree_layout(name, side, self.children, self.size) for side in sides]
             for name, sides in self.sides.items()
         }
-        depths = {name: [self._levels(forest) for forest in pair] for name, pair in forests.items()}
-        self._set_heights(depths)
+        depths = {name: [self._levels(tree) for tree in pair] for name, pair in trees.items()}
+        for column in self.spine.columns:
+            for item in column:
+                if item.name is not None:
+                    half = self.size(item.name)[1] / 2
+                    item.up, item.down = (
+                        half + (levels[-1][0] + levels[-1][1] if levels else 0) + GAP / 2
+                        for levels in depths[item.name]
+                    )
+        self.spine.assign_heights()
+        columns = self._column_places(trees)
+        for column, (x, _) in zip(self.spine.columns, columns, strict=True):
+            for item in column:
+                if item.name is not None:
+                    self._put(item, item.name, x, trees[item.name], depths[item.name])
+        for index, route in self.spine.routes.items():
+            points: list[Point] = []
+            for place, waypoint in enumerate(route):
+                before = route[place - 1] if place else None
+                after = route[place + 1] if place + 1 < len(route) else None
+                points += self._passing(waypoint, before, after, columns[waypoint.column][1])
+            self.routes[index] = _straightened(points)
+
+    def _column_places(self, trees: dict[str, list[TreeLayout]]) -> list[tuple[float, tuple[float, float]]]:
+        """Return the x of every column, and its left and right edge, so that bonds between them fit."""
         lefts, rights = [], []
         for column in self.spine.columns:
             left, right = 0.0, 0.0
-            for item in column.items:
+            for item in column:
                 a, b = (-item.across, item.across)
                 if item.name is not None:
-                    a, b = self._extent(item.name, forests[item.name])
+                    a, b = self._extent(item.name, trees[item.name])
                 left, right = min(left, a), max(right, b)
             lefts.append(left)
             rights.append(right)
-        channels = self._channels()
-        x = 0.0
-        edges: list[tuple[float, float]] = []
-        for place, column in enumerate(self.spine.columns):
+        channels = [CHANNEL if column else 0.0 for column in self.spine.columns]
+        for route in self.spine.routes.values():
+            for one, other in pairwise(route):
+                rise, place = abs(one.y_out - other.y_in), min(one.column, other.column)
+                channels[place] = max(channels[place], CHANNEL + rise / SLOPE if rise > 0.5 else CHANNEL)
+        x, places = 0.0, []
+        for place in range(len(lefts)):
             x = x + channels[place - 1] + rights[place - 1] - lefts[place] if place else -lefts[0]
-            edges.append((x + lefts[place], x + rights[place]))
-            for item in column.items:
-                if item.name is not None:
-                    self._put(item, x, forests[item.name], depths[item.name])
-        self._route_spine(edges)
+            places.append((x, (x + lefts[place], x + rights[place])))
+        return places
 
-    def _extent(self, name: str, forests: list[Forest]) -> tuple[float, float]:
-        """Return how far a node and its trees reach to the left and to the right."""
+    def _extent(self, name: str, trees: list[TreeLayout]) -> tuple[float, float]:
+        """Return the extent of a node and its trees to the left and to the right."""
         half = self.size(name)[0] / 2
         west, east = self.spine.ports[name]
         left, right = [-half - (RUN if west else 0)], [half + (RUN if east else 0)]
-        for forest in forests:
-            for other, x in forest.x.items():
+        for tree in trees:
+            for other, x in tree.x.items():
                 reach = self.size(other)[0] / 2
                 left.append(x - reach)
                 right.append(x + reach)
         return min(left) - GAP / 2, max(right) + GAP / 2
 
-    def _levels(self, forest: Forest) -> list[tuple[float, float]]:
-        """Return for every level how far from the node it begins, and its height."""
+    def _levels(self, tree: TreeLayout) -> list[tuple[float, float]]:
+        """Return the distance of every level from the node, and its height."""
         levels, start = [], 0.0
-        for names in forest.levels:
-            slant = max(abs(self._port(forest, name) - forest.x[name]) for name in names)
+        for names in tree.levels:
+            slant = tree.slant(names)
             start += 2 * RUN + (max(CHANNEL, slant / SLOPE) if slant > 0.5 else 0.0)
             height = max(self.size(name)[1] for name in names)
             levels.append((start, height))
             start += height
         return levels
 
-    def _port(self, forest: Forest, name: str) -> float:
-        """Return where the bond to a node leaves what the node hangs on."""
-        parent = forest.parent[name]
-        siblings = sorted(
-            (other for other, above in forest.parent.items() if above == parent), key=forest.x.__getitem__
-        )
-        return forest.x[parent] + PORT * (siblings.index(name) - (len(siblings) - 1) / 2)
-
-    def _set_heights(self, depths: dict[str, list[list[tuple[float, float]]]]) -> None:
-        """Give every item of the spine its room above and below, then its height."""
-        for column in self.spine.columns:
-            for item in column.items:
-                if item.name is None:
-                    continue
-                half = self.size(item.name)[1] / 2
-                item.up, item.down = (
-                    half + (levels[-1][0] + levels[-1][1] if levels else 0) + GAP / 2
-                    for levels in depths[item.name]
-                )
-        self.spine.settle()
-
-    def _channels(self) -> list[float]:
-        """Return how wide the space between neighbouring columns has to be."""
-        widths = [CHANNEL if column.items else 0.0 for column in self.spine.columns]
-        for route in self.spine.routes.values():
-            for a, b in pairwise(route):
-                rise, left = abs(a.y_out - b.y_in), min(a.column, b.column)
-                widths[left] = max(widths[left], CHANNEL + rise / SLOPE if rise > 0.5 else CHANNEL)
-        return widths
-
     def _put(
-        self, item: Item, x: float, forests: list[Forest], depths: list[list[tuple[float, float]]]
+        self,
+        item: LayoutItem,
+        root: str,
+        x: float,
+        trees: list[TreeLayout],
+        depths: list[list[tuple[float, float]]],
     ) -> None:
         """Place a node of the spine, its trees, and their bonds."""
-        assert item.name is not None
-        width, height = self.size(item.name)
+        width, height = self.size(root)
         y = item.y
-        self.boxes[item.name] = Box(x - width / 2, y - height / 2, x + width / 2, y + height / 2)
-        for forest, levels, sign in zip(forests, depths, (-1, 1), strict=True):
+        self.boxes[root] = Box(x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+        for tree, levels, sign in zip(trees, depths, (-1, 1), strict=True):
             border = y + sign * height / 2
-            for names, (start, _) in zip(forest.levels, levels, strict=True):
+            for names, (start, _) in zip(tree.levels, levels, strict=True):
+                near = border + sign * start
                 for name in names:
                     w, h = self.size(name)
-                    near = border + sign * start
                     top, bottom = sorted((near, near + sign * h))
-                    self.boxes[name] = Box(
-                        x + forest.x[name] - w / 2, top, x + forest.x[name] + w / 2, bottom
-                    )
+                    self.boxes[name] = Box(x + tree.x[name] - w / 2, top, x + tree.x[name] + w / 2, bottom)
+                turn = max(CHANNEL, tree.slant(names) / SLOPE)  # the height in which bonds turn
                 for name in names:
-                    self._hang(name, forest, x, sign, near=border + sign * start)
-
-    def _hang(self, name: str, forest: Forest, x: float, sign: int, near: float) -> None:
-        """Route the bond of a node that hangs on another one."""
-        parent = self.boxes[forest.parent[name]]
-        leave = parent.bottom if sign > 0 else parent.top
-        port, own = x + self._port(forest, name), x + forest.x[name]
-        link = self.spine.hanging[name]
-        if abs(port - own) < 0.5:
-            points = [(own, leave), (own, near)]
-        else:
-            points = [(port, leave), (port, near - sign * (RUN + self._slant(forest, name)))]
-            points += [(own, near - sign * RUN), (own, near)]
-        outward = self.sketch.links[link].head == name
-        self.routes[link] = points if outward else points[::-1]
-
-    def _slant(self, forest: Forest, name: str) -> float:
-        """Return the room between levels in which bonds turn."""
-        level = next(names for names in forest.levels if name in names)
-        slant = max(abs(self._port(forest, other) - forest.x[other]) for other in level)
-        return max(CHANNEL, slant / SLOPE)
-
-    def _route_spine(self, edges: list[tuple[float, float]]) -> None:
-        """Route the bonds between columns."""
-        for link, route in self.spine.routes.items():
-            points: list[Point] = []
-            for place, stop in enumerate(route):
-                before = route[place - 1] if place else None
-                after = route[place + 1] if place + 1 < len(route) else None
-                points += self._passing(stop, before, after, edges[stop.column])
-            self.routes[link] = _straightened(points)
+                    parent = self.boxes[tree.parent[name]]
+                    leave = parent.bottom if sign > 0 else parent.top
+                    port, own = x + tree.port(name), x + tree.x[name]
+                    if abs(port - own) < 0.5:
+                        points = [(own, leave), (own, near)]
+                    else:
+                        points = [(port, leave), (port, near - sign * (RUN + turn))]
+                        points += [(own, near - sign * RUN), (own, near)]
+                    bond = self.spine.hanging[name]
+                    self.routes[bond] = points if self.sketch.bonds[bond].head == name else points[::-1]
 
     def _passing(
-        self, stop: Stop, before: Stop | None, after: Stop | None, edges: tuple[float, float]
+        self, here: Waypoint, before: Waypoint | None, after: Waypoint | None, edges: tuple[float, float]
     ) -> list[Point]:
         """Return the points of a bond within a column."""
-        come, go = (None if near is None else near.column > stop.column for near in (before, after))
-        points = [] if come is None else [(edges[come], stop.y_in)]
-        if stop.item.name is not None:
-            box = self.boxes[stop.item.name]
+        come, go = (None if near is None else near.column > here.column for near in (before, after))
+        points = [] if come is None else [(edges[come], here.y_in)]
+        if here.item.name is not None:
+            box = self.boxes[here.item.name]
             east = bool(go if come is None else come)
-            points.append((box.right if east else box.left, stop.y_in))
-        elif come == go:  # a crossing on which a bond turns back
-            points.append(((edges[0] + edges[1]) / 2, stop.item.y))
-        return points if go is None else [*points, (edges[go], stop.y_out)]
-
-    def frame(self) -> Box:
-        """Return the box around everything."""
-        return Layout(self.boxes, list(self.routes.values())).frame
+            points.append((box.right if east else box.left, here.y_in))
+        elif come == go:  # a crossing at which the bond turns back
+            points.append(((edges[0] + edges[1]) / 2, here.item.y))
+        return points if go is None else [*points, (edges[go], here.y_out)]
 
 
 def _straightened(points: Iterable[Point]) -> list[Point]:
-    """Leave out points on straight lines, and steps that nobody sees."""
+    """Return a route without points on straight lines and without steps below half a pixel."""
     kept: list[Point] = []
     for x, height in points:
         y = kept[-1][1] if kept and abs(kept[-1][1] - height) < 0.5 else height

@@ -1,62 +1,169 @@
-"""The prototype that a reduction ends in (Park & Kim, Fig. 2), and the block diagram it equals (Fig. 1)."""
+"""Prototypes of a reduction and of a port (Park & Kim): Figs. 1 to 5 of the paper, filled in.
+
+Figs. 1 and 2: a prototype beside the equivalent block diagram. Figs. 3 and 4: its path from source to
+response and its free motion. Fig. 5: the equivalent sources of both sides. Last, the performance
+characteristic: the static lines of source and load that meet at the operating point.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from dynid.report.drawing.blocks import Loop
-from dynid.report.drawing.panels import Panel, panels
-from dynid.report.drawing.sketch import Line, Link, Sketch, Vertex
-from dynid.report.drawing.strip import drawing
-from dynid.report.figure import Figure, Picture, Table
-from dynid.report.svg import Svg
+from dynid.report.drawing.render import Panel, draw_panels
+from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture
+from dynid.report.formula import draw_formula, typeset
+from dynid.report.labels import labelled, raised, short
+from dynid.report.plot import Curve, Markers, PlotAxis, Subplot, chart
+from dynid.report.svg import Point, Svg
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
-#: For every prototype: source, junction, and the ends of the strokes at source, A and B (Fig. 2).
+PORT = "bond_graph/port"
+_PERFORMANCE = f"{PORT}/performance"
+_HEIGHT, _LEAST, _GAP, _SUM = 38.0, 64.0, 34.0, 9.0
+
+#: Of every prototype: source, junction, and the ends of the strokes at source, A and B (Fig. 2).
 _STROKES = {
     "a": ("Sf", "1", "tail", "tail", "tail"),
     "b": ("Se", "0", "head", "head", "head"),
     "c": ("Sf", "0", "tail", "head", "tail"),
     "d": ("Se", "1", "head", "tail", "head"),
 }
-_LOOPS = {
+_DIAGRAMS = {
     "a": ("feedforward", "Z_{A}", "Z_{B}", "f", "e", "e_{A}", "e_{B}"),
     "b": ("feedforward", "Y_{A}", "Y_{B}", "e", "f", "f_{A}", "f_{B}"),
     "c": ("feedback", "Z_{B}", "Y_{A}", "f", "e", "f_{B}", "f_{A}"),
     "d": ("feedback", "Y_{B}", "Z_{A}", "e", "f", "e_{B}", "e_{A}"),
 }
 _EQUATIONS = {"a": 1, "b": 2, "c": 3, "d": 4}
+#: Of every prototype: the systems on its path, and those whose response eqs 5 to 8 set to zero.
+_PATHS = {"a": ("AB", "AB"), "b": ("AB", "AB"), "c": ("B", "B"), "d": ("AB", "A")}
 
 
-def figures(result: Result) -> Iterator[Figure]:
-    """Yield the prototype at every output, and that at the port."""
-    group = "bond_graph/reduction"
+@dataclass(frozen=True)
+class BlockDiagram:
+    """Block diagram of two systems in parallel (feedforward) or in a loop (feedback).
+
+    Parameters
+    ----------
+    kind
+        feedforward: the input drives both, and their outputs add up; feedback: the second acts back on the
+        first.
+    forward, back
+        The labels of the two blocks, in LaTeX.
+    entering, leaving, inner, second
+        The signals: input, output, the input (feedback) or output (feedforward) of the first block, and the
+        output of the second block.
+    """
+
+    kind: str
+    forward: str
+    back: str
+    entering: str
+    leaving: str
+    inner: str
+    second: str
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, px."""
+        return self._width + 4 * _GAP + 2 * self._side, 2 * _HEIGHT + 58
+
+    @property
+    def _width(self) -> float:
+        return max(_LEAST, *(typeset(text).width + 20 for text in (self.forward, self.back)))
+
+    @property
+    def _side(self) -> float:
+        return max(typeset(text).width for text in (self.entering, self.leaving)) + 12
+
+    def draw(self, svg: Svg, x: float, y: float) -> None:
+        """Draw it with its upper left corner at a point."""
+        width, side, (whole, _) = self._width, self._side, self.size
+        top, low = y + 20 + _HEIGHT / 2, y + 48 + 1.5 * _HEIGHT
+        left, end = x + side + 2 * _GAP, x + whole
+        if self.kind == "feedback":
+            middle, node, tap = top, x + side + _GAP, left + width + _GAP
+            _arrow(svg, (x + side, top), (node - _SUM, top))
+            svg.circle(node, top, _SUM)
+            _arrow(svg, (node + _SUM, top), (left, top))
+            _block(svg, self.forward, left, top, width)
+            _arrow(svg, (left + width, top), (end - side, top))
+            svg.circle(tap, top, 2.5, "solid")
+            _arrow(svg, (tap, top), (tap, low), (left + width, low))
+            _block(svg, self.back, left, low, width)
+            _arrow(svg, (left, low), (node, low), (node, top + _SUM))
+            svg.text(node - 13, top - 6, "+", "small")
+            svg.text(node - 9, top + _SUM + 12, "−", "small")
+            notes = (((node + left) / 2 + 2, top - 12), ((node + left) / 2 + 2, low - 6))
+        else:
+            middle, tap, node = (top + low) / 2, x + side + _GAP, x + side + 3 * _GAP + width
+            svg.line((x + side, middle), (tap, middle), cls="line")
+            svg.circle(tap, middle, 2.5, "solid")
+            for height, text in ((top, self.forward), (low, self.back)):
+                _arrow(svg, (tap, middle), (tap, height), (left, height))
+                _block(svg, text, left, height, width)
+                reach = _SUM if height < middle else -_SUM
+                _arrow(svg, (left + width, height), (node, height), (node, middle - reach))
+            svg.circle(node, middle, _SUM)
+            svg.text(node - 9, middle - _SUM - 4, "+", "small")
+            svg.text(node - 9, middle + _SUM + 12, "+", "small")
+            _arrow(svg, (node + _SUM, middle), (end - side, middle))
+            notes = ((left + width + _GAP / 2, top - 6), (left + width + _GAP / 2, low - 6))
+        entering = typeset(self.entering)
+        draw_formula(svg, entering, x + side - entering.width - 4, middle + 4)
+        draw_formula(svg, typeset(self.leaving), end - side + 4, middle + 4)
+        for latex, (at, height) in zip((self.inner, self.second), notes, strict=True):
+            formula = typeset(latex, 11)
+            draw_formula(svg, formula, at - formula.width / 2, height)
+
+
+def _block(svg: Svg, latex: str, left: float, middle: float, width: float) -> None:
+    svg.rect(left, middle - _HEIGHT / 2, width, _HEIGHT, "line", rx=3)
+    formula = typeset(latex)
+    draw_formula(
+        svg, formula, left + (width - formula.width) / 2, middle + (formula.above - formula.below) / 2
+    )
+
+
+def _arrow(svg: Svg, *points: Point) -> None:
+    """Draw a signal: a line with a full arrow head."""
+    svg.line(*points, cls="line")
+    (x1, y1), (x2, y2) = points[-2:]
+    length = max(abs(x2 - x1) + abs(y2 - y1), 1e-9)
+    dx, dy = (x2 - x1) / length, (y2 - y1) / length
+    svg.polygon(
+        (x2, y2),
+        (x2 - 8 * dx + 3.5 * dy, y2 - 8 * dy - 3.5 * dx),
+        (x2 - 8 * dx - 3.5 * dy, y2 - 8 * dy + 3.5 * dx),
+    )
+
+
+def prototypes(result: Result) -> Iterator[Figure]:
+    """Yield the prototype at every output, and the prototype at the port."""
+    group, parts = "bond_graph/reduction", ("prototype_equation", "system_a", "system_b")
     if f"{group}/prototype" in result:
         letters = result[f"{group}/prototype"].data.reshape(-1)
-        for place, port in enumerate(result[f"{group}/output"].data):
-            formulas = [
-                str(result[f"{group}/{part}_latex"].data[place])
-                for part in ("prototype_equation", "system_a", "system_b")
-            ]
-            draw = partial(
-                prototype_picture, f"prototype-{port}", str(letters[place]), formulas, f"at {port}"
-            )
-            yield Figure(f"prototype-{port}", f"Prototype at {port}", draw)
-    group = "bond_graph/port"
-    if f"{group}/prototype_equation_latex" in result:
-        letter = str(result.value(f"{group}/prototype"))
-        parts = ("prototype_equation", "system_a", "system_b")
-        formulas = [str(result.value(f"{group}/{part}_latex")) for part in parts]
+        for place, output in enumerate(result[f"{group}/output"].data):
+            formulas = [str(result[f"{group}/{part}_latex"].data[place]) for part in parts]
+            name = f"prototype-{output}"
+            draw = partial(prototype_picture, name, str(letters[place]), formulas, f"at {output}")
+            yield Figure(name, f"Prototype at {output}", draw)
+    if f"{PORT}/prototype_equation_latex" in result:
+        letter = str(result.value(f"{PORT}/prototype"))
+        formulas = [str(result.value(f"{PORT}/{part}_latex")) for part in parts]
         draw = partial(prototype_picture, "prototype-port", letter, formulas, "at the port")
         yield Figure("prototype-port", "Prototype at the port", draw)
 
 
 def prototype_picture(name: str, letter: str, formulas: list[str], where: str) -> Picture:
-    """Draw a prototype with its two systems filled in, beside the block diagram it equals.
+    """Draw a prototype with its two systems, beside the equivalent block diagram.
 
     Parameters
     ----------
@@ -67,47 +174,192 @@ def prototype_picture(name: str, letter: str, formulas: list[str], where: str) -
     formulas
         Its driving-point relation, and its systems A and B, in LaTeX.
     where
-        Of which port it is, in words.
+        Its place, in words: `at the port`.
     """
-    kind, *_ = _LOOPS[letter]
+    kind, *_ = _DIAGRAMS[letter]
     title = f"Prototype {letter} {where}: {kind}"
     svg = Svg(name, title, "; ".join(formulas))
-    loop = Loop(*_LOOPS[letter])
-    shown = [
-        Panel(
-            f"Prototype {letter} (Fig. 2)",
-            r";\quad ".join(formulas[1:]),
-            "",
-            *drawing(prototype_sketch(letter)),
-        ),
-        Panel(
-            f"{kind.capitalize()} (Fig. 1), eq {_EQUATIONS[letter]}", formulas[0], "", *loop.size(), loop.draw
-        ),
+    diagram = BlockDiagram(*_DIAGRAMS[letter])
+    systems = r";\quad ".join(formulas[1:])
+    heading = f"{kind.capitalize()} (Fig. 1), eq {_EQUATIONS[letter]}"
+    panels = [
+        Panel.of_sketch(f"Prototype {letter} (Fig. 2)", systems, "", prototype_sketch(letter)),
+        Panel(heading, formulas[0], "", *diagram.size, diagram.draw),
     ]
-    width, height = panels(svg, shown)
-    table = Table(("prototype", "relation", "A", "B"), ((letter, *formulas),))
-    flow = "the source sets what A and B share, both answer it"
-    back = "B sets what they share, A answers and acts back on it"
-    return Picture(svg.render(width, height), f"{title}; {flow if kind == 'feedforward' else back}.", table)
+    width, height = draw_panels(svg, panels)
+    table = FigureTable(("prototype", "relation", "A", "B"), ((letter, *formulas),))
+    meaning = {
+        "feedforward": "the source determines the common variable of A and B, and both respond to it",
+        "feedback": "B determines their common variable, and A responds to it and acts back on B",
+    }
+    return Picture(svg.render(width, height), f"{title}; {meaning[kind]}.", table)
 
 
 def prototype_sketch(letter: str) -> Sketch:
     """Return one of the four prototypes, with its causal strokes."""
     source, junction, at_source, at_a, at_b = _STROKES[letter]
-    _, forward, back, entering, *_ = _LOOPS[letter]
+    _, forward, back, entering, *_ = _DIAGRAMS[letter]
     a, b = sorted((forward, back), key=lambda name: name[2:])
     names = {key: text.replace("{", "").replace("}", "") for key, text in (("A", a), ("B", b))}
-    vertices = (
-        Vertex("source", (Line(f"{source} : {entering}"),)),
-        Vertex("junction", (Line(junction, "glyph"),)),
+    nodes = (
+        SketchNode("source", (TextLine(f"{source} : {entering}"),)),
+        SketchNode("junction", (TextLine(junction, "glyph"),)),
         *(
-            Vertex(key, (Line(text), Line("impedance" if text[0] == "Z" else "admittance", "note")))
+            SketchNode(
+                key, (TextLine(text), TextLine("impedance" if text[0] == "Z" else "admittance", "note"))
+            )
             for key, text in names.items()
         ),
     )
-    links = (
-        Link("source", "junction", at_source),
-        Link("junction", "A", at_a),
-        Link("junction", "B", at_b),
+    bonds = (
+        SketchBond("source", "junction", at_source),
+        SketchBond("junction", "A", at_a),
+        SketchBond("junction", "B", at_b),
     )
-    return Sketch(vertices, links, "source", "B")
+    return Sketch(nodes, bonds, "source", "B")
+
+
+def equivalents(result: Result) -> Iterator[Figure]:
+    """Yield the dynamics of the prototype at the port, and the equivalent sources of both sides."""
+    if f"{PORT}/prototype" not in result:
+        return
+    yield Figure("port-dynamics", "Path and free motion at the port", partial(_dynamics, result))
+    for side in ("source", "load"):
+        if f"{PORT}/{side}/Z_eq/exact" in result and f"{PORT}/{side}/Y_eq/exact" in result:
+            title = f"Equivalent sources of the {side} side"
+            yield Figure(f"equivalent-{side}", title, partial(_equivalents, result, side, title))
+
+
+def _dynamics(result: Result) -> Picture:
+    letter = str(result.value(f"{PORT}/prototype"))
+    whole = prototype_sketch(letter)
+    along, response = _PATHS[letter]
+    path = replace(
+        whole,
+        bonds=tuple(replace(b, changed=b.tail == "source" or b.head in along) for b in whole.bonds),
+        nodes=tuple(replace(n, role="output" if n.key in response else n.role) for n in whole.nodes),
+    )
+    free = replace(whole.without({"source"}), source="A")
+    equations = {what: _text(result, f"{PORT}/{what}_dynamics/equation") for what in ("zero", "pole")}
+    roots = {what: _text(result, f"{PORT}/{what}_dynamics/polynomial") for what in ("zero", "pole")}
+    panels = []
+    for what, heading, sketch in (
+        ("zero", "Path from source to response (Fig. 3)", path),
+        ("pole", "Without the source (Fig. 4)", free),
+    ):
+        text = f"{what.capitalize()} dynamics: {in_unicode(equations[what]) or 'none'}"
+        text += f"; {in_unicode(roots[what])} = 0" if roots[what] else ""
+        panels.append(Panel.of_sketch(heading, "", text, sketch))
+    title = "Path and free motion at the port"
+    about = f"Prototype {letter}: the path of the source is highlighted; without it, A and B move freely."
+    svg = Svg("port-dynamics", title, about)
+    size = draw_panels(svg, panels)
+    rows = [(f"{what} dynamics", equations[what], roots[what]) for what in ("zero", "pole")]
+    name, exact = (_text(result, f"{PORT}/zero_dynamics/response{part}") for part in ("_name", "/exact"))
+    if exact:
+        rows.append((name, "the response whose zeros are the zero dynamics", exact))
+    table = FigureTable(("quantity", "equation", "polynomial or ratio"), tuple(rows))
+    return Picture(svg.render(*size), about, table)
+
+
+def _equivalents(result: Result, side: str, title: str) -> Picture:
+    here = f"{PORT}/{side}"
+    texts = {name: in_unicode(_text(result, f"{here}/{name}/exact")) for name in ("Z_eq", "Y_eq")}
+    sources = [
+        (own, kind, in_unicode(str(result.value(path))))
+        for kind in ("e_eq", "f_eq")
+        for path in result
+        if path.startswith(f"{here}/{kind}/") and path.endswith("/exact")
+        for own in [path.removeprefix(f"{here}/{kind}/").removesuffix("/exact")]
+    ]
+    panels = []
+    for heading, junction, source, kind, relation, immittance in (
+        ("Norton, on a 0-junction (Fig. 5a, eq 15)", "0", "Sf : f_eq", "f_eq", "f = f_eq − Y_eq e", "Y_eq"),
+        ("Thévenin, on a 1-junction (Fig. 5b, eq 16)", "1", "Se : e_eq", "e_eq", "e = e_eq − Z_eq f", "Z_eq"),
+    ):
+        amounts = "; ".join(f"{kind} of {own} = {text}" for own, what, text in sources if what == kind)
+        text = f"{relation}; {immittance} = {texts[immittance]}" + (f"; {amounts}" if amounts else "")
+        active = any(what == kind for _, what, _ in sources)
+        flow = junction == "0"
+        nodes = [
+            SketchNode("junction", (TextLine(junction, "glyph"),)),
+            SketchNode(
+                "own", (TextLine(immittance), TextLine("admittance" if flow else "impedance", "note"))
+            ),
+            SketchNode(
+                "other", (TextLine("load" if side == "source" else "source"), TextLine("side", "note"))
+            ),
+        ]
+        # The bond of the other side determines the common variable of the junction.
+        bonds = [
+            SketchBond("junction", "own", "head" if flow else "tail"),
+            SketchBond("junction", "other", "tail" if flow else "head"),
+        ]
+        if active:
+            nodes.insert(0, SketchNode("source", (TextLine(source),)))
+            bonds.insert(0, SketchBond("source", "junction", "tail" if flow else "head"))
+        sketch = Sketch(tuple(nodes), tuple(bonds), "source" if active else "own", "other")
+        panels.append(Panel.of_sketch(heading, "", text, sketch))
+    about = f"Either one replaces the {side} side without changing the power through the port."
+    svg = Svg(f"equivalent-{side}", title, about)
+    size = draw_panels(svg, panels)
+    rows = [(name, "", text) for name, text in texts.items()]
+    rows += [(kind, own, text) for own, kind, text in sources]
+    return Picture(svg.render(*size), about, FigureTable(("quantity", "source", "value"), tuple(rows)))
+
+
+def _text(result: Result, path: str) -> str:
+    return str(result.value(path)) if path in result else ""
+
+
+def in_unicode(formula: str) -> str:
+    """Return a formula in mathematical notation: `s**2*A_p` is s² A_p."""
+    powers = re.sub(r"\*\*(\d+)", lambda found: raised(int(found[1])), formula)
+    return powers.replace("->", "→").replace("*", " ").replace("-", "−")
+
+
+def performance(result: Result) -> Iterator[Figure]:
+    """Yield the performance characteristics of the port, where they are finite lines."""
+    if f"{_PERFORMANCE}/source_flow" in result and len(result[f"{_PERFORMANCE}/input"].data):
+        yield Figure("performance", "Performance characteristic of the port", partial(_performance, result))
+
+
+def _performance(result: Result) -> Picture:
+    data = {
+        name: result[f"{_PERFORMANCE}/{name}"].data
+        for name in ("source_flow", "source_effort", "load_flow", "load_effort")
+    }
+    flows, efforts = (result[f"{_PERFORMANCE}/operating_{name}"].data for name in ("flow", "effort"))
+    axes = [
+        labelled(name, result[f"{_PERFORMANCE}/source_{name}"].units or "SI") for name in ("flow", "effort")
+    ]
+    subplots, rows = [], list[tuple[CellValue, ...]]()
+    for place, source in enumerate(map(str, result[f"{_PERFORMANCE}/input"].data)):
+        points = {name: values[place] for name, values in data.items()}
+        flow, effort = float(flows[place]), float(efforts[place])
+        lines = [
+            Curve(points[f"{side}_flow"], points[f"{side}_effort"], side, cls)
+            for side, cls in (("source", "s1"), ("load", "s2"))
+        ]
+        tip = f"flow {short(flow)}, effort {short(effort)}"
+        mark = Markers([flow], [effort], "operating point", "s3", "o", 5, [tip])
+        subplots.append(Subplot(PlotAxis(axes[0]), PlotAxis(axes[1]), [*lines, mark], source))
+        for side in ("source", "load"):
+            rows += [
+                (source, side, float(f), float(e))
+                for f, e in zip(points[f"{side}_flow"], points[f"{side}_effort"], strict=True)
+            ]
+        rows.append((source, "operating point", flow, effort))
+    about = (
+        "Effort over flow of source and load in the steady state (s → 0); "
+        "the lines meet at the operating point."
+    )
+    svg = chart(
+        "performance",
+        "Performance characteristic of the port",
+        [subplots[:3]],
+        about,
+        height=300.0,
+        width=480.0 if len(subplots) == 1 else 760.0,
+    )
+    return Picture(svg, about, FigureTable(("input", "what", *axes), tuple(rows)))

@@ -1,20 +1,24 @@
-"""Laid out sketches as SVG."""
+"""Sketches as SVG, alone or as panels of one figure, each with a heading, formulas and a sentence."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
-from dynid.report.drawing.domains import COLOUR
-from dynid.report.drawing.forest import GAP
-from dynid.report.drawing.layout import Box, Layout, lay_out
-from dynid.report.drawing.marks import barb_of, line_of, stroke_of
-from dynid.report.drawing.sketch import PAD_Y, Link, Sketch, Vertex
-from dynid.report.metrics import text_width
-from dynid.report.style import SMALL
+from dynid.report.drawing.layout import GAP, Box, GraphLayout, lay_out
+from dynid.report.drawing.sketch import COLOUR, PAD_Y, Sketch, SketchBond, SketchNode
+from dynid.report.formula import TypesetFormula, draw_formula, typeset
+from dynid.report.style import SIZE, SMALL, text_width
 from dynid.report.svg import Point, Svg, number
 
-_MARGIN = 12.0
-_CUT_REACH = 10.0
+#: Greatest width of a drawing within a panel, px.
+WIDEST = 1340.0
+_MARGIN, _CUT_REACH = 12.0, 10.0
+_WIDTH, _PAD, _LEADING, _READABLE = 1400.0, 14.0, 1.4, 300.0
+
+#: Function that draws with the upper left corner at a point.
+Draw = Callable[[Svg, float, float], None]
 
 
 def render_sketch(name: str, title: str, description: str, sketch: Sketch) -> str:
@@ -25,72 +29,71 @@ def render_sketch(name: str, title: str, description: str, sketch: Sketch) -> st
     left, top, right, bottom = frame.left, frame.top, frame.right, frame.bottom
     if sketch.cut is not None:
         top, bottom = top - 24, bottom + 6
-    domains = domains_of(sketch)
+    present = {node.domain for node in sketch.nodes}
+    domains = [domain for domain in COLOUR if domain in present]
     if domains:
-        right = max(right, left + _legend(svg, domains, left, bottom + GAP + SMALL))
+        x, y = left, bottom + GAP + SMALL
+        for domain in domains:
+            svg.rect(x, y - 8, 14, 10, f"{COLOUR[domain]} band", rx=2)
+            svg.line((x, y - 3), (x + 14, y - 3), cls=COLOUR[domain])
+            svg.text(x + 19, y, domain, "small", anchor="start")
+            x += 19 + text_width(domain, SMALL) + 16
+        right = max(right, left + (x - left))
         bottom += GAP + 2 * SMALL
     width, height = right - left + 2 * _MARGIN, bottom - top + 2 * _MARGIN
     return svg.render(width, height, left - _MARGIN, top - _MARGIN)
 
 
-def domains_of(sketch: Sketch) -> list[str]:
-    """Return the domains in a sketch."""
-    found = {vertex.domain for vertex in sketch.vertices}
-    return [domain for domain in COLOUR if domain in found]
-
-
 def draw_sketch(
-    svg: Svg, sketch: Sketch, layout: Layout, x: float = 0, y: float = 0, scale: float = 1
+    svg: Svg, sketch: Sketch, layout: GraphLayout, x: float = 0, y: float = 0, scale: float = 1
 ) -> None:
-    """Draw a laid out sketch, its origin at a place."""
+    """Draw a sketch with its origin at a point."""
     moved = (x, y, scale) != (0, 0, 1)
     if moved:
         svg.open(transform=f"translate({number(x)} {number(y)}) scale({number(scale)})")
-    for link, route in zip(sketch.links, layout.routes, strict=True):
-        _draw_link(svg, link, route)
-    for vertex in sketch.vertices:
-        _draw_vertex(svg, vertex, layout.boxes[vertex.key])
+    for bond, route in zip(sketch.bonds, layout.routes, strict=True):
+        _draw_bond(svg, bond, route)
+    for node in sketch.nodes:
+        _draw_node(svg, node, layout.boxes[node.key])
     if sketch.cut is not None:
-        _draw_cut(svg, sketch, layout)
+        _draw_cut(svg, sketch, layout, sketch.cut)
     if moved:
         svg.close()
 
 
-def _draw_link(svg: Svg, link: Link, route: Sequence[Point]) -> None:
-    cls = "bond mark" if link.changed else f"bond {COLOUR.get(link.domain, '')}".rstrip()
-    if link.equation_only:
-        svg.line(*line_of(link, route), cls=f"{cls} dashed")
+def _draw_bond(svg: Svg, bond: SketchBond, route: Sequence[Point]) -> None:
+    cls = "bond mark" if bond.changed else f"bond {COLOUR.get(bond.domain, '')}".rstrip()
+    if bond.equation_only:
+        svg.line(*bond.line_on(route), cls=f"{cls} dashed")
         return
-    barb, stroke = barb_of(link, route), stroke_of(link, route)
-    svg.open(tip=f"{link.tail} → {link.head}")
-    svg.line(*line_of(link, route), *(barb[1:] if barb else ()), cls=cls)
+    arrow, stroke = bond.half_arrow_on(route), bond.stroke_on(route)
+    svg.open(tip=f"{bond.tail} → {bond.head}")
+    svg.line(*bond.line_on(route), *(arrow[1:] if arrow else ()), cls=cls)
     if stroke is not None:
         svg.line(*stroke, cls=cls)
     svg.close()
 
 
-def _draw_vertex(svg: Svg, vertex: Vertex, box: Box) -> None:
-    colour = COLOUR.get(vertex.domain)
+def _draw_node(svg: Svg, node: SketchNode, box: Box) -> None:
+    colour = COLOUR.get(node.domain)
     cls = f"{colour} band" if colour else "node"
-    svg.open(tip=vertex.key)
+    svg.open(tip=node.key)
     size = (box.left, box.top, box.right - box.left, box.bottom - box.top)
     svg.rect(*size, cls, rx=6)
-    if vertex.changed or vertex.role:
-        svg.rect(*size, "line mark" if vertex.changed else "line", rx=6)
+    if node.changed or node.role:
+        svg.rect(*size, "line mark" if node.changed else "line", rx=6)
     x, middle = box.centre
-    y = middle - vertex.height / 2 + PAD_Y
-    for line in vertex.lines:
+    y = middle - node.height / 2 + PAD_Y
+    for line in node.lines:
         cls = {"glyph": "title", "label": "strong", "note": "small muted"}[line.role]
         svg.text(x, y + line.height * 0.5 + line.size * 0.36, line.text, cls)
         y += line.height
     svg.close()
 
 
-def _draw_cut(svg: Svg, sketch: Sketch, layout: Layout) -> None:
-    """Draw the source-load cut across its bond: through the whole drawing, where only that bond passes."""
-    assert sketch.cut is not None
-    ends = set(sketch.cut)
-    index = next(place for place, link in enumerate(sketch.links) if {link.tail, link.head} == ends)
+def _draw_cut(svg: Svg, sketch: Sketch, layout: GraphLayout, cut: tuple[str, str]) -> None:
+    """Draw the source-load cut across its bond: through the whole drawing where it meets nothing else."""
+    index = next(k for k, bond in enumerate(sketch.bonds) if {bond.tail, bond.head} == set(cut))
     route = layout.routes[index]
     middle = (len(route) - 1) // 2
     (x1, y1), (x2, y2) = route[middle : middle + 2]
@@ -98,32 +101,125 @@ def _draw_cut(svg: Svg, sketch: Sketch, layout: Layout) -> None:
     if abs(x2 - x1) < abs(y2 - y1):
         svg.line((x - _CUT_REACH, y), (x + _CUT_REACH, y), cls="line mark dashed")
         return
+    spans = [(box.left, box.right) for box in layout.boxes.values()]
+    others = (route for place, route in enumerate(layout.routes) if place != index)
+    spans += [(min(p[0] for p in r), max(p[0] for p in r)) for r in others]
     places = [x1 + (x2 - x1) * (0.5 + side * step / 20) for step in range(8) for side in (1, -1)]
-    clear = next((place for place in places if _clear(layout, place, index)), None)
+    clear = next((at for at in places if all(not a - 4 < at < b + 4 for a, b in spans)), None)
     if clear is None:
         svg.line((x, y - _CUT_REACH), (x, y + _CUT_REACH), cls="line mark dashed")
         return
     top = layout.frame.top - 20
     svg.line((clear, top), (clear, layout.frame.bottom + 4), cls="line mark dashed")
-    source_left = layout.boxes[sketch.cut[0]].left < clear
+    source_left = layout.boxes[cut[0]].left < clear
     for side, anchor in ((-6, "end"), (6, "start")):
         text = "source" if (side < 0) is source_left else "load"
         svg.text(clear + side, top + 10, text, "small marked", anchor=anchor)
 
 
-def _clear(layout: Layout, x: float, index: int) -> bool:
-    """Tell whether a vertical line meets no node and no other bond."""
-    boxes = all(not box.left - 4 < x < box.right + 4 for box in layout.boxes.values())
-    others = (route for place, route in enumerate(layout.routes) if place != index)
-    return boxes and all(not min(p[0] for p in r) - 4 < x < max(p[0] for p in r) + 4 for r in others)
+@dataclass(frozen=True)
+class Panel:
+    """A drawing within a figure, with its texts.
+
+    Parameters
+    ----------
+    heading
+        The text above it.
+    latex, text
+        The formula in LaTeX and the sentence below it; either may be empty.
+    width, height
+        Extent of the drawing, px.
+    draw
+        Function that draws it.
+    """
+
+    heading: str
+    latex: str
+    text: str
+    width: float
+    height: float
+    draw: Draw
+
+    @classmethod
+    def of_sketch(cls, heading: str, latex: str, text: str, sketch: Sketch) -> Panel:
+        """Return a panel of a sketch, which is scaled down where it is wider than `WIDEST`."""
+        layout = lay_out(sketch)
+        frame = layout.frame
+        scale = round(min(1.0, WIDEST / (frame.right - frame.left)), 2)
+
+        def draw(svg: Svg, x: float, y: float) -> None:
+            draw_sketch(svg, sketch, layout, x - scale * frame.left, y - scale * frame.top, scale)
+
+        width, height = scale * (frame.right - frame.left), scale * (frame.bottom - frame.top)
+        return cls(heading, latex, text, width, height, draw)
+
+    @cached_property
+    def formulas(self) -> list[TypesetFormula]:
+        """Its equations, one a line."""
+        return [typeset(part) for part in self.latex.split(r";\quad ") if part]
+
+    @property
+    def full_width(self) -> float:
+        """Width with texts, px."""
+        formulas = max((formula.width for formula in self.formulas), default=0.0)
+        heading = text_width(self.heading, SIZE, bold=True)
+        return max(self.width, formulas, heading, _READABLE if self.text else 0.0) + 2 * _PAD
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """The lines of its sentence."""
+        return list(wrapped(self.text, self.full_width - 2 * _PAD, SMALL))
+
+    @property
+    def full_height(self) -> float:
+        """Height with texts, px."""
+        formulas = sum(formula.height + 6 for formula in self.formulas)
+        return self.height + formulas + len(self.lines) * SMALL * _LEADING + SIZE * 2 + 4 * _PAD
+
+    def render(self, svg: Svg, x: float, y: float, height: float) -> None:
+        """Draw the panel, its texts included, into a frame of a height."""
+        svg.open()
+        svg.rect(x, y, self.full_width, height, "grid", rx=8)
+        svg.text(x + _PAD, y + _PAD + SIZE, self.heading, "strong", anchor="start")
+        top = y + 2 * _PAD + SIZE
+        self.draw(svg, x + (self.full_width - self.width) / 2, top)
+        y = top + self.height + _PAD
+        for formula in self.formulas:
+            y += formula.above + 3
+            draw_formula(svg, formula, x + _PAD, y)
+            y += formula.below + 3
+        for line in self.lines:
+            y += SMALL * _LEADING
+            svg.text(x + _PAD, y, line, "small muted", anchor="start")
+        svg.close()
 
 
-def _legend(svg: Svg, domains: Sequence[str], x: float, y: float) -> float:
-    """Draw swatches with the names of domains; return the width."""
-    start = x
-    for domain in domains:
-        svg.rect(x, y - 8, 14, 10, f"{COLOUR[domain]} band", rx=2)
-        svg.line((x, y - 3), (x + 14, y - 3), cls=COLOUR[domain])
-        svg.text(x + 19, y, domain, "small", anchor="start")
-        x += 19 + text_width(domain, SMALL) + 16
-    return x - start
+def wrapped(text: str, width: float, size: float) -> Iterator[str]:
+    """Yield the lines of a text that is wrapped between words to a width."""
+    line = ""
+    for word in text.split():
+        longer = f"{line} {word}".lstrip()
+        if line and text_width(longer, size) > width:
+            yield line
+            longer = word
+        line = longer
+    if line:
+        yield line
+
+
+def draw_panels(svg: Svg, panels: Sequence[Panel]) -> tuple[float, float]:
+    """Draw panels in rows from left to right; return the width and height of all of them."""
+    rows: list[list[Panel]] = []
+    for panel in panels:
+        if rows and sum(other.full_width + _PAD for other in rows[-1]) + panel.full_width <= _WIDTH:
+            rows[-1].append(panel)
+        else:
+            rows.append([panel])
+    y, width = _PAD, 0.0
+    for row in rows:
+        x, height = _PAD, max(panel.full_height for panel in row)
+        for panel in row:
+            panel.render(svg, x, y, height)
+            x += panel.full_width + _PAD
+        width, y = max(width, x), y + height + _PAD
+    return width, y

@@ -1,21 +1,49 @@
-"""What is to be laid out: nodes with lines of text, bonds between them."""
+"""Sketches, which are laid out and drawn: nodes with lines of text, bonds with strokes and arrows."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dynid.report.metrics import text_width
-from dynid.report.style import SIZE, SMALL, TITLE
+from dynid.report.style import SIZE, SMALL, TITLE, text_width
+from dynid.report.svg import Point
 
-#: Room around the text of a node, and the least distance of neighbouring bonds at a node, px.
+#: Padding around the text of a node, and the least distance of neighbouring bonds at a node, px.
 PAD_X, PAD_Y, PORT = 8.0, 5.0, 22.0
+#: Distances from the node, px: start of a bond, its stroke, the tip of its arrow beyond a stroke.
+START, STROKE, BEYOND = 2.0, 4.0, 8.0
+#: Half a stroke's length; length and width of the half arrow, px.
+HALF, BARB, WING = 8.0, 11.0, 7.0
+
+#: Colour of each physical domain, one of `style.SERIES`.
+COLOUR = {
+    "mechanical": "s1",
+    "electrical": "s2",
+    "hydraulic": "s3",
+    "acoustic": "s4",
+    "thermal": "s5",
+    "rotational": "s6",
+    "magnetic": "s7",
+}
+#: SI units of inertia, compliance and resistance (thermal: temperature and heat flow, a pseudo bond graph).
+ELEMENT_UNITS = {
+    "mechanical": {"I": "kg", "C": "m/N", "R": "N·s/m"},
+    "rotational": {"I": "kg·m²", "C": "rad/(N·m)", "R": "N·m·s/rad"},
+    "electrical": {"I": "H", "C": "F", "R": "Ω"},
+    "magnetic": {"C": "H", "R": "1/Ω"},
+    "hydraulic": {"I": "kg/m⁴", "C": "m³/Pa", "R": "Pa·s/m³"},
+    "acoustic": {"I": "kg/m⁴", "C": "m³/Pa", "R": "Pa·s/m³"},
+    "thermal": {"C": "J/K", "R": "K/W"},
+}
 
 _SIZES = {"glyph": TITLE, "label": SIZE, "note": SMALL}
 _LEADING = 1.35
 
+Segment = tuple[Point, Point]
+
 
 @dataclass(frozen=True)
-class Line:
+class TextLine:
     """A line of text in a node.
 
     Parameters
@@ -23,7 +51,7 @@ class Line:
     text
         The text.
     role
-        glyph (a junction's 0 or 1), label, or note.
+        `glyph` (the 0 or 1 of a junction), `label` or `note`.
     """
 
     text: str
@@ -31,22 +59,22 @@ class Line:
 
     @property
     def size(self) -> float:
-        """The font size, px."""
+        """Font size, px."""
         return _SIZES[self.role]
 
     @property
     def width(self) -> float:
-        """The width, px."""
+        """Width, px."""
         return text_width(self.text, self.size, bold=self.role != "note")
 
     @property
     def height(self) -> float:
-        """The height, px."""
+        """Height, px."""
         return self.size * _LEADING
 
 
 @dataclass(frozen=True)
-class Vertex:
+class SketchNode:
     """A node of a drawing.
 
     Parameters
@@ -56,32 +84,32 @@ class Vertex:
     lines
         Its text, from top to bottom.
     domain
-        The physical domain whose colour it has; empty: none.
+        Its physical domain, which gives the colour; empty: none.
     role
-        `input`, `output`, `both` or nothing: how it is marked.
+        `input`, `output`, `both` or empty; any of them is outlined.
     changed
-        Whether it is highlighted.
+        True if it is highlighted.
     """
 
     key: str
-    lines: tuple[Line, ...]
+    lines: tuple[TextLine, ...]
     domain: str = ""
     role: str = ""
     changed: bool = False
 
     @property
     def width(self) -> float:
-        """The least width of its box, px."""
+        """Least width of its box, px."""
         return max(max((line.width for line in self.lines), default=0) + 2 * PAD_X, 24)
 
     @property
     def height(self) -> float:
-        """The least height of its box, px."""
+        """Least height of its box, px."""
         return sum(line.height for line in self.lines) + 2 * PAD_Y
 
 
 @dataclass(frozen=True)
-class Link:
+class SketchBond:
     """A bond of a drawing.
 
     Parameters
@@ -89,13 +117,13 @@ class Link:
     tail, head
         Keys of the nodes; power is positive from tail to head.
     stroke
-        The end of the causal stroke: `tail`, `head`, or nothing.
+        The end of the causal stroke: `tail`, `head` or empty.
     domain
-        As of a node.
+        Its physical domain, as of a node.
     changed
-        Whether it is highlighted.
+        True if it is highlighted.
     equation_only
-        Whether it is no bond, but a coupling that only equations show: dashed and without an arrow.
+        True for a coupling that only the equations define: drawn dashed and without an arrow.
     """
 
     tail: str
@@ -105,25 +133,54 @@ class Link:
     changed: bool = False
     equation_only: bool = False
 
+    def stroke_on(self, route: Sequence[Point]) -> Segment | None:
+        """Return the causal stroke, across the end of a route from tail to head; None without causality."""
+        if not self.stroke:
+            return None
+        end, inner = (route[-1], route[-2]) if self.stroke == "head" else (route[0], route[1])
+        x, y = _towards(end, inner, STROKE)
+        across = (0.0, HALF) if end[1] == inner[1] else (HALF, 0.0)
+        return (x - across[0], y - across[1]), (x + across[0], y + across[1])
+
+    def half_arrow_on(self, route: Sequence[Point]) -> Segment | None:
+        """Return the half arrow at the head of a route, on its right-hand side."""
+        if self.equation_only:
+            return None
+        (x0, y0), end = route[-2], route[-1]
+        tip = _towards(end, route[-2], self._tip)
+        x, y = _towards(end, route[-2], self._tip + BARB)
+        dx, dy = end[0] - x0, end[1] - y0
+        right = ((dy < 0) - (dy > 0), (dx > 0) - (dx < 0))
+        return tip, (x + WING * right[0], y + WING * right[1])
+
+    def line_on(self, route: Sequence[Point]) -> list[Point]:
+        """Return the points of the line: clear of the nodes, ending at the tip of the arrow."""
+        end = _towards(route[-1], route[-2], self._tip)
+        return [_towards(route[0], route[1], START), *route[1:-1], end]
+
+    @property
+    def _tip(self) -> float:
+        return BEYOND if self.stroke == "head" else START
+
 
 @dataclass(frozen=True)
 class Sketch:
-    """A graph to be laid out.
+    """A graph to lay out and draw.
 
     Parameters
     ----------
-    vertices
+    nodes
         The nodes.
-    links
+    bonds
         The bonds.
     source, target
-        Nodes that are drawn as far to the left and to the right as may be, if any.
+        Nodes that are placed as far to the left and to the right as possible, if any.
     cut
         The bond of a source-load decomposition, as (tail, head) from the source side to the load side.
     """
 
-    vertices: tuple[Vertex, ...]
-    links: tuple[Link, ...]
+    nodes: tuple[SketchNode, ...]
+    bonds: tuple[SketchBond, ...]
     source: str | None = None
     target: str | None = None
     cut: tuple[str, str] | None = None
@@ -132,6 +189,13 @@ class Sketch:
         """Return the sketch without some nodes and their bonds."""
         return replace(
             self,
-            vertices=tuple(v for v in self.vertices if v.key not in keys),
-            links=tuple(b for b in self.links if b.tail not in keys and b.head not in keys),
+            nodes=tuple(node for node in self.nodes if node.key not in keys),
+            bonds=tuple(bond for bond in self.bonds if bond.tail not in keys and bond.head not in keys),
         )
+
+
+def _towards(start: Point, end: Point, distance: float) -> Point:
+    """Return the point at a distance from the start of a horizontal or vertical segment."""
+    length = max(abs(end[0] - start[0]) + abs(end[1] - start[1]), 1e-9)
+    along = distance / length
+    return start[0] + along * (end[0] - start[0]), start[1] + along * (end[1] - start[1])

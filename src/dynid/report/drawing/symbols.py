@@ -1,4 +1,4 @@
-"""Springs, dampers, grounds, forces and sensors, as engineers draw them."""
+"""Symbols of schematics: springs, dampers, ground, supports, forces, sensors and masters."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ _WIND, _TURNS = 6.0, 5
 
 def spring(svg: Svg, start: Point, end: Point, cls: str = "line") -> None:
     """Draw a spring between two points."""
-    points = [_between(start, end, 0, 0), _between(start, end, 0.2, 0)]
+    points = [_offset(start, end, 0, 0), _offset(start, end, 0.2, 0)]
     for turn in range(2 * _TURNS):
         side = _WIND if turn % 2 else -_WIND
-        points.append(_between(start, end, 0.2 + 0.6 * (turn + 0.5) / (2 * _TURNS), side))
-    svg.line(*points, _between(start, end, 0.8, 0), _between(start, end, 1, 0), cls=cls)
+        points.append(_offset(start, end, 0.2 + 0.6 * (turn + 0.5) / (2 * _TURNS), side))
+    svg.line(*points, _offset(start, end, 0.8, 0), _offset(start, end, 1, 0), cls=cls)
 
 
 def damper(svg: Svg, start: Point, end: Point, cls: str = "line") -> None:
     """Draw a dashpot between two points."""
     cup = [(0.66, -_WIND), (0.38, -_WIND), (0.38, _WIND), (0.66, _WIND)]
-    svg.line(_between(start, end, 0, 0), _between(start, end, 0.38, 0), cls=cls)
-    svg.line(*(_between(start, end, *place) for place in cup), cls=cls)
-    svg.line(_between(start, end, 0.54, -_WIND + 2), _between(start, end, 0.54, _WIND - 2), cls=cls)
-    svg.line(_between(start, end, 0.54, 0), _between(start, end, 1, 0), cls=cls)
+    svg.line(_offset(start, end, 0, 0), _offset(start, end, 0.38, 0), cls=cls)
+    svg.line(*(_offset(start, end, *place) for place in cup), cls=cls)
+    svg.line(_offset(start, end, 0.54, -_WIND + 2), _offset(start, end, 0.54, _WIND - 2), cls=cls)
+    svg.line(_offset(start, end, 0.54, 0), _offset(start, end, 1, 0), cls=cls)
 
 
 def turning_spring(svg: Svg, x: float, y: float, cls: str = "line") -> None:
@@ -33,7 +33,7 @@ def turning_spring(svg: Svg, x: float, y: float, cls: str = "line") -> None:
 
 
 def ground(svg: Svg, at: Point, side: str) -> None:
-    """Draw ground: hatched, lying to the `left`, the `right` or `below` of a point."""
+    """Draw hatched ground to the `left`, to the `right` or `below` a point."""
     x, y = at
     reach = 16.0
     if side == "below":
@@ -56,13 +56,13 @@ def pin(svg: Svg, x: float, y: float) -> None:
 
 
 def clamp(svg: Svg, x: float, y: float, side: str) -> None:
-    """Draw a clamped end at a point, with the ground to the `left`, the `right` or `below`."""
+    """Draw a clamped end at a point, with the ground to its `left`, to its `right` or `below`."""
     ground(svg, (x, y), side)
     svg.rect(*((x - 16, y - 2, 32, 4) if side == "below" else (x - 2, y - 16, 4, 32)), "solid")
 
 
 def guide(svg: Svg, x: float, y: float) -> None:
-    """Draw a support that holds the rotation alone: two rails."""
+    """Draw a support that fixes the rotation only: two rails."""
     for out in (-5, 5):
         svg.line((x + out, y - 12), (x + out, y + 12), cls="line")
 
@@ -70,27 +70,24 @@ def guide(svg: Svg, x: float, y: float) -> None:
 def force(svg: Svg, start: Point, end: Point) -> None:
     """Draw a force as an arrow."""
     svg.line(start, end, cls="bond s2")
-    left, right = (
-        _between(end, start, 0, 0, along=9, across=4),
-        _between(end, start, 0, 0, along=9, across=-4),
-    )
+    left, right = (_offset(end, start, 0, 0, along=9, across=across) for across in (4, -4))
     svg.polygon(end, left, right, cls="s2 dot")
 
 
 def sensor(svg: Svg, x: float, y: float) -> None:
-    """Draw a sensor: a triangle that points down at what it measures."""
+    """Draw a sensor: a triangle that points down at its node."""
     svg.polygon((x, y), (x - 6, y - 10), (x + 6, y - 10), cls="s3 dot")
 
 
 def master(svg: Svg, x: float, y: float) -> None:
-    """Mark a master of a reduction."""
+    """Draw the mark of a master DOF of a reduction."""
     svg.rect(x - 4, y - 4, 8, 8, "s1 dot")
 
 
-def _between(
+def _offset(
     start: Point, end: Point, part: float, aside: float, *, along: float = 0.0, across: float = 0.0
 ) -> Point:
-    """Return a point part of the way from start to end, moved aside; or at lengths along and across."""
+    """Return the point at a part of a line and an offset aside, or at px along and across it."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = max((dx * dx + dy * dy) ** 0.5, 1e-9)
     way, off = part * length + along, aside + across

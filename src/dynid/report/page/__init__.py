@@ -1,4 +1,4 @@
-"""A result as one HTML page: no other files, no network, nothing hidden without scripts."""
+"""Pages of results as HTML: self-contained, without network access, complete without scripts."""
 
 from dynid.report.page.document import page
 

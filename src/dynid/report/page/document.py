@@ -1,23 +1,38 @@
-"""The page as a whole: the answer first, then figures, samples, the scene, and how it came about."""
+"""Page of a result as one HTML document: content first, then figures, samples, the scene, and provenance.
+
+Every page has a policy that lets it load nothing and run only its own scripts, a theme button, and links to
+its sections.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from base64 import b64encode
+from collections.abc import Iterable, Iterator, Sequence
+from hashlib import sha256
+from importlib.resources import files
+from string import Template
 
+from dynid._version import __version__
 from dynid.errors import DynidError
-from dynid.progress import counted
-from dynid.report.answers import answer
+from dynid.progress import tracked
+from dynid.report.content import content
+from dynid.report.content.blocks import Block, DefinitionList, NumberedList, Section, Statement
+from dynid.report.content.common import array_rows
 from dynid.report.figure import Figure
-from dynid.report.page.answer import part
-from dynid.report.page.html import Markup, join, tag
-from dynid.report.page.provenance import arrays, provenance, scene
-from dynid.report.page.shell import Section, shell
-from dynid.report.page.tables import figure_table
+from dynid.report.page.html import Markup, figure_table, formula, grid, join, scrolling, tag, text
 from dynid.report.registry import figures
 from dynid.report.style import css
 from dynid.result import Result
 
 _TOOLS = (("in", "+", "Zoom in"), ("out", "−", "Zoom out"), ("all", "Whole", "Show the whole figure"))
+_NUMBER = re.compile(r"(?:[ζ×] )?[-+−±]?[\d∞–]|-$")
+#: Most arrays, and most lines of a scene, that are listed.
+_ARRAYS, _LINES = 500, 3000
+_FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
+
+#: Heading and content of a part of a page.
+PagePart = tuple[str, Markup]
 
 
 def page(result: Result, *, live: int | None = None, note: str = "") -> str:
@@ -28,63 +43,186 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     result
         In memory, or stored in an open file.
     live
-        The number of this page, where it listens to the server that it came from and shows itself anew.
+        Number of this page, if it listens to the server that it came from and reloads itself.
     note
-        What is to be said before anything else.
+        A statement before everything else.
 
     Returns
     -------
     str
         HTML; the same for the same result.
     """
-    found = answer(result)
+    found = content(result)
     scripts = ["samples.js"] if result.kind == "study" else []
     scripts += ["watch.js"] if live is not None else []
     first = tag("p", note, class_="note") if note else ""
-    sections = list(_sections(result, join(first, *map(part, found.parts))))
-    return shell(result.title or "A result of dynid", found.method, sections, scripts, live)
+    parts = list(_parts(result, join(first, *map(_section, found.sections))))
+    return document(result.title or "A result of dynid", found.method, parts, scripts, live)
 
 
-def _sections(result: Result, said: Markup) -> Iterator[Section]:
-    if said:
-        yield "Answer", said
-    yield from _figures(result)
+def document(
+    title: str,
+    subtitle: str,
+    parts: Iterable[PagePart],
+    scripts: Sequence[str] = (),
+    live: int | None = None,
+) -> str:
+    """Return a page of several parts, with a policy that lets it load nothing and run only its own scripts.
+
+    Parameters
+    ----------
+    title, subtitle
+        Title and a line below it.
+    parts
+        Heading and content of each.
+    scripts
+        File names of JavaScript, beside the one of all pages.
+    live
+        Number of this page, if its scripts listen to the server that it came from.
+    """
+
+    def asset(name: str) -> str:
+        return (files("dynid.report.page") / name).read_text(encoding="utf-8")
+
+    code = [asset(name) for name in ("page.js", *scripts)]
+    every = [(heading, heading.lower().replace(" ", "-"), inside) for heading, inside in parts]
+    theme = tag(
+        "button",
+        "Dark",
+        id="theme",
+        type="button",
+        class_="no-script",
+        title="Switch between light and dark",
+    )
+    links = (tag("li", tag("a", heading, href=f"#{name}")) for heading, name, _ in every)
+    header = tag(
+        "header",
+        tag("div", tag("h1", tag("bdi", title)), theme, class_="row"),
+        tag("p", subtitle, class_="quiet"),
+        tag("nav", tag("ul", *links), aria_label="Sections"),
+    )
+    state = []
+    if live is not None:
+        state.append(tag("div", id="state", class_="quiet", role="status", data_version=str(live)))
+        state.append(tag("div", id="fault", class_="card", role="alert"))
+    cards = []
+    for heading, name, inside in every:
+        top = tag("h2", heading, id=f"{name}-title")
+        cards.append(tag("section", top, inside, id=name, class_="card", aria_labelledby=f"{name}-title"))
+    body = join(
+        header,
+        *state,
+        tag("main", *cards, id="main", tabindex="-1"),
+        tag("footer", f"Made by dynid {__version__}"),
+    )
+    digests = (b64encode(sha256(script.encode()).digest()).decode() for script in code)
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
+    connect = "connect-src 'self'; " if live is not None else ""
+    policy = (
+        f"default-src 'none'; style-src 'unsafe-inline'; script-src {hashes}; {connect}"
+        "base-uri 'none'; form-action 'none'"
+    )
+    return Template(asset("page.html")).substitute(
+        policy=policy,
+        title=text(title),
+        css=asset("page.css") + css(),
+        body=body,
+        scripts="\n".join(f"<script>{script}</script>" for script in code),
+    )
+
+
+def _parts(result: Result, sections: Markup) -> Iterator[PagePart]:
+    """Yield the parts of a page: content, figures, samples of a study, scene, provenance."""
+    if sections:
+        yield "Answer", sections
+    drawn = [_figure(figure) for figure in tracked(figures(result), "figure")]
+    if drawn:
+        yield "Figures", join(*drawn)
     if result.kind == "study":
         from dynid.report.page.samples import samples
 
         yield "Samples", samples(result)
     if result.attrs.get("scene"):
-        yield "Scene", scene(str(result.attrs["scene"]))
-    yield "Provenance", join(provenance(result), arrays(result))
+        yield "Scene", _scene(str(result.attrs["scene"]))
+    known = {name: str(value) for name, value in result.attrs.items() if name not in ("scene", "status")}
+    names = [name for name in _FIRST if name in known] + sorted(known.keys() - set(_FIRST))
+    items = (join(tag("dt", name.replace("_", " ")), tag("dd", known[name])) for name in names)
+    yield "Provenance", join(tag("dl", *items), _arrays(result))
 
 
-def _figures(result: Result) -> Iterator[Section]:
-    drawn = [_figure(figure) for figure in counted(figures(result), "figure")]
-    if drawn:
-        yield "Figures", join(*drawn)
+def _section(section: Section) -> Markup:
+    return tag("section", tag("h3", section.title), *(_block(b, section.title) for b in section.blocks))
+
+
+def _block(block: Block, title: str) -> Markup:
+    """Return a block; in tables, columns of numbers are aligned to the right."""
+    if isinstance(block, DefinitionList):
+        items = (
+            join(tag("dt", name), *(tag("dd", formula(line)) for line in lines))
+            for name, lines in block.items
+        )
+        return tag("dl", *items)
+    if isinstance(block, Statement):
+        return tag("p", block.text, class_=f"note {block.tone}".strip())
+    if isinstance(block, NumberedList):
+        return tag("ol", *(tag("li", formula(item)) for item in block.items))
+    columns = zip(*block.rows, strict=True) if block.rows else ((),) * len(block.columns)
+    numeric = [
+        place > 0 and all(not value or _NUMBER.match(value) for value in column)
+        for place, column in enumerate(columns)
+    ]
+    rows = []
+    for place, row in enumerate(block.rows):
+        cells = (
+            tag("td", formula(value), class_="n" if right else None)
+            for value, right in zip(row[1:], numeric[1:], strict=True)
+        )
+        head = tag("th", row[0], scope="row") if row[0] else tag("td")
+        rows.append(tag("tr", head, *cells, class_="marked" if place in block.marked else None))
+    table = grid(block.columns, join(*rows), numeric)
+    caption = tag("p", block.caption, class_="quiet") if block.caption else Markup("")
+    return join(caption, scrolling(table, block.caption or title))
 
 
 def _figure(figure: Figure) -> Markup:
+    """Return a figure with its tools, caption and table, or the reason why it cannot be drawn."""
     try:
         picture = figure.picture
     except DynidError as error:
-        said = tag("p", f"This figure cannot be drawn: {error}", class_="note bad")
-        return tag("figure", tag("h3", figure.title), said)
-    drawn = Markup(picture.svg.replace(f"<style>\n{css()}</style>\n", ""))  # it stands once on the page
+        reason = tag("p", f"This figure cannot be drawn: {error}", class_="note bad")
+        return tag("figure", tag("h3", figure.title), reason)
+    drawn = Markup(picture.svg.replace(f"<style>\n{css()}</style>\n", ""))  # the page has it once
+    buttons = (
+        tag("button", sign, type="button", data_do=do, aria_label=f"{label}: {figure.title}", title=label)
+        for do, sign, label in _TOOLS
+    )
     return tag(
         "figure",
         tag("h3", figure.title),
         tag("div", drawn, class_="picture", tabindex="0", role="group", aria_label=figure.title),
-        _tools(figure.title),
+        tag("div", *buttons, tag("output"), class_="tools no-script"),
         tag("figcaption", picture.caption) if picture.caption else "",
         figure_table(picture.table, figure.title) if picture.table else "",
         id=f"figure-{figure.name}",
     )
 
 
-def _tools(title: str) -> Markup:
-    buttons = (
-        tag("button", sign, type="button", data_do=do, aria_label=f"{label}: {title}", title=label)
-        for do, sign, label in _TOOLS
-    )
-    return tag("div", *buttons, tag("output"), class_="tools no-script")
+def _scene(source: str) -> Markup:
+    """Return the text of the scene with line numbers."""
+    lines = source.splitlines()
+    shown = lines[:_LINES]
+    body = join(*(tag("span", f"{line}\n", class_="line") for line in shown))
+    left = len(lines) - len(shown)
+    more = tag("p", f"… {left:,} more lines in the file", class_="quiet") if left else Markup("")
+    return join(scrolling(tag("pre", tag("code", body), class_="scene"), "Scene"), more)
+
+
+def _arrays(result: Result) -> Markup:
+    """Return the list of all arrays, folded."""
+    rows = array_rows(result)
+    body = join(*(tag("tr", *(tag("td", value) for value in row)) for row in rows[:_ARRAYS]))
+    more = f", of which the first {_ARRAYS} are listed" if len(rows) > _ARRAYS else ""
+    table = grid(("path", "type", "axes", "units"), body, (False,) * 4)
+    count = tag("span", f"({len(rows):,}{more})", class_="quiet")
+    inside = scrolling(table, "Arrays of the file")
+    return tag("details", tag("summary", "Arrays of the file ", count), inside, class_="table")

@@ -1,18 +1,23 @@
-"""HTML that cannot be broken by what stands in it: every text is escaped unless it is markup already."""
+"""HTML elements and tables; every text is escaped unless it is markup already."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from html import escape
+
+from dynid.report.figure import CellValue, FigureTable, evenly_spaced
 
 
 class Markup(str):
-    """A text that is HTML already."""
+    """A text that is HTML."""
 
     __slots__ = ()
 
 
-#: What no HTML document may hold, and what would turn the direction of the text after it.
+#: Most rows, and most cells, of a table on a page.
+ROWS, CELLS = 200, 3000
+#: Characters that are illegal in HTML, or that change the direction of writing.
 _UNFIT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff\u202a-\u202e\u2066-\u2069]")
 _VOID = frozenset({"meta", "br", "input", "link"})
 
@@ -25,17 +30,12 @@ def text(value: str) -> Markup:
 
 
 def printable(value: str) -> str:
-    """Return a text with control characters by their number, and with lines that end in one way."""
-    return _UNFIT.sub(_shown, value)
-
-
-def _shown(found: re.Match[str]) -> str:
-    letter = found[0]
-    return "\n" if letter == "\r" else f"⟨U+{ord(letter):04X}⟩"
+    """Return a text with control characters shown by their number, and with unified line ends."""
+    return _UNFIT.sub(lambda found: "\n" if found[0] == "\r" else f"⟨U+{ord(found[0]):04X}⟩", value)
 
 
 def join(*parts: str) -> Markup:
-    """Return parts one after another."""
+    """Return the concatenation of texts and markup."""
     return Markup("".join(map(text, parts)))
 
 
@@ -49,27 +49,74 @@ def tag(name: str, *content: str, **attrs: str | bool | None) -> Markup:
     *content
         Texts, which are escaped, and markup.
     **attrs
-        Attributes: `class_` stands for class, `aria_label` for aria-label; True has no value, and what is
-        None or False is left out.
+        Attributes: `class_` stands for class, `aria_label` for aria-label; True has no value, and None or
+        False omits the attribute.
     """
-    said = "".join(
-        f" {_name(key)}" + ("" if value is True else f'="{text(value)}"')
+    given = "".join(
+        f" {key.rstrip('_').replace('_', '-')}" + ("" if value is True else f'="{text(value)}"')
         for key, value in attrs.items()
         if value is not None and value is not False
     )
     if name in _VOID:
-        return Markup(f"<{name}{said}>")
-    return Markup(f"<{name}{said}>{join(*content)}</{name}>")
-
-
-def _name(key: str) -> str:
-    return key.rstrip("_").replace("_", "-")
+        return Markup(f"<{name}{given}>")
+    return Markup(f"<{name}{given}>{join(*content)}</{name}>")
 
 
 _POWER = re.compile(r"(?:\*\*|\^)(-?\d+(?:\.\d+)?|\([^()]*\))")
 
 
 def formula(value: str) -> Markup:
-    """Return a formula in Python's notation with raised powers and dots for products."""
+    """Return a formula in Python's notation with superscript powers and dots for products."""
     safe = _POWER.sub(lambda found: f"<sup>{found[1].strip('()')}</sup>", text(value))
     return Markup(safe.replace("*", "\N{DOT OPERATOR}"))
+
+
+def shown_rows(count: int, columns: int, most: int = ROWS) -> list[int]:
+    """Return the indices of the rows of a table that are shown: all, or evenly spaced ones."""
+    return evenly_spaced(count, max(2, most if columns <= 1 else min(most, CELLS // columns)))
+
+
+def cell_text(value: CellValue) -> str:
+    """Return an entry of a table as text, numbers to seven digits."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, complex):
+        return f"{value.real:.7g}{value.imag:+.7g}j"
+    return f"{value:.7g}"
+
+
+def figure_table(table: FigureTable, title: str) -> Markup:
+    """Return the table of a figure, folded; long tables are thinned out, with the full number of rows."""
+    total = len(table.rows)
+    shown = shown_rows(total, len(table.columns))
+    count = f"{total:,} rows" if total != 1 else "1 row"
+    if len(shown) < total:
+        count = f"{len(shown):,} of {total:,} rows, evenly spaced; the file has all"
+    rows = [table.rows[place] for place in shown]
+    numeric = [all(not isinstance(row[k], str) for row in rows) for k in range(len(table.columns))]
+    opening = ['<td class="n">' if right else "<td>" for right in numeric]
+    lines = []
+    for row in rows:
+        cells = (f"{start}{text(cell_text(value))}</td>" for start, value in zip(opening, row, strict=True))
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    inside = grid(table.columns, Markup("".join(lines)), numeric)
+    summary = tag("summary", "Table ", tag("span", f"({count})", class_="quiet"))
+    return tag("details", summary, scrolling(inside, f"Table: {title}"), class_="table")
+
+
+def grid(columns: Sequence[str], body: Markup, numeric: Sequence[bool]) -> Markup:
+    """Return a table with its headings."""
+    heads = (
+        tag("th", name, scope="col", class_="n" if right else None) if name else tag("td")
+        for name, right in zip(columns, numeric, strict=True)
+    )
+    return tag("table", tag("thead", tag("tr", *heads)), tag("tbody", body))
+
+
+def scrolling(content: Markup, label: str) -> Markup:
+    """Return content in a region that scrolls sideways, by keys too."""
+    return tag("div", content, class_="scroll", tabindex="0", role="region", aria_label=label)

@@ -30,7 +30,7 @@
       this.x = group.dataset.x.split(" ");
       this.y = group.dataset.y.split(" ");
       this.lines = [...group.querySelectorAll("path[data-name]")].map((path) => ({
-        name: path.dataset.name, path, points: points(path.getAttribute("d")),
+        name: path.dataset.name || group.dataset.yLabel || "y", path, points: points(path.getAttribute("d")),
       })).filter((line) => line.points.length > 1);
     }
     value(scale, share) {
@@ -55,13 +55,17 @@
     return found;
   }
 
-  // Where a line is at a place: between its neighbours; nothing where it has a gap.
-  function height(line, x) {
+  // Where a line is at a place: between its neighbours; nothing where it has a gap. Of a line that passes the
+  // place several times, such as a locus, the height nearest to the pointer.
+  function height(line, x, near) {
     let best = null;
     for (let k = 1; k < line.length; k += 1) {
       const [a, b] = [line[k - 1], line[k]];
       if (b[2] || x < Math.min(a[0], b[0]) || x > Math.max(a[0], b[0])) continue;
-      best = a[0] === b[0] ? b[1] : a[1] + (b[1] - a[1]) * (x - a[0]) / (b[0] - a[0]);
+      const here = a[0] === b[0]
+        ? Math.min(Math.max(near, Math.min(a[1], b[1])), Math.max(a[1], b[1]))
+        : a[1] + (b[1] - a[1]) * (x - a[0]) / (b[0] - a[0]);
+      if (best === null || Math.abs(here - near) < Math.abs(best - near)) best = here;
     }
     return best;
   }
@@ -106,7 +110,7 @@
       marks.append(rule);
       const said = [`${plot.group.dataset.xLabel || "x"}: ${digits(plot.across(x))}`];
       for (const line of plot.lines) {
-        const y_at = height(line.points, x);
+        const y_at = height(line.points, x, y);
         if (y_at === null || y_at < plot.top - 1 || y_at > plot.top + plot.height + 1) continue;
         said.push(`${line.name}: ${digits(plot.up(y_at))}`);
         const dot = document.createElementNS(SVG, "circle");
@@ -114,7 +118,8 @@
         dot.style.stroke = getComputedStyle(line.path).stroke;
         marks.append(dot);
       }
-      if (said.length === 1 && nearest) said.push(`${plot.group.dataset.yLabel || "y"}: ${digits(plot.up(y))}`);
+      // Where there are curves, the pointer's own height is no value of theirs.
+      if (!plot.lines.length && nearest) said.push(`${plot.group.dataset.yLabel || "y"}: ${digits(plot.up(y))}`);
       output.textContent = said.slice(0, 9).join(" · ");
     };
 

@@ -1,4 +1,4 @@
-"""The samples of a study on a page: columns as packed numbers, which a script sorts, filters and counts."""
+"""Samples of a study on a page: columns as packed numbers, which a script sorts, filters and counts."""
 
 from __future__ import annotations
 
@@ -10,69 +10,62 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.report.answers.study import shown_numbers, written
-from dynid.report.page.html import Markup, join, printable, tag
-from dynid.report.page.tables import thinned
+from dynid.report.content.study import display_name, shown_numbers
+from dynid.report.page.html import Markup, join, printable, shown_rows, tag
 from dynid.result import Result
 from dynid.study.analysis.table import StudyTable
 
 #: Most samples on a page, and most bytes of their columns as text.
 _SAMPLES, _BYTES = 50_000, 1_100_000
-#: Most different texts of a column, and most letters of each.
+#: Most different texts of a column, and most characters of each.
 _LEVELS, _LETTERS = 2000, 200
-#: The range in which a float32 has seven digits, and up to where it holds every whole number.
+#: The range in which a float32 has seven digits, and the largest integer up to which it is exact.
 _SMALL, _LARGE, _WHOLE = 1e-37, 3e38, 2**24
-
-Columns = dict[str, Any]
 
 
 def samples(result: Result) -> Markup:
-    """Return the samples of a study: what varied and what was gathered, one by one."""
+    """Return the samples of a study with their inputs and results."""
     table = StudyTable(result)
     count = len(table.numbers)
-    rows = np.array(thinned(count, 1, _SAMPLES), dtype=np.intp)
+    rows = np.array(shown_rows(count, 1, _SAMPLES), dtype=np.intp)
     kept, left, size = [], [], 0
     for name, units, role, values in _columns(table):
-        column = {"name": printable(name), "units": units, "role": role, **_packed(values[rows])}
+        column = {"name": printable(name), "units": printable(units), "role": role, **_packed(values[rows])}
         size += len(column["data"]) + len(json.dumps(column.get("levels", ""), ensure_ascii=False).encode())
         if size > _BYTES and role == "result":
             size -= len(column["data"])
             left.append(name)
         else:
             kept.append(column)
-    said = [] if len(rows) == count else [f"{len(rows):,} of {count:,} samples, evenly spaced"]
+    cuts = [] if len(rows) == count else [f"{len(rows):,} of {count:,} samples, evenly spaced"]
     if left:
-        said.append(
-            f"without {len(left):,} of the numbers gathered: {', '.join(left[:6])}{', …' if left[6:] else ''}"
-        )
-    note = tag("p", f"Shown are {'; '.join(said)}. The file has all.", class_="note") if said else ""
+        names = f"{', '.join(left[:6])}{', …' if left[6:] else ''}"
+        cuts.append(f"without {len(left):,} of the results: {names}")
+    note = tag("p", f"This table has {'; '.join(cuts)}. The file has all.", class_="note") if cuts else ""
     data = json.dumps({"rows": len(rows), "columns": kept}, ensure_ascii=False, separators=(",", ":"))
+    # Escaped so that the JSON cannot end its element.
+    for character in "&<>\u2028\u2029":
+        data = data.replace(character, f"\\u{ord(character):04x}")
     return join(
         note,
         tag(
             "noscript",
-            tag("p", "Sorting and filtering single samples needs scripts; their statistics stand above."),
+            tag("p", "Sorting and filtering samples needs scripts; the statistics above do not."),
         ),
         tag("div", id="sample-table", class_="samples no-script"),
-        tag("script", _inert(data), type="application/json", id="samples-data"),
+        tag("script", Markup(data), type="application/json", id="samples-data"),
     )
 
 
-def _inert(data: str) -> Markup:
-    """Return JSON that cannot end the element it stands in."""
-    safe = data.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-    return Markup(safe.replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
-
-
 def _columns(table: StudyTable) -> Iterator[tuple[str, str, str, NDArray[Any]]]:
-    """Yield name, units, role and values: what a sample is, what varied, what was gathered."""
+    """Yield name, units, role and values of every column: number, status, inputs, results, error."""
     yield "sample", "", "number", table.numbers
     if not table.done.all():
         yield "status", "", "text", table.result["study/status"].data
     for name, values in table.inputs.items():
         yield name, "", "input", values
     for path, column in shown_numbers(table)[0]:
-        yield written(table, path, column), column.units, "result", column.values
+        yield display_name(table, path, column), column.units, "result", column.values
     for path in table.paths:
         if not table.is_number(path) and table.size(path) == 1:
             yield path, "", "result", table.variable(path).data.reshape(len(table.numbers))
@@ -80,36 +73,26 @@ def _columns(table: StudyTable) -> Iterator[tuple[str, str, str, NDArray[Any]]]:
         yield "error", "", "text", table.result["study/error"].data
 
 
-def _packed(values: NDArray[Any]) -> Columns:
-    """Return a column as base64: numbers as float32 where that holds seven digits, texts as their places."""
+def _packed(values: NDArray[Any]) -> dict[str, Any]:
+    """Return a column as base64: numbers as float32 if that has seven digits, texts as indices of levels."""
     if values.dtype.kind in "bifu":
         numbers = values.astype(np.float64)
-        return {"type": (kind := _type(numbers)), "data": _base64(numbers.astype(kind))}
-    texts = [_cut(str(value)) for value in values]
+        sizes = np.abs(numbers[np.isfinite(numbers) & (numbers != 0)])
+        kind = "<f4"
+        if sizes.size:
+            whole = bool(np.all(sizes == np.floor(sizes)))
+            fits = sizes.max() < _LARGE and sizes.min() > _SMALL and not (whole and sizes.max() > _WHOLE)
+            kind = "<f4" if fits else "<f8"
+        return {"type": kind, "data": b64encode(numbers.astype(kind).tobytes()).decode()}
+    texts = [printable(str(value)) for value in values]
+    texts = [text if len(text) <= _LETTERS else f"{text[: _LETTERS - 1]}…" for text in texts]
     levels = sorted(set(texts))
     if len(levels) > _LEVELS:
         levels = [*levels[:_LEVELS], "…"]
     places = {level: place for place, level in enumerate(levels)}
+    indices = np.array([places.get(text, len(levels) - 1) for text in texts], dtype="<u2")
     return {
         "type": "<u2",
-        "levels": levels,
-        "data": _base64(np.array([places.get(text, len(levels) - 1) for text in texts], dtype="<u2")),
+        "levels": [printable(level) for level in levels],
+        "data": b64encode(indices.tobytes()).decode(),
     }
-
-
-def _cut(value: str) -> str:
-    value = printable(value)
-    return value if len(value) <= _LETTERS else f"{value[: _LETTERS - 1]}…"
-
-
-def _type(numbers: NDArray[np.float64]) -> str:
-    sizes = np.abs(numbers[np.isfinite(numbers) & (numbers != 0)])
-    if not sizes.size:
-        return "<f4"
-    whole = bool(np.all(sizes == np.floor(sizes)))
-    fits = sizes.max() < _LARGE and sizes.min() > _SMALL and not (whole and sizes.max() > _WHOLE)
-    return "<f4" if fits else "<f8"
-
-
-def _base64(values: NDArray[Any]) -> str:
-    return b64encode(values.tobytes()).decode()

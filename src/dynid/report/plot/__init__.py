@@ -1,29 +1,42 @@
-"""Plots as SVG: axes with round ticks, lines thinned out to what a picture can show, legends beside the data.
+"""Plots as SVG: axes with ticks at round values, decimated curves, heat maps, legends beside the data.
 
-A plot is declared (`Panel`s of layers on `Axis`es) and drawn by `chart`. Every panel is a group of class
-`plot` that tells a script what its pixels mean: `data-box` (left, top, width, height), `data-x` and `data-y`
-(`lin` or `log`, then the values at the two ends), `data-x-label`, `data-y-label`; lines bear a `data-name`.
+A plot is declared (`Subplot`s of layers on `PlotAxis`es) and drawn by `chart`. Every subplot is a group of
+class `plot` that tells a script the meaning of its pixels: `data-box` (left, top, width, height), `data-x`
+and `data-y` (`lin` or `log`, then the values at the two ends), `data-x-label`, `data-y-label`; curves have a
+`data-name`.
 """
 
-from dynid.report.plot.axis import Axis
-from dynid.report.plot.cells import Cells
-from dynid.report.plot.chart import chart
-from dynid.report.plot.layers import Band, Bars, Line, Marks, Note, Rule
-from dynid.report.plot.panel import Panel
-from dynid.report.plot.tables import MOST_ROWS, listed, thinned
+from dynid.report.plot.axis import PlotAxis
+from dynid.report.plot.chart import chart, parallel_coordinates
+from dynid.report.plot.heatmap import Heatmap, Matrix, matrix_picture
+from dynid.report.plot.subplot import (
+    Annotation,
+    Band,
+    Bars,
+    Curve,
+    Layer,
+    LegendEntry,
+    Markers,
+    ReferenceLine,
+    Subplot,
+    series_class,
+)
 
 __all__ = [
-    "MOST_ROWS",
-    "Axis",
+    "Annotation",
     "Band",
     "Bars",
-    "Cells",
-    "Line",
-    "Marks",
-    "Note",
-    "Panel",
-    "Rule",
+    "Curve",
+    "Heatmap",
+    "Layer",
+    "LegendEntry",
+    "Markers",
+    "Matrix",
+    "PlotAxis",
+    "ReferenceLine",
+    "Subplot",
     "chart",
-    "listed",
-    "thinned",
+    "matrix_picture",
+    "parallel_coordinates",
+    "series_class",
 ]

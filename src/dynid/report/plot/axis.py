@@ -1,4 +1,4 @@
-"""Axes: which values they span, where their ticks are, and what those are called."""
+"""Axes: their ranges, ticks and labels."""
 
 from __future__ import annotations
 
@@ -9,37 +9,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.report.metrics import text_width
-from dynid.report.numbers import raised, short
-from dynid.report.style import SMALL
+from dynid.report.labels import raised, short
+from dynid.report.style import SMALL, text_width
 
 Floats = NDArray[np.float64]
 
-#: Room between two labels, px.
+#: Least distance between two labels, and height of a line, px.
 _APART = 10.0
 _LINE = 16.0
-#: Relative differences that are rounding.
+#: Relative differences that are round-off.
 _ROUNDING = 1e-12
 #: Magnitudes from which, and below which, ticks are written with a common power of ten.
 _LARGE, _LITTLE = 5, -2
 
 
 @dataclass(frozen=True)
-class Axis:
-    """What an axis is to show.
+class PlotAxis:
+    """An axis of a plot.
 
     Parameters
     ----------
     label
         The quantity with its units: `time (s)`.
     log
-        Whether equal distances are equal ratios.
+        True for a logarithmic axis.
     low, high
-        Its ends; absent: round values around the data.
+        Its ends; absent: those of the data, with a margin.
     names
-        What stands at 0, 1, 2, … instead of numbers.
+        Labels at 0, 1, 2, … instead of numbers.
     step
-        The smallest distance of ticks that makes sense: 45 for angles, 1 for counts.
+        The least distance of ticks: 45 for angles, 1 for counts.
     """
 
     label: str
@@ -50,31 +49,41 @@ class Axis:
     step: float = 0.0
 
     def scale(self, values: Iterable[ArrayLike]) -> Scale:
-        """Return the scale that holds all values; those that a logarithm does not take are left out."""
+        """Return the scale that contains all values, of a logarithmic axis all positive ones."""
         if self.names:
             return Scale(-0.5, len(self.names) - 0.5)
-        low, high = _extent(values, self.log)
+        low, high = math.inf, -math.inf
+        for some in values:
+            data = np.asarray(some, dtype=float)
+            data = data[np.isfinite(data) & ((data > 0) | (not self.log))]
+            if data.size:
+                low, high = min(low, float(data.min())), max(high, float(data.max()))
+        if not low <= high:
+            low, high = (1.0, 10.0) if self.log else (0.0, 1.0)
         low, high = self.low if self.low is not None else low, self.high if self.high is not None else high
         if not low < high or (not self.log and high - low <= _ROUNDING * max(abs(low), abs(high))):
-            low, high = (low / 2, low * 2) if self.log else (low - _beside(low), low + _beside(low))
-        elif self.log:
+            around = abs(low) * 0.1 or 1.0
+            return Scale(low / 2, low * 2, True) if self.log else Scale(low - around, low + around)
+        if self.log:
             margin = (high / low) ** 0.03
-            low, high = (
-                low if self.low is not None else low / margin,
-                high if self.high is not None else high * margin,
-            )
+            lower, upper = low / margin, high * margin
         else:
             margin = 0.04 * (high - low)
-            low, high = (
-                low if self.low is not None else low - margin,
-                high if self.high is not None else high + margin,
-            )
+            lower, upper = low - margin, high + margin
+        low, high = lower if self.low is None else low, upper if self.high is None else high
         return Scale(low, high, self.log)
 
     def ticks(self, scale: Scale, length: float, *, upright: bool) -> Ticks:
-        """Return as many round ticks as have room on a length, px; labels of an upright axis are stacked."""
+        """Return as many ticks at round values as fit on a length, px; upright axes stack their labels."""
         if self.names:
-            return _named(self.names, length, upright)
+            found = Ticks((), ())
+            for step in range(1, len(self.names) + 1):  # every n-th name where not all fit
+                places = range(0, len(self.names), step)
+                labels = tuple(shortened(self.names[place]) for place in places)
+                found = Ticks(tuple(map(float, places)), labels)
+                if found.fit(scale, length, upright):
+                    break
+            return found
         most = max(2, int(length / (24.0 if upright else 60.0)))
         found = Ticks((), ())
         for count in range(most, 0, -1):
@@ -86,14 +95,14 @@ class Axis:
 
 @dataclass(frozen=True)
 class Scale:
-    """Where values are, as a share of an axis's length."""
+    """The range of an axis: maps values to shares of its length."""
 
     low: float
     high: float
     log: bool = False
 
     def share(self, values: ArrayLike) -> Floats:
-        """Return the place of values between the ends, 0 … 1; NaN where a logarithm does not take them."""
+        """Return the positions of values between the ends, 0 … 1; NaN where a logarithm is undefined."""
         data = np.asarray(values, dtype=float)
         if not self.log:
             return (data - self.low) / (self.high - self.low)
@@ -112,11 +121,11 @@ class Ticks:
     Parameters
     ----------
     values, labels
-        One label a value.
+        The ticks, with one label each.
     minor
-        Values with a grid line of their own, but no label.
+        Values with a grid line but no label.
     power
-        What power of ten the labels are to be multiplied by.
+        The power of ten by which the labels are multiplied.
     """
 
     values: tuple[float, ...]
@@ -125,7 +134,7 @@ class Ticks:
     power: int = 0
 
     def fit(self, scale: Scale, length: float, upright: bool) -> bool:
-        """Tell whether no two labels come too near to each other."""
+        """Return True if no two labels are too close to each other."""
         places = scale.share(self.values) * length
         if upright:
             return bool(np.all(np.abs(np.diff(places)) >= _LINE))
@@ -137,43 +146,17 @@ class Ticks:
 
     @property
     def width(self) -> float:
-        """The width of the widest label, px."""
+        """Width of the widest label, px."""
         return max((text_width(label, SMALL) for label in self.labels), default=0.0)
 
 
-def _extent(values: Iterable[ArrayLike], log: bool) -> tuple[float, float]:
-    """Return the least and the largest finite value (above zero on a logarithmic axis)."""
-    low, high = math.inf, -math.inf
-    for some in values:
-        data = np.asarray(some, dtype=float)
-        data = data[np.isfinite(data) & ((data > 0) | (not log))]
-        if data.size:
-            low, high = min(low, float(data.min())), max(high, float(data.max()))
-    return (low, high) if low <= high else (1.0, 10.0) if log else (0.0, 1.0)
-
-
-def _beside(value: float) -> float:
-    return abs(value) * 0.1 or 1.0
-
-
-def _named(names: tuple[str, ...], length: float, upright: bool) -> Ticks:
-    """Return names at their places, every n-th where not all have room."""
-    scale = Scale(-0.5, len(names) - 0.5)
-    found = Ticks((), ())
-    for step in range(1, len(names) + 1):
-        places = range(0, len(names), step)
-        found = Ticks(tuple(map(float, places)), tuple(shortened(names[place]) for place in places))
-        if found.fit(scale, length, upright):
-            break
-    return found
-
-
 def shortened(name: str, most: int = 28) -> str:
-    """Return a name without its middle, where it is too long for a label."""
+    """Return a name that is too long for a label without its middle."""
     return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"
 
 
 def _linear(scale: Scale, count: int, least: float) -> Ticks:
+    """Return ticks at multiples of a round step, labelled with a common power of ten."""
     span = scale.high - scale.low
     raw = max(span / count, least or 0.0)
     if least >= 15 and raw > least:  # angles
@@ -187,11 +170,6 @@ def _linear(scale: Scale, count: int, least: float) -> Ticks:
     values = tuple(k * step for k in range(first, min(last, first + 1000) + 1))
     if not values:
         return Ticks((), ())
-    return Ticks(values, *_written(values, step))
-
-
-def _written(values: tuple[float, ...], step: float) -> tuple[tuple[str, ...], tuple[()], int]:
-    """Return the labels of evenly spaced values, and their common power of ten."""
     largest = max(map(abs, values)) or 1.0
     magnitude = math.floor(math.log10(largest) + 1e-12)
     power = 3 * (magnitude // 3) if magnitude >= _LARGE or magnitude < _LITTLE else 0
@@ -199,18 +177,15 @@ def _written(values: tuple[float, ...], step: float) -> tuple[tuple[str, ...], t
     digits = max(0, -math.floor(math.log10(step / unit) + 1e-9))
     digits += abs(round(step / unit, digits) - step / unit) > 1e-6 * step / unit  # 2.5
     texts = [f"{value / unit:,.{min(digits, 12)}f}" for value in values]
-    apart = "\N{NARROW NO-BREAK SPACE}" if largest / unit >= 1e4 else ""
-    plain = [text.replace(",", apart) for text in texts]
-    return tuple(_signed(text) for text in plain), (), power
-
-
-def _signed(text: str) -> str:
-    return (
-        text.replace("-", "−") if float(text.replace("\N{NARROW NO-BREAK SPACE}", "")) else text.lstrip("-")
-    )
+    thin = "\N{NARROW NO-BREAK SPACE}" if largest / unit >= 1e4 else ""
+    labels = [
+        text.replace(",", thin).replace("-", "−" if float(text.replace(",", "")) else "") for text in texts
+    ]
+    return Ticks(values, tuple(labels), (), power)
 
 
 def _logarithmic(scale: Scale, count: int) -> Ticks:
+    """Return ticks at powers of ten, or within decades where there are few of them."""
     low, high = math.log10(scale.low), math.log10(scale.high)
     first, last = math.ceil(low - 1e-9), math.floor(high + 1e-9)
     decades = last - first + 1
@@ -219,7 +194,12 @@ def _logarithmic(scale: Scale, count: int) -> Ticks:
     step = max(1, math.ceil(decades / count))
     powers = range(first + (-first) % step, last + 1, step)
     plain = first >= -3 and last <= 4
-    labels = tuple(_power(power, plain) for power in powers)
+    labels = tuple(
+        f"{10.0**power:.{max(0, -power)}f}".replace("10000", "10\N{NARROW NO-BREAK SPACE}000")
+        if plain
+        else f"10{raised(power)}"
+        for power in powers
+    )
     minor: list[float] = []
     if step > 1:
         minor = [10.0**power for power in range(first, last + 1) if power not in powers]
@@ -230,7 +210,7 @@ def _logarithmic(scale: Scale, count: int) -> Ticks:
 
 
 def _within_decades(scale: Scale, count: int) -> Ticks:
-    """Return ticks at 1, 2, 5 of each decade, or as on a linear axis where it spans less than a factor 3."""
+    """Return ticks at 1, 2, 5 of each decade; below a factor of about 3, those of a linear axis."""
     low, high = math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high))
     for factors in ((1, 2, 3, 4, 5, 6, 8), (1, 2, 5), (1, 3), (1,)):
         values = tuple(
@@ -244,9 +224,3 @@ def _within_decades(scale: Scale, count: int) -> Ticks:
             minor = tuple(value for value in between if scale.low <= value <= scale.high)
             return Ticks(values, tuple(short(value, 2) for value in values), minor)
     return _linear(replace(scale, log=False), count, 0.0)
-
-
-def _power(power: int, plain: bool) -> str:
-    if plain:
-        return f"{10.0**power:.{max(0, -power)}f}".replace("10000", "10\N{NARROW NO-BREAK SPACE}000")
-    return f"10{raised(power)}"

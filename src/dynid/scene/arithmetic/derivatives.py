@@ -69,7 +69,7 @@ def _apply(operation: str, operands: list[Dual]) -> Dual:
     return Dual(value, slopes)
 
 
-def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:
+def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:  # noqa: C901 - a table
     """Return the partial derivatives of an operation by its operands."""
     x = [operand.value for operand in operands]
     match operation:
@@ -82,7 +82,12 @@ def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:
         case "/":
             return [apply("/", [_ONE, x[1]]), -apply("/", [value, x[1]])]
         case "**":
-            return _power_rates(operands, value)
+            base, exponent = operands
+            by_base: Number = Fraction(0)
+            if exponent.value != 0 and base.slopes:
+                by_base = exponent.value * apply("**", [base.value, exponent.value - 1])
+            by_exponent = value * apply("log", [base.value]) if exponent.slopes else Fraction(0)
+            return [by_base, by_exponent]
         case "neg":
             return [-_ONE]
         case "pos":
@@ -104,13 +109,3 @@ def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:
         case _:  # min and max
             chosen = x.index(value)
             return [_ONE if place == chosen else Fraction(0) for place in range(len(x))]
-
-
-def _power_rates(operands: list[Dual], value: Number) -> list[Number]:
-    """Return the partial derivatives of x**y; that by y only where y depends on something."""
-    base, exponent = operands
-    by_base: Number = Fraction(0)
-    if exponent.value != 0 and base.slopes:
-        by_base = exponent.value * apply("**", [base.value, exponent.value - 1])
-    by_exponent = value * apply("log", [base.value]) if exponent.slopes else Fraction(0)
-    return [by_base, by_exponent]

@@ -25,7 +25,7 @@ from dynid.scene.arithmetic.grammar import (
     parse_arithmetic,
 )
 from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 __all__ = [
     "FUNCTIONS",

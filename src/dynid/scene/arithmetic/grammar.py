@@ -1,4 +1,4 @@
-"""What an expression may consist of: its text is cut into tokens, parsed, and checked node by node."""
+"""Grammar of expressions: a text is cut into tokens, parsed, and checked node by node."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import unicodedata
 from fractions import Fraction
 
 from dynid.errors import UsageError
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 MAX_LENGTH = 1000
 MAX_PARENTHESES = 100
@@ -74,7 +74,22 @@ def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
         raise ExpressionError(
             "this is not arithmetic; an operand or operator is missing", text, column
         ) from None
-    return _in_order(tree, text)
+    # Check every node, and list operands before operations; on a stack, so that depth needs no recursion.
+    order: list[ast.expr] = []
+    stack = [tree]
+    while stack:
+        node = stack.pop()
+        problem = _node_problem(node)
+        if problem:
+            raise ExpressionError(problem, text, column_of(text, node))
+        order.append(node)
+        if isinstance(node, ast.BinOp):
+            stack += [node.left, node.right]
+        elif isinstance(node, ast.UnaryOp):
+            stack.append(node.operand)
+        elif isinstance(node, ast.Call):
+            stack += node.args
+    return tuple(reversed(order))
 
 
 def column_of(text: str, node: ast.expr) -> int:
@@ -135,7 +150,14 @@ def _check_tokens(text: str) -> None:
             problem = f"'{token}' has no meaning here; {_ALLOWED}" if keyword.iskeyword(token) else ""
             if problem := problem or _spelling_problem(token):
                 raise ExpressionError(problem, text, column)
-        _check_parenthesis(token, opened, text, column)
+        if token == "(":
+            opened.append(column)
+            if len(opened) > MAX_PARENTHESES:
+                raise ExpressionError(f"more than {MAX_PARENTHESES} nested parentheses", text, column)
+        elif token == ")":
+            if not opened:
+                raise ExpressionError("this parenthesis closes nothing", text, column)
+            opened.pop()
         number = match["number"] or ""
         position = match.end()
     if opened:
@@ -143,40 +165,10 @@ def _check_tokens(text: str) -> None:
         raise ExpressionError(sentence, text, opened[-1])
 
 
-def _check_parenthesis(token: str, opened: list[int], text: str, column: int) -> None:
-    if token == "(":
-        opened.append(column)
-        if len(opened) > MAX_PARENTHESES:
-            raise ExpressionError(f"more than {MAX_PARENTHESES} nested parentheses", text, column)
-    elif token == ")":
-        if not opened:
-            raise ExpressionError("this parenthesis closes nothing", text, column)
-        opened.pop()
-
-
 def _strange(character: str) -> str:
     if character == "^":
         return "'^' is not a power; write **"
     return f"'{character}' has no meaning here; {_ALLOWED}"
-
-
-def _in_order(tree: ast.expr, text: str) -> tuple[ast.expr, ...]:
-    """Check every node, and list operands before what takes them; a stack, so that depth cannot hurt."""
-    order: list[ast.expr] = []
-    stack = [tree]
-    while stack:
-        node = stack.pop()
-        problem = _node_problem(node)
-        if problem:
-            raise ExpressionError(problem, text, column_of(text, node))
-        order.append(node)
-        if isinstance(node, ast.BinOp):
-            stack += [node.left, node.right]
-        elif isinstance(node, ast.UnaryOp):
-            stack.append(node.operand)
-        elif isinstance(node, ast.Call):
-            stack += node.args
-    return tuple(reversed(order))
 
 
 def _node_problem(node: ast.expr) -> str:
@@ -186,7 +178,19 @@ def _node_problem(node: ast.expr) -> str:
     if isinstance(node, ast.Name):
         return f"'{node.id}' is a function; write {node.id}(…)" if node.id in FUNCTIONS else ""
     if isinstance(node, ast.Call):
-        return _call_problem(node)
+        if not isinstance(node.func, ast.Name):
+            return "a product needs a *; only functions stand before a parenthesis"
+        name, count = node.func.id, len(node.args)
+        if name not in FUNCTIONS:
+            hint = did_you_mean(name, FUNCTIONS)
+            return f"no function '{name}'{hint or '; a product needs a *'}"
+        if any(isinstance(argument, ast.Starred) for argument in node.args):
+            return f"{name} takes numbers, without *"
+        if count == FUNCTIONS[name] or (FUNCTIONS[name] == 2 and count > 2):
+            return ""
+        return (
+            f"{name} takes {'one argument' if FUNCTIONS[name] == 1 else 'two arguments or more'}, not {count}"
+        )
     if isinstance(node, ast.BinOp):
         return (
             "" if type(node.op) in _BINARY else "this operator has no meaning here; a quotient is written /"
@@ -196,17 +200,3 @@ def _node_problem(node: ast.expr) -> str:
     if isinstance(node, ast.Tuple) and node.elts:
         return "a comma has no meaning here; decimals stand behind a point"
     return f"this has no meaning here; {_ALLOWED}"
-
-
-def _call_problem(node: ast.Call) -> str:
-    if not isinstance(node.func, ast.Name):
-        return "a product needs a *; only functions stand before a parenthesis"
-    name, count = node.func.id, len(node.args)
-    if name not in FUNCTIONS:
-        hint = did_you_mean(name, FUNCTIONS)
-        return f"no function '{name}'{hint or '; a product needs a *'}"
-    if any(isinstance(argument, ast.Starred) for argument in node.args):
-        return f"{name} takes numbers, without *"
-    if count == FUNCTIONS[name] or (FUNCTIONS[name] == 2 and count > 2):
-        return ""
-    return f"{name} takes {'one argument' if FUNCTIONS[name] == 1 else 'two arguments or more'}, not {count}"

@@ -12,16 +12,16 @@ from typing import Any
 from dynid.scene.arithmetic.expression import Expression
 from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
 
-Column = list[Number | None]
+SampleColumn = list[Number | None]
 """One value a sample; None where it has none: run alone, the sample says why."""
 
 
-def numbers(raw: Sequence[Any]) -> Column:
+def numbers(raw: Sequence[Any]) -> SampleColumn:
     """Read the values of samples as the decimals they are written as."""
     return [_number(value) for value in raw]
 
 
-def evaluate(expression: Expression, known: Mapping[str, Number | Column], count: int) -> Column:
+def evaluate(expression: Expression, known: Mapping[str, Number | SampleColumn], count: int) -> SampleColumn:
     """Evaluate an expression for every sample.
 
     Parameters
@@ -34,7 +34,7 @@ def evaluate(expression: Expression, known: Mapping[str, Number | Column], count
         How many samples there are.
     """
 
-    def leaf(item: Fraction | str) -> Number | Column:
+    def leaf(item: Fraction | str) -> Number | SampleColumn:
         if isinstance(item, Fraction):
             return item
         return math.pi if item == "pi" else known[item]
@@ -52,7 +52,7 @@ def _number(value: Any) -> Number | None:
         return None
 
 
-def _apply(operation: str, operands: list[Number | Column], *, count: int) -> Number | Column:
+def _apply(operation: str, operands: list[Number | SampleColumn], *, count: int) -> Number | SampleColumn:
     if not any(isinstance(operand, list) for operand in operands):
         return apply(operation, operands)  # type: ignore[arg-type]
     columns = [operand if isinstance(operand, list) else [operand] * count for operand in operands]

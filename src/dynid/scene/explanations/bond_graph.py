@@ -6,20 +6,28 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from dynid.bondgraph.causality.wording import listed
-from dynid.bondgraph.engines import Choice, choose, modelled_storages
+from dynid.bondgraph.causality.report import join_nodes
+from dynid.bondgraph.engine_choice import EngineChoice, choose_engine, modelled_storages
 from dynid.bondgraph.graph import STORAGES, BondGraph
-from dynid.bondgraph.need import dropped
-from dynid.bondgraph.question import NUMERIC, RESULTS, Analysis
-from dynid.bondgraph.reduced import ReducedGraph
+from dynid.bondgraph.model_scope import dropped
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduction.junctions import JunctionStructure
+from dynid.bondgraph.reduction.solvability import hold
+from dynid.bondgraph.request import NUMERIC, RESULTS, Analysis
 from dynid.bondgraph.results.causality import add_causality
-from dynid.choices import COMPILED_RESPONSES, EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
+from dynid.defaults import COMPILED_RESPONSES, EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
 from dynid.errors import NumericalError
-from dynid.numerals import counted
-from dynid.progress import tell
+from dynid.number_format import counted
+from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.explanations.cost import Cost, file_kilobytes, peak_megabytes, speed
-from dynid.scene.explanations.explanation import Explanation, Fact
+from dynid.scene.explanations.explanation import (
+    CostEstimate,
+    Explanation,
+    Fact,
+    file_kilobytes,
+    peak_megabytes,
+    speed,
+)
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene
 
@@ -30,20 +38,25 @@ def explain(scene: Scene) -> Explanation:
     if analysis.reading == "binary":
         graph = graph.rounded()
     result = Result("bond-graph", scene.title)
-    tell("assigning causality")
+    report_progress("assigning causality")
     causality = add_causality(result, graph)
     facts = [Fact("graph", f"{counted(len(graph.nodes), 'node')}, {counted(len(graph.bonds), 'bond')}")]
-    tell("reducing the graph")
+    report_progress("reducing the graph")
     began = time.thread_time()
     try:
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
     except NumericalError as error:
-        only = analysis.results == {"causality"}
-        return Explanation(result, facts, obstacle=None if only else error)
+        if analysis.results != {"causality"}:
+            return Explanation(result, facts, obstacle=error)
+        return _with_causality_alone(result, facts, graph)
     seconds = time.thread_time() - began
     facts = [*_modelled(facts[0], reduced), _order(graph, causality.order)]
-    facts.append(Fact("channels", _channels(reduced)))
-    choice = choose(reduced, analysis) if analysis.results & {"transfer_function", *NUMERIC} else None
+    facts += [Fact("warning", sentence) for sentence in reduced.undetermined]
+    outputs, inputs = (
+        join_nodes([str(name) for name in names]) for names in (reduced.outputs, reduced.inputs)
+    )
+    facts.append(Fact("channels", f"{outputs} from {inputs or 'no input'}"))
+    choice = choose_engine(reduced, analysis) if analysis.results & {"transfer_function", *NUMERIC} else None
     if choice is not None:
         facts.append(Fact("engine", f"{choice.engine}: {choice.reason}"))
         if choice.engine != "exact":
@@ -56,23 +69,27 @@ def explain(scene: Scene) -> Explanation:
     return Explanation(result, facts, _cost(reduced, analysis, choice, seconds))
 
 
+def _with_causality_alone(result: Result, facts: list[Fact], graph: BondGraph) -> Explanation:
+    """Explain a graph without a unique solution of which nothing but causality is asked for."""
+    try:
+        open_parts = hold(JunctionStructure(graph), ())
+    except NumericalError as error:
+        return Explanation(result, facts, obstacle=error)
+    return Explanation(result, [*facts, *(Fact("warning", each.error.problem) for each in open_parts)])
+
+
 def _modelled(graph: Fact, reduced: ReducedGraph) -> list[Fact]:
     """Say what no output depends on."""
     left = set.intersection(*(set(dropped(reduced, port)) for port in reduced.outputs))
     names = [name for name in reduced.graph.nodes if name in left]
     if not names:
         return [graph._replace(text=f"{graph.text}, all of them needed")]
-    return [graph, Fact("left out", f"{listed(names)}: no output depends on them")]
+    return [graph, Fact("left out", f"{join_nodes(names)}: no output depends on them")]
 
 
 def _order(graph: BondGraph, order: int) -> Fact:
     storages = sum(node.type in STORAGES for node in graph.nodes.values())
     return Fact("order", f"{counted(order, 'state')} of {counted(storages, 'energy storage')}")
-
-
-def _channels(reduced: ReducedGraph) -> str:
-    outputs, inputs = (listed([str(name) for name in names]) for names in (reduced.outputs, reduced.inputs))
-    return f"{outputs} from {inputs or 'no input'}"
 
 
 def _computed(analysis: Analysis) -> list[Fact]:
@@ -92,7 +109,7 @@ def _computed(analysis: Analysis) -> list[Fact]:
 
 
 class _Size(NamedTuple):
-    """What the cost depends on: storages, channels, outputs, operations, frequencies and instants."""
+    """Sizes that the cost depends on: storages, channels, outputs, operations, frequencies, instants."""
 
     storages: int
     channels: int
@@ -141,7 +158,9 @@ _RATES: dict[str, Callable[[_Size], float]] = {
 }
 
 
-def _cost(reduced: ReducedGraph, analysis: Analysis, choice: Choice | None, seconds: float) -> Cost:
+def _cost(
+    reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice | None, seconds: float
+) -> CostEstimate:
     structure = reduced.structure
     size = _Size(
         storages=modelled_storages(reduced),
@@ -162,17 +181,12 @@ def _cost(reduced: ReducedGraph, analysis: Analysis, choice: Choice | None, seco
     for name, rate in _RATES.items():
         if name in analysis.results:
             parts[name.replace("_", " ")] = rate(size) / speed()
-    return Cost(
-        parts, peak_megabytes() + _megabytes(size, analysis), _kilobytes(size, analysis, len(reduced.inputs))
-    )
-
-
-def _megabytes(size: _Size, analysis: Analysis) -> float:
-    """Numbers that are held at once: values with bounds along the frequencies, and square matrices."""
     values = 60.0 * size.frequencies + 2.0 * size.instants * (size.outputs + 1)
     if analysis.results & {"time_response", "state_space"}:
         values += 8.0 * size.storages**2
-    return 8e-6 * values
+    return CostEstimate(
+        parts, peak_megabytes() + 8e-6 * values, _kilobytes(size, analysis, len(reduced.inputs))
+    )
 
 
 def _kilobytes(size: _Size, analysis: Analysis, inputs: int) -> float:

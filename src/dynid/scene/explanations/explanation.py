@@ -1,14 +1,80 @@
-"""What is told of a scene before it is run."""
+"""Explanation of a scene before it is run: causality or identifiability, choices, expected cost."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
 
-from dynid.errors import DynidError
+from dynid.errors import DynidError, NumericalError, UsageError
 from dynid.result import Result
-from dynid.scene.explanations.cost import Cost
+from dynid.scene.kind import KINDS
+from dynid.scene.schema.accuracy import aspects_of
+
+if TYPE_CHECKING:
+    from dynid.scene.load import Scene
+
+
+# The probe of `speed` on the machine that the rates of the explanations are from, s.
+_REFERENCE = 1.0e-3
+
+
+@dataclass(frozen=True)
+class CostEstimate:
+    """Expected cost of a run.
+
+    The time is counted from what will be done and rates measured once, or from pieces of the work itself;
+    it is right within a factor of a few.
+
+    Parameters
+    ----------
+    parts
+        Seconds of each part of the work, without the start of the program.
+    megabytes
+        Memory of the process at its peak.
+    kilobytes
+        Size of the result's file.
+    """
+
+    parts: Mapping[str, float]
+    megabytes: float
+    kilobytes: float
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of all of it."""
+        return sum(self.parts.values())
+
+
+@cache
+def speed() -> float:
+    """Return how fast this machine is, over the one that rates are from: from a probe of milliseconds."""
+    best = min(_probe() for _ in range(5))
+    return _REFERENCE / best
+
+
+def _probe() -> float:
+    began = time.thread_time()
+    total = 0
+    for k in range(20_000):
+        total += k & 7
+    return time.thread_time() - began
+
+
+def peak_megabytes() -> float:
+    """Return the memory that the process has used at its peak so far, MB; a guess where nothing tells."""
+    try:
+        import resource
+    except ImportError:  # not on every system
+        return 100.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def file_kilobytes(arrays: int, values: float) -> float:
+    """Return the size of a file of so many arrays that hold so many numbers (complex ones are two)."""
+    return 8.0 + 0.8 * arrays + 8 * values / 1000
 
 
 class Fact(NamedTuple):
@@ -20,7 +86,7 @@ class Fact(NamedTuple):
 
 @dataclass(frozen=True)
 class Explanation:
-    """What is told of a scene before it is run.
+    """Explanation of a scene before it is run.
 
     Parameters
     ----------
@@ -36,5 +102,37 @@ class Explanation:
 
     result: Result
     facts: Sequence[Fact]
-    cost: Cost | None = None
+    cost: CostEstimate | None = None
     obstacle: DynidError | None = field(default=None)
+
+
+def explain(scene: Scene) -> Explanation:
+    """Explain a valid scene of a kind that is run by itself.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+
+    Returns
+    -------
+    Explanation
+        What will be modelled, chosen and computed, and what it costs. Where the run is bound to fail, its
+        `obstacle` says why.
+
+    Raises
+    ------
+    FileError
+        Where a file that the scene names cannot be read.
+    """
+    try:
+        explained: Explanation = KINDS[scene.kind].load("explain")(scene)
+    except (NumericalError, UsageError) as error:  # before there is anything to tell
+        return Explanation(Result(scene.kind, scene.title), [], obstacle=error)
+    explained.result.attrs["scene"] = scene.source.resolved_text()  # screens look up its frequency unit
+    tried = getattr(scene.model, "accuracy", None)
+    if tried is None:
+        return explained
+    what = ", ".join(tried.alternatives or aspects_of(scene.source.data))
+    fact = Fact("accuracy", f"alternatives of {what} are tried after it, for at most {tried.budget:g} s")
+    return replace(explained, facts=[*explained.facts, fact])

@@ -9,24 +9,32 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from dynid.choices import COMPILED, ESTIMATOR, FILTER_PASSES
+from dynid.defaults import COMPILED, ESTIMATOR, FILTER_PASSES, HUBER
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.floating import guarded
-from dynid.numerals import counted
-from dynid.progress import tell
+from dynid.number_format import counted
+from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.explanations.cost import Cost, file_kilobytes, peak_megabytes, speed
-from dynid.scene.explanations.explanation import Explanation, Fact
-from dynid.scene.kinds.grids import angular_frequencies, record_of
+from dynid.scene.explanations.explanation import (
+    CostEstimate,
+    Explanation,
+    Fact,
+    file_kilobytes,
+    peak_megabytes,
+    speed,
+)
+from dynid.scene.frequency_unit import unit_of_frequencies
 from dynid.scene.kinds.identification import expected_values, interest_of, models_of, reductor_of, setting
+from dynid.scene.kinds.signals import angular_frequencies, record_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
-    from dynid.identification.ensemble import JointFit, Likelihood
+    from dynid.identification.identifiability import ExpectedRecords
+    from dynid.identification.likelihood import Fit, Likelihood
     from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
-    from dynid.structure.reduction.reduction import Reduction
+    from dynid.structure.reduction.reduction import StructuralReduction
 
 #: Fits of the whole record that a search for the optimum takes, and what comes after it counted in fits.
 _FITS, _AFTER = 8, 7
@@ -50,8 +58,11 @@ def explain(scene: Scene) -> Explanation:
         kilobytes = 0.0
         if model.measurement is not None:
             with guarded("what the record can tell", names=[unknown.name for unknown in structure.unknowns]):
-                likelihood = _expected(scene, structure, result)
+                expected = _expected(scene, structure, result)
+                likelihood = expected.likelihood
+                redundancy = expected.redundancy
             facts += _of_record(scene, likelihood)
+            facts.append(_of_redundancy(redundancy))
             facts += _of_estimator(model.estimator, likelihood, frf=model.measurement.frf is not None)
             rounds = _ROUNDS if _follows(scene) else 1
             parts, values = _estimated(model.estimator, likelihood, rounds, states=2 * small.size)
@@ -63,14 +74,14 @@ def explain(scene: Scene) -> Explanation:
             kilobytes += file_kilobytes(15, values)
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
-    return Explanation(result, facts, Cost(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
+    return Explanation(result, facts, CostEstimate(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
 
 
-def _reduced(scene: Scene, structure: StructuralModel) -> Reduction | None:
+def _reduced(scene: Scene, structure: StructuralModel) -> StructuralReduction | None:
     method = reductor_of(scene)
     if method is None:
         return None
-    tell("making the basis")
+    report_progress("making the basis")
     return method.at(expected_values(structure)).reduce(structure)
 
 
@@ -79,7 +90,7 @@ def _follows(scene: Scene) -> bool:
     return method is not None and method.follows_joints
 
 
-def _of_model(structure: StructuralModel, made: Reduction | None, method: str) -> Iterator[Fact]:
+def _of_model(structure: StructuralModel, made: StructuralReduction | None, method: str) -> Iterator[Fact]:
     """Say how many states there are, and of what basis."""
     n = structure.size
     r = n if made is None else made.model.size
@@ -93,48 +104,63 @@ def _of_model(structure: StructuralModel, made: Reduction | None, method: str) -
     if made.modes:
         basis.append(counted(len(made.modes), "mode") + (f" ({made.rule})" if made.rule else ""))
     if made.condition is not None:
-        basis.append(f"condition of the modes at the masters {made.condition:.2g}")
+        basis.append(f"condition of {made.inverted} {made.condition:.2g}")
     yield Fact("basis", "; ".join(basis))
 
 
-def _expected(scene: Scene, structure: StructuralModel, result: Result) -> Likelihood:
-    """Predict what is measured, add what it tells of the parameters, and return the likelihood."""
+def _of_redundancy(redundancy: int) -> Fact:
+    """Say how many numbers of the record can contradict the model."""
+    if redundancy > 0:
+        said = "number" if redundancy == 1 else "numbers"
+        return Fact("redundancy", f"{redundancy} {said} beyond the unknowns can contradict the model")
+    return Fact(
+        "redundancy",
+        "warning: nothing in the record could contradict the model, whatever is wrong with it: no estimate "
+        "will be called converged; add channels or excitation frequencies, or fix a parameter",
+    )
+
+
+def _expected(scene: Scene, structure: StructuralModel, result: Result) -> ExpectedRecords:
+    """Predict what is measured, add what it tells of the parameters, and return what is expected."""
     from dynid.identification import identifiability
 
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
-    tell("what the record can tell")
+    report_progress("what the record can tell")
     if model.measurement.frf is not None:
         from dynid.identification.frf.identify import likelihood_of
         from dynid.identification.frf.measurement import frf_data
-        from dynid.scene.kinds.frf import frf_measurement
+        from dynid.scene.kinds.measurements import frf_measurement
 
         measurement = frf_measurement(scene, model.measurement)
         small, truth = models_of(scene, structure, expected_values(structure))
         likelihood = likelihood_of(small, measurement, frf_data(truth, measurement))
         channels = [(frf.name, frf.unit) for frf in measurement.channels]
-        result.merge(identifiability.told(small, identifiability.expected(likelihood), channels))
+        expected = identifiability.expected_records(likelihood)
+        result.merge(identifiability.identifiability_result(small, expected, channels))
+        identifiability.add_expected_slopes(result, expected)
         result.add_axis("identification/measurement/omega", measurement.omega, "rad/s")
-        return likelihood
+        return expected
     given = setting(scene, structure, expected_values(structure))
-    prospect = identifiability.prospect(*given)
+    prospect = identifiability.expected_time_records(*given)
     channels = identifiability.channels_of(given.experiments)
-    result.merge(identifiability.told(given.model, prospect, channels))
-    return prospect.ensemble
+    result.merge(identifiability.identifiability_result(given.model, prospect, channels))
+    identifiability.add_expected_slopes(result, prospect)
+    return prospect
 
 
 def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
     """Say what is measured, and how densely beside what is excited."""
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
-    band = interest_of(scene).band
+    band, unit = interest_of(scene).band, unit_of_frequencies(scene.source.data)
     assert band is not None  # a record has its excitation, or that of a white one
     records = likelihood.records
     count = sum(int(np.count_nonzero(~np.isnan(record.data.values))) for record in records)
     channels = records[0].data.values.shape[1]
     several = f" in {len(records)} records" if len(records) > 1 else ""
     if model.measurement.frf is not None:
-        yield Fact("record", f"frequency responses up to {band:.4g} rad/s: {count:,} real values")
+        yield Fact("record", f"frequency responses up to {unit.text(band)}: {count:,} real values")
         return
     step = min(float(record.step or math.inf) for record in model.measurement.each)
     times = [len(record.data.values) for record in records]
@@ -145,14 +171,14 @@ def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
     )
     nyquist = math.pi / step
     if not (model.excitation or any(record.excitation for record in model.measurement.each)):
-        yield Fact("sampling", f"no excitation is given; half the sampling rate is {nyquist:.4g} rad/s")
+        yield Fact("sampling", f"no excitation is given; half the sampling rate is {unit.text(nyquist)}")
     elif band >= nyquist:
-        yield Fact("sampling", f"excited up to half the sampling rate, {nyquist:.4g} rad/s, and beyond")
+        yield Fact("sampling", f"excited up to half the sampling rate, {unit.text(nyquist)}, and beyond")
     else:
         dense = f"{band * step:.2g}, {2 * math.pi / (band * step):.3g} samples a period"
         yield Fact(
             "sampling",
-            f"excited up to {band:.4g} rad/s: frequency x step is {dense}",
+            f"excited up to {unit.text(band)}: ω x step is {dense}",
         )
 
 
@@ -167,10 +193,13 @@ def _of_estimator(given: EstimatorModel, likelihood: Likelihood, *, frf: bool) -
         f"{given.iterations or 50} steps",
         "invariant-imbedding": "invariant-imbedding: one integration of eqs 19 and 20 over the record",
     }
+    loss = ""
+    if given.loss == "huber":
+        loss = f"; {HUBER.sentence.format(value=HUBER.value)}"
     if frf:
-        yield Fact("estimator", f"{given.method}: maximum likelihood of the responses")
+        yield Fact("estimator", f"{given.method}: maximum likelihood of the responses{loss}")
         return
-    yield Fact("estimator", said[given.method])
+    yield Fact("estimator", f"{said[given.method]}{loss}")
     if given.method in ("auto", "filter") and any(_is_compiled(record) for record in likelihood.records):
         yield Fact("", f"{COMPILED.sentence.format(value=COMPILED.value)}: they are here")
 
@@ -182,7 +211,7 @@ def _sizes(record: Any) -> tuple[int, int, int]:
 
 
 def _is_compiled(record: Any) -> bool:
-    from dynid.identification.kernels.compiled import compiled
+    from dynid.identification.kernels import compiled
 
     return compiled(*_sizes(record))
 
@@ -197,7 +226,7 @@ def _estimated(
     NotIdentifiable
         As a run does before it begins.
     """
-    from dynid.identification.kernels.compiled import pass_seconds
+    from dynid.identification.kernels import pass_seconds
 
     logs = np.log([unknown.start for unknown in likelihood.unknowns])
     _check(likelihood, likelihood.fit(logs))  # once beforehand: what is loaded for it is no work
@@ -264,6 +293,6 @@ def _responses(
     return parts, values
 
 
-def _check(likelihood: Likelihood, fit: JointFit) -> None:
+def _check(likelihood: Likelihood, fit: Fit) -> None:
     """Raise what a run raises before it begins."""
     likelihood.information(fit, [record.data.rms for record in likelihood.records]).check()

@@ -7,21 +7,27 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import cast
 
 from dynid import progress
-from dynid.choices import DENSE_MODES, FEW_MODES
+from dynid.defaults import DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, UsageError
-from dynid.numerals import counted
+from dynid.number_format import counted
 from dynid.result import Result
-from dynid.scene.explanations.cost import Cost, file_kilobytes, peak_megabytes, speed
-from dynid.scene.explanations.explanation import Explanation, Fact
-from dynid.scene.kinds.grids import angular_frequencies
+from dynid.scene.explanations.explanation import (
+    CostEstimate,
+    Explanation,
+    Fact,
+    file_kilobytes,
+    peak_megabytes,
+    speed,
+)
 from dynid.scene.kinds.reduction import methods_of
+from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
-from dynid.scene.schema.common import Part
+from dynid.scene.schema.base import Section
 from dynid.scene.schema.reduction import ReductionScene
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.solve import solver_for
-from dynid.structure.reduction.reduction import Reduction
+from dynid.structure.modes.modes import solver_for
+from dynid.structure.reduction.reduction import StructuralReduction
 
 #: DOFs up to which bases are made to explain them; their modes take well under a second there.
 _MADE = DENSE_MODES.value
@@ -38,14 +44,14 @@ def explain(scene: Scene) -> Explanation:
     result = Result("reduction", scene.title)
     n = structure.size
     facts = [Fact("model", f"{counted(n, 'DOF')}, {counted(len(structure.joints), 'joint')}")]
-    made: dict[str, Reduction] = {}
+    made: dict[str, StructuralReduction] = {}
     seconds: dict[str, float] = {}
     try:
         methods = methods_of(model)
         if n <= _MADE:
             import scipy.linalg  # noqa: F401 - loaded beforehand: that is no work
 
-            for name in progress.counted(list(methods), "reduction"):
+            for name in progress.tracked(list(methods), "reduction"):
                 began = time.thread_time()
                 made[name] = methods[name].reduce(structure)
                 seconds[f"reducing by {name}"] = time.thread_time() - began
@@ -67,7 +73,7 @@ def explain(scene: Scene) -> Explanation:
 
 
 def _bases(
-    model: ReductionScene, methods: Mapping[str, object], made: Mapping[str, Reduction]
+    model: ReductionScene, methods: Mapping[str, object], made: Mapping[str, StructuralReduction]
 ) -> Iterator[Fact]:
     """Say what each method keeps, or where that is not known yet, what is asked for."""
     for place, name in enumerate(methods):
@@ -75,7 +81,7 @@ def _bases(
         yield Fact("bases" if place == 0 else "", f"{name}: {'; '.join(said)}")
 
 
-def _kept(made: Reduction) -> Iterator[str]:
+def _kept(made: StructuralReduction) -> Iterator[str]:
     yield counted(made.model.size, "coordinate")
     if made.masters:
         yield f"masters {_listed(made.masters)}"
@@ -85,12 +91,14 @@ def _kept(made: Reduction) -> Iterator[str]:
         yield f"condition {made.condition:.2g}"
 
 
-def _wanted(part: Part) -> list[str]:
+def _wanted(part: Section) -> list[str]:
     """Say what a method is asked to keep, in the words of the scene."""
     given = {key: getattr(part, key) for key in ("masters", "modes") if getattr(part, key, None) is not None}
     said = []
     for key, value in given.items():
-        parts = value.model_dump(exclude_none=True, exclude_unset=True) if isinstance(value, Part) else None
+        parts = (
+            value.model_dump(exclude_none=True, exclude_unset=True) if isinstance(value, Section) else None
+        )
         asked = ", ".join(f"{name} {each}" for name, each in parts.items()) if parts else _listed(value)
         said.append(f"{key} {asked}")
     return said or ["chosen from joints and responses"]
@@ -100,7 +108,7 @@ def _listed(names: Sequence[object]) -> str:
     return f"{', '.join(map(str, names[:8]))}{', …' * (len(names) > 8)}"
 
 
-def _most_modes(model: ReductionScene, made: Mapping[str, Reduction]) -> int:
+def _most_modes(model: ReductionScene, made: Mapping[str, StructuralReduction]) -> int:
     """Return how many modes of the full structure are compared with."""
     found = [max(each.modes, default=each.model.size) for each in made.values()]
     for part in [] if made else model.reduction:
@@ -122,7 +130,7 @@ def _cost(
     seconds: dict[str, float],
     solver: str,
     sizes: list[int],
-) -> Cost:
+) -> CostEstimate:
     n = float(structure.size)
     one = (0.005 + (12 * _DENSE * n**3 if solver == "dense" else _SPARSE * n * (20 + max(sizes)))) / speed()
     parts = dict(seconds) or {f"reducing by {counted(len(sizes), 'method')}": one * len(sizes)}
@@ -136,4 +144,4 @@ def _cost(
         values += 4 * lines * (1 + len(sizes))
     held = 8e-6 * (6 * n**2 if solver == "dense" else 60 * n)
     kilobytes = file_kilobytes(15 + 18 * len(sizes), values)
-    return Cost(parts, peak_megabytes() + held + 2e-3 * kilobytes, kilobytes)
+    return CostEstimate(parts, peak_megabytes() + held + 2e-3 * kilobytes, kilobytes)

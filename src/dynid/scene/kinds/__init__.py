@@ -1,1 +1,1 @@
-"""What runs each kind of scene: from words to the analyses and back to a result."""
+"""Runs of each kind of scene: from its model to an analysis, and to a result."""

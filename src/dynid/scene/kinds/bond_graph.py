@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, cast
 
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import BondGraph, Node, NodeType
-from dynid.bondgraph.question import Analysis, Formulas, Parameter
-from dynid.scene.kinds.grids import angular_frequencies, build_signals, record_of
+from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
+from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.bond_graph import BondGraphScene, InitialModel
-from dynid.scene.schema.common import StepSignal
+from dynid.scene.schema.signals import StepSignal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any
+    from collections.abc import Iterator
 
     from dynid.lti.generator import Signal
     from dynid.result import Result
-    from dynid.scene.batch import Outcome
+    from dynid.scene.run import PreparationStep
+    from dynid.scene.yaml.parser import Path as KeyPath
 
 
 def run(scene: Scene) -> Result:
@@ -33,16 +33,32 @@ def run(scene: Scene) -> Result:
     return analyse(*question(scene), scene.title)
 
 
-def batched(
-    template: Scene,
-    overrides: Sequence[Mapping[str, Any]],
-    collect: tuple[str, ...],
-    of: int,  # noqa: ARG001
-) -> list[Outcome | None] | None:
-    """Run samples of a scene together; see `dynid.scene.kinds.graph_samples`."""
-    from dynid.scene.kinds.graph_samples import batched as run_together
+def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+    """Yield the steps of a run before any computation: build the graph, test its sources, cut its port."""
+    model = cast("BondGraphScene", scene.model)
+    wanted = model.analysis
+    yield lambda: question(scene)
+    yield lambda: _check_sources(model)
+    if (port := wanted.port) is not None:
+        from dynid.bondgraph.decomposition.graph_bisection import GraphBisection
 
-    return run_together(template, overrides, collect)
+        yield lambda: GraphBisection.at(build_graph(model), port)
+
+
+def _check_sources(model: BondGraphScene) -> None:
+    """Raise where sources contradict each other, so that the graph has no solution."""
+    from dynid.bondgraph.reduction.junctions import JunctionStructure
+    from dynid.bondgraph.reduction.solvability import hold
+
+    graph, wanted = build_graph(model), model.analysis
+    outputs = () if wanted.asked() == {"causality"} else wanted.outputs  # causality needs no output's value
+    hold(JunctionStructure(graph.rounded() if wanted.reading == "binary" else graph), outputs)
+
+
+def unread_files(scene: Scene) -> Iterator[KeyPath]:
+    """Yield the keys whose files a run does not read: the signals of a response that is not computed."""
+    if "time_response" not in cast("BondGraphScene", scene.model).analysis.asked():
+        yield ("analysis", "time")
 
 
 def question(scene: Scene) -> tuple[BondGraph, Analysis]:
@@ -64,7 +80,7 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
         parameters=_parameters(model) if "sensitivities" in asked else None,
         engine=wanted.engine,
         reading=wanted.reading,
-        formulas=Formulas(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
+        formulas=FormulaRequest(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
     )
 
 
@@ -89,7 +105,7 @@ def build_graph(model: BondGraphScene) -> BondGraph:
     return BondGraph(nodes, [bond for chain in model.graph.bonds for bond in chain])
 
 
-def _parameters(model: BondGraphScene) -> tuple[Parameter, ...]:
+def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
     """Return what sensitivities are taken by: the scene's parameters, and the values written as numbers."""
     from dynid.scene.arithmetic.derivatives import differentiate, independent_parameters
     from dynid.scene.arithmetic.numbers import to_fraction
@@ -101,11 +117,13 @@ def _parameters(model: BondGraphScene) -> tuple[Parameter, ...]:
         if node.value is None:
             continue
         if node.value.expression is None or not node.value.expression.names:
-            numbers.append(Parameter(name, node.value.exact, {name: Fraction(1)}))
+            numbers.append(SensitivityParameter(name, node.value.exact, {name: Fraction(1)}))
             continue
         for parameter, slope in differentiate(node.value.expression, known).slopes.items():
             rates[parameter][name] = to_fraction(slope)
-    named = [Parameter(name, to_fraction(known[name].value), found) for name, found in rates.items()]
+    named = [
+        SensitivityParameter(name, to_fraction(known[name].value), found) for name, found in rates.items()
+    ]
     return (*named, *numbers)
 
 

@@ -1,4 +1,4 @@
-"""Run a scene of kind `identification`."""
+"""Scenes of kind `identification`: estimates from records or frequency responses, and responses."""
 
 from __future__ import annotations
 
@@ -6,26 +6,32 @@ import math
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.kinds.grids import angular_frequencies
-from dynid.scene.kinds.identification_responses import responses
-from dynid.scene.kinds.needs import tell_identification
-from dynid.scene.kinds.records import experiments
+from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurement, initial_motion, loads_of
+from dynid.scene.kinds.scope import add_identification_scope
+from dynid.scene.kinds.signals import angular_frequencies, record_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import EstimatorModel, IdentificationScene
+from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
+from dynid.structure.response import Channel, Load, frequency_response, time_response
+from dynid.structure.state_space import without_massless
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from dynid.identification.estimate import Common, Rebuild
-    from dynid.identification.estimators.estimation import Estimator
+    from dynid.identification.estimators.estimate import Estimator
+    from dynid.identification.identify import Rebuild, SharedRecords
     from dynid.identification.measurement import Experiment
-    from dynid.scene.batch import Outcome
-    from dynid.scene.kinds.reductions import LocatedReductor
-    from dynid.scene.schema.reductions import Reduction
-    from dynid.structure.reduction.selection import Interest
+    from dynid.lti.generator import RecordTimes
+    from dynid.scene.kinds.reduction import LocatedReductor
+    from dynid.scene.run import PreparationStep
+    from dynid.scene.schema.base import Dof
+    from dynid.scene.schema.reduction import ReductionModel
+    from dynid.scene.schema.signals import TimeGrid
+    from dynid.scene.yaml.parser import Path as KeyPath
+    from dynid.structure.reduction.mode_selection import Interest
 
 
 def run(scene: Scene) -> Result:
@@ -59,7 +65,7 @@ def run(scene: Scene) -> Result:
         result.annotate("structure" if model.measurement is None else "identification", doubt=made.doubt)
     if model.analysis is not None:
         result.merge(responses(scene, model, structure if made is None else made.model, values))
-    tell_identification(result, model, structure, made)
+    add_identification_scope(result, model, structure, made)
     return result
 
 
@@ -75,7 +81,7 @@ def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float
 
 
 class Setting(NamedTuple):
-    """What an estimator works with: its model, the records, and the model of those that are simulated."""
+    """Input of an estimator: its model, the records, and the model that simulates records."""
 
     model: StructuralModel
     experiments: Sequence[Experiment]
@@ -97,6 +103,8 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     records = experiments(scene, model.excitation, model.measurement)
+    if model.reduction is None:
+        structure = without_massless(structure, [dof for record in records for dof in record.dofs])
     reduced, truth = models_of(scene, structure, values)
     return Setting(reduced, records, truth)
 
@@ -131,7 +139,7 @@ def identified(
     structure: StructuralModel,
     made: Setting,
     *,
-    common: Common | None = None,
+    common: SharedRecords | None = None,
     into: Result | None = None,
 ) -> Result:
     """Identify with the reduced model where there is one; its basis may follow the joints.
@@ -145,7 +153,7 @@ def identified(
     into
         What the result is added to; absent: a new one.
     """
-    from dynid.identification.estimate import identify_all
+    from dynid.identification.identify import identify_all
 
     model = cast("IdentificationScene", scene.model)
     return identify_all(
@@ -159,13 +167,34 @@ def identified(
     )
 
 
-def batched(
-    template: Scene, overrides: Sequence[Mapping[str, Any]], collect: tuple[str, ...], of: int
-) -> list[Outcome] | None:
-    """Run samples of a scene together; see `dynid.scene.kinds.identification_samples`."""
-    from dynid.scene.kinds.identification_samples import batched as run_together
+def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+    """Yield the steps of a run before any computation: build the structure, its records and reduction."""
+    model = cast("IdentificationScene", scene.model)
+    measurement = model.measurement
+    yield lambda: build_structure(scene, model.structure, model.joints)
+    if measurement is not None and measurement.frf is not None:
+        yield lambda: frf_measurement(scene, measurement)
+    elif measurement is not None:
+        yield lambda: experiments(scene, model.excitation, measurement)
+    if measurement is None or measurement.frf is None:  # else it reads the responses again
+        yield lambda: reductor_of(scene)
+    if model.analysis is not None and model.analysis.time is not None:
+        yield lambda: time_question(scene)
 
-    return run_together(template, overrides, collect, of)
+
+def unread_files(scene: Scene) -> Iterator[KeyPath]:
+    """Yield the keys whose files a run does not read: what several records share and none of them uses."""
+    model = cast("IdentificationScene", scene.model)
+    records = model.measurement.records if model.measurement else []
+    if records and all(record.simulate or (record.file and record.file.path) for record in records):
+        yield ("measurement", "file")
+    if records and all(record.excitation is not None for record in records):
+        yield ("measurement", "excitation")
+    every = model.measurement.each if model.measurement else []
+    time = model.analysis and model.analysis.time
+    drives = time and not (time.input or model.initial)
+    if not drives and all(record.excitation is not None for record in every):
+        yield ("excitation",)
 
 
 def _identified_by_records(scene: Scene, structure: StructuralModel) -> Result:
@@ -180,11 +209,9 @@ def _identified_by_records(scene: Scene, structure: StructuralModel) -> Result:
 
 def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     """Identify from frequency response functions, and say before what they can tell."""
-    from dynid.identification.estimators.output_error import OutputError
-    from dynid.identification.frf.estimator import FrfAuto
-    from dynid.identification.frf.identifiability import frf_identifiability
-    from dynid.identification.frf.identify import identify_frf
-    from dynid.scene.kinds.frf import frf_measurement
+    from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
+    from dynid.identification.frf.identify import frf_identifiability, identify_frf
+    from dynid.identification.frf.record import FrfAuto
 
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
@@ -193,7 +220,8 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     rebuild = _rebuilder(scene, structure)
     chosen = model.estimator
     options: dict[str, Any] = chosen.options()
-    estimator = OutputError(**options) if chosen.method == "output-error" else FrfAuto()
+    method = OutputError(**options) if chosen.method == "output-error" else FrfAuto()
+    estimator = Huber(method) if chosen.loss == "huber" else method
     result = identify_frf(reduced, measurement, estimator, truth=truth, rebuild=rebuild)
     if model.identifiability:
         reduced, truth = models_of(scene, structure, expected_values(structure))
@@ -204,8 +232,8 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
 #: Where the estimators are, so that only the one that is asked for is loaded.
 _ESTIMATORS = {
     "auto": ("auto", "Auto"),
-    "filter": ("passes", "Filter"),
-    "output-error": ("output_error", "OutputError"),
+    "filter": ("filter_passes", "Filter"),
+    "output-error": ("maximum_likelihood", "OutputError"),
     "invariant-imbedding": ("imbedding", "InvariantImbedding"),
 }
 
@@ -215,6 +243,10 @@ def _estimator(given: EstimatorModel) -> Estimator:
     module, name = _ESTIMATORS[given.method]
     kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
     estimator: Estimator = kind(**given.options())
+    if given.loss == "huber":
+        from dynid.identification.estimators.maximum_likelihood import Huber
+
+        return Huber(estimator)
     return estimator
 
 
@@ -223,12 +255,12 @@ def reductor_of(scene: Scene) -> LocatedReductor | None:
     part = reduction_of(scene)
     if part is None:
         return None
-    from dynid.scene.kinds.reductions import build_reductor
+    from dynid.scene.kinds.reduction import build_reductor
 
     return build_reductor(part, interest_of(scene), "reduction")
 
 
-def reduction_of(scene: Scene) -> Reduction | None:
+def reduction_of(scene: Scene) -> ReductionModel | None:
     """Return the reduction as a scene describes it, with residual vectors where it leaves that open.
 
     An excitation without a highest frequency leaves them out: there they gain nothing, and cost much.
@@ -236,7 +268,7 @@ def reduction_of(scene: Scene) -> Reduction | None:
     model = cast("IdentificationScene", scene.model)
     if model.reduction is None or not _is_limited(scene):
         return model.reduction
-    from dynid.scene.kinds.reductions import with_residuals
+    from dynid.scene.kinds.reduction import with_residuals
 
     return with_residuals(model.reduction)
 
@@ -253,14 +285,13 @@ def _is_limited(scene: Scene) -> bool:
 def interest_of(scene: Scene) -> Interest:
     """Return what a reduced model is for: sensors, loads, and the band of the excitation or the lines."""
     model = cast("IdentificationScene", scene.model)
-    from dynid.scene.kinds.reductions import band_of
-    from dynid.structure.reduction.selection import Interest
+    from dynid.scene.kinds.signals import highest_frequency
+    from dynid.structure.reduction.mode_selection import Interest
 
     dofs = [part.dof for part in model.excitation]
     band = None
     if model.measurement is not None and model.measurement.frf is not None:
         dofs += [dof for channel in model.measurement.sensors for dof in channel.all_dofs]
-        from dynid.scene.kinds.frf import frf_measurement
 
         band = float(frf_measurement(scene, model.measurement).omega[-1])
     elif model.measurement is not None:
@@ -268,7 +299,7 @@ def interest_of(scene: Scene) -> Interest:
         signals = [*model.excitation, *(part for record in records for part in record.excitation or ())]
         dofs += [part.dof for part in signals]
         dofs += [dof for channel in model.measurement.sensors for dof in channel.ends]
-        band = band_of(signals, min(float(record.step or math.inf) for record in records))
+        band = highest_frequency(signals, min(float(record.step or math.inf) for record in records))
     if model.analysis is not None:
         dofs += [
             *(model.analysis.inputs or ()),
@@ -286,3 +317,83 @@ def _rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
     if method is None or not method.follows_joints:
         return None
     return lambda values: method.at(values).reduce(full).model
+
+
+#: What is said of a time response where the scene has an excitation that does not drive it.
+_FREE = (
+    "the free response to the initial motion; the excitation is the record's, and a response that it drives "
+    "names it under time: input"
+)
+
+
+def _response_loads(
+    scene: Scene, model: IdentificationScene, grid: TimeGrid, record: RecordTimes
+) -> list[Load]:
+    """Return what drives a time response: its own input; nothing, with an initial motion; the excitation."""
+    if grid.input or model.initial:
+        return loads_of(scene, "analysis.time.input", grid.input, record)
+    return loads_of(scene, "excitation", model.excitation, record)
+
+
+def responses(
+    scene: Scene, model: IdentificationScene, structure: StructuralModel, values: Mapping[str, float]
+) -> Result:
+    """Compute the responses, by default at the sensors to the forces that excite the record.
+
+    With an initial motion and no input of its own the time response is the free one.
+    """
+    wanted = model.analysis
+    assert wanted is not None
+    result = Result("identification", scene.title)
+    if wanted.modes is not None:
+        from dynid.structure.modal_analysis import modal_analysis
+
+        report_progress("modes")
+        result.merge(modal_analysis(structure, *which_modes(wanted.modes), values))
+    if wanted.frequency is not None:
+        driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
+        driven += _forced(model)
+        inputs = list(dict.fromkeys(wanted.inputs or driven))
+        omega = angular_frequencies(wanted.frequency)
+        report_progress("frequency response")
+        result.merge(frequency_response(structure, inputs, _outputs(model), omega, values))
+    if wanted.time is not None:
+        report_progress("time response")
+        result.merge(time_response(structure, values=values, **time_question(scene)))
+        if model.initial and model.excitation and not wanted.time.input:
+            result.annotate("structure/time_response", note=_FREE)
+    return result
+
+
+def time_question(scene: Scene) -> dict[str, Any]:
+    """Return the loads, outputs, times and first motion of the time response that a scene asks for."""
+    model = cast("IdentificationScene", scene.model)
+    wanted = model.analysis
+    assert wanted is not None
+    assert wanted.time is not None
+    record = record_of(wanted.time)
+    return {
+        "loads": _response_loads(scene, model, wanted.time, record),
+        "outputs": _outputs(model),
+        "times": record.times,
+        **initial_motion(model),
+    }
+
+
+def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
+    """Return how many modes are asked for, and below what frequency, rad/s."""
+    factor = 2 * math.pi if asked.unit == "Hz" else 1.0
+    return asked.count, None if asked.below is None else factor * float(asked.below)
+
+
+def _outputs(model: IdentificationScene) -> list[Channel]:
+    """Return what responses show: what is named, else what the sensors measure."""
+    sensors = model.measurement.sensors if model.measurement else []
+    shown = [channel_of(item) for item in (model.analysis and model.analysis.outputs) or sensors]
+    return list(dict.fromkeys(shown))
+
+
+def _forced(model: IdentificationScene) -> list[Dof]:
+    """Return the DOFs at which frequency response functions were measured with a force."""
+    sensors = model.measurement.sensors if model.measurement else []
+    return [channel.reference.dof for channel in sensors if channel.reference]

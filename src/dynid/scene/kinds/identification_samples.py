@@ -13,16 +13,17 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.errors import DynidError
-from dynid.identification.estimate import Common
-from dynid.identification.kernels.compiled import repeated
+from dynid.identification.identify import SharedRecords
+from dynid.identification.kernels import repeated
 from dynid.result import Variable
 from dynid.scene.arithmetic.numbers import OutOfRangeError, to_fraction
-from dynid.scene.batch import Outcome, gather, run_alone
-from dynid.scene.collected import Collected
+from dynid.scene.batch import run_alone
+from dynid.scene.collect import CollectedResult, gather
 from dynid.scene.kinds.identification import Setting, identified, setting
-from dynid.scene.kinds.records import experiments
+from dynid.scene.kinds.measurements import experiments
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
+from dynid.scene.outcomes import SampleOutcome
 from dynid.scene.schema.quantities import Quantity
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ Overrides = Sequence[Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class _Family:
-    """What decides how samples are run; the scene itself is the same where its text is."""
+class _RecordKey:
+    """Key of a prepared batch: scenes of equal text are equal."""
 
     text: str
     file: str
@@ -41,7 +42,9 @@ class _Family:
     scene: Scene = field(compare=False)
 
 
-def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...], of: int) -> list[Outcome] | None:
+def batched(
+    template: Scene, overrides: Overrides, collect: tuple[str, ...], of: int
+) -> list[SampleOutcome] | None:
     """Run samples together where they differ in seeds, noise, starts and true values alone.
 
     Parameters
@@ -53,20 +56,20 @@ def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...], of:
 
     Returns
     -------
-    list of Outcome, or None
+    list of SampleOutcome, or None
         One a sample; None where something else varies, or more is asked for than an identification.
     """
     paths = tuple(overrides[0]) if overrides else ()
     if not paths or any(tuple(one) != paths for one in overrides):
         return None
-    family = _Family(template.source.resolved_text(), template.source.file, paths, template)
+    family = _RecordKey(template.source.resolved_text(), template.source.file, paths, template)
     plan = _planned(family)
     if plan is None:
         return None
     with repeated(of):
         found = [plan.run(one, collect) for one in overrides]
         return [
-            Outcome(values) if values is not None else run_alone(template, one, collect)
+            SampleOutcome(values) if values is not None else run_alone(template, one, collect)
             for one, values in zip(overrides, found, strict=True)
         ]
 
@@ -80,12 +83,12 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
     measurement = model.measurement
     if measurement is None or measurement.frf or model.analysis or model.identifiability:
         return "more than an identification from records is asked for"
-    family = _Family(template.source.resolved_text(), template.source.file, tuple(paths), template)
+    family = _RecordKey(template.source.resolved_text(), template.source.file, tuple(paths), template)
     return "" if _planned(family) else "the scene as it stands cannot be run"
 
 
 @lru_cache(maxsize=4)
-def _planned(family: _Family) -> _Plan | None:
+def _planned(family: _RecordKey) -> _RecordBatch | None:
     """Plan a family of samples, once a process; None where it cannot be run together."""
     model = cast("IdentificationScene", family.scene.model)
     places = [_place(model, path) for path in family.paths]
@@ -93,35 +96,37 @@ def _planned(family: _Family) -> _Plan | None:
     if measurement is None or measurement.frf or model.analysis or model.identifiability or None in places:
         return None
     try:
-        return _Plan(family.scene, dict(zip(family.paths, cast("list[_Place]", places), strict=True)))
+        return _RecordBatch(
+            family.scene, dict(zip(family.paths, cast("list[_VariedValue]", places), strict=True))
+        )
     except DynidError:
         return None
 
 
-class _Place(NamedTuple):
-    """What a path names: a part of the noise (no joint), or the start or true value of a parameter."""
+class _VariedValue(NamedTuple):
+    """A varied value: a key of the noise (no joint), or the start or true value of a parameter."""
 
     joint: str
     letter: str
     name: str
 
 
-def _place(model: IdentificationScene, path: str) -> _Place | None:
+def _place(model: IdentificationScene, path: str) -> _VariedValue | None:
     """Return what a path names."""
     measurement = model.measurement
     match path.split("."):
         case ["measurement", "simulate", ("seed" | "noise_ratio" | "noise") as name]:
             simulate = None if measurement is None or measurement.records else measurement.simulate
             given = getattr(simulate, name, None)
-            return _Place("", "", name) if isinstance(given, int | Quantity) else None
+            return _VariedValue("", "", name) if isinstance(given, int | Quantity) else None
         case ["joints", joint, ("k" | "c") as letter, ("start" | "true") as name] if joint in model.joints:
             parameter = getattr(model.joints[joint], letter)
-            return _Place(joint, letter, name) if getattr(parameter, name, None) is not None else None
+            return _VariedValue(joint, letter, name) if getattr(parameter, name, None) is not None else None
     return None
 
 
-class _Plan:
-    """How the samples of one scene are run.
+class _RecordBatch:
+    """Samples of one identification, with what they share.
 
     Parameters
     ----------
@@ -131,16 +136,16 @@ class _Plan:
         What each path that varies names.
     """
 
-    def __init__(self, scene: Scene, places: dict[str, _Place]) -> None:
+    def __init__(self, scene: Scene, places: dict[str, _VariedValue]) -> None:
         self._scene, self._places = scene, places
         model = cast("IdentificationScene", scene.model)
         self._structure = build_structure(scene, model.structure, model.joints)
         self._setting = setting(scene, self._structure)
         self._same = not any(place.joint for place in places.values())
         changed = {place.name for place in places.values()}
-        self._common: Common | None = None
+        self._common: SharedRecords | None = None
         if self._setting.truth.basis is None and "true" not in changed:
-            self._common = Common.of(*self._setting, same=self._same)
+            self._common = SharedRecords.of(*self._setting, same=self._same)
 
     def run(self, override: Mapping[str, Any], collect: tuple[str, ...]) -> Mapping[str, Variable] | None:
         """Return what is collected of a sample; None for one that is to be run alone."""
@@ -150,7 +155,7 @@ class _Plan:
             if changed is None:
                 return None
             model = changed
-        scene, result = Scene(self._scene.source, model), Collected("identification", collect)
+        scene, result = Scene(self._scene.source, model), CollectedResult("identification", collect)
         try:
             structure = (
                 self._structure if self._same else build_structure(scene, model.structure, model.joints)
@@ -168,7 +173,7 @@ class _Plan:
         return self._setting._replace(experiments=experiments(scene, model.excitation, model.measurement))
 
 
-def _changed(model: IdentificationScene, place: _Place, raw: Any) -> IdentificationScene | None:
+def _changed(model: IdentificationScene, place: _VariedValue, raw: Any) -> IdentificationScene | None:
     """Return the scene with another value at a place; None where that is not a plain, sound one."""
     value = raw if place.name == "seed" else _quantity(raw)
     if place.joint:

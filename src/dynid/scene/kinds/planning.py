@@ -6,10 +6,10 @@ import math
 from typing import cast
 
 from dynid.errors import UsageError
-from dynid.identification.planning.plan import Wanted, plan
+from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.result import Result
 from dynid.scene.kinds.identification import expected_values, setting
-from dynid.scene.kinds.records import channel_of
+from dynid.scene.kinds.measurements import channel_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene, PlanModel
@@ -60,11 +60,11 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
     return result
 
 
-def _wanted(given: PlanModel, sensors: int | None, lines: int | None) -> Wanted:
+def _wanted(given: PlanModel, sensors: int | None, lines: int | None) -> PlanRequest:
     force = given.excitation
     factor = 2 * math.pi if force.unit == "Hz" else 1.0
     band = None if force.band is None else (factor * float(force.band[0]), factor * float(force.band[1]))
-    return Wanted(
+    return PlanRequest(
         sensors=sensors or given.sensors,
         lines=lines or given.lines,
         candidates=[channel_of(channel) for channel in given.candidates or ()],

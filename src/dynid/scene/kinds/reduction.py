@@ -1,23 +1,123 @@
-"""Run a scene of kind `reduction`."""
+"""Scenes of kind `reduction`, and the reduction methods of scenes of any kind."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, cast
 
+from dynid.defaults import RESIDUALS
+from dynid.errors import NumericalError, UsageError
 from dynid.result import Result
-from dynid.scene.kinds.grids import angular_frequencies
-from dynid.scene.kinds.needs import tell_reduction
-from dynid.scene.kinds.records import channel_of
-from dynid.scene.kinds.reductions import LocatedReductor, build_reductor
+from dynid.scene.kinds.measurements import channel_of
+from dynid.scene.kinds.scope import add_reduction_scope
+from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
-from dynid.scene.schema.reduction import ReductionScene, result_names
-from dynid.structure.comparison import Responses, compare
-from dynid.structure.reduction.selection import Interest
+from dynid.scene.schema.reduction import (
+    DynamicModel,
+    JointAwareModel,
+    MastersModel,
+    ModesModel,
+    ReductionScene,
+    in_radians,
+    result_names,
+)
+from dynid.structure.comparison import RequestedResponses, compare
+from dynid.structure.reduction.masters import Masters
+from dynid.structure.reduction.methods import METHODS, Reductor
+from dynid.structure.reduction.mode_selection import Interest, ModeRange
+from dynid.structure.reduction.serep import JointAware
 from dynid.structure.response import Channel
 
 if TYPE_CHECKING:
-    pass
+    from dynid.scene.run import PreparationStep
+    from dynid.scene.schema.reduction import ReductionModel
+    from dynid.structure.model import StructuralModel
+    from dynid.structure.reduction.reduction import StructuralReduction as Reduced
+
+
+class LocatedReductor:
+    """A method, whose errors name its place in the scene."""
+
+    def __init__(self, method: Reductor, place: str) -> None:
+        self.method = method
+        self.place = place
+
+    def reduce(self, model: StructuralModel) -> Reduced:
+        """Reduce a structure, as the method does."""
+        with _placed(self.place):
+            return self.method.reduce(model)
+
+    def at(self, values: Mapping[str, float]) -> LocatedReductor:
+        """Return the method for these values of the joints, where its basis depends on them."""
+        if isinstance(self.method, JointAware):
+            return LocatedReductor(self.method.at(values), self.place)
+        return self
+
+    @property
+    def follows_joints(self) -> bool:
+        """True if the basis depends on the values of unknown joints."""
+        return isinstance(self.method, JointAware)
+
+
+def build_reductor(part: ReductionModel, interest: Interest, place: str) -> LocatedReductor:
+    """Build a reduction method from its part of a scene.
+
+    Parameters
+    ----------
+    part
+        The part.
+    interest
+        What the reduced model is for.
+    place
+        The dotted path of the part in the scene.
+    """
+    skipped = {"method", "unit"}
+    given = {name: getattr(part, name) for name in type(part).model_fields if name not in skipped}
+    options = {name: _option(value) for name, value in given.items() if value is not None}
+    if isinstance(part, DynamicModel) and part.frequency is not None:
+        options["frequency"] = in_radians(float(part.frequency), part.unit)
+    with _placed(place):
+        return LocatedReductor(METHODS[part.method](**options, interest=interest), place)
+
+
+def with_residuals(part: ReductionModel) -> ReductionModel:
+    """Return a reduction with residual vectors at the joints, where its scene leaves that open."""
+    if isinstance(part, JointAwareModel) and part.masters is None and part.residuals is None:
+        return part.model_copy(update={"residuals": RESIDUALS.value})
+    return part
+
+
+def read_reduction(data: Mapping[str, Any]) -> ReductionModel:
+    """Return a part of a scene that describes a reduction in numbers and words alone."""
+    from pydantic import TypeAdapter
+
+    from dynid.scene.schema import reduction
+
+    part: ReductionModel = TypeAdapter(reduction.ReductionModel).validate_python(data)
+    return part
+
+
+def _option(value: Any) -> Any:
+    if value == "none":
+        return ()
+    if isinstance(value, MastersModel):
+        return Masters(value.count, value.choose)
+    if isinstance(value, ModesModel):
+        below = None if value.below is None else in_radians(float(value.below), value.unit)
+        return ModeRange(value.count, below)
+    return value
+
+
+@contextmanager
+def _placed(place: str) -> Iterator[None]:
+    """Name the place of the key that an error is about, else that of the reduction."""
+    try:
+        yield
+    except (UsageError, NumericalError) as error:
+        names = [f"{place}.{name}" for name in error.names]
+        raise type(error)(error.problem, remedy=error.remedy, names=(*names, f"{place}.method")) from error
 
 
 def run(scene: Scene) -> Result:
@@ -36,10 +136,17 @@ def run(scene: Scene) -> Result:
     made = compare(structure, methods_of(model), responses=_responses(model), parts=model.substructures)
     result.merge(made)
     names = result_names([part.method for part in model.reduction])
-    tell_reduction(
+    add_reduction_scope(
         result, model, {name: part.method for name, part in zip(names, model.reduction, strict=True)}
     )
     return result
+
+
+def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+    """Yield the steps of a run before any computation: build the structure and the methods."""
+    model = cast("ReductionScene", scene.model)
+    yield lambda: build_structure(scene, model.structure, model.joints)
+    yield lambda: methods_of(model)
 
 
 def methods_of(model: ReductionScene) -> dict[str, LocatedReductor]:
@@ -60,7 +167,7 @@ def interest_of(model: ReductionScene) -> Interest:
     return Interest(tuple(dict.fromkeys(asked)), float(angular_frequencies(model.frequency)[-1]))
 
 
-def _responses(model: ReductionScene) -> Responses | None:
+def _responses(model: ReductionScene) -> RequestedResponses | None:
     """Return the responses to compare; where it is not said which, receptances between the DOFs of interest.
 
     These are the ends of the joints and the masters that are given, else the structure's first DOF.
@@ -73,7 +180,7 @@ def _responses(model: ReductionScene) -> Responses | None:
     dofs = list(dict.fromkeys([*ends, *given])) or [1]
     outputs = [channel_of(item) for item in model.outputs or ()]
     inputs = model.inputs or dofs[:1]
-    return Responses(
+    return RequestedResponses(
         inputs,
         outputs or [Channel(dof, "displacement") for dof in dofs],
         angular_frequencies(model.frequency),

@@ -9,19 +9,25 @@ from typing import TYPE_CHECKING, Any
 from dynid.errors import DynidError, FileError, SceneError, UsageError
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.references import dof_faults
 from dynid.scene.schema.structure import FileModel
-from dynid.scene.schema.structure_outline import dof_faults
-from dynid.structure.joints import Belief, Joint, JointParameter
+from dynid.structure.joints import Joint, JointParameter, ParameterPrior
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from dynid.scene.load import Scene
-    from dynid.scene.schema.beams import BeamModel, DampingModel, FrameModel
     from dynid.scene.schema.joints import JointModel, MassModel
-    from dynid.scene.schema.structure import LumpedModel, MatricesModel, StructureModel
-    from dynid.structure.damping import Modal, Proportional
+    from dynid.scene.schema.structure import (
+        BeamModel,
+        DampingModel,
+        FrameModel,
+        LumpedModel,
+        MatricesModel,
+        StructureModel,
+    )
+    from dynid.structure.damping import ModalDamping, ProportionalDamping
     from dynid.structure.matrices import Label
     from dynid.structure.model import StructuralModel
 
@@ -53,7 +59,7 @@ def build_structure(
         else:
             assert structure.matrices is not None
             bare = _matrices(scene.folder, structure.matrices)
-            faults = dof_faults(scene.source, bare.dofs)
+            faults = dof_faults(scene.source, type(scene.model), bare.dofs)
             if faults:  # found only now: a file tells the DOFs
                 raise SceneError(faults)
             model = bare.joined(built)
@@ -149,14 +155,14 @@ def _labels(folder: Path, given: list[Label] | str | None) -> Sequence[Label]:
         raise FileError(error.problem, remedy=error.remedy, names=("labels",)) from None
 
 
-def _damping(given: DampingModel | None) -> Proportional | Modal | None:
-    from dynid.structure.damping import Modal, Proportional
+def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping | None:
+    from dynid.structure.damping import ModalDamping, ProportionalDamping
 
     if given is None:
         return None
     if given.ratio is not None:
-        return Modal(_each(given.ratio))
-    return Proportional(number(given.alpha), number(given.beta))
+        return ModalDamping(_each(given.ratio))
+    return ProportionalDamping(number(given.alpha), number(given.beta))
 
 
 def _each(given: Quantity | list[Quantity]) -> float | list[float]:
@@ -179,7 +185,7 @@ def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | Non
         return JointParameter(value, matrix=matrix)
     start, true, low, high = (_optional(part) for part in (given.start, given.true, given.min, given.max))
     prior = given.prior
-    belief = None if prior is None else Belief(float(prior.value), float(prior.relative_deviation))
+    belief = None if prior is None else ParameterPrior(float(prior.value), float(prior.relative_deviation))
     return JointParameter(value, start, true, matrix, low, high, belief)
 
 

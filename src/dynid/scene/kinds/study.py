@@ -1,17 +1,34 @@
-"""Scenes of kind `study`, and the scenes they vary."""
+"""Scenes of kind `study`: the scene that one varies, and the faults of both together."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NoReturn, cast
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
-from dynid.errors import FileError, SceneError, UsageError
-from dynid.scene.kinds.study_faults import refused, study_faults
+from dynid.errors import Fault, FileError, SceneError, UsageError
+from dynid.scene.arithmetic.expression import ExpressionError, parse
 from dynid.scene.load import Scene, check_source
-from dynid.scene.schema.study import StudyScene
-from dynid.scene.yaml.source import read_source
+from dynid.scene.schema.raw import mapping
+from dynid.scene.schema.study import (
+    MAX_SAMPLES,
+    Listed,
+    Spread,
+    StudyScene,
+    Triangular,
+    Uniform,
+    grid_length,
+    grid_size,
+    known_names,
+    names_of_factor,
+    paths_of,
+)
+from dynid.scene.yaml.source import read_source, set_values
+from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.result import Result
+    from dynid.scene.schema.study import StudyFactor
 
 
 def run(scene: Scene) -> Result:
@@ -80,3 +97,184 @@ def check_study(scene: Scene) -> None:
         faults = list(refused(scene, model, base))
     if faults:
         raise SceneError(faults)
+
+
+Located = tuple[tuple[str | int, ...], str]
+
+
+def study_faults(model: StudyScene) -> Iterator[Located]:
+    """Yield what is wrong with a study by itself: the keys at fault, and a message."""
+    yield from _path_faults(model)
+    yield from _group_faults(model)
+    yield from _sampling_faults(model)
+    yield from _derive_faults(model)
+
+
+def _path_faults(model: StudyScene) -> Iterator[Located]:
+    """Check that every path stands once, and that tuples have a value for each of theirs."""
+    counts = Counter(path for key in model.vary for path in paths_of(key))
+    targets = [*counts, *(path for path in model.derive if "." in path)]
+    for key, factor in model.vary.items():
+        paths = paths_of(key)
+        for path in paths:
+            if not path or not all(path.split(".")) or "/" in path:
+                yield ("vary", key), f"'{path}' is no dotted path into the scene, such as parameters.b"
+            elif counts[path] > 1 or path in model.derive:
+                yield ("vary", key), f"{path} is set twice"
+            elif above := next((other for other in targets if path.startswith(f"{other}.")), None):
+                yield ("vary", key), f"{path} is a part of {above}, which is set as well"
+        if len(paths) > 1 and not isinstance(factor, Listed):
+            yield ("vary", key), "several paths together take 'values' only: a list of values for each"
+        elif len(paths) > 1:
+            for place, value in enumerate(cast("Listed", factor).values):
+                if not isinstance(value, list) or len(value) != len(paths):
+                    yield ("vary", key, "values", place), f"this entry takes a list of {len(paths)} values"
+        if len(names_of_factor(key, factor)) != len(paths):
+            yield ("vary", key, "name"), f"'name' has not the {len(paths)} names of {key}"
+
+
+def _group_faults(model: StudyScene) -> Iterator[Located]:  # noqa: C901 - one check after the other
+    """Check the groups of paths that go together on a grid, and how many samples there are."""
+    seen: set[str] = set()
+    lengths = {key: grid_length(factor) for key, factor in model.vary.items()}
+    for number, group in enumerate(model.zip):
+        for place, key in enumerate(group):
+            if key not in model.vary:
+                hint = did_you_mean(key, model.vary)
+                yield ("zip", number, place), f"'{key}' is not in 'vary'{hint}"
+            elif key in seen:
+                yield ("zip", number, place), f"'{key}' is in 'zip' twice"
+            seen.add(key)
+        found = {lengths[key] for key in group if lengths.get(key) is not None}
+        if len(found) > 1:
+            said = ", ".join(f"{key} has {lengths[key]}" for key in group if key in lengths)
+            yield ("zip", number), f"what goes together has the same number of values: {said}"
+    method = model.sampling.method
+    if model.zip and method != "grid":
+        yield ("zip",), f"'zip' joins values of a grid; '{method}' has none"
+    if method in ("grid", "list"):
+        for key, length in lengths.items():
+            if length is None:
+                yield ("vary", key), f"'{key}' needs 'points' for the method '{method}'"
+    found = {length for length in lengths.values() if length is not None}
+    if method == "list" and len(found) > 1:
+        said = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+        yield ("vary",), f"a list takes the same number of values of each: {said}"
+    if method == "grid" and not any(length is None for length in lengths.values()):
+        count = grid_size(model)
+        if count > MAX_SAMPLES:
+            yield ("vary",), f"{count:.3g} samples are too many for one study; at most {MAX_SAMPLES:.0e}"
+
+
+def _sampling_faults(model: StudyScene) -> Iterator[Located]:
+    sampling = model.sampling
+    drawn = sampling.method in ("random", "latin-hypercube", "sobol")
+    if drawn and sampling.samples is None:
+        yield ("sampling", "samples"), f"'{sampling.method}' needs the number of 'samples'"
+    if not drawn and sampling.samples is not None:
+        yield ("sampling", "samples"), f"a {sampling.method} has as many samples as its values give"
+    if sampling.indices and sampling.method != "sobol":
+        yield ("sampling", "indices"), "Sobol indices need 'method: sobol'"
+    if sampling.indices and sampling.correlation:
+        yield ("sampling", "indices"), "Sobol indices are of values that are drawn independently"
+    if sampling.indices and (sampling.samples or 0) * (len(model.vary) + 2) > MAX_SAMPLES:
+        yield ("sampling", "samples"), f"indices of {len(model.vary)} values take too many samples"
+    if sampling.correlation and not drawn:
+        yield ("sampling", "correlation"), f"the values of a {sampling.method} are not drawn"
+    for number, one in enumerate(sampling.correlation):
+        for place, key in enumerate(one.between):
+            where = ("sampling", "correlation", number, "between", place)
+            if key not in model.vary:
+                yield where, f"'{key}' is not in 'vary'{did_you_mean(key, model.vary)}"
+            elif isinstance(model.vary[key], Listed):
+                yield where, f"'{key}' is a choice of values, which has no correlation"
+        if one.between[0] == one.between[1]:
+            yield ("sampling", "correlation", number), "a value is not correlated with itself"
+
+
+def _derive_faults(model: StudyScene) -> Iterator[Located]:
+    """Check the expressions; the names of the scene's parameters are known when it has been read."""
+    for target, text in model.derive.items():
+        try:
+            parse(text)
+        except ExpressionError as error:
+            yield ("derive", target), str(error)
+        if not all(target.split(".")) or "/" in target:
+            yield ("derive", target), f"'{target}' is neither a name nor a dotted path into the scene"
+
+
+def refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
+    """Yield what the scene does not take: a path it does not have, or one of which it refuses every value."""
+    parameters = [str(name) for name in mapping(base.source.data, "parameters")]
+    names = known_names(model, parameters)
+    for target, text in model.derive.items():
+        for name in sorted(parse(text).names - names.keys()):
+            message = f"there is no '{name}' among what is varied{did_you_mean(name, names)}"
+            yield scene.source.fault(("derive", target), message)
+    needs = {
+        target: [names[name] for name in sorted(parse(text).names & names.keys())]
+        for target, text in model.derive.items()
+    }
+    for cycle in _cycles(needs):
+        message = f"'{cycle[0]}' is defined by itself: {' -> '.join([*cycle, cycle[0]])}"
+        yield scene.source.fault(("derive", cycle[0]), message)
+    for section, paths in (
+        ("vary", [(key, path) for key in model.vary for path in paths_of(key)]),
+        ("derive", [(path, path) for path in model.derive]),
+    ):
+        for key, path in paths:
+            holder, _, name = path.partition(".")
+            if holder == "parameters" and "." not in name and name not in parameters:
+                message = f"{model.scene} has no parameter '{name}'{did_you_mean(name, parameters)}"
+                yield scene.source.fault((section, key), message, key=True)
+    for key, factor in model.vary.items():
+        if message := _why_refused(base, key, factor):
+            yield scene.source.fault(("vary", key), message, key=True)
+
+
+def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
+    """Yield what refers to itself by a chain of others, each circle once."""
+    sorted_out: set[str] = set()
+    for start in needs:
+        chain: list[str] = []
+        stack = [(start, 0)]
+        while stack:
+            target, depth = stack.pop()
+            del chain[depth:]
+            if target in chain:
+                yield chain[chain.index(target) :]
+                sorted_out |= set(chain)
+            elif target in needs and target not in sorted_out:
+                chain.append(target)
+                stack += [(other, depth + 1) for other in needs[target]]
+        sorted_out.add(start)
+
+
+def _why_refused(base: Scene, key: str, factor: StudyFactor) -> str:
+    """Return why a scene takes none of a few values of a factor; nothing where it takes one."""
+    message = ""
+    for values in _examples(key, factor):
+        try:
+            check_source(set_values(base.source, values))
+        except SceneError as error:
+            message = message or "; ".join(fault.message for fault in error.faults)
+        else:
+            return ""
+    return message
+
+
+def _examples(key: str, factor: StudyFactor) -> Iterator[Mapping[str, Any]]:
+    """Yield values that a factor may have: ends and middle."""
+    paths = paths_of(key)
+    if isinstance(factor, Listed):
+        some = [factor.values[place] for place in (0, len(factor.values) // 2, -1)]
+        yield from (dict(zip(paths, value if len(paths) > 1 else [value], strict=True)) for value in some)
+        return
+    if isinstance(factor, Spread):
+        ends = (factor.start, factor.stop)
+    elif isinstance(factor, Uniform | Triangular):
+        ends = (factor.low, factor.high)
+    else:
+        ends = (factor.mean, factor.mean)
+    low, high = (int(end.value) if end.exact.denominator == 1 else float(end) for end in ends)
+    yield from ({paths[0]: value} for value in (low, high, (low + high) / 2))

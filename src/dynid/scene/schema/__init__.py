@@ -1,1 +1,1 @@
-"""What a scene may say, and every way in which it can be wrong."""
+"""Schema of scenes: models of their keys, and all faults of a scene with their places."""

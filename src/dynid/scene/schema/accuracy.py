@@ -1,4 +1,4 @@
-"""The block `accuracy`: what else could have been chosen, what it costs, and how far off it is."""
+"""The block `accuracy`: alternatives to the choices of a run, compared in time and error."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any, Literal
 from pydantic import Field
 
 from dynid.errors import Fault
-from dynid.scene.schema.common import Part
-from dynid.scene.schema.plain import listing, mapping, mapping_of, signals
+from dynid.scene.schema.base import Section
+from dynid.scene.schema.raw import listing, mapping, mapping_of, signals
 from dynid.scene.yaml.source import Source
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 _METHODS = (
     *("full", "serep", "guyan", "dynamic", "irs", "craig-bampton", "modal", "joint-aware"),
@@ -35,8 +35,8 @@ ASPECTS: dict[str, dict[str, tuple[str, ...]]] = {
 _ENGINE = {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}
 
 
-class AccuracyModel(Part):
-    """Which alternatives to the choices of a run to try, how often, and for how long in all (s)."""
+class AccuracyModel(Section):
+    """Alternatives to the choices of a run, number of repeats, and time limit (s)."""
 
     alternatives: dict[str, list[str] | Literal["all"]] | None = Field(default=None, min_length=1)
     repeats: int = Field(default=3, ge=1, le=1000, strict=True)

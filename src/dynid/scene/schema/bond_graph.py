@@ -17,12 +17,13 @@ from pydantic import (
 )
 
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
-from dynid.bondgraph.question import NUMERIC, USUAL, Engine, Form, Reading, ResultName
+from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.chains import chain_ends
-from dynid.scene.schema.common import FrequencyGrid, Part, SceneModel, TimeGrid
+from dynid.scene.schema.base import FrequencyGrid, SceneModel, Section
 from dynid.scene.schema.quantities import Value, fault, names_of
-from dynid.words import did_you_mean
+from dynid.scene.schema.raw import chain_ends
+from dynid.scene.schema.signals import TimeGrid
+from dynid.suggestions import did_you_mean
 
 #: Physical domains; `mechanical` is translation.
 Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
@@ -57,8 +58,8 @@ _NodeType = Annotated[
 ]
 
 
-class NodeModel(Part):
-    """One node: its type, its value where it has one, and its physical domain, which tells units."""
+class NodeModel(Section):
+    """One node: type, value, and physical domain, which determines units."""
 
     type: _NodeType
     value: Value | None = None
@@ -147,7 +148,7 @@ _TEXT = WithJsonSchema({"type": "string"})
 _ONCE = AfterValidator(_listed_once)
 
 
-class GraphModel(Part):
+class GraphModel(Section):
     """Nodes and bonds."""
 
     nodes: dict[
@@ -157,15 +158,15 @@ class GraphModel(Part):
     bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), _TEXT]] = Field(min_length=1)
 
 
-class SymbolicModel(Part):
-    """Formulas of the transfer function: its program, or numerator and denominator multiplied out, too."""
+class SymbolicModel(Section):
+    """Formulas of the transfer function: nested, or also with expanded numerator and denominator."""
 
-    form: Form = "nested"
+    form: FormulaForm = "nested"
     terms: int = Field(default=100_000, ge=1, le=10_000_000)
 
 
-class AnalysisModel(Part):
-    """What to compute, and by which engine."""
+class AnalysisModel(Section):
+    """Requested results and the engine that computes them."""
 
     inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], _ONCE] | None = None
     outputs: Annotated[list[Annotated[Port, PlainValidator(_port), _TEXT]], _ONCE] = Field(min_length=1)
@@ -193,7 +194,7 @@ class AnalysisModel(Part):
         return usual | responses | ({"time_response"} if self.time else set())
 
 
-class InitialModel(Part):
+class InitialModel(Section):
     """Energy stored at t = 0: the flow of an I, the effort of a C."""
 
     f: Value | None = None
@@ -201,7 +202,7 @@ class InitialModel(Part):
 
 
 class BondGraphScene(SceneModel):
-    """A bond graph and what to compute of it."""
+    """A bond graph and its requested results."""
 
     kind: Literal["bond-graph"]
     accuracy: AccuracyModel | None = None

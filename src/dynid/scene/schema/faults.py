@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from dynid.errors import Fault
 from dynid.scene.yaml.source import Source
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 _WANTED = {
     "string_type": "a text",

@@ -6,13 +6,14 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from dynid.choices import ESTIMATOR
+from dynid.defaults import ESTIMATOR
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.common import Dof, FrequencyGrid, MotionQuantity, Part, SceneModel, Signals, TimeGrid
+from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, SceneModel, Section
 from dynid.scene.schema.joints import JointModel
-from dynid.scene.schema.measurement import ChannelModel, MeasurementModel
+from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
-from dynid.scene.schema.reductions import Reduction
+from dynid.scene.schema.reduction import ReductionModel
+from dynid.scene.schema.signals import Signals, TimeGrid
 from dynid.scene.schema.structure import StructureModel
 
 #: Which method an option belongs to.
@@ -25,8 +26,12 @@ _OPTIONS = {
 }
 
 
-class EstimatorModel(Part):
-    """How to identify."""
+#: Methods that can bound the influence of outliers.
+_ROBUST = ("auto", "output-error")
+
+
+class EstimatorModel(Section):
+    """Method of identification and its options."""
 
     method: Literal["auto", "filter", "output-error", "invariant-imbedding"] = ESTIMATOR.value
     passes: int | None = Field(default=None, ge=1, le=100, strict=True)
@@ -34,10 +39,16 @@ class EstimatorModel(Part):
     noise_ratio: Positive | None = None
     input_deviation: NotNegative | None = None
     tolerance: float | None = Field(default=None, ge=1e-12, le=1e-2, strict=True)
+    loss: Literal["squares", "huber"] = "squares"
 
     @model_validator(mode="after")
     def _options_fit(self) -> Self:
-        for option in self.model_fields_set - {"method"}:
+        if self.loss == "huber" and self.method not in _ROBUST:
+            raise fault(
+                f"the loss 'huber' belongs to the methods {' and '.join(_ROBUST)}; the method "
+                f"'{self.method}' has none: leave 'loss' out, or change 'method'"
+            )
+        for option in self.model_fields_set - {"method", "loss"}:
             method = _OPTIONS[option]
             if self.method != method:
                 raise fault(f"'{option}' belongs to the method '{method}', not to '{self.method}'")
@@ -49,21 +60,15 @@ class EstimatorModel(Part):
         return {n: v if isinstance(v, int) else float(v) for n, v in given.items() if v is not None}
 
 
-class OutputModel(ChannelModel):
-    """What a response shows."""
-
-    quantity: MotionQuantity = "displacement"
-
-
-class ResponseModes(Part):
-    """Which modes: so many, or all below a frequency; with neither all of a small structure."""
+class ResponseModes(Section):
+    """Modes to compute: a number, or all below a frequency; with neither all of a small structure."""
 
     count: int | None = Field(default=None, ge=1, le=10_000, strict=True)
     below: Positive | None = None
     unit: Literal["rad/s", "Hz"] = "rad/s"
 
 
-class ResponseModel(Part):
+class ResponseModel(Section):
     """Linear responses of the structure with its joints."""
 
     inputs: list[Dof] | None = None
@@ -79,15 +84,15 @@ class ResponseModel(Part):
         return self
 
 
-class InitialMotion(Part):
+class InitialMotion(Section):
     """Displacement and velocity of a DOF at t = 0."""
 
     x: Value | None = None
     v: Value | None = None
 
 
-class ForceModel(Part):
-    """Where and at what frequencies a plan looks for an excitation; absent: everywhere, around the modes."""
+class ForceModel(Section):
+    """Candidate positions and frequencies of an excitation; default: everywhere, around the modes."""
 
     dofs: list[Dof] | None = Field(default=None, min_length=1)
     band: list[Positive] | None = Field(default=None, min_length=2, max_length=2)
@@ -100,8 +105,8 @@ class ForceModel(Part):
         return self
 
 
-class PlanModel(Part):
-    """What `dynid plan` looks for: how many sensors and lines, among which candidates, at what noise."""
+class PlanModel(Section):
+    """Search space of `dynid plan`: number of sensors and lines, candidates, noise."""
 
     sensors: int | None = Field(default=None, ge=1, le=1000, strict=True)
     lines: int | None = Field(default=None, ge=1, le=1000, strict=True)
@@ -124,7 +129,7 @@ class IdentificationScene(SceneModel):
     accuracy: AccuracyModel | None = None
     structure: StructureModel
     joints: dict[str, JointModel] = {}
-    reduction: Reduction | None = None
+    reduction: ReductionModel | None = None
     excitation: Signals = []
     measurement: MeasurementModel | None = None
     estimator: EstimatorModel = EstimatorModel()

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from dynid.scene.schema.common import Dof, Part
+from dynid.scene.schema.base import Dof, Section
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Value, fault
 from dynid.scene.schema.structure import LinkModel
 
@@ -27,31 +27,39 @@ def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
     return rows
 
 
-Block = Annotated[list[list[Value]], Field(min_length=1, max_length=100), AfterValidator(_symmetric)]
+JointMatrix = Annotated[list[list[Value]], Field(min_length=1, max_length=100), AfterValidator(_symmetric)]
 
 
-class BeliefModel(Part):
-    """What is held of a parameter beforehand."""
+class PriorModel(Section):
+    """Prior of an unknown parameter."""
 
     value: Positive
     relative_deviation: Positive
 
 
-class ParameterModel(Part):
-    """A joint's stiffness or damping: known (`value`), or to be identified from `start`."""
+class ParameterModel(Section):
+    """A joint's stiffness or damping, or the factor of its matrix: known (`value`), or unknown (`start`)."""
 
     start: Positive | None = None
     value: NotNegative | None = None
     true: Positive | None = None
-    matrix: Block | None = None
+    matrix: JointMatrix | None = None
     min: Positive | None = None
     max: Positive | None = None
-    prior: BeliefModel | None = None
+    prior: PriorModel | None = None
 
     @model_validator(mode="after")
     def _known_or_unknown(self) -> Self:
-        if (self.start is None) == (self.value is None and self.matrix is None):
+        if self.start is not None and self.value is not None:
             raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
+        if self.start is None and self.value is None and self.matrix is None:
+            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
+        if (
+            self.start is not None
+            and self.matrix is not None
+            and not any(float(entry) for row in self.matrix for entry in row)
+        ):
+            raise fault("the 'matrix' beside 'start' is zero: there is nothing to identify")
         if self.start is None and self.true is not None:
             raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
         if self.start is None and (self.min or self.max or self.prior):
@@ -62,11 +70,11 @@ class ParameterModel(Part):
         return self
 
 
-class MassModel(Part):
+class MassModel(Section):
     """A joint's mass: a number, shared equally between its DOFs, or a block over them."""
 
     value: NotNegative | None = None
-    matrix: Block | None = None
+    matrix: JointMatrix | None = None
 
 
 def _plain_is_known(raw: Any) -> Any:

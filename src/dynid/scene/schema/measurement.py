@@ -1,4 +1,4 @@
-"""The part of a scene that says what is measured: channels, sampling, and where the values come from."""
+"""The block `measurement`: channels, sampling, and the source of the values."""
 
 from __future__ import annotations
 
@@ -6,21 +6,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from dynid.scene.schema.beams import PerElement, PerElementOrZero
-from dynid.scene.schema.common import (
-    Dof,
-    FrequencyGrid,
-    MotionQuantity,
-    Part,
-    Signals,
-    TablePlace,
-)
+from dynid.scene.schema.base import Dof, FilePath, FrequencyGrid, MotionQuantity, Section
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, fault
+from dynid.scene.schema.signals import Signals, TablePlace
+from dynid.scene.schema.structure import PerElement, PerElementOrZero
 
-Column = str | Annotated[int, Field(ge=1, strict=True)]
+ColumnName = str | Annotated[int, Field(ge=1, strict=True)]
 
 
-class ChannelModel(Part):
+class ChannelModel(Section):
     """One sensor: at a DOF, or between two (the first one's motion less the second one's)."""
 
     dof: Dof | None = None
@@ -44,8 +38,14 @@ class ChannelModel(Part):
         return self.dofs or ([] if self.dof is None else [self.dof])
 
 
-class ReferenceModel(Part):
-    """What a frequency response is divided by: the force at a DOF."""
+class OutputModel(ChannelModel):
+    """A motion that a response shows: at a DOF, or between two."""
+
+    quantity: MotionQuantity = "displacement"
+
+
+class ReferenceModel(Section):
+    """Force at a DOF to which a frequency response is referred."""
 
     dof: Dof
 
@@ -61,7 +61,7 @@ class MeasuredChannelModel(ChannelModel):
         return [*self.ends, *([self.reference.dof] if self.reference else [])]
 
 
-class NoisyModel(Part):
+class NoisyModel(Section):
     """Noise that is added to what is simulated, and the model that is simulated."""
 
     noise_ratio: PerElementOrZero | None = None
@@ -97,24 +97,24 @@ class SimulateFrfModel(NoisyModel):
 class MeasuredFileModel(TablePlace):
     """Measured data: one column for each channel."""
 
-    path: str | None = None
-    columns: list[Column] | None = None
+    path: FilePath | None = None
+    columns: list[ColumnName] | None = None
 
 
-class FrfFileModel(Part):
+class FrfFileModel(Section):
     """Measured frequency responses: columns of complex numbers, or pairs [real, imaginary] of columns.
 
     `frequency`: the column of the lines. `deviation`: of the complex noise, line by line, a column for each
     channel; or `coherence`, with which it follows from the `averages` that were taken.
     """
 
-    path: str
-    columns: list[Column | Annotated[list[Column], Field(min_length=2, max_length=2)]] | None = Field(
+    path: FilePath
+    columns: list[ColumnName | Annotated[list[ColumnName], Field(min_length=2, max_length=2)]] | None = Field(
         default=None, min_length=1
     )
-    frequency: Column | None = None
-    deviation: list[Column] | None = Field(default=None, min_length=1)
-    coherence: list[Column] | None = Field(default=None, min_length=1)
+    frequency: ColumnName | None = None
+    deviation: list[ColumnName] | None = Field(default=None, min_length=1)
+    coherence: list[ColumnName] | None = Field(default=None, min_length=1)
     averages: int | None = Field(default=None, ge=1, le=1_000_000_000, strict=True)
 
     @model_validator(mode="after")
@@ -126,7 +126,7 @@ class FrfFileModel(Part):
         return self
 
 
-class FrfModel(Part):
+class FrfModel(Section):
     """Frequency responses, simulated or out of a file; of these the lines in a band.
 
     `unit` is that of the band, and of the frequencies in the file; those of a Universal File are in Hz.
@@ -148,7 +148,7 @@ class FrfModel(Part):
         return self
 
 
-class PrepareModel(Part):
+class PrepareModel(Section):
     """One step that prepares measured samples: subtract a trend, pass a band, or keep every n-th sample."""
 
     detrend: Literal["constant", "linear"] | None = None
@@ -174,8 +174,8 @@ class PrepareModel(Part):
         return self
 
 
-class RecordModel(Part):
-    """One record; what it does not say itself it shares with the others of the measurement."""
+class RecordModel(Section):
+    """One record; it inherits the keys that it lacks from the measurement."""
 
     step: Positive | None = None
     samples: int | None = Field(default=None, ge=1, le=100_000_000, strict=True)
@@ -261,7 +261,7 @@ class RecordModel(Part):
 
 
 class MeasurementModel(RecordModel):
-    """A record: its sampling, its channels, and where it comes from; or several, and what they share."""
+    """A record with sampling, channels and source; or several records and their common keys."""
 
     records: list[RecordModel] = Field(default=[], max_length=1000)
 

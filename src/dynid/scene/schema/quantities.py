@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
 from dynid.scene.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Names:
-    """What the names of a scene stand for, gathered before it is validated.
+class SceneNames:
+    """Meaning of the names in a scene, collected before it is validated.
 
     Parameters
     ----------
@@ -67,10 +67,10 @@ def fault(message: str) -> PydanticCustomError:
     return PydanticCustomError("dynid", "{message}", {"message": message})
 
 
-def names_of(info: ValidationInfo) -> Names:
+def names_of(info: ValidationInfo) -> SceneNames:
     """Return the names of the scene that is being validated."""
     context = info.context
-    return context if isinstance(context, Names) else Names()
+    return context if isinstance(context, SceneNames) else SceneNames()
 
 
 def resolve(raw: Any, info: ValidationInfo) -> Quantity:

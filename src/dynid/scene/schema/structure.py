@@ -1,18 +1,189 @@
-"""Structures of a scene: lumped, beam, frame or imported matrices."""
+"""Structures of a scene: lumped masses, beams, frames or imported matrices, and their damping."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
-from dynid.scene.schema.beams import BeamModel, DampingModel, FrameModel, Path
-from dynid.scene.schema.common import Dof, Part
-from dynid.scene.schema.quantities import NotNegative, Positive, fault
+from dynid.scene.schema.base import Dof, DofLabel, FilePath, Section
+from dynid.scene.schema.dof_labels import Freedom, beam_labels, frame_labels
+from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
+from dynid.scene.schema.references import FILE, NODE
+
+#: The most elements and nodes that a scene may ask for.
+MOST_ELEMENTS = 100_000
+
+NodeNumber = Annotated[int, Field(ge=1, strict=True), NODE]
+Path = tuple[Any, ...]
 
 
-class LinkModel(Part):
+def _one_or_each(raw: Any) -> str:
+    return "each" if isinstance(raw, list) else "one"
+
+
+PerElement = Annotated[
+    Annotated[Positive, Tag("one")] | Annotated[list[Positive], Tag("each")], Discriminator(_one_or_each)
+]
+PerElementOrZero = Annotated[
+    Annotated[NotNegative, Tag("one")] | Annotated[list[NotNegative], Tag("each")],
+    Discriminator(_one_or_each),
+]
+
+
+class DampingModel(Section):
+    """Damping from mass and stiffness (alpha, beta), or damping ratios of the modes."""
+
+    alpha: NotNegative | None = None
+    beta: NotNegative | None = None
+    ratio: PerElementOrZero | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        proportional = self.alpha is not None or self.beta is not None
+        if proportional == (self.ratio is not None):
+            raise fault("damping is either proportional ('alpha', 'beta') or modal ('ratio')")
+        return self
+
+
+class PointMassModel(Section):
+    """A mass at a node."""
+
+    node: NodeNumber
+    m: NotNegative | None = None
+    J: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _has_something(self) -> Self:
+        if self.m is None and self.J is None:
+            raise fault("a mass has its 'm', a rotary inertia 'J', or both")
+        return self
+
+
+class BeamSupport(Section):
+    """Support of a node of a beam."""
+
+    node: NodeNumber
+    fix: list[Literal["w", "theta"]] = Field(min_length=1)
+
+
+class FrameSupport(Section):
+    """Support of a node of a frame."""
+
+    node: NodeNumber
+    fix: list[Literal["u", "w", "theta"]] = Field(min_length=1)
+
+
+class _Spring(Section):
+    node: NodeNumber
+    k: NotNegative | None = None
+    c: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _has_something(self) -> Self:
+        if self.k is None and self.c is None:
+            raise fault("a spring has a stiffness 'k', a damping 'c', or both")
+        return self
+
+
+class BeamSpring(_Spring):
+    """A spring and damper from a node of a beam to ground."""
+
+    direction: Literal["w", "theta"]
+
+
+class FrameSpring(_Spring):
+    """A spring and damper from a node of a frame to ground."""
+
+    direction: Literal["u", "w", "theta"]
+
+
+class BeamModel(Section):
+    """An Euler–Bernoulli beam of elements in a row; nodes count from 1."""
+
+    elements: int = Field(ge=1, le=MOST_ELEMENTS, strict=True)
+    length: PerElement
+    EI: PerElement
+    rhoA: PerElementOrZero
+    supports: list[BeamSupport] = []
+    masses: list[PointMassModel] = []
+    springs: list[BeamSpring] = []
+    damping: DampingModel | None = None
+
+    @field_validator("length", "EI", "rhoA")
+    @classmethod
+    def _one_each(cls, given: Any, info: ValidationInfo) -> Any:
+        count = info.data.get("elements")
+        if isinstance(given, list) and count is not None and len(given) != count:
+            raise fault(f"'{info.field_name}' has {len(given)} entries for {count} elements")
+        return given
+
+    def labels(self) -> list[int | str]:
+        """Return the labels of the free degrees of freedom."""
+        return beam_labels(self.elements, _held(self.supports))
+
+
+class MemberModel(Section):
+    """A straight member of a frame between two nodes."""
+
+    nodes: list[NodeNumber] = Field(min_length=2, max_length=2)
+    EA: Positive
+    EI: Positive
+    rhoA: NotNegative
+    elements: int = Field(default=1, ge=1, le=MOST_ELEMENTS, strict=True)
+    hinges: list[Literal[1, 2]] = []
+
+
+class FrameModel(Section):
+    """A plane frame: nodes by their coordinates, members between them."""
+
+    nodes: list[Annotated[list[Value], Field(min_length=2, max_length=2)]] = Field(
+        min_length=2, max_length=MOST_ELEMENTS
+    )
+    members: list[MemberModel] = Field(min_length=1, max_length=MOST_ELEMENTS)
+    supports: list[FrameSupport] = []
+    masses: list[PointMassModel] = []
+    springs: list[FrameSpring] = []
+    damping: DampingModel | None = None
+
+    @model_validator(mode="after")
+    def _is_bounded(self) -> Self:
+        if sum(member.elements for member in self.members) > MOST_ELEMENTS:
+            raise fault(f"the members have more than {MOST_ELEMENTS:,} elements together")
+        return self
+
+    def labels(self) -> list[int | str]:
+        """Return the labels of the free degrees of freedom, those at nodes within members last."""
+        members = ((member.nodes, member.hinges, member.elements) for member in self.members)
+        turning = {mass.node for mass in self.masses if mass.J and float(mass.J)}
+        turning |= {spring.node for spring in self.springs if spring.direction == "theta"}
+        return frame_labels(len(self.nodes), members, _held(self.supports), turning)
+
+    def member_faults(self) -> Iterable[tuple[Path, str]]:
+        """Yield the faults of members, each with its place in the frame."""
+        for place, member in enumerate(self.members):
+            if member.nodes[0] == member.nodes[1]:
+                yield ("members", place, "nodes"), f"both ends are node {member.nodes[0]}"
+        reached = {node for member in self.members for node in member.nodes}
+        for node in range(1, len(self.nodes) + 1):
+            if node not in reached:
+                yield ("nodes", node - 1), f"node {node} belongs to no member"
+
+
+def _held(supports: Iterable[BeamSupport | FrameSupport]) -> Iterable[Freedom]:
+    return ((along, support.node) for support in supports for along in support.fix)
+
+
+class LinkModel(Section):
     """A spring and a damper between two DOFs, or from one DOF to ground."""
 
     dofs: list[Dof] = Field(min_length=1, max_length=2)
@@ -28,10 +199,10 @@ class LinkModel(Part):
         return dofs
 
 
-class LumpedModel(Part):
+class LumpedModel(Section):
     """Point masses, each with one degree of freedom, and the links between them."""
 
-    masses: list[Positive] = Field(min_length=1, max_length=2000)
+    masses: list[NotNegative] = Field(min_length=1, max_length=2000)
     links: list[LinkModel] = []
 
     def labels(self) -> list[int | str]:
@@ -43,17 +214,17 @@ def _path_alone(raw: Any) -> Any:
     return {"path": raw} if isinstance(raw, str) else raw
 
 
-class FileModel(Part):
+class FileModel(Section):
     """A file, and the matrix in it where it holds several (in HDF5 also as `file.h5:/path`)."""
 
-    path: str
+    path: FilePath
     name: str | None = None
 
 
-class StateSpaceModel(Part):
+class StateSpaceModel(Section):
     """A file with a state space, and what it calls A, B and C."""
 
-    path: str
+    path: FilePath
     A: str | None = None
     B: str | None = None
     C: str | None = None
@@ -63,22 +234,22 @@ def _file_or_law(raw: Any) -> str:
     return "file" if isinstance(raw, str) or (isinstance(raw, dict) and "path" in raw) else "law"
 
 
-File = Annotated[FileModel, BeforeValidator(_path_alone, json_schema_input_type=FileModel | str)]
+File = Annotated[FileModel, BeforeValidator(_path_alone, json_schema_input_type=FileModel | str), FILE]
 StateSpaceFile = Annotated[
-    StateSpaceModel, BeforeValidator(_path_alone, json_schema_input_type=StateSpaceModel | str)
+    StateSpaceModel, BeforeValidator(_path_alone, json_schema_input_type=StateSpaceModel | str), FILE
 ]
 DampingMatrix = Annotated[
     Annotated[File, Tag("file")] | Annotated[DampingModel, Tag("law")], Discriminator(_file_or_law)
 ]
 
 
-class MatricesModel(Part):
+class MatricesModel(Section):
     """Matrices in files, or the state space that they make."""
 
     mass: File | None = None
     stiffness: File | None = None
     damping: DampingMatrix | None = None
-    labels: list[Dof] | str | None = None
+    labels: list[DofLabel] | FilePath | None = None
     state_space: StateSpaceFile | None = None
 
     @model_validator(mode="after")
@@ -90,7 +261,7 @@ class MatricesModel(Part):
         return self
 
 
-class StructureModel(Part):
+class StructureModel(Section):
     """The structure without its joints: one of four kinds."""
 
     lumped: LumpedModel | None = None
@@ -110,9 +281,15 @@ class StructureModel(Part):
         part = self.lumped or self.beam or self.frame
         return part.labels() if part else None
 
+    @property
+    def nodes(self) -> int:
+        """The number of nodes of a beam or frame that may be named; 0 of other structures."""
+        return self.beam.elements + 1 if self.beam else len(self.frame.nodes) if self.frame else 0
+
     def faults(self) -> Iterable[tuple[Path, str]]:
-        """Yield what is wrong with nodes, each with its place in the structure."""
-        for kind in ("beam", "frame"):
-            part = getattr(self, kind)
-            if part is not None:
-                yield from (((kind, *path), message) for path, message in part.faults())
+        """Yield the faults of members and supports, each with its place in the structure."""
+        if self.frame is not None:
+            yield from ((("frame", *path), message) for path, message in self.frame.member_faults())
+        part = self.beam or self.frame
+        if part is not None and not part.labels():
+            yield ("beam" if self.beam else "frame", "supports"), "the supports leave nothing to move"

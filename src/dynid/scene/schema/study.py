@@ -17,9 +17,9 @@ from pydantic import (
     model_validator,
 )
 
-from dynid.scene.schema.common import Part, SceneModel
+from dynid.scene.schema.base import FilePath, SceneModel, Section
 from dynid.scene.schema.quantities import Positive, Value, fault
-from dynid.words import did_you_mean
+from dynid.suggestions import did_you_mean
 
 #: More would not fit into one file, nor into the memory that holds their plan.
 MAX_SAMPLES = 10_000_000
@@ -41,7 +41,7 @@ def _or_bare(schema: dict[str, Any]) -> None:
     schema["anyOf"] = [whole, {"type": "array", "minItems": 1}]
 
 
-class Listed(Part):
+class Listed(Section):
     """Values, one by one; under several paths, a list of values for each."""
 
     model_config = ConfigDict(json_schema_extra=_or_bare)
@@ -50,7 +50,7 @@ class Listed(Part):
     name: str | None = None
 
 
-class Spread(Part):
+class Spread(Section):
     """Values at even distances; where they are drawn, any value between."""
 
     start: Value
@@ -68,8 +68,8 @@ class Spread(Part):
         return self
 
 
-class _Distribution(Part):
-    """What every distribution may say: into how many equally likely values a grid divides it."""
+class _Distribution(Section):
+    """Keys of every distribution; `points` is the number of equally likely values in a grid."""
 
     points: int | None = Field(default=None, ge=1, le=MAX_SAMPLES, strict=True)
     name: str | None = None
@@ -161,7 +161,7 @@ def _as_mapping(raw: Any) -> Any:
     return raw
 
 
-Factor = Annotated[
+StudyFactor = Annotated[
     Annotated[Listed, Tag("values")]
     | Annotated[Spread, Tag("range")]
     | Annotated[Uniform, Tag("uniform")]
@@ -170,20 +170,20 @@ Factor = Annotated[
     Discriminator(_form_of),
     BeforeValidator(_as_mapping),
 ]
-"""How one value of the scene varies, or several together."""
+"""Variation of one value of the scene, or of several together."""
 
 Paths = Annotated[list[str], Field(min_length=2)]
 
 
-class Correlation(Part):
-    """How two drawn values go together: the correlation of their normal scores."""
+class Correlation(Section):
+    """Correlation of two drawn values, as that of their normal scores."""
 
     between: list[str] = Field(min_length=2, max_length=2)
     value: float = Field(gt=-1, lt=1)
 
 
-class Sampling(Part):
-    """Which combinations of the values are run."""
+class Sampling(Section):
+    """Sampling of the varied values."""
 
     method: Literal["grid", "list", "random", "latin-hypercube", "sobol"] = "grid"
     samples: int | None = Field(default=None, ge=1, le=MAX_SAMPLES, strict=True)
@@ -193,11 +193,11 @@ class Sampling(Part):
 
 
 class StudyScene(SceneModel):
-    """A scene, what varies in it, and what is gathered."""
+    """A scene, its varied values, and the collected results."""
 
     kind: Literal["study"]
-    scene: str = Field(min_length=1)
-    vary: dict[str, Factor] = Field(min_length=1)
+    scene: FilePath = Field(min_length=1)
+    vary: dict[str, StudyFactor] = Field(min_length=1)
     derive: dict[str, str] = {}
     zip: list[Paths] = []
     sampling: Sampling = Sampling()
@@ -209,7 +209,7 @@ def paths_of(key: str) -> tuple[str, ...]:
     return tuple(path.strip() for path in key.split(","))
 
 
-def names_of_factor(key: str, factor: Factor) -> tuple[str, ...]:
+def names_of_factor(key: str, factor: StudyFactor) -> tuple[str, ...]:
     """Return the names by which expressions know what a key of `vary` stands for."""
     paths = paths_of(key)
     if factor.name is not None:
@@ -233,7 +233,7 @@ def known_names(model: StudyScene, parameters: Iterable[object]) -> dict[str, st
     return {str(name): f"parameters.{name}" for name in parameters} | names
 
 
-def grid_length(factor: Factor) -> int | None:
+def grid_length(factor: StudyFactor) -> int | None:
     """Return how many values a factor has on a grid; None where it does not say."""
     return len(factor.values) if isinstance(factor, Listed) else factor.points
 

@@ -10,21 +10,10 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from dynid.errors import Fault, FileError, SceneError
-from dynid.scene.yaml.core import MAX_CHARACTERS, Key, Marks, Path, parse_yaml
-from dynid.scene.yaml.dump import dump
+from dynid.scene.yaml.parser import MAX_CHARACTERS, Key, Path, Place, Positions, parse_yaml, place_of
 from dynid.scene.yaml.scalars import resolve_plain
-from dynid.scene.yaml.syntax import Place, place_of
-from dynid.words import did_you_mean
-
-__all__ = [
-    "Marks",
-    "Source",
-    "apply_overrides",
-    "parse_source",
-    "path_of",
-    "read_source",
-    "set_values",
-]
+from dynid.scene.yaml.writer import dump
+from dynid.suggestions import did_you_mean
 
 _START: Place = (1, 1)
 
@@ -40,7 +29,7 @@ class Source:
     text
         The text as read.
     data
-        Texts, numbers, truth values, nulls, lists and mappings. Aliases share their values, so that
+        Texts, numbers, Booleans, nulls, lists and mappings. Aliases share their values, so that
         nothing may be changed in place.
     marks
         The place of every path (keys, and list indices from 0); what stands below an alias has none.
@@ -51,7 +40,7 @@ class Source:
     file: str
     text: str
     data: Any
-    marks: dict[Path, Marks]
+    marks: dict[Path, Positions]
     overridden: bool = False
 
     def fault(self, path: Iterable[Key], message: str, key: bool = False) -> Fault:
@@ -60,7 +49,7 @@ class Source:
         full = len(parts)
         while parts and parts not in self.marks:
             parts = parts[:-1]
-        marks = self.marks.get(parts, Marks(_START, _START, self.file))
+        marks = self.marks.get(parts, Positions(_START, _START, self.file))
         # What is missing from a mapping is missed at the mapping's name rather than in its first entry.
         place = marks.key if key or len(parts) < full else marks.value
         return Fault(marks.file, *place, message)
@@ -152,7 +141,7 @@ def set_values(source: Source, values: Mapping[str, Any]) -> Source:
         When a path makes no sense.
     """
     for path, value in values.items():
-        source = _set(source, path, value, {(): Marks(_START, _START, path)}, path)
+        source = _set(source, path, value, {(): Positions(_START, _START, path)}, path)
     return source
 
 
@@ -202,7 +191,7 @@ def _similar_file(name: str) -> str:
         return ""
 
 
-def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Marks], origin: str) -> Source:
+def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], origin: str) -> Source:
     """Copy the containers along the path, so that the source, and what aliases share, stay as they are."""
     parts = dotted.split(".")
     if not all(parts):
@@ -222,7 +211,7 @@ def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Marks], orig
     holder[key] = value
     kept = {place: mark for place, mark in source.marks.items() if place[: len(path)] != path}
     for length in range(len(path)):
-        kept.setdefault(path[:length], Marks(_START, _START, origin))
+        kept.setdefault(path[:length], Positions(_START, _START, origin))
     kept.update({path + below: mark for below, mark in marks.items()})
     return replace(source, data=root[0], marks=kept, overridden=True)
 
@@ -264,4 +253,4 @@ def _blocked(child: Any, path: Path, below: str, data: Any) -> str:
 
 
 def _kind(value: Any) -> str:
-    return "a text" if isinstance(value, str) else "a truth value" if isinstance(value, bool) else "a number"
+    return "a text" if isinstance(value, str) else "a Boolean" if isinstance(value, bool) else "a number"

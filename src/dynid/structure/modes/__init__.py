@@ -1,6 +1,5 @@
-"""Natural frequencies, mode shapes and modal damping, with none missed."""
+"""Natural frequencies, mode shapes and modal damping; none is missed."""
 
-from dynid.structure.modes.solution import Modes
-from dynid.structure.modes.solve import modes, solver_for
+from dynid.structure.modes.modes import Modes, modes, solver_for
 
 __all__ = ["Modes", "modes", "solver_for"]

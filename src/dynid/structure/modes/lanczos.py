@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 # Residual of a converged pair, relative to its eigenvalue, whose own error is of the square of that.
 _CONVERGED = 1e-10
 _RESTARTS = 200
-# What is left of a vector that lies in the span of the others.
+# The rounding that remains of a vector in the span of the others.
 _NOTHING = 1e-11
 # Steps between looks at the convergence, at least; and as a part of the modes asked for.
 _LOOK, _LOOK_PART = 3, 8
@@ -120,7 +120,7 @@ class _Basis:
         return self.coupling > 0 or self.begin()
 
     def converged(self) -> int:
-        """Return how many of the leading pairs have converged."""
+        """Return the number of leading pairs that have converged."""
         self.theta, self.S = np.linalg.eigh(self.T[: self.size, : self.size])
         order = np.argsort(-np.abs(self.theta), kind="stable")
         self.theta, self.S = self.theta[order], self.S[:, order]
@@ -130,7 +130,7 @@ class _Basis:
     def pairs(self, count: int) -> tuple[Array, Array]:
         """Return the leading pairs, the operator applied once more, which the recurrence gives for nothing.
 
-        It damps what is left of high frequencies, where a residual of the stiffness is large.
+        It damps the remainder of high frequencies, where a residual of the stiffness is large.
         """
         self.converged()
         theta, S = self.theta[:count], self.S[:, :count]

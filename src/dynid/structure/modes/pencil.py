@@ -1,4 +1,4 @@
-"""Stiffness and mass, scaled alike so that translations and rotations, stiff and soft parts compare."""
+"""Scaled pencil of stiffness and mass: translations and rotations, stiff and soft parts compare."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ class Pencil:
 
     @property
     def without_mass(self) -> NDArray[np.intp]:
-        """The DOFs (from 0) that no mass moves with."""
+        """The massless DOFs (from 0)."""
         return np.flatnonzero(self.M.diagonal() == 0)
 
 
 # A DOF this much faster by itself than the slowest (in squares), and this much lighter than the heaviest,
-# moves without mass to all digits. The one alone would be said of heavy DOFs beside one that is nearly free,
+# moves without mass to all digits. The first alone would hold for heavy DOFs beside one that is nearly free,
 # the other of rotations in large units of length.
 _MASSLESS = 1e28
 # The least shift relative to the bound, large against rounding. The lowest elastic eigenvalue of n DOFs is
 # about the bound over n^2 (strings, plates) or more (solids): a shift far below it would make rigid-body
-# modes drown it in the inverse.
+# modes hide it in the inverse.
 _LEAST_SHIFT = 1e-10
 
 
@@ -101,3 +101,12 @@ def absolute(matrix: Matrix) -> Matrix:
     """Return a matrix of the absolute values."""
     out: Any = abs(matrix)
     return cast("Matrix", out)
+
+
+def too_many(count: int, finite: int) -> UsageError:
+    """Return the error for more modes than there are."""
+    return UsageError(
+        f"{count} modes are asked for, but the structure has {finite} with finite frequencies",
+        remedy="Ask for fewer; massless DOFs add none.",
+        names=("modes",),
+    )

@@ -1,4 +1,4 @@
-"""How poles move with the unknown parameters of the joints.
+"""Derivatives of poles with respect to the unknown parameters of the joints.
 
 Of the symmetric quadratic problem (lambda^2 M + lambda C + K) u = 0 a simple pole moves by
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.solve import modes
+from dynid.structure.modes.modes import modes
 
 ComplexArray = NDArray[np.complex128]
 
@@ -32,7 +32,7 @@ _DEFECTIVE = 1e-6
 
 
 class PoleSensitivities(NamedTuple):
-    """Poles with Im >= 0, rigid-body ones left out, ascending in size, and what the parameters do to them.
+    """Poles with Im >= 0, without rigid-body ones, ascending in size, with their derivatives.
 
     `poles` (m), rad/s; `omega` (m), their sizes, and `zeta` (m), damping ratios; `omega_slopes`,
     `zeta_slopes` (m x parameters): derivatives by each parameter, infinite where a pole is about to split
@@ -70,7 +70,14 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
     letters = [unknown.letter for unknown in model.unknowns]
     poles, U = _poles(omega, D)
     slopes = np.zeros((len(poles), len(patterns)), dtype=complex)
-    for cluster in _clusters(poles):
+    clusters: list[list[int]] = []  # places of poles that are one, in the order of their size
+    for place, pole in enumerate(poles):
+        near = [c for c in clusters if abs(poles[c[0]] - pole) <= _SAME * abs(pole)]
+        if near:
+            near[0].append(place)
+        else:
+            clusters.append([place])
+    for cluster in clusters:
         pole, u = poles[cluster].mean(), U[:, cluster]
         gram = u.T @ (2 * pole * u + D @ u)
         scale = float(np.linalg.norm(2 * pole * u) + np.linalg.norm(D @ u))
@@ -80,7 +87,15 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
         for j, (pattern, letter) in enumerate(zip(patterns, letters, strict=True)):
             moved = -np.linalg.solve(gram, u.T @ pattern @ u * (pole if letter == "c" else 1.0))
             slopes[cluster, j] = np.sort_complex(np.linalg.eigvals(moved))
-    return _as_frequencies(poles, slopes)
+    omega = np.abs(poles)
+    zeta = -poles.real / omega
+    finite = np.isfinite(slopes)
+    known = np.where(finite, slopes, 0.0)
+    by_omega = np.real(np.conj(poles)[:, None] * known) / omega[:, None]
+    by_zeta = (-known.real - zeta[:, None] * by_omega) / omega[:, None]
+    return PoleSensitivities(
+        poles, omega, zeta, np.where(finite, by_omega, np.inf), np.where(finite, by_zeta, np.inf)
+    )
 
 
 def _poles(omega: Array, D: Array) -> tuple[ComplexArray, ComplexArray]:
@@ -100,27 +115,3 @@ def _poles(omega: Array, D: Array) -> tuple[ComplexArray, ComplexArray]:
     kept = kept[np.argsort(size[kept], kind="stable")]
     U = vectors[m:, kept].astype(complex)
     return poles[kept], U / np.linalg.norm(U, axis=0)
-
-
-def _clusters(poles: ComplexArray) -> list[list[int]]:
-    """Return the places of poles that are one (they are in the order of their size)."""
-    clusters: list[list[int]] = []
-    for place, pole in enumerate(poles):
-        near = [c for c in clusters if abs(poles[c[0]] - pole) <= _SAME * abs(pole)]
-        if near:
-            near[0].append(place)
-        else:
-            clusters.append([place])
-    return clusters
-
-
-def _as_frequencies(poles: ComplexArray, slopes: ComplexArray) -> PoleSensitivities:
-    omega = np.abs(poles)
-    zeta = -poles.real / omega
-    finite = np.isfinite(slopes)
-    known = np.where(finite, slopes, 0.0)
-    by_omega = np.real(np.conj(poles)[:, None] * known) / omega[:, None]
-    by_zeta = (-known.real - zeta[:, None] * by_omega) / omega[:, None]
-    return PoleSensitivities(
-        poles, omega, zeta, np.where(finite, by_omega, np.inf), np.where(finite, by_zeta, np.inf)
-    )

@@ -3,6 +3,11 @@
 The shift is negative, so that the shifted stiffness is definite with rigid bodies too. Below a limit the
 modes are counted first, by signs of pivots, and so many are computed; a given number of modes is computed
 with a few more, and counted in a gap above the last.
+
+The count uses Sylvester's law of inertia: ``K - s M = L D L^T`` has as many negative pivots as
+``K phi = lambda M phi`` has eigenvalues below s, for M positive semidefinite; infinite ones (of massless
+directions) do not count where K is positive there (B. N. Parlett, The Symmetric Eigenvalue Problem,
+section 3.3).
 """
 
 from __future__ import annotations
@@ -10,31 +15,39 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-from dynid.errors import NumericalError, Singular
-from dynid.structure.factorisation import BACKENDS, Factor, factorise
-from dynid.structure.inertia import eigenvalues_below
+from dynid.errors import Diverged, NumericalError, Singular
+from dynid.number_format import frequency_text
+from dynid.structure.factorisation import BACKENDS, Factorisation, factorise
+from dynid.structure.matrices import Array, Matrix, combined, is_sparse
+from dynid.structure.modes.dense import by_windows
 from dynid.structure.modes.lanczos import largest
-from dynid.structure.modes.pencil import Pencil, times
-from dynid.structure.modes.solution import too_many
-
-Array = NDArray[np.float64]
+from dynid.structure.modes.pencil import Pencil, absolute, times, too_many
+from dynid.structure.modes.strain_energy import StrainEnergy
 
 _ATTEMPTS = 6
 # Modes computed above those asked for, to find a gap; and the relative gap wide enough to count in.
 _SPARE, _GAP = 1, 1e-6
-# A body has six rigid motions at most: of one pair more one is elastic, which tells how far the others are.
+# A body has six rigid motions at most: one of seven pairs is elastic, and gives the distance of the others.
 _RIGID = 6
 # Relative distance of a limit to a mode at which rounding decides on which side of it the mode lies.
 _HIT = 1e-8
 # Shifts tried, relative to the pencil's: the first that leaves the stiffness definite and well enough posed.
 _SHIFTS = (1.0, 1e3, 1e6)
+# How much larger a shift is tried where pairs are short.
+_RAISED = 1e4
+# Residuals of pairs, relative to their sizes, beyond which they are improved, and how often at most.
+_FINE, _POLISHES = 1e-10, 3
+# Backward error, without refinement, of factors whose signs of pivots are those of the eigenvalues.
+_ROUNDING = 1e-12
+_NUDGES = (0.0, 1e-10, 1e-9, 1e-8)
+# Size up to which a sparse matrix without conclusive pivots is counted by dense ones.
+_DENSE = 3000
 
 
 @dataclass(eq=False)
-class Spectrum:
+class SparseSpectrum:
     """The lowest eigenpairs of a sparse pencil, ascending; more are added beside those found.
 
     `square` (pairs) are eigenvalues, `shapes` (n x pairs) scaled eigenvectors of unit modal mass.
@@ -48,8 +61,10 @@ class Spectrum:
         self.K, self.M = csc_array(self.pencil.K), csc_array(self.pencil.M)
         self.square, self.shapes = np.zeros(0), np.zeros((self.pencil.size, 0))
         self.exhausted = False
+        mass = self.M.diagonal()
+        self._ratios = (self.K.diagonal() / np.where(mass > 0, mass, 1.0))[mass > 0]
         self._rng = np.random.Generator(np.random.PCG64(self.seed))
-        self._factor: Factor | None = None
+        self._factor: Factorisation | None = None
         self._shift = self._first_shift = self.pencil.shift
 
     def lowest(self, count: int, *, proof: bool) -> tuple[Array, Array, float]:
@@ -70,6 +85,7 @@ class Spectrum:
         value = self._proved(count) if proof else 0.0
         if len(self.square) < count:
             raise too_many(count, len(self.square))
+        self._polish()
         return self.square, self.shapes, value
 
     def below(self, limit: float) -> tuple[Array, Array, float]:
@@ -87,6 +103,7 @@ class Spectrum:
             if np.any(np.abs(self.square - limit) <= _HIT * limit):  # copies may lie on either side
                 count, limit = self._count(limit * (1 + 10 * _HIT))
             elif found == count:
+                self._polish()
                 return self.square[:count], self.shapes[:, :count], limit
             elif found > count:
                 break
@@ -95,20 +112,67 @@ class Spectrum:
         raise _stay_missing(self.backend)
 
     def _extend(self, count: int) -> None:
-        """Compute at least so many pairs, as far as there are so many (Rayleigh–Ritz at the end)."""
+        """Compute at least so many pairs, as far as there are so many (Rayleigh–Ritz at the end).
+
+        Beside a DOF that is nearly free all others are rounding of the inverse: where pairs are short or do
+        not converge, they are looked for with a larger shift, beside those found.
+        """
         from scipy.linalg import eigh
 
-        if self._factor is None:
-            self._factor, self._shift = self._shifted()
-        known = (1 / (self.square + self._shift), self.shapes) if len(self.square) else None
-        theta, shapes = largest(self._factor.solve, self.M, count, self._rng, known)
-        self.exhausted = len(theta) < count
-        if self.exhausted and len(theta) == 0:
-            return
-        self.square, mixed = eigh(shapes.T @ times(self.K, shapes), shapes.T @ times(self.M, shapes))
-        self.shapes = shapes @ mixed
+        while True:
+            if self._factor is None:
+                self._factor, self._shift = self._shifted()
+            known = (1 / (self.square + self._shift), self.shapes) if len(self.square) else None
+            try:
+                theta, shapes = largest(self._factor.solve, self.M, count, self._rng, known)
+            except Diverged:
+                if self._raised():
+                    continue
+                raise
+            self.exhausted = len(theta) < count
+            if len(theta):
+                stiffness, mass = shapes.T @ times(self.K, shapes), shapes.T @ times(self.M, shapes)
+                self.square, mixed = eigh(stiffness, mass)
+                self.shapes = shapes @ mixed
+            if len(theta) >= min(count, len(self._ratios)) or not self._raised():
+                return
 
-    def _shifted(self) -> tuple[Factor, float]:
+    def _polish(self) -> None:
+        """Improve pairs with large residuals: by the inverse about the highest, and energies summed exactly.
+
+        Beside softer ones a pair is as wrong as their eigenvalues are lower.
+        """
+        if not len(self.square) or self._residual() <= _FINE:
+            return
+        factor = factorise(self.K + float(self.square.max()) * self.M, self.backend, definite=True)
+        strain = StrainEnergy(self.K)
+        for _ in range(_POLISHES):
+            X = factor.solve(np.asarray(self.M @ self.shapes))
+            X = X / np.sqrt(np.einsum("ij,ij->j", X, times(self.M, X)))
+            mass = X.T @ times(self.M, X)
+            self.square, mixed = by_windows(strain.gram(X, X), (mass + mass.T) / 2)
+            order = np.argsort(self.square, kind="stable")
+            self.square, self.shapes = self.square[order], X @ mixed[:, order]
+            if self._residual() <= _FINE:
+                break
+
+    def _residual(self) -> float:
+        """Return the largest residual of the pairs, relative to their sizes."""
+        size = np.abs(self.shapes)
+        inertia = np.abs(self.square) * times(absolute(self.M), size)
+        sizes = np.linalg.norm(times(absolute(self.K), size) + inertia, axis=0)
+        wrong = times(self.K, self.shapes) - self.square * times(self.M, self.shapes)
+        return float(np.max(np.linalg.norm(wrong, axis=0) / np.where(sizes > 0, sizes, 1.0)))
+
+    def _raised(self) -> bool:
+        """Raise the shift; False if it is as high as the fastest DOF already."""
+        higher = _RAISED * self._first_shift
+        if not len(self._ratios) or higher > self._ratios.max():
+            return False
+        self._factor, self._first_shift = None, higher
+        return True
+
+    def _shifted(self) -> tuple[Factorisation, float]:
         """Factorise the stiffness, shifted by a little mass."""
         for factor in _SHIFTS:
             shift = factor * self._first_shift
@@ -122,10 +186,16 @@ class Spectrum:
         )
 
     def _proved(self, count: int) -> float:
-        """Find what is missing of so many pairs; return the value below which none is, in a gap above."""
+        """Complete so many pairs; return the value, in a gap above them, below which none is missing."""
         for _ in range(_ATTEMPTS):
-            gap = self._gap(min(count, len(self.square)))
-            if gap is None:
+            tail = self.square[max(min(count, len(self.square)) - 1, 0) :]
+            wide = np.diff(tail) > _GAP * (np.abs(tail[1:]) + 1e3 * self._shift)
+            if wide.any():
+                first = int(np.argmax(wide))
+                gap = float(tail[first : first + 2].mean())
+            elif self.exhausted:
+                gap = 4 * (float(np.abs(self.square).max(initial=0.0)) + self._shift)
+            else:  # no gap so far
                 self._extend(2 * len(self.square))
                 continue
             counted, value = self._count(gap)
@@ -137,16 +207,6 @@ class Spectrum:
             self._extend(len(self.square) + missing)
         raise _stay_missing(self.backend)
 
-    def _gap(self, count: int) -> float | None:
-        """Return a value in a wide gap above so many pairs; None if there is no gap so far."""
-        tail = self.square[max(count - 1, 0) :]
-        wide = np.diff(tail) > _GAP * (np.abs(tail[1:]) + 1e3 * self._shift)
-        if wide.any():
-            first = int(np.argmax(wide))
-            return float(tail[first : first + 2].mean())
-        above = 4 * (float(np.abs(self.square).max(initial=0.0)) + self._shift)
-        return above if self.exhausted else None
-
     def _count(self, value: float) -> tuple[int, float]:
         self._factor = None  # two factorisations at a time would double the memory
         backend = self.backend if BACKENDS[self.backend].indefinite else "splu"
@@ -157,4 +217,90 @@ def _stay_missing(backend: str) -> NumericalError:
     return NumericalError(
         f"the modes computed and the modes counted disagree (factorisation backend {backend})",
         remedy="Use another backend, or ask for another number of modes.",
+    )
+
+
+def negative_eigenvalues(A: Matrix, backend: str = "splu") -> int:
+    """Return the number of negative eigenvalues of a symmetric matrix.
+
+    Parameters
+    ----------
+    A
+        The matrix (n x n), dense (Bunch–Kaufman pivots) or sparse (the backend's pivots).
+    backend
+        The factorisation backend of sparse matrices, one that takes indefinite ones.
+
+    Raises
+    ------
+    Singular
+        If a pivot is zero to rounding.
+    NumericalError
+        If the sparse pivots are not conclusive and the matrix is too large for dense ones.
+    """
+    if not is_sparse(A):
+        return _negatives_dense(np.asarray(A))
+    for diagonal in (False, True) if backend == "splu" else (False,):
+        try:
+            factor = factorise(A, backend, definite=diagonal)
+        except NumericalError:
+            if not diagonal:
+                raise
+            break  # SuperLU's pivots on the diagonal at any price: the price was too high
+        if factor.error <= _ROUNDING and (found := factor.negatives) is not None:
+            return found
+        del factor  # before the next one is made
+    if A.shape[0] > _DENSE:
+        raise NumericalError(
+            f"the inertia count of the backend {backend} needs pivots off the diagonal",
+            remedy="Count at another value, or use the backend pardiso.",
+        )
+    return _negatives_dense(A.toarray())
+
+
+def _negatives_dense(A: Array) -> int:
+    from scipy.linalg import ldl
+
+    D = ldl(A, lower=True)[1]
+    # D is block diagonal; the 2x2 blocks of Bunch–Kaufman have one eigenvalue of either sign.
+    twos = np.flatnonzero(np.diag(D, -1))
+    single = np.ones(len(D), dtype=bool)
+    single[twos] = single[twos + 1] = False
+    pivots = np.diag(D)[single]
+    if np.any(np.abs(pivots) <= np.finfo(float).eps * np.abs(A).max(initial=0.0)):
+        raise Singular("the matrix is singular to rounding: its inertia cannot be told")
+    return int(np.count_nonzero(pivots < 0)) + len(twos)
+
+
+def eigenvalues_below(K: Matrix, M: Matrix, value: float, backend: str = "splu") -> tuple[int, float]:
+    """Count the eigenvalues of ``K phi = lambda M phi`` below a value.
+
+    Parameters
+    ----------
+    K, M
+        Stiffness and mass (n x n), symmetric, scaled to entries of like size; M positive semidefinite.
+    value
+        The value.
+    backend
+        As of `negative_eigenvalues`.
+
+    Returns
+    -------
+    count, value
+        The count, and the value it is for: up to 1e-8 higher where the one given hits an eigenvalue or its
+        pivots are not conclusive.
+
+    Raises
+    ------
+    NumericalError
+        If no pivots are conclusive.
+    """
+    for nudge in _NUDGES:
+        nudged = value + nudge * abs(value)
+        try:
+            return negative_eigenvalues(combined(1.0, K, -nudged, M), backend), nudged
+        except NumericalError:
+            continue
+    raise NumericalError(
+        f"the modes below {frequency_text(np.sqrt(max(value, 0.0)), 6)} cannot be counted",
+        remedy="Ask for another number of modes, or another limit.",
     )

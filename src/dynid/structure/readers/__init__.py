@@ -1,1 +1,1 @@
-"""Matrices out of users' files, one format a file; which one, the extension and the header say."""
+"""Readers of matrices in users' files; extension and header choose the format."""

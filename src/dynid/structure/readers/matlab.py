@@ -17,7 +17,7 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.structure.matrices import Array, Matrix
-from dynid.structure.readers.imported import (
+from dynid.structure.readers.imported_matrix import (
     MOST_NUMBERS,
     as_numbers,
     check_claim,
@@ -34,7 +34,7 @@ _COMPLEX = 0x800
 _HEAD = 4096
 
 
-class _Variable(NamedTuple):
+class _MatlabVariable(NamedTuple):
     """A variable: its name, sizes, class and flags, most entries if sparse, and its bytes as stored."""
 
     name: str
@@ -61,7 +61,7 @@ def names(path: Path) -> list[str]:
 def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
     """Return the arrays of a variable: of a matrix None and itself, of cells their shape and contents.
 
-    Cells come column by column, as the file holds them. What they hold must be matrices of real numbers.
+    Cells come column by column, as the file holds them. They must hold matrices of real numbers.
     """
     with read_errors(path, _WHAT):
         order, variables = _variables(path)
@@ -83,7 +83,7 @@ def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
         return variable.shape, found
 
 
-def _full(path: Path, variable: _Variable, order: str) -> Array:
+def _full(path: Path, variable: _MatlabVariable, order: str) -> Array:
     """Return a full matrix of real numbers."""
     if variable.kind not in _FULL or variable.is_complex:
         raise FileError(f"{path}: '{variable.name}' is no matrix of real numbers")
@@ -121,7 +121,7 @@ def load(path: Path, name: str) -> Matrix:
         return as_numbers(path, name, parts[0].reshape(variable.shape, order="F"))
 
 
-def _variables(path: Path) -> tuple[str, list[_Variable]]:
+def _variables(path: Path) -> tuple[str, list[_MatlabVariable]]:
     """Return the byte order of a file, and its numeric variables."""
     if path.stat().st_size > 8 * MOST_NUMBERS:
         raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
@@ -143,17 +143,17 @@ def _variables(path: Path) -> tuple[str, list[_Variable]]:
     return order, found
 
 
-def _described(head: memoryview, payload: memoryview, packed: bool, order: str) -> _Variable:
+def _described(head: memoryview, payload: memoryview, packed: bool, order: str) -> _MatlabVariable:
     elements = _elements(head, order)
     flags, most = struct.unpack_from(f"{order}II", next(elements)[1])
     shape = tuple(int(size) for size in _array(*next(elements), order))
     if len(shape) < 2 or min(shape) < 0:
         raise ValueError("a variable has no sizes")
     name = bytes(next(elements)[1]).decode("latin-1")
-    return _Variable(name, shape, flags & 0xFF, bool(flags & _COMPLEX), most, payload, packed)
+    return _MatlabVariable(name, shape, flags & 0xFF, bool(flags & _COMPLEX), most, payload, packed)
 
 
-def _parts(variable: _Variable, order: str) -> list[tuple[int, memoryview]]:
+def _parts(variable: _MatlabVariable, order: str) -> list[tuple[int, memoryview]]:
     """Return the numeric parts of a variable: of a sparse one row indices, column starts, values."""
     content = variable.payload
     if variable.packed:

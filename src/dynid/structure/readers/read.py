@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
+from typing import NamedTuple
 
 from dynid.errors import FileError
-from dynid.inputs import dataset_of, obstacle
+from dynid.file_access import dataset_of, obstacle
 from dynid.structure.matrices import Label, Matrix
-from dynid.structure.readers import hdf5, matlab, matrix_market, numpy_files, op4, triplets
-from dynid.structure.readers.imported import Imported
-from dynid.words import did_you_mean
+from dynid.structure.readers import binary, matlab
+from dynid.structure.readers.imported_matrix import ImportedMatrix
+from dynid.structure.readers.text import BANNER, read_matrix_market, read_triplets
+from dynid.suggestions import did_you_mean
 
 EXTENSIONS = (".mtx", ".mat", ".npz", ".npy", ".h5", ".hdf5", ".op4")
 """The formats that are read."""
@@ -25,12 +26,19 @@ USUAL = {
     "B": ("B",),
     "C": ("C",),
 }
-"""What the matrices are usually called in files that hold several, whatever the case."""
+"""Usual names of the matrices in files that hold several, in any case of letters."""
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _LISTED = 12
 # The largest file of labels, bytes.
 _LONGEST = 100_000_000
+
+
+class Container(NamedTuple):
+    """The reader of a format that holds several matrices: their shapes by name, and one of them."""
+
+    shapes: Callable[[Path], dict[str, tuple[int, ...]]]
+    load: Callable[[Path, str], Matrix]
 
 
 @dataclass(frozen=True)
@@ -47,14 +55,14 @@ def matrix_file(folder: Path, path: str, name: str | None = None) -> MatrixFile:
     return MatrixFile(folder / bare, inside) if name is None else MatrixFile(folder / path, name)
 
 
-def read_matrix(file: MatrixFile, role: str) -> Imported:
+def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     """Read the matrix of a file that plays a role.
 
     Parameters
     ----------
     file
-        The file: Matrix Market or Abaqus triplets (`.mtx`, told apart by the header), MATLAB (`.mat`), NumPy
-        (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4 (`.op4`).
+        The file: Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), MATLAB
+        (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4 (`.op4`).
     role
         One of `USUAL`: which matrix is meant in a file that holds several, and names none.
 
@@ -66,10 +74,11 @@ def read_matrix(file: MatrixFile, role: str) -> Imported:
     path = file.path
     _check_kind(path)
     if path.suffix.lower() == ".mtx":
-        return matrix_market.read(path) if _is_matrix_market(path) else triplets.read(path)
-    reader = _several(path)
+        banner = _start(path).lstrip().lower().startswith(BANNER.encode())
+        return read_matrix_market(path) if banner else read_triplets(path)
+    reader = _container(path)
     name = _choose(path, file.name, role, reader.shapes(path))
-    return Imported(reader.load(path, name))
+    return ImportedMatrix(reader.load(path, name))
 
 
 def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
@@ -80,7 +89,7 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
     path
         The file.
     names
-        What it calls them, where that differs.
+        Their names in the file, where these differ.
 
     Raises
     ------
@@ -90,7 +99,7 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
     _check_kind(path)
     if path.suffix.lower() == ".mtx":
         raise FileError(f"{path} holds one matrix; a state space takes several")
-    reader = _several(path)
+    reader = _container(path)
     shapes = reader.shapes(path)
     there = {found.rpartition("/")[2].upper() for found in shapes}
     roles = ["A", *(role for role in ("B", "C") if role in names or role in there)]
@@ -132,22 +141,18 @@ def _check_file(path: Path) -> None:
         raise FileError(f"{path} {found[0]}", remedy=found[1])
 
 
-def _several(path: Path) -> ModuleType:
+def _container(path: Path) -> Container:
+    """Return the reader of a format that holds several matrices."""
     kind = path.suffix.lower()
     if kind == ".op4":
-        return op4
+        return Container(binary.op4_shapes, binary.load_op4)
     if kind in (".npz", ".npy"):
-        return numpy_files
-    return hdf5 if kind != ".mat" or _is_hdf5(path) else matlab
-
-
-def _is_matrix_market(path: Path) -> bool:
-    return _start(path).lstrip().lower().startswith(matrix_market.BANNER.encode())
-
-
-def _is_hdf5(path: Path) -> bool:
-    start = _start(path, 520)
-    return start.startswith(_HDF5_SIGNATURE) or start[512:].startswith(_HDF5_SIGNATURE)
+        return Container(binary.numpy_shapes, binary.load_numpy)
+    if kind == ".mat":
+        start = _start(path, 520)
+        if not (start.startswith(_HDF5_SIGNATURE) or start[512:].startswith(_HDF5_SIGNATURE)):
+            return Container(matlab.shapes, matlab.load)
+    return Container(binary.hdf5_shapes, binary.load_hdf5)
 
 
 def _start(path: Path, size: int = 100) -> bytes:
@@ -171,19 +176,15 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
     if first and (len(first) == 1 or first[0].lower() != first[1].lower()):
         return first[0]
     only = next(iter(shapes), "")
-    if len(shapes) == 1 and role not in ("B", "C") and not _is_another(only, role):
+    others = (USUAL[other] for other in ("mass", "stiffness") if other != role)
+    named_as_another = len(role) > 1 and any(
+        only.rpartition("/")[2].lower() in (name.lower() for name in names) for names in others
+    )
+    if len(shapes) == 1 and role not in ("B", "C") and not named_as_another:
         return only
     raise FileError(
         f"{path} does not say which matrix is the {role}{_known(shapes)}",
         remedy="Name it: {path: …, name: …}.",
-    )
-
-
-def _is_another(name: str, role: str) -> bool:
-    """Tell whether a matrix is called as one of another role usually is."""
-    word = name.rpartition("/")[2].lower()
-    return len(role) > 1 and any(
-        word in (usual.lower() for usual in USUAL[other]) for other in ("mass", "stiffness") if other != role
     )
 
 

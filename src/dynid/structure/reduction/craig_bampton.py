@@ -13,11 +13,10 @@ import numpy as np
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.guyan import constraint_modes
-from dynid.structure.reduction.masters import Masters
-from dynid.structure.reduction.reduction import Reduction, masters_alone, projected, with_known_joints
-from dynid.structure.reduction.selection import Interest, ModeRange, mode_rule, selected, wanted_modes
-from dynid.structure.reduction.static import partition
+from dynid.structure.reduction.condensation import SLAVES, constraint_modes, partition
+from dynid.structure.reduction.masters import Masters, masters_alone, with_known_joints
+from dynid.structure.reduction.mode_selection import Interest, ModeRange, mode_rule, selected, wanted_modes
+from dynid.structure.reduction.reduction import StructuralReduction, projected
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class CraigBampton:
         Fixed-interface modes: numbers or a range; a count of 0 is static condensation. Absent: those of
         the band.
     interest
-        What the model is for.
+        Purpose of the model.
     """
 
     masters: Sequence[Label] | Masters | None = None
@@ -43,7 +42,7 @@ class CraigBampton:
     interest: Interest = field(default_factory=Interest)
 
     @guarded("the Craig–Bampton reduction")
-    def reduce(self, model: StructuralModel) -> Reduction:
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
 
         Raises
@@ -54,10 +53,11 @@ class CraigBampton:
             If the inside is not held by the boundary.
         """
         cut = partition(model, masters_alone(model, self.masters, self.interest))
-        static = constraint_modes(cut)
+        static, condition = constraint_modes(cut)
         wanted = wanted_modes(self.modes, self.interest, None)
         if wanted == ModeRange(count=0):
-            return Reduction(projected(model, cut.basis(static), cut.labels), cut.labels)
+            small = projected(model, cut.basis(static), cut.labels)
+            return StructuralReduction(small, cut.labels, condition=condition, inverted=SLAVES)
         M, C, K = (cut.inner(matrix) for matrix in with_known_joints(model))
         fixed = selected((M, C, K), wanted)
         names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
@@ -65,4 +65,6 @@ class CraigBampton:
         shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
         rule = f"fixed-interface modes: {mode_rule(self.modes, self.interest, None)}"
         small = projected(model, cut.basis(static, shapes), names)
-        return Reduction(small, cut.labels, fixed.numbers, rule=rule, doubt=fixed.doubt)
+        return StructuralReduction(
+            small, cut.labels, fixed.numbers, condition, rule=rule, doubt=fixed.doubt, inverted=SLAVES
+        )

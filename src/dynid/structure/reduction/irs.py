@@ -1,5 +1,13 @@
 """The improved reduced system, and its iteration.
 
+``t_(i+1) = t_0 + K_ss^-1 (M_sm + M_ss t_i) M_i^-1 K_i`` has terms as large as the fastest motion of the
+masters is fast; where masters are joined stiffly, their slow motion is a small difference of these. So the
+reduced model is taken in its own modes: with ``K_i Phi = M_i Phi Omega^2``
+
+    t_(i+1) Phi = t_0 Phi + K_ss^-1 (M_sm + M_ss t_i) Phi Omega^2,
+
+where every column is of the size of its own motion.
+
 Sources: J. O'Callahan, IMAC 1989 (IRS); M. I. Friswell, S. D. Garvey & J. E. T. Penny, *J. Sound Vib.* 186
 (1995) 311–323 (iterated).
 """
@@ -8,29 +16,49 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from dynid.errors import Singular, UsageError
+from dynid.defaults import MASTER_COORDINATES
+from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Label
+from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.guyan import FREE, REMEDY
-from dynid.structure.reduction.masters import Masters
-from dynid.structure.reduction.reduction import Reduction, masters_alone, projected, with_known_joints
-from dynid.structure.reduction.selection import Interest
-from dynid.structure.reduction.static import partition, solver
+from dynid.structure.modes import modes
+from dynid.structure.reduction.condensation import (
+    FREE,
+    REMEDY,
+    SLAVES,
+    CheckedSolver,
+    Partition,
+    partition,
+    solver,
+)
+from dynid.structure.reduction.masters import Masters, masters_alone, with_known_joints
+from dynid.structure.reduction.mode_selection import Interest
+from dynid.structure.reduction.reduction import (
+    StructuralReduction,
+    cancellation,
+    modal_rule,
+    projected,
+    projected_stiffness,
+    without_rounding,
+)
 
-# A change of the basis, relative to it, that is none.
+# A change of the motion in a mode, relative to it, that is none.
 _SETTLED = 1e-14
+_EPS = float(np.finfo(float).eps)
+# The part of a frequency that rounding may leave open. It is seen by one random change, and may be so much
+# larger.
+_OPEN, _MARGIN = 1e-6, 10.0
 
 
 @dataclass(frozen=True)
 class Irs:
     """Static condensation with the slaves' inertia as the reduced model accelerates them.
 
-    ``t_(i+1) = t_0 + K_ss^-1 (M_sm + M_ss t_i) M_i^-1 K_i`` from the static t_0, M_i and K_i those of
-    step i. Iterated it converges to SEREP on the lowest modes.
+    Iterated it converges to SEREP on the lowest modes.
 
     Parameters
     ----------
@@ -49,8 +77,11 @@ class Irs:
             raise UsageError("IRS takes at least one iteration", names=("iterations",))
 
     @guarded("the improved reduced system")
-    def reduce(self, model: StructuralModel) -> Reduction:
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
+
+        Coordinates are the masters' displacements; where the slow modes of the reduced model would be lost in
+        them, they are these modes.
 
         Raises
         ------
@@ -62,29 +93,117 @@ class Irs:
         cut = partition(model, masters_alone(model, self.masters, self.interest))
         M, _, K = with_known_joints(model)
         solve = solver(cut.inner(K), FREE, REMEDY)
-        static = -solve(cut.coupling(K))
-        slaves = static
-        for _ in range(self.iterations):
-            T = cut.basis(slaves)
-            inertia = np.asarray(M @ T)
-            back = _accelerations(T.T @ inertia, T.T @ np.asarray(K @ T))
-            last, slaves = slaves, static + solve(inertia[cut.slaves]) @ back
-            if np.abs(slaves - last).max(initial=0.0) <= _SETTLED * np.abs(slaves).max(initial=0.0):
+        problem = _Iteration(cut, M, K, solve, -solve(cut.coupling(K)))
+        T, square, growth = problem.iterated(self.iterations)
+        if growth * _EPS > _OPEN / _MARGIN:
+            # Frequencies that move with rounding of the motions are refused.
+            other, omega = problem.iterated(self.iterations, noise=_EPS)[1], np.sqrt(square)
+            moved = _MARGIN * np.abs(np.sqrt(other) - omega) / np.where(omega > 0, omega, 1.0)
+            if moved.max() > _OPEN:
+                at, most = int(np.argmax(moved > _OPEN)) + 1, 100 * float(moved.max())
+                raise _open_to_rounding(f"it moves the frequency of mode {at} by {most:.2g} %")
+        return _in_masters_or_modes(model, cut, T, square, solve.condition)
+
+
+def _in_masters_or_modes(
+    model: StructuralModel, cut: Partition, T: Array, square: Array, condition: float
+) -> StructuralReduction:
+    """Return the model on a basis of its own modes, in the masters' displacements where these hold them.
+
+    Parameters
+    ----------
+    model, cut
+        The full structure, without unknown joints, and its masters.
+    T
+        The motion in the modes of the reduced model (n x m), of unit modal mass.
+    square
+        Their squared frequencies (m).
+    condition
+        Condition of the inverted matrix.
+    """
+    lost = cancellation(T[cut.masters], square)
+    if lost <= MASTER_COORDINATES.value:
+        slaves = np.asarray(np.linalg.solve(T[cut.masters].T, T[cut.slaves].T).T, dtype=np.float64)
+        return StructuralReduction(
+            projected(model, cut.basis(slaves), cut.labels),
+            cut.labels,
+            condition=condition,
+            lost=lost,
+            inverted=SLAVES,
+        )
+    names = [f"reduced_mode_{number}" for number in range(1, T.shape[1] + 1)]
+    rigid = np.flatnonzero(square == 0).tolist()
+    reduced = projected(model, T, names, rigid)
+    return StructuralReduction(
+        reduced, cut.labels, condition=condition, lost=lost, inverted=SLAVES, rule=modal_rule(lost)
+    )
+
+
+class _Iteration(NamedTuple):
+    """A structure cut at its masters, its matrices, and the constraint modes."""
+
+    cut: Partition
+    M: Matrix
+    K: Matrix
+    solve: CheckedSolver
+    static: Array
+
+    def iterated(self, iterations: int, noise: float = 0.0) -> tuple[Array, Array, float]:
+        """Return the reduced model's modes (n x m) of unit modal mass, and their squared frequencies.
+
+        The last is by how much the steps may have amplified rounding. In every step each mode gets a part
+        of the size of `noise` of all others.
+        """
+        cut, rng = self.cut, np.random.Generator(np.random.PCG64(0))
+        # About the inverse of the lowest squared frequency with the masters held, s^2.
+        M, probe = (
+            cut.inner(self.M),
+            np.random.Generator(np.random.PCG64(1)).standard_normal((len(cut.slaves), 1)),
+        )
+        moved = self.solve(np.asarray(M @ probe))
+        size, after = (float(np.sum(x * np.asarray(M @ x))) for x in (probe, moved))
+        slowest = float(np.sqrt(after / size)) if size > 0 else 0.0
+        T, growth = cut.basis(self.static), 1.0
+        for step in range(iterations):
+            last, square = _on_modes(T, self.M, self.K, step)
+            last = last + noise * last @ rng.standard_normal((len(square), len(square)))
+            inertia = np.asarray(self.M @ last)[cut.slaves]
+            T = np.empty((cut.model.size, last.shape[1]))
+            T[cut.masters] = last[cut.masters]
+            T[cut.slaves] = self.static @ last[cut.masters] + self.solve(inertia) * square
+            growth *= max(1.0, float(square.max()) * slowest)
+            if np.all(np.abs(T - last).max(axis=0) <= _SETTLED * np.abs(last).max(axis=0)):
                 break
-        return Reduction(projected(model, cut.basis(slaves), cut.labels), cut.labels)
+        return *_on_modes(T, self.M, self.K, iterations), growth
 
 
-def _accelerations(M: Array, K: Array) -> Array:
-    """Return ``M^-1 K`` of the reduced model."""
-    size = np.diag(M)
-    if np.all(size > 0):
-        scale = 1 / np.sqrt(size)
-        values, vectors = np.linalg.eigh(M * scale * scale[:, None])
-        if values[0] > len(M) * np.finfo(float).eps:
-            root = scale[:, None] * vectors / np.sqrt(values)
-            return np.asarray(root @ (root.T @ K))
-    raise Singular(
-        "the masters can move without inertia, which IRS divides by",
-        remedy="Take other or fewer masters, or static condensation.",
+def _open_to_rounding(what: str) -> NumericalError:
+    return NumericalError(
+        f"the improved reduced system is open to rounding: {what}",
+        remedy="Masters that move much faster than the slaves amplify rounding in every step: take fewer "
+        "iterations or other masters, or serep.",
         names=("masters",),
     )
+
+
+def _on_modes(T: Array, M: Matrix, K: Matrix, step: int) -> tuple[Array, Array]:
+    """Return the motion (n x m) of unit modal mass in the modes of a basis, and their squared frequencies.
+
+    A basis that has lost a direction has not got there without `step` steps that amplify rounding.
+    """
+    mass = T.T @ np.asarray(M @ T)
+    mass = (mass + mass.T) / 2
+    stiffness = without_rounding(projected_stiffness(T, K), T, K)
+    try:
+        found = modes(mass, np.zeros_like(mass), stiffness)
+        if found.massless:
+            raise Singular("there are massless directions")
+    except (Singular, UsageError) as error:
+        if step:
+            raise _open_to_rounding(f"after {step} steps two modes are one") from None
+        raise Singular(
+            f"the masters can move without inertia, which IRS divides by ({error.problem})",
+            remedy="Take other or fewer masters, or static condensation.",
+            names=("masters",),
+        ) from None
+    return T @ found.shapes, found.omega**2

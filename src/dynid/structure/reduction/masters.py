@@ -1,4 +1,4 @@
-"""Masters: the DOFs that a reduced model keeps, given or chosen, and whether they see the modes.
+"""Masters, the DOFs that a reduced model keeps: given or chosen, and their condition for the modes.
 
 Sources: pivoted QR of the mode matrix's rows, G. H. Golub & C. F. Van Loan, *Matrix Computations*, 5.4;
 effective independence, D. C. Kammer, *J. Guidance, Control, and Dynamics* 14 (1991) 251–259.
@@ -13,12 +13,13 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.choices import MASTERS, SINGLE_MASTERS
+from dynid.defaults import MASTERS, SINGLE_MASTERS
 from dynid.errors import Singular, UsageError
-from dynid.numerals import counted
+from dynid.number_format import counted
 from dynid.structure.labels import listed
-from dynid.structure.matrices import Array, Label
+from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
+from dynid.structure.reduction.mode_selection import Interest, ModeRange, selected, wanted_modes
 
 Indices = NDArray[np.int64]
 
@@ -34,7 +35,7 @@ _ONE_BY_ONE = SINGLE_MASTERS.value
 
 @dataclass(frozen=True)
 class Masters:
-    """How to choose masters.
+    """A rule to choose masters by.
 
     Parameters
     ----------
@@ -87,7 +88,13 @@ def chosen(choose: Choice, count: int, shapes: Array, mass: Array) -> Indices:
     if choose == "mass":
         return np.sort(np.argsort(-mass, kind="stable")[:count])
     if choose == "qr":
-        return _pivoted(count, shapes)
+        # Beyond one DOF a mode, the others see all modes over again.
+        taken = _pivots(shapes)[: min(count, shapes.shape[1])]
+        while len(taken) < count:
+            rest = np.setdiff1d(np.arange(len(shapes)), taken)
+            again = rest[_pivots(shapes[rest])]
+            taken = np.concatenate([taken, again[: min(count - len(taken), shapes.shape[1])]])
+        return np.sort(taken)
     return _effectively_independent(count, shapes)
 
 
@@ -102,21 +109,12 @@ def completed(given: Indices, shapes: Array) -> Indices:
         The modes (n x r).
     """
     _, s, Vt = np.linalg.svd(shapes[given])
-    rank = int(np.count_nonzero(s > _BARELY * _typical(shapes)))
+    typical = float(np.abs(shapes).max(axis=0, initial=0.0).min(initial=np.inf))
+    rank = int(np.count_nonzero(s > _BARELY * typical))
     unseen = shapes @ Vt[rank:].T
     unseen[given] = 0.0
     more = _pivots(unseen)[: shapes.shape[1] - rank]
     return np.sort(np.concatenate([given, more]))
-
-
-def _pivoted(count: int, shapes: Array) -> Indices:
-    """Choose by pivoted QR; beyond one DOF a mode, the others see all modes over again."""
-    taken = _pivots(shapes)[: min(count, shapes.shape[1])]
-    while len(taken) < count:
-        rest = np.setdiff1d(np.arange(len(shapes)), taken)
-        again = rest[_pivots(shapes[rest])]
-        taken = np.concatenate([taken, again[: min(count - len(taken), shapes.shape[1])]])
-    return np.sort(taken)
 
 
 def _pivots(shapes: Array) -> Indices:
@@ -124,11 +122,6 @@ def _pivots(shapes: Array) -> Indices:
     from scipy.linalg import qr  # heavy import, needed here only
 
     return np.asarray(qr(shapes.T, mode="r", pivoting=True)[1], dtype=np.int64)
-
-
-def _typical(shapes: Array) -> float:
-    """Return the size of the modes where they are seen well."""
-    return float(np.abs(shapes).max(axis=0, initial=0.0).min(initial=np.inf))
 
 
 def _effectively_independent(count: int, shapes: Array) -> Indices:
@@ -231,3 +224,77 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
         remedy="Add a master where it moves, leave it out, or let `masters: {choose: qr}` choose.",
         names=("masters",),
     )
+
+
+def with_known_joints(model: StructuralModel) -> tuple[Matrix, Matrix, Matrix]:
+    """Return M, C and K with the joints that are known; unknown ones are left out."""
+    return model.with_joints({unknown.name: 0.0 for unknown in model.unknowns})
+
+
+def masters_for_modes(
+    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest, shapes: Array
+) -> Indices:
+    """Return masters at which these modes are observable.
+
+    Parameters
+    ----------
+    model
+        The full structure.
+    given
+        Labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads, and as many others as
+        it takes to see all the modes.
+    interest
+        The DOFs of sensors and loads.
+    shapes
+        The modes (n x r).
+    """
+    if given is None:
+        return completed(interesting(model, interest), shapes)
+    if isinstance(given, Masters):
+        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
+    return indices_of(model, given)
+
+
+def masters_alone(
+    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest
+) -> Indices:
+    """Return the masters of a method that is not made of modes.
+
+    Absent: the DOFs of joints, sensors and loads. A rule to choose by looks at as many of the lowest modes
+    as masters are wanted; without a count, at those of the band.
+
+    Raises
+    ------
+    UsageError
+        If neither masters nor their number are known.
+    """
+    if isinstance(given, Masters):
+        if given.choose == "mass" and given.count is not None:
+            return chosen("mass", given.count, np.empty((model.size, 0)), model.M.diagonal())
+        wanted = wanted_modes(None, interest, given.count)
+        if isinstance(wanted, ModeRange) and wanted.count is not None:
+            wanted = ModeRange(count=min(wanted.count, model.size))
+        shapes = selected(with_known_joints(model), wanted).shapes
+        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
+    masters = interesting(model, interest) if given is None else indices_of(model, given)
+    if not len(masters):
+        raise UsageError(
+            "nothing says which DOFs are masters: there are no joints, sensors or loads",
+            remedy="Give `masters: [DOF, …]`, or `masters: {count: N}` to have them chosen.",
+            names=("masters",),
+        )
+    return masters
+
+
+def interesting(model: StructuralModel, interest: Interest) -> Indices:
+    """Return the DOFs of joints, then those of sensors and loads, each once."""
+    dofs = [dof for joint in model.joints for dof in joint.dofs]
+    labels = list(dict.fromkeys(model.label(dof) for dof in [*dofs, *interest.dofs]))
+    return indices_of(model, labels) if labels else np.array([], dtype=np.int64)
+
+
+def fixed_count(masters: Sequence[Label] | Masters | None) -> int | None:
+    """Return the number of masters where it is given, else None."""
+    if masters is None:
+        return None
+    return masters.count if isinstance(masters, Masters) else len(masters)

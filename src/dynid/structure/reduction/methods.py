@@ -6,21 +6,19 @@ from typing import Any, Protocol
 
 from dynid.errors import UsageError
 from dynid.structure.model import StructuralModel
+from dynid.structure.reduction.condensation import Dynamic, Guyan
 from dynid.structure.reduction.craig_bampton import CraigBampton
-from dynid.structure.reduction.dynamic import Dynamic
-from dynid.structure.reduction.guyan import Guyan
 from dynid.structure.reduction.irs import Irs
-from dynid.structure.reduction.joint_aware import JointAware
-from dynid.structure.reduction.modal import Modal
-from dynid.structure.reduction.reduction import Reduction
-from dynid.structure.reduction.serep import Serep
-from dynid.words import did_you_mean
+from dynid.structure.reduction.modal import ModalTruncation
+from dynid.structure.reduction.reduction import StructuralReduction
+from dynid.structure.reduction.serep import JointAware, Serep
+from dynid.suggestions import did_you_mean
 
 
 class Reductor(Protocol):
     """A method with its choices made."""
 
-    def reduce(self, model: StructuralModel) -> Reduction:
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure."""
 
 
@@ -30,7 +28,7 @@ METHODS: dict[str, Any] = {
     "dynamic": Dynamic,
     "irs": Irs,
     "craig-bampton": CraigBampton,
-    "modal": Modal,
+    "modal": ModalTruncation,
     "joint-aware": JointAware,
 }
 """The classes of the methods: `Reductor` instances."""

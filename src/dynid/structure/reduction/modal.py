@@ -15,29 +15,29 @@ from dynid.errors import Singular
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.masters import Indices, indices_of
-from dynid.structure.reduction.reduction import Reduction, interesting, projected, with_known_joints
-from dynid.structure.reduction.selection import (
+from dynid.structure.reduction.condensation import solver
+from dynid.structure.reduction.masters import Indices, indices_of, interesting, with_known_joints
+from dynid.structure.reduction.mode_selection import (
     Interest,
     ModeRange,
-    Selected,
+    SelectedModes,
     mode_rule,
     selected,
     wanted_modes,
 )
-from dynid.structure.reduction.static import solver
+from dynid.structure.reduction.reduction import StructuralReduction, projected
 
 Residuals: TypeAlias = Sequence[Label] | Literal["auto"]
 """DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads."""
 
 # The shift that holds rigid-body modes, relative to the square of the lowest elastic frequency.
-_SHIFT = 1e-4
+_SHIFT, _RAISED = 1e-4, 100.0
 # A residual vector that the modes span but for this part of its energy is none.
 _SPANNED = 1e-12
 
 
 @dataclass(frozen=True)
-class Modal:
+class ModalTruncation:
     """Modes of the structure with its known joints, and the static response to loads that they leave out.
 
     Coordinates are modal ones; residual vectors are scaled to unit stiffness. They make the model exact at
@@ -50,7 +50,7 @@ class Modal:
     residuals
         DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads; none: ``()``.
     interest
-        What the model is for.
+        Purpose of the model.
     """
 
     modes: Sequence[int] | ModeRange | None = None
@@ -58,7 +58,7 @@ class Modal:
     interest: Interest = field(default_factory=Interest)
 
     @guarded("the modal reduction")
-    def reduce(self, model: StructuralModel) -> Reduction:
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
 
         Raises
@@ -80,12 +80,15 @@ def on_modes_and_residuals(
     interest: Interest,
     *,
     retained: bool,
-) -> Reduction:
+) -> StructuralReduction:
     """Reduce a structure on modes and residual vectors of `matrices`: M, C, K with all joints, or with some.
 
     `retained` says that all joints are in them.
     """
-    loads = _loads(model, residuals, interest)
+    if isinstance(residuals, str):
+        loads = interesting(model, interest)
+    else:
+        loads = indices_of(model, residuals, "residuals") if residuals else np.array([], dtype=np.int64)
     basis = selected(matrices, wanted_modes(modes, interest, None))
     extra = _residuals(matrices, basis, loads)
     names = [f"mode_{number}" for number in basis.numbers]
@@ -93,16 +96,10 @@ def on_modes_and_residuals(
     T = np.concatenate([basis.shapes, extra], axis=1)
     rule = mode_rule(modes, interest, None)
     reduced = projected(model, T, names, basis.rigid if retained else ())
-    return Reduction(reduced, (), basis.numbers, retained=retained, rule=rule, doubt=basis.doubt)
+    return StructuralReduction(reduced, (), basis.numbers, retained=retained, rule=rule, doubt=basis.doubt)
 
 
-def _loads(model: StructuralModel, residuals: Residuals, interest: Interest) -> Indices:
-    if isinstance(residuals, str):
-        return interesting(model, interest)
-    return indices_of(model, residuals, "residuals") if residuals else np.array([], dtype=np.int64)
-
-
-def _residuals(matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, loads: Indices) -> Array:
+def _residuals(matrices: tuple[Matrix, Matrix, Matrix], basis: SelectedModes, loads: Indices) -> Array:
     """Return static responses to unit loads beyond the modes, of unit stiffness and orthogonal (n x k)."""
     if not len(loads):
         return basis.shapes[:, :0]
@@ -120,16 +117,21 @@ def _residuals(matrices: tuple[Matrix, Matrix, Matrix], basis: Selected, loads: 
 
 
 def _held(
-    matrices: tuple[Matrix, Matrix, Matrix], basis: Selected
+    matrices: tuple[Matrix, Matrix, Matrix], basis: SelectedModes
 ) -> tuple[Matrix, Callable[[Array], Array]]:
-    """Return the stiffness, of a free structure shifted by a little mass, and what solves with it."""
+    """Return the stiffness, of a free structure shifted by a little mass, and a solver with it."""
     M, _, K = matrices
     what = "the static response does not exist", "Check the stiffness of massless DOFs."
     if not basis.free:
         try:
-            return K, solver(K, *what)
+            return K, solver(K, *what).solve
         except Singular:  # so soft a mode that rounding leaves it open
             pass
     largest = float(np.abs(K.diagonal()).max() / max(np.abs(M.diagonal()).max(), 1e-300))
-    held: Any = K + _SHIFT * (basis.elastic**2 or 1e-8 * largest) * M
-    return held, solver(held, *what)
+    shift = _SHIFT * (basis.elastic**2 or 1e-8 * largest)
+    held: Any = K + shift * M
+    try:
+        return held, solver(held, *what).solve
+    except Singular:  # beside a soft spring so small a shift is rounding of the stiffness
+        held = K + _RAISED * shift * M
+        return held, solver(held, *what).solve

@@ -1,4 +1,7 @@
-"""What every reduction method returns, and the masters where none are given."""
+"""Reduced models: projection on a basis, its rounding, and the choice of coordinates.
+
+The coordinates are the masters' displacements, or the modes of the reduced model where these lose digits.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +10,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.errors import UsageError
-from dynid.structure.matrices import Array, Label, Matrix, as_array
+from dynid.structure.matrices import Array, Label, Matrix, is_sparse
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.masters import Indices, Masters, chosen, completed, indices_of
-from dynid.structure.reduction.selection import Interest, ModeRange, selected, wanted_modes
+from dynid.structure.modes.strain_energy import StrainEnergy
 
-# What rounding leaves of a sum of positive and negative terms, relative to their sizes.
+# Rounding of a sum of positive and negative terms, relative to their sizes.
 _ROUNDING = 16 * float(np.finfo(float).eps)
+# Energies within this factor of it may be soft springs: what is taken for rounding is far below the others.
+_APART = 100.0
+# A coordinate whose strain energy is a smaller part of its terms is projected in twice the working precision;
+# where that takes fewer products than the other, all coordinates are.
+_SOFT = 1e-6
+_AFFORDABLE = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Reduction:
-    """A reduced model and how it came about.
+class StructuralReduction:
+    """A reduced model with the choices and conditions of its reduction.
 
     Attributes
     ----------
@@ -30,13 +37,19 @@ class Reduction:
     modes
         Numbers of the modes that the basis is made of: of the structure that the method takes them from.
     condition
-        Condition of the modes at the masters, where masters stand for modes.
+        Condition of the inverted matrix, scaled: the modes at the masters where masters stand for modes,
+        else the stiffness of the slaves; None where nothing is inverted.
+    lost
+        By which factor the terms of a mode's energies exceed these in the masters' displacements, the worst
+        of the modes; None of a method that does not ask.
+    inverted
+        Name of the matrix that `condition` belongs to.
     rule
-        How they were chosen, in words; empty of a method without modes.
+        The rule that they were chosen by, in words; empty of a method without modes.
     retained
-        Whether these modes are those of the structure with its joints, so that the reduced model has them.
+        True where these modes are those of the structure with its joints, so that the reduced model has them.
     doubt
-        Which of these modes rounding leaves open, in words; empty where it leaves none.
+        Warning about modes that rounding leaves open; empty where there are none.
     """
 
     model: StructuralModel
@@ -46,6 +59,8 @@ class Reduction:
     retained: bool = False
     rule: str = ""
     doubt: str = ""
+    lost: float | None = None
+    inverted: str = "the modes at the masters"
 
     @property
     def T(self) -> Array:
@@ -59,7 +74,9 @@ def projected(
 ) -> StructuralModel:
     """Project a structure; stiffness that is rounding of the sum it is made of is taken for none.
 
-    Rigid-body motions stay such in the reduced model, where nothing tells the size of that sum any more.
+    The stiffness of soft coordinates, whose terms cancel to many digits, is summed in twice the working
+    precision. Rigid-body motions stay such in the reduced model, where the size of that sum is not known any
+    more.
 
     Parameters
     ----------
@@ -73,83 +90,66 @@ def projected(
         Those in which the structure with its joints moves as a rigid body.
     """
     reduced = model.projected(T, names, rigid)
-    return replace(reduced, K=without_rounding(as_array(reduced.K), T, model.K))
+    K = without_rounding(projected_stiffness(T, model.K), T, model.K)
+    # The rounding of a rigid-body motion would look like a soft spring: its couplings are roots of it.
+    K[list(rigid)], K[:, list(rigid)] = 0.0, 0.0
+    return replace(reduced, K=K)
+
+
+def projected_stiffness(T: Array, K: Matrix) -> Array:
+    """Return ``T^T K T``, what cancels to many digits summed in twice the working precision."""
+    product = np.asarray(K @ T)
+    plain: Array = T.T @ product
+    plain = (plain + plain.T) / 2
+    parts = np.einsum("ij,ij->j", np.abs(T), np.asarray(abs(K) @ np.abs(T)))
+    entries = K.nnz if is_sparse(K) else K.size
+    few = (entries + len(T) * T.shape[1]) * T.shape[1] <= _AFFORDABLE
+    soft = np.flatnonzero((np.diag(plain) < _SOFT * parts) | few)
+    if len(soft):
+        exact = StrainEnergy(K).gram(T[:, soft], T)
+        plain[soft], plain[:, soft] = exact, exact.T
+    return plain
 
 
 def without_rounding(reduced: Array, T: Array, K: Matrix) -> Array:
-    """Return a projected stiffness without what is rounding of ``|T|^T |K| |T|``, motions and coordinates."""
+    """Return a projected stiffness without the rounding of ``|T|^T |K| |T|``, motions and coordinates."""
     parts = np.einsum("ij,ij->j", np.abs(T), np.asarray(abs(K) @ np.abs(T)))
     size = np.sqrt(np.where(parts > 0, parts, 1.0))
     values, vectors = np.linalg.eigh((reduced + reduced.T) / 2 / size / size[:, None])
-    if values[0] > _ROUNDING:
+    rounding = values <= _ROUNDING
+    low, high = values[rounding], values[~rounding]
+    # Energies that could be rounding are those of soft springs where they are positive, and not far below.
+    if not rounding.any() or (low.min() > 0 and len(high) and high.min() < _APART * _ROUNDING):
         return np.asarray((reduced + reduced.T) / 2)
     root = size[:, None] * vectors * np.sqrt(np.where(values > _ROUNDING, values, 0.0))
     stiff = (root**2).sum(axis=1) > _ROUNDING * parts
     return np.asarray(np.where(np.outer(stiff, stiff), root @ root.T, 0.0))
 
 
-def with_known_joints(model: StructuralModel) -> tuple[Matrix, Matrix, Matrix]:
-    """Return M, C and K with the joints that are known; unknown ones are left out."""
-    return model.with_joints({unknown.name: 0.0 for unknown in model.unknowns})
+def modal_rule(lost: float) -> str:
+    """Return the reason in words why the coordinates are modes although there are masters."""
+    digits = f"{np.log10(lost):.0f}" if np.isfinite(lost) else "all"
+    return f"coordinates are the reduced model's modes: in the masters' displacements {digits} digits cancel"
 
 
-def masters_for_modes(
-    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest, shapes: Array
-) -> Indices:
-    """Return masters that shall see these modes.
+def cancellation(masters: Array, square: Array) -> float:
+    """Return by which factor the terms of a mode's energies exceed these, in the masters' displacements.
 
     Parameters
     ----------
-    model
-        The full structure.
-    given
-        Labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads, and as many others as
-        it takes to see all the modes.
-    interest
-        The DOFs of sensors and loads.
-    shapes
-        The modes (n x r).
+    masters
+        The masters' displacements (m x m) in the modes of unit modal mass.
+    square
+        The squared frequencies (m).
     """
-    if given is None:
-        return completed(interesting(model, interest), shapes)
-    if isinstance(given, Masters):
-        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
-    return indices_of(model, given)
-
-
-def masters_alone(
-    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest
-) -> Indices:
-    """Return the masters of a method that is not made of modes.
-
-    Absent: the DOFs of joints, sensors and loads. A rule to choose by looks at as many of the lowest modes
-    as masters are wanted; without a count, at those of the band.
-
-    Raises
-    ------
-    UsageError
-        If nothing says which or how many.
-    """
-    if isinstance(given, Masters):
-        if given.choose == "mass" and given.count is not None:
-            return chosen("mass", given.count, np.empty((model.size, 0)), model.M.diagonal())
-        wanted = wanted_modes(None, interest, given.count)
-        if isinstance(wanted, ModeRange) and wanted.count is not None:
-            wanted = ModeRange(count=min(wanted.count, model.size))
-        shapes = selected(with_known_joints(model), wanted).shapes
-        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
-    masters = interesting(model, interest) if given is None else indices_of(model, given)
-    if not len(masters):
-        raise UsageError(
-            "nothing says which DOFs are masters: there are no joints, sensors or loads",
-            remedy="Give `masters: [DOF, …]`, or `masters: {count: N}` to have them chosen.",
-            names=("masters",),
-        )
-    return masters
-
-
-def interesting(model: StructuralModel, interest: Interest) -> Indices:
-    """Return the DOFs of joints, then those of sensors and loads, each once."""
-    dofs = [dof for joint in model.joints for dof in joint.dofs]
-    labels = list(dict.fromkeys(model.label(dof) for dof in [*dofs, *interest.dofs]))
-    return indices_of(model, labels) if labels else np.array([], dtype=np.int64)
+    try:
+        inverse = np.linalg.inv(masters)
+    except np.linalg.LinAlgError:
+        return np.inf
+    size = np.abs(masters)
+    M, K = inverse.T @ inverse, (inverse.T * square) @ inverse
+    of_mass = np.einsum("ij,ij->j", size, np.abs(M) @ size)
+    elastic = square > 0
+    of_strain = np.einsum("ij,ij->j", size, np.abs(K) @ size)[elastic] / square[elastic]
+    found = float(max(of_mass.max(initial=1.0), of_strain.max(initial=1.0)))
+    return found if np.isfinite(found) else np.inf

@@ -1,4 +1,9 @@
-"""SEREP: the system equivalent reduction expansion process, on modes that are selected by number.
+"""SEREP: the system equivalent reduction expansion process, without joints or with them (joint-aware).
+
+A basis of the structure without joints (Yang, eq 2) predicts the frequencies of the jointed one badly,
+because no combination of its modes bends as the joint demands. The joint-aware basis, of the modes with the
+joints at their current values, is exact where it is made and right to first order beside it; it is made anew
+as the values change. Residual vectors at the joints extend that range, for as many coordinates.
 
 Sources: K. T. Yang 1997, eqs 4–9; J. O'Callahan, P. Avitabile & R. Riemer, IMAC 1989.
 """
@@ -10,20 +15,34 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dynid.defaults import MASTER_COORDINATES
+from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import scaled
-from dynid.structure.reduction.masters import Indices, Masters, checked_condition, indices_of
-from dynid.structure.reduction.reduction import Reduction, interesting, masters_for_modes, without_rounding
-from dynid.structure.reduction.selection import (
+from dynid.structure.reduction.masters import (
+    Masters,
+    checked_condition,
+    fixed_count,
+    indices_of,
+    interesting,
+    masters_for_modes,
+)
+from dynid.structure.reduction.modal import Residuals, on_modes_and_residuals
+from dynid.structure.reduction.mode_selection import (
     Interest,
     ModeRange,
-    Selected,
-    fixed_count,
+    SelectedModes,
     mode_rule,
     selected,
     wanted_modes,
+)
+from dynid.structure.reduction.reduction import (
+    StructuralReduction,
+    cancellation,
+    modal_rule,
+    without_rounding,
 )
 
 
@@ -34,7 +53,8 @@ class Serep:
     With as many masters as modes the coordinates are the masters' displacements: ``T = U U_m^-1`` (eq 8).
     With more masters ``T = U U_m^+`` (eq 7) would have dependent columns, and eq 9 a singular mass: the
     coordinates are then the modal ones, ``T = U``, and the masters those displacements that determine them.
-    Both span the same motions, so that the models agree.
+    So they are where the slow modes would be lost in the masters' displacements (`MASTER_COORDINATES`). Both
+    span the same motions, so that the models agree.
 
     Parameters
     ----------
@@ -45,14 +65,14 @@ class Serep:
         Numbers from 1, rigid-body modes included, or a range (`ModeRange`). Absent: one a master; with no
         masters either, all of the band; without a band, one a DOF of joints, sensors and loads.
     interest
-        What the model is for.
+        Purpose of the model.
     """
 
     masters: Sequence[Label] | Masters | None = None
     modes: Sequence[int] | ModeRange | None = None
     interest: Interest = field(default_factory=Interest)
 
-    def reduce(self, model: StructuralModel) -> Reduction:
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
 
         Raises
@@ -72,7 +92,7 @@ def on_modes(
     masters: Sequence[Label] | Masters | None,
     modes: Sequence[int] | ModeRange | None,
     interest: Interest,
-) -> Reduction:
+) -> StructuralReduction:
     """Reduce a structure on modes without its joints; or with these, at `values` of the unknown ones."""
     matrices = (model.M, model.C, model.K) if values is None else model.with_joints(values)
     retained = values is not None or not model.joints
@@ -88,39 +108,37 @@ def on_modes(
     whole = basis.shapes / scaled(matrices[2], matrices[0]).scale[:, None]
     share = whole[kept] / np.linalg.norm(whole, axis=0)
     condition = checked_condition(seen, share, basis.numbers, labels)
-    T, inverse, names = _coordinates(basis, kept, labels)
-    rigid = basis.rigid if retained and len(kept) != len(basis.numbers) else ()
-    reduced = _projected(model.projected(T, names, rigid), values, matrices, basis, inverse)
+    alike = len(kept) == len(basis.numbers)
+    lost = cancellation(seen, basis.omega**2) if alike else 1.0
+    in_masters = alike and lost <= MASTER_COORDINATES.value
+    # The basis, the modes in the coordinates, and the coordinates' names: the masters', else the modes'.
+    T, inverse = basis.shapes, np.eye(len(basis.numbers))
+    names: tuple[Label, ...] = tuple(f"mode_{number}" for number in basis.numbers)
+    if in_masters:
+        inverse = np.asarray(np.linalg.inv(seen), dtype=np.float64)
+        T, names = basis.shapes @ inverse, labels
+        T[kept] = np.eye(len(kept))
+    rigid = basis.rigid if retained and not in_masters else ()
+    reduced = _with_stiffness_of_modes(model.projected(T, names, rigid), values, matrices, basis, inverse)
     rule = mode_rule(modes, interest, count)
-    return Reduction(
+    if alike and not in_masters:
+        rule = f"{rule}; {modal_rule(lost)}"
+    return StructuralReduction(
         reduced, labels, basis.numbers, condition, retained=retained, rule=rule, doubt=basis.doubt
     )
 
 
-def _coordinates(
-    basis: Selected, kept: Indices, labels: tuple[Label, ...]
-) -> tuple[Array, Array, tuple[Label, ...]]:
-    """Return T, the modes in the coordinates, and the names of these: as many masters, else the modes."""
-    if len(kept) != len(basis.numbers):
-        names = tuple(f"mode_{number}" for number in basis.numbers)
-        return basis.shapes, np.eye(len(basis.numbers)), names
-    inverse = np.asarray(np.linalg.inv(basis.shapes[kept]), dtype=np.float64)
-    T = basis.shapes @ inverse
-    T[kept] = np.eye(len(kept))
-    return T, inverse, labels
-
-
-def _projected(
+def _with_stiffness_of_modes(
     reduced: StructuralModel,
     values: Mapping[str, float] | None,
     matrices: tuple[Matrix, Matrix, Matrix],
-    basis: Selected,
+    basis: SelectedModes,
     inverse: Array,
 ) -> StructuralModel:
-    """Project the stiffness (eq 9) by what the modes say of it: ``U^T K U = U^T M U Omega^2``.
+    """Return a reduced model with the stiffness (eq 9) from the modes: ``U^T K U = U^T M U Omega^2``.
 
     The product loses as many digits as the stiffness is worse conditioned than its low modes; the
-    frequencies do not. What joints are in the modes' stiffness is taken off again.
+    frequencies do not. Joints in the stiffness of the modes are subtracted again.
     """
     energy = basis.shapes.T @ np.asarray(matrices[0] @ basis.shapes) * basis.omega**2
     assert reduced.basis is not None
@@ -129,3 +147,53 @@ def _projected(
         joints = replace(reduced, K=np.zeros_like(reduced.K)).with_joints(values)[2]
         K = K - as_array(joints)
     return replace(reduced, K=(K + K.T) / 2)
+
+
+@dataclass(frozen=True)
+class JointAware:
+    """SEREP on modes of the structure with its joints; or these modes and residual vectors.
+
+    Parameters
+    ----------
+    masters, modes, interest
+        As of `Serep`; modes are those of the structure with joints.
+    values
+        Current values of the unknown joint parameters, by name; absent: their starts.
+    residuals
+        As of `ModalTruncation`, of the structure with its joints. Coordinates then are modal, and there are
+        no masters.
+    """
+
+    masters: Sequence[Label] | Masters | None = None
+    modes: Sequence[int] | ModeRange | None = None
+    interest: Interest = field(default_factory=Interest)
+    values: Mapping[str, float] | None = None
+    residuals: Residuals = ()
+
+    def __post_init__(self) -> None:
+        if self.residuals and self.masters is not None:
+            raise UsageError(
+                "with residual vectors the coordinates are modal: there are no masters",
+                remedy="Give `masters` or `residuals`.",
+                names=("residuals",),
+            )
+
+    @guarded("the joint-aware reduction")
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
+        """Reduce a structure.
+
+        Raises
+        ------
+        UsageError, Singular
+            As of `Serep.reduce`.
+        """
+        values = {unknown.name: unknown.start for unknown in model.unknowns} | dict(self.values or {})
+        if not self.residuals:
+            return on_modes(model, values, self.masters, self.modes, self.interest)
+        return on_modes_and_residuals(
+            model, model.with_joints(values), self.modes, self.residuals, self.interest, retained=True
+        )
+
+    def at(self, values: Mapping[str, float]) -> JointAware:
+        """Return the method for other values of the joints."""
+        return replace(self, values=values)

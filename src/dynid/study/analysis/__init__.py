@@ -1,4 +1,4 @@
-"""What a study says: statistics, where the variance comes from, local sensitivities, the worst sample."""
+"""Analysis of a study: statistics, sources of variance, local sensitivities, the worst sample."""
 
 from dynid.study.analysis.correlation import correlations, scatter
 from dynid.study.analysis.design import one_at_a_time, saltelli_design

@@ -1,4 +1,4 @@
-"""How inputs and results go together, two at a time."""
+"""Pairwise correlation of inputs and results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why samples failed, the same reasons together."""
+"""Reasons of failed samples, equal reasons together."""
 
 from __future__ import annotations
 

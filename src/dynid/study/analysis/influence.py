@@ -1,4 +1,4 @@
-"""How much of a result's variance each input explains: Sobol indices, with their standard errors.
+"""Shares of a result's variance by input: Sobol indices, with their standard errors.
 
 Two ways: from Saltelli's design, first and total order; from any samples with independent inputs, first
 order only. Both are ratios of means, whose errors are those of the ratios' linearisation (the delta

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-#: Which part of the ordered samples each quantile has below it.
+#: Fraction of the ordered samples below each quantile.
 QUANTILES = {"min": 0.0, "p05": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
-#: What `statistics` returns, in the order of a table.
+#: Names of the statistics, in the order of a table.
 NAMES = ("mean", "std", *QUANTILES, "count")
 
 Floats = NDArray[np.float64]

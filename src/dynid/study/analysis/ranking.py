@@ -1,4 +1,4 @@
-"""Which inputs a number of a study depends on most."""
+"""Ranking of inputs by their influence on a result."""
 
 from __future__ import annotations
 

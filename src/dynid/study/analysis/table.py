@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.checks.axes import Axis, axis_of
 from dynid.checks.comparison import word
+from dynid.checks.expectations import LabelledAxis, axis_of
 from dynid.errors import UsageError
 from dynid.result import Result, Variable
-from dynid.words import did_you_mean, did_you_mean_path
+from dynid.suggestions import did_you_mean, did_you_mean_path
 
 SAMPLES, RESULTS, STATISTICS = "study/samples", "study/results", "study/statistics"
 
@@ -76,7 +76,7 @@ class StudyTable:
 
     @cached_property
     def done(self) -> NDArray[np.bool_]:
-        """Whether each sample has results."""
+        """Mask of the samples that have results."""
         return np.equal(self._exit_codes, 0)
 
     @cached_property
@@ -90,7 +90,7 @@ class StudyTable:
 
     @cached_property
     def inputs(self) -> dict[str, NDArray[Any]]:
-        """What varied, by its path in the scene, in the order of the names."""
+        """Inputs of the study by their paths in the scene, in the order of the names."""
         names = sorted(_below(self.result, SAMPLES))
         return {name: self.result[f"{SAMPLES}/{name}"].data for name in names}
 
@@ -118,7 +118,7 @@ class StudyTable:
         """Return how many entries a sample has at a path."""
         return math.prod(self.variable(path).shape[1:])
 
-    def axes(self, path: str) -> list[Axis]:
+    def axes(self, path: str) -> list[LabelledAxis]:
         """Return the axes of one sample at a path."""
         variable = self.variable(path)
         return [
@@ -184,7 +184,7 @@ def _label(label: Any) -> str:
     return str(label) if isinstance(label, str) else word(label)
 
 
-def _place(axis: Axis, label: str, path: str) -> int:
+def _place(axis: LabelledAxis, label: str, path: str) -> int:
     names = [_label(own) for own in axis.labels]
     if label in names:
         return names.index(label)

@@ -45,7 +45,7 @@ class Bar:
 
     @property
     def swing(self) -> float:
-        """How far the result moves between the ends, with its sign."""
+        """Signed change of the result between the ends."""
         return self.at_high - self.at_low
 
 

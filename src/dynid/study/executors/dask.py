@@ -6,17 +6,20 @@ import logging
 import math
 import os
 import time
-from concurrent.futures import CancelledError, Executor
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, Future
 from typing import Any
 
 from dynid.errors import FileError, UsageError
-from dynid.study.executors.crew import Crew
+from dynid.study.executors.executor_base import StudyExecutor
+from dynid.study.executors.lanes import Died, run_timed
 
 _PATIENCE = 10.0  # seconds to find the scheduler, or to find it again
+_TALKATIVE = ("distributed", "tornado", "asyncio")  # loggers
 _ASK = 2.0  # seconds between two questions for the number of threads
 
 
-class DaskCrew(Crew):
+class DaskExecutor(StudyExecutor):
     """The workers of a Dask scheduler.
 
     Parameters
@@ -27,10 +30,15 @@ class DaskCrew(Crew):
         The file in which the scheduler has written its address.
     workers
         How many of its threads to keep busy; absent: all.
+    timeout
+        How long a chunk may take, s; absent: any time.
     """
 
-    def __init__(self, address: str | None, file: str | None, workers: int | None) -> None:
+    def __init__(
+        self, address: str | None, file: str | None, workers: int | None, timeout: float | None = None
+    ) -> None:
         super().__init__()
+        self.timeout = timeout
         if address is None and file is None:
             raise UsageError(
                 "there is no scheduler to ask",
@@ -40,18 +48,32 @@ class DaskCrew(Crew):
         self._options = {"address": address} if file is None else {"scheduler_file": file}
         self._workers = workers
         self._client: Any = None
-        self._threads = 1
+        self._threads = 0
         self._asked = -math.inf
 
     @property
     def width(self) -> int:  # type: ignore[override]
-        """How many threads the cluster has; workers may come and go."""
-        if self._workers is not None or self._client is None:
-            return self._workers or 1
-        if time.monotonic() > self._asked + _ASK:
+        """Number of threads of the cluster, which changes as workers join and leave."""
+        return max(1, self._workers or self._counted())
+
+    def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
+        """Have a call run by a worker, in a process beside it where its time is limited."""
+        if self.timeout is not None:
+            return super().submit(run_timed, self.timeout, call, *args)
+        return super().submit(call, *args)
+
+    def trouble(self) -> str | None:
+        """Say so where the scheduler has no workers."""
+        if self._client is None or self._counted():
+            return None
+        return f"the Dask scheduler at {self._where} has no workers; the study waits for the first one"
+
+    def _counted(self) -> int:
+        """Return how many threads the cluster has; the question is repeated every few seconds."""
+        if self._client is not None and time.monotonic() > self._asked + _ASK:
             try:
-                self._threads = max(1, sum(self._client.nthreads().values()))
-            except OSError as error:
+                self._threads = sum(self._client.nthreads().values())
+            except (OSError, TimeoutError, CancelledError) as error:
                 raise self._gone() from error
             self._asked = time.monotonic()
         return self._threads
@@ -64,8 +86,7 @@ class DaskCrew(Crew):
                 "the executor 'dask' needs the package distributed",
                 remedy="Install it with: pip install 'dynid[cluster]'",
             ) from None
-        # What goes wrong is said once, in our words.
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        _silence()
         try:
             self._client = Client(  # type: ignore[no-untyped-call]
                 **self._options, timeout=_PATIENCE, set_as_default=False
@@ -87,7 +108,7 @@ class DaskCrew(Crew):
 
     def has_died(self, error: BaseException) -> bool:
         """Tell whether every worker that was given a chunk died with it."""
-        return type(error).__name__ == "KilledWorker"
+        return isinstance(error, Died) or type(error).__name__ == "KilledWorker"
 
     def refuse(self, error: BaseException) -> None:
         """Raise where the scheduler is gone."""
@@ -100,6 +121,14 @@ class DaskCrew(Crew):
             f"the Dask scheduler at {self._where} does not answer",
             remedy="Start it, and run the study again: it goes on.",
         )
+
+
+def _silence() -> None:
+    """Keep Dask from logging tracebacks of its own beside our sentence; its loggers have their own levels."""
+    known = [*logging.root.manager.loggerDict, *_TALKATIVE]
+    for name in known:
+        if name.partition(".")[0] in _TALKATIVE:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
 def configured_address() -> str | None:

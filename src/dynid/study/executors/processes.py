@@ -12,10 +12,10 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 
-from dynid.study.executors.crew import Crew
+from dynid.study.executors.executor_base import StudyExecutor
 
-#: What holds linear algebra to one thread: the processes share the cores already.
-_ONE_THREAD = (
+#: Environment that limits linear algebra to one thread: the processes share the cores already.
+ONE_THREAD = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
@@ -26,7 +26,7 @@ _ONE_THREAD = (
 )
 
 
-class ProcessCrew(Crew):
+class ProcessExecutor(StudyExecutor):
     """Processes, one for each core unless said otherwise.
 
     They are spawned, not forked: what runs in this process has no part in them.
@@ -62,8 +62,8 @@ class _Pool(ProcessPoolExecutor):
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
     """Have processes that start now inherit an environment of one thread, without keeping it here."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
         yield
     finally:

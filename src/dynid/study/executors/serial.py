@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any
 
-from dynid.study.executors.crew import Crew
+from dynid.study.executors.executor_base import StudyExecutor
 
 
 class _AtOnce(Executor):
@@ -21,7 +21,7 @@ class _AtOnce(Executor):
         return future
 
 
-class SerialCrew(Crew):
+class SerialExecutor(StudyExecutor):
     """The process that the study runs in."""
 
     @property

@@ -1,0 +1,1 @@
+"""Benchmarks against packages that no part of dynid uses."""

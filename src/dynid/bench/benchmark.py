@@ -1,0 +1,171 @@
+"""Benchmarks: alternatives that do the same work at several sizes, and the catalogue of all benchmarks.
+
+Alternatives with packages that no part of dynid uses are not in the package: the sources have them in
+`benchmarks/peers.py`, which is loaded where the environment variable `DYNID_PEERS` names a Python with them.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, NamedTuple
+
+#: Environment variable with the Python that has the packages of peers, and dynid.
+PEERS = "DYNID_PEERS"
+#: Longest default run, s.
+DEFAULT_RUN = 170.0
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One way to do the work of a benchmark.
+
+    Parameters
+    ----------
+    name
+        Its name in the results.
+    prepare
+        Function of a size that does everything untimed, and returns the work to time.
+    needs
+        Packages that it needs besides the dependencies of dynid.
+    least, most
+        Smallest and largest size at which it is measured.
+    peer
+        True for the method of another project, which the default of dynid should not lose to.
+    """
+
+    name: str
+    prepare: Callable[[int], Callable[[], Any]]
+    needs: tuple[str, ...] = ()
+    least: int = 0
+    most: int | None = None
+    peer: bool = False
+
+    def missing(self) -> str:
+        """Return the packages that are not installed, as text; '' where it can run."""
+        absent = _absent(self.needs) if self.interpreter != sys.executable else self._absent
+        return f"{', '.join(absent)} not installed" if absent else ""
+
+    def at(self, size: int) -> bool:
+        """Return True if it is measured at a size."""
+        return self.least <= size and (self.most is None or size <= self.most)
+
+    @cached_property
+    def interpreter(self) -> str:
+        """The Python that runs it: that of the peers where packages are not installed here."""
+        return os.environ.get(PEERS, sys.executable) if self._absent else sys.executable
+
+    @property
+    def _absent(self) -> list[str]:
+        return [package for package in self.needs if find_spec(package) is None]
+
+
+class TimeLimit(NamedTuple):
+    """Largest ratio of the time of an alternative to that of another (`of`)."""
+
+    alternative: str
+    of: str
+    most: float
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A task of several sizes, and the alternatives for it.
+
+    Parameters
+    ----------
+    title
+        Short description of the task.
+    size
+        Unit of the sizes.
+    sizes
+        The sizes of a default run.
+    alternatives
+        The alternatives, those of dynid first.
+    error
+        Function of a size and a result: its error against an exact or high-precision reference.
+    measure
+        Definition of the error.
+    default
+        Function of a size: the alternative that dynid uses there by default; absent: none.
+    full
+        Sizes that `--full` adds.
+    limits
+        Limits of times relative to others.
+    remark
+        Remark on the results.
+    """
+
+    title: str
+    size: str
+    sizes: tuple[int, ...]
+    alternatives: Sequence[Alternative]
+    error: Callable[[int, Any], float]
+    measure: str = "largest relative error"
+    default: Callable[[int], str] | None = None
+    full: tuple[int, ...] = ()
+    limits: tuple[TimeLimit, ...] = ()
+    remark: str = ""
+
+
+class CatalogueEntry(NamedTuple):
+    """The module of a benchmark, or `module:name`, and its time in a default run on two idle cores, s.
+
+    It may use time that those after it do not need; on a slower machine larger sizes are left out, and named.
+    """
+
+    module: str
+    seconds: float
+
+
+#: The benchmarks by name, in the order of a run.
+BENCHMARKS = {
+    "frequency-response": CatalogueEntry("frequency_response", 18),
+    "frequency-response-on-loops": CatalogueEntry("frequency_response_on_loops", 8),
+    "zeros-poles": CatalogueEntry("zeros_poles", 12),
+    "polynomials": CatalogueEntry("polynomials", 3),
+    "loops": CatalogueEntry("loops", 3),
+    "symbolic": CatalogueEntry("symbolic", 3),
+    "pencils": CatalogueEntry("pencils", 2),
+    "propagation": CatalogueEntry("propagation", 7),
+    "filters": CatalogueEntry("filters", 18),
+    "estimators": CatalogueEntry("estimators", 11),
+    "reduction": CatalogueEntry("reduction", 9),
+    "basis": CatalogueEntry("basis", 3),
+    "residuals": CatalogueEntry("residuals", 2),
+    "modes": CatalogueEntry("modes:PLATE", 13),
+    "modes-of-solids": CatalogueEntry("modes:SOLID", 3),
+    "many-modes": CatalogueEntry("modes:MANY", 2),
+    "structure-response": CatalogueEntry("structure_response", 3),
+    "startup": CatalogueEntry("startup", 17),
+    "study": CatalogueEntry("study", 18),
+}
+
+
+def benchmark(name: str) -> Benchmark:
+    """Return a benchmark, loaded now, with the alternatives of peers where `DYNID_PEERS` is set."""
+    module, _, attribute = BENCHMARKS[name].module.partition(":")
+    case: Benchmark = getattr(import_module(f"dynid.bench.cases.{module}"), attribute or "BENCHMARK")
+    if PEERS not in os.environ or find_spec("benchmarks") is None:
+        return case
+    peers = import_module("benchmarks.peers").ALTERNATIVES.get(name, ())
+    return replace(case, alternatives=(*case.alternatives, *peers))
+
+
+def _absent(packages: Sequence[str]) -> list[str]:
+    """Return the packages that the Python of the peers lacks."""
+    script = (
+        "import sys; from importlib.util import find_spec as found; "
+        "print(*(name for name in sys.argv[1:] if not found(name)))"
+    )
+    asked = [os.environ[PEERS], "-c", script, "dynid", *packages]
+    try:
+        return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+    except (OSError, subprocess.CalledProcessError):
+        return list(packages)

@@ -1,1 +1,0 @@
-"""The number types that a reduction's program is run on, beside complex arrays."""

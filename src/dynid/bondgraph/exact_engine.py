@@ -1,0 +1,222 @@
+"""The exact engine: every channel in lowest terms over the rationals, its roots certified."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.defaults import STARTED_ROOTS
+from dynid.errors import NumericalError
+from dynid.lti.certified_roots import CertifiedRoot, certified_roots
+from dynid.lti.stability import TransferProperties
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.bondgraph.program.factored import RationalFunction
+
+
+# --- transfer function ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TransferFunction(TransferProperties):
+    """T(s) = numerator / denominator in lowest terms over the rationals.
+
+    Parameters
+    ----------
+    numerator, denominator
+        Integer polynomials without a common factor (flint `fmpz_poly`).
+    starts
+        Gives approximate zeros (asked for `zeros`) or poles (`poles`), where there is a quick way to them.
+    """
+
+    numerator: Any
+    denominator: Any
+    starts: Callable[[str], Sequence[complex] | None] = field(default=lambda _: None, compare=False)
+
+    @classmethod
+    def of(cls, ratio: RationalFunction) -> TransferFunction:
+        """Bring a rational function into lowest terms."""
+        return cls(*ratio.lowest_terms())
+
+    @classmethod
+    def of_roots(
+        cls,
+        numerator: Any,
+        denominator: Any,
+        zeros: tuple[CertifiedRoot, ...],
+        poles: tuple[CertifiedRoot, ...],
+    ) -> TransferFunction:
+        """Return it with zeros and poles that are certified already."""
+        known = cls(numerator, denominator)
+        vars(known).update(zeros=zeros, poles=poles)
+        return known
+
+    def times(self, factor: Fraction) -> TransferFunction:
+        """Return it times a number."""
+        numerator, denominator = self.numerator * factor.numerator, self.denominator * factor.denominator
+        common = numerator.gcd(denominator)
+        return TransferFunction(numerator // common, denominator // common)
+
+    @property
+    def vanishes(self) -> bool:
+        """True where the input does not reach the output at all."""
+        return bool(self.numerator == 0)
+
+    def coefficients(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return numerator and denominator in descending powers, denominator monic, correctly rounded."""
+        import numpy as np
+
+        lead = int(self.denominator.leading_coefficient())
+
+        def rounded(polynomial: Any) -> NDArray[np.float64]:
+            descending = reversed([int(c) for c in polynomial.coeffs()] or [0])
+            return np.array([_as_float(Fraction(c, lead)) for c in descending])
+
+        return rounded(self.numerator), rounded(self.denominator)
+
+    @cached_property
+    def zeros(self) -> tuple[CertifiedRoot, ...]:
+        """The finite zeros; none where the channel vanishes."""
+        return () if self.vanishes else certified_roots(self.numerator, self.starts("zeros"))
+
+    @cached_property
+    def poles(self) -> tuple[CertifiedRoot, ...]:
+        """The poles."""
+        return certified_roots(self.denominator, self.starts("poles"))
+
+    @property
+    def order(self) -> int:
+        """The number of poles."""
+        return int(self.denominator.degree())
+
+    @property
+    def relative_degree(self) -> int | float:
+        """Poles minus zeros: negative where the channel differentiates, infinite where it vanishes."""
+        return math.inf if self.vanishes else int(self.denominator.degree()) - int(self.numerator.degree())
+
+    @property
+    def dc_gain(self) -> float:
+        """The limit of T(s) as s falls to 0 through positive values; may be infinite."""
+        return _limit(self.numerator.coeffs(), self.denominator.coeffs())
+
+    @property
+    def high_frequency_gain(self) -> float:
+        """The limit of T(s) as s grows through positive values; may be infinite."""
+        size = max(self.numerator.length(), self.denominator.length())
+        pad = [
+            [0] * (size - p.length()) + [int(c) for c in p.coeffs()][::-1]
+            for p in (self.numerator, self.denominator)
+        ]
+        return _limit(*pad)
+
+
+def _limit(numerator: list[Any], denominator: list[Any]) -> float:
+    """Return the quotient of two polynomials as the variable falls to 0+, coefficients ascending."""
+    n = next((k for k, c in enumerate(numerator) if c), None)
+    if n is None:
+        return 0.0
+    d = next(k for k, c in enumerate(denominator) if c)
+    quotient = Fraction(int(numerator[n]), int(denominator[d]))
+    if n == d:
+        return _as_float(quotient)
+    return 0.0 if n > d else math.inf if quotient > 0 else -math.inf
+
+
+def _as_float(value: Fraction) -> float:
+    """Round to the nearest double; beyond its range to infinity."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+# --- engine ---------------------------------------------------------------------------------------
+
+#: Degree from which eigenvalues are worth their time as first values of roots.
+_LARGE = STARTED_ROOTS.value
+
+
+class ExactEngine:
+    """The channels of a graph, exactly.
+
+    Roots of large polynomials are certified from the eigenvalues of the graph's own equations: these save
+    time, and what is certified does not depend on them.
+
+    Parameters
+    ----------
+    reduced
+        The graph.
+    """
+
+    def __init__(self, reduced: ReducedGraph) -> None:
+        self.reduced = reduced
+        channels = reduced.channels()
+        ratios = reduced.rational(channels.values())
+        self._transfers = {
+            channel: replace(TransferFunction.of(ratios[register]), starts=partial(self._starts, channel))
+            for channel, register in channels.items()
+        }
+        self._modes: dict[frozenset[str], list[complex] | None] = {}
+
+    def channel(self, channel: Channel) -> TransferFunction:
+        """Return one channel."""
+        return self._transfers[channel]
+
+    def hidden_modes(self, channel: Channel) -> tuple[CertifiedRoot, ...]:
+        """Return the natural modes that cancel in a channel: uncontrollable, unobservable, or both."""
+        polynomial = self.hidden_polynomial(channel)
+        return certified_roots(
+            polynomial, self._natural_starts(channel[0]) if polynomial.degree() > _LARGE else None
+        )
+
+    def hidden_polynomial(self, channel: Channel) -> Any:
+        """Return the polynomial whose roots are the natural modes that cancel in a channel."""
+        from flint import fmpz_poly
+
+        port, shown = channel[0], self._transfers[channel].denominator
+        if self.reduced.graph.integrates(port) and shown[0] == 0:  # the output's own integrator is no mode
+            shown = shown // fmpz_poly([0, 1])
+        natural = self._natural[port]
+        return natural // natural.gcd(shown)
+
+    @cached_property
+    def _natural(self) -> dict[Port, Any]:
+        return characteristic_polynomials(self.reduced)
+
+    def _starts(self, channel: Channel, what: str) -> Sequence[complex] | None:
+        """Return first values of the zeros or poles of a channel, where they are many."""
+        transfer = self._transfers[channel]
+        if what == "poles":
+            return self._natural_starts(channel[0]) if transfer.denominator.degree() > _LARGE else None
+        if transfer.numerator.degree() <= _LARGE:
+            return None
+        from dynid.bondgraph.floating.spectrum import zero_equations
+
+        return _first_values(zero_equations(self.reduced, channel))
+
+    def _natural_starts(self, port: Port) -> Sequence[complex] | None:
+        junctions = frozenset(self.reduced.reductions[port].junctions)
+        if junctions not in self._modes:
+            from dynid.bondgraph.floating.spectrum import natural_equations
+
+            self._modes[junctions] = _first_values(natural_equations(self.reduced, port))
+        return self._modes[junctions]
+
+
+def _first_values(equations: Any) -> list[complex] | None:
+    from dynid.bondgraph.floating.spectrum import first_values
+
+    try:
+        return first_values(equations)
+    except NumericalError:  # they would only have saved time
+        return None

@@ -1,0 +1,180 @@
+"""One channel of a large graph: roots as eigenvalues (`roots`), and around them what is exact (`series`)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from dynid.bondgraph.characteristic_polynomial import determinant
+from dynid.bondgraph.floating.roots import (
+    EstimatedRoot,
+    RootCounts,
+    RootDiscs,
+    cancelling,
+    checked,
+    modular_ratios,
+    settled,
+)
+from dynid.bondgraph.floating.series import leading_terms
+from dynid.bondgraph.floating.spectrum import natural_equations, spectrum, zero_equations
+from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.lti.stability import TransferProperties
+
+
+class FloatEngine:
+    """The channels of a graph, their roots found in floating point where they are asked for.
+
+    Parameters
+    ----------
+    reduced
+        The graph.
+    """
+
+    def __init__(self, reduced: ReducedGraph) -> None:
+        self.reduced = reduced
+        self.channels = reduced.channels()
+        determinants = {port: determinant(reduced, each) for port, each in reduced.reductions.items()}
+        counted = modular_ratios(reduced, [*self.channels.values(), *determinants.values()])
+        self.counts = {channel: counted[register] for channel, register in self.channels.items()}
+        self.natural_counts = {port: counted[register][0] for port, register in determinants.items()}
+        self._spectra: dict[frozenset[str], RootDiscs] = {}
+        self._found: dict[Channel, FloatTransferFunction] = {}
+
+    def channel(self, channel: Channel) -> FloatTransferFunction:
+        """Return one channel."""
+        if channel not in self._found:
+            self._found[channel] = FloatTransferFunction(self, channel)
+        return self._found[channel]
+
+    def hidden_modes(self, channel: Channel) -> tuple[EstimatedRoot, ...]:
+        """Return the natural modes that cancel in a channel."""
+        return self.channel(channel).hidden_modes
+
+    def natural(self, channel: Channel) -> RootDiscs:
+        """Return all natural modes of the part behind an output, its integrator included."""
+        port = channel[0]
+        junctions = frozenset(self.reduced.reductions[port].junctions)
+        if junctions not in self._spectra:
+            self._spectra[junctions] = checked(
+                spectrum(natural_equations(self.reduced, port)), self.natural_counts[port].degree
+            )
+        origin = RootDiscs(np.zeros(1, dtype=np.complex128), np.zeros(1), np.zeros(1))
+        return RootDiscs.joined([self._spectra[junctions], *[origin] * self.reduced.graph.integrates(port)])
+
+    def invariant_zeros(self, channel: Channel) -> RootDiscs:
+        """Return what an input can do while its output is held at zero: zeros and hidden modes."""
+        return spectrum(zero_equations(self.reduced, channel))
+
+    @cached_property
+    def at_zero(self) -> dict[int, tuple[int, float]]:
+        """The leading term of every channel as s falls to 0: power and coefficient."""
+        return leading_terms(self.reduced, self._reached(), at_infinity=False)
+
+    @cached_property
+    def at_infinity(self) -> dict[int, tuple[int, float]]:
+        """The leading term of every channel as s grows."""
+        return leading_terms(self.reduced, self._reached(), at_infinity=True)
+
+    def _reached(self) -> list[int]:
+        return [self.channels[c] for c, (above, _) in self.counts.items() if above.degree >= 0]
+
+
+class FloatTransferFunction(TransferProperties):
+    """One channel: see `FloatEngine`.
+
+    Raises
+    ------
+    Undecided
+        Where the roots found do not fit what is known of them exactly.
+    """
+
+    def __init__(self, engine: FloatEngine, channel: Channel) -> None:
+        self.engine, self.channel = engine, channel
+        self.above, self.below = engine.counts[channel]
+
+    @property
+    def vanishes(self) -> bool:
+        """True where the input does not reach the output at all."""
+        return self.above.degree < 0
+
+    @property
+    def order(self) -> int:
+        """The number of poles."""
+        return self.below.degree
+
+    @property
+    def relative_degree(self) -> int | float:
+        """Poles minus zeros."""
+        return math.inf if self.vanishes else self.below.degree - self.above.degree
+
+    @property
+    def gain(self) -> float:
+        """The factor k of T(s) = k prod(s - zeros) / prod(s - poles)."""
+        return 0.0 if self.vanishes else self.engine.at_infinity[self._register][1]
+
+    @property
+    def dc_gain(self) -> float:
+        """The limit of T(s) as s falls to 0 through positive values."""
+        return 0.0 if self.vanishes else _limit(*self.engine.at_zero[self._register])
+
+    @property
+    def high_frequency_gain(self) -> float:
+        """The limit of T(s) as s grows through positive values."""
+        if self.vanishes:
+            return 0.0
+        power, coefficient = self.engine.at_infinity[self._register]
+        return _limit(-power, coefficient)
+
+    @property
+    def zeros(self) -> tuple[EstimatedRoot, ...]:
+        """The finite zeros; none where the channel vanishes."""
+        return self._roots[0]
+
+    @property
+    def poles(self) -> tuple[EstimatedRoot, ...]:
+        """The poles."""
+        return self._roots[1]
+
+    @property
+    def hidden_modes(self) -> tuple[EstimatedRoot, ...]:
+        """The natural modes that cancel; an output's own integrator is none."""
+        hidden = self._roots[2]
+        if not self.engine.reduced.graph.integrates(self.channel[0]) or self.below.at_origin:
+            return hidden
+        rest = [replace(root, multiplicity=root.multiplicity - (root.value == 0)) for root in hidden]
+        return tuple(root for root in rest if root.multiplicity)
+
+    @property
+    def _register(self) -> int:
+        return self.engine.channels[self.channel]
+
+    @cached_property
+    def _roots(self) -> tuple[tuple[EstimatedRoot, ...], ...]:
+        """Return zeros, poles and hidden modes."""
+        natural, all_counts = self.engine.natural(self.channel), self._natural_counts()
+        if self.vanishes:
+            return (), (), settled(natural, all_counts)
+        hidden_counts = RootCounts(all_counts.polynomial // self.below.polynomial)
+        zeros = checked(self.engine.invariant_zeros(self.channel), self.above.degree + hidden_counts.degree)
+        common, matches = cancelling(natural, zeros, hidden_counts.degree)
+        return (
+            settled(zeros.where(~matches), self.above),
+            settled(natural.where(~common), self.below),
+            settled(natural.where(common), hidden_counts),
+        )
+
+    def _natural_counts(self) -> RootCounts:
+        """Return the counts of all natural modes, the output's integrator included."""
+        port = self.channel[0]
+        counts = self.engine.natural_counts[port]
+        return counts.times_s() if self.engine.reduced.graph.integrates(port) else counts
+
+
+def _limit(power: int, coefficient: float) -> float:
+    """Return the limit of c x^k as x falls to 0."""
+    if power == 0:
+        return coefficient
+    return 0.0 if power > 0 else math.copysign(math.inf, coefficient)

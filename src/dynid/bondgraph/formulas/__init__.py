@@ -1,0 +1,1 @@
+"""Formulas: programs and polynomials printed as plain text and LaTeX."""

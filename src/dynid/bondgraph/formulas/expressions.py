@@ -1,0 +1,233 @@
+"""Programs as formulas: short ones from named intermediate results, or one nested formula."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+
+from dynid.bondgraph.formulas.lowest_terms import (
+    FormulaRing,
+    RegisterExpression,
+    SumTerm,
+    combined,
+    independent,
+)
+from dynid.bondgraph.formulas.printers import TEXT, FormulaPrinter, Printed, PrintedFraction
+from dynid.bondgraph.graph import Node
+from dynid.bondgraph.program.program import Operation, Program, Register, operands
+
+
+def print_register(
+    program: Program,
+    register: Register,
+    nodes: Mapping[str, Node],
+    labels: Mapping[Register, str],
+    hand: FormulaPrinter = TEXT,
+) -> Printed:
+    """Return a register as a formula in lowest terms.
+
+    It is written as the program builds it; where something in that would cancel, as a quotient of products.
+
+    Parameters
+    ----------
+    program
+        Holds the register.
+    register
+        What to print.
+    nodes
+        The nodes of the graph.
+    labels
+        Names of intermediate results, at which to stop (but the register itself is spelled out); none: write
+        everything in terms of the elements.
+    hand
+        How to write.
+    """
+    return hand.listed(print_sum(program, [(register, True)], nodes, labels, hand))
+
+
+def print_sum(
+    program: Program,
+    terms: Iterable[tuple[Register, bool]],
+    nodes: Mapping[str, Node],
+    labels: Mapping[Register, str],
+    hand: FormulaPrinter = TEXT,
+) -> list[Printed]:
+    """Return the terms of a sum as formulas in lowest terms; where they would cancel, their sum is one term.
+
+    Parameters
+    ----------
+    program, nodes, labels, hand
+        As for `print_register`.
+    terms
+        Registers, and whether each is spelled out although it has a name.
+    """
+    expressions = [_expression(program, *term, labels) for term in terms]
+    if independent(program, expressions, nodes):
+        return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
+    ring = FormulaRing(program, expressions, nodes)
+    try:
+        summands = [each for expression in expressions for each in _summands(program, ring, expression)]
+    except OverflowError:
+        return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
+    written: list[Printed] = []
+    for part, sign, expression in combined(summands):
+        if expression is None or part.cancelled:
+            written.append(ring.write(part, hand))
+        else:
+            term = _as_it_stands(program, expression, nodes, hand)
+            written.append(term if sign > 0 else hand.whole(hand.opposite(PrintedFraction(term))))
+    return written
+
+
+def _summands(program: Program, ring: FormulaRing, expression: RegisterExpression) -> list[SumTerm]:
+    """Return an expression as it is, or its terms where something in their sum cancels."""
+    part = ring.part(expression)
+    if not part.cancelled:
+        return [SumTerm(part, 1, expression)]
+    addends = [(ring.part(each), sign, each) for sign, each in _addends(program, expression)]
+    return [SumTerm(part._replace(above=sign * part.above), sign, each) for part, sign, each in addends]
+
+
+def _addends(program: Program, expression: RegisterExpression) -> list[tuple[int, RegisterExpression]]:
+    """Split a sum into its terms, each with its sign."""
+    found: list[tuple[int, RegisterExpression]] = []
+    stack = [(1, expression.order[-1])]
+    while stack:
+        sign, register = stack.pop()
+        op, a, b = program.ops[register]
+        if op not in (Operation.ADD, Operation.SUB, Operation.NEG) or register in expression.named:
+            order = tuple(in_order(program, register, expression.named))
+            order = (register,) if register in expression.named else order
+            found.append((sign, RegisterExpression(order, expression.named)))
+        elif op is Operation.NEG:
+            stack.append((-sign, a))
+        else:
+            stack += [(sign if op is Operation.ADD else -sign, b), (sign, a)]
+    return found
+
+
+def _expression(
+    program: Program, register: Register, spelled: bool, labels: Mapping[Register, str]
+) -> RegisterExpression:
+    order = tuple(in_order(program, register, labels)) if spelled or register not in labels else (register,)
+    named = {r: labels[r] for r in order if r in labels and not (spelled and r == register)}
+    return RegisterExpression(order, named)
+
+
+def _as_it_stands(
+    program: Program, expression: RegisterExpression, nodes: Mapping[str, Node], hand: FormulaPrinter
+) -> Printed:
+    """Write an expression as the program builds it."""
+    known: dict[Register, PrintedFraction] = {}
+    for current in expression.order:
+        if current in expression.named:
+            known[current] = PrintedFraction(hand.name(expression.named[current]))
+        else:
+            known[current] = _write(*program.ops[current], known, nodes, hand)
+    return hand.whole(known[expression.order[-1]])
+
+
+def length(program: Program, register: Register, limit: int) -> int:
+    """Count the operations of a nested formula, up to a limit (a shared part counts each time)."""
+    counts: dict[Register, int] = {}
+    for current in in_order(program, register, ()):
+        counts[current] = min(limit, 1 + sum(counts[operand] for operand in operands(*program.ops[current])))
+    return counts[register]
+
+
+def in_order(program: Program, register: Register, stops: Container[Register]) -> Iterator[Register]:
+    """Yield what a register is made of, operands first, without recursion: programs are deep."""
+    done: set[Register] = set()
+    stack = [register]
+    while stack:
+        current = stack[-1]
+        leaf = current != register and current in stops
+        missing = [] if leaf else [part for part in operands(*program.ops[current]) if part not in done]
+        if missing:
+            stack += missing
+            continue
+        stack.pop()
+        if current not in done:
+            done.add(current)
+            yield current
+
+
+def _write(
+    op: Operation,
+    a: int,
+    b: int,
+    known: Mapping[int, PrintedFraction],
+    nodes: Mapping[str, Node],
+    hand: FormulaPrinter,
+) -> PrintedFraction:
+    match op:
+        case Operation.CONSTANT:
+            return PrintedFraction(hand.integer(a))
+        case Operation.PARAMETER:
+            return hand.value(nodes[str(a)])
+        case Operation.LAPLACE:
+            return PrintedFraction(hand.name("s"))
+        case Operation.NEG:
+            return hand.opposite(known[a])
+        case Operation.ADD:
+            return PrintedFraction(hand.total(hand.whole(known[a]), hand.whole(known[b])))
+        case Operation.SUB:
+            return PrintedFraction(hand.difference(hand.whole(known[a]), hand.whole(known[b])))
+        case Operation.MUL if a == b:
+            return hand.squared(known[a])
+        case Operation.MUL:
+            return hand.times(known[a], known[b])
+        case Operation.DIV:
+            return hand.divided(known[a], known[b])
+
+
+def shared(program: Program, wanted: Collection[Register], longest: int) -> list[Register]:
+    """Return what is worth a name: the wanted, what is used more than once, and what grows long.
+
+    Parameters
+    ----------
+    program
+        Holds the registers.
+    wanted
+        What is to be written.
+    longest
+        Most operations of a formula before a part of it is named.
+
+    Returns
+    -------
+    list
+        Registers in the order of the program.
+    """
+    order = _registers_behind(program, wanted)
+    uses: dict[Register, int] = {}
+    for register in order:
+        for operand in operands(*program.ops[register]):
+            uses[operand] = uses.get(operand, 0) + 1
+    size: dict[Register, int] = {}
+    named: list[Register] = []
+    for register in order:
+        if program.ops[register][0] < Operation.ADD:
+            size[register] = 1
+            continue
+        size[register] = 1 + sum(size[operand] for operand in operands(*program.ops[register]))
+        if register in wanted or uses[register] > 1 or size[register] > longest:
+            named.append(register)
+            size[register] = 1
+    return named
+
+
+def _registers_behind(program: Program, wanted: Collection[Register]) -> list[Register]:
+    """Return what some registers are made of, in the order of the program."""
+    found = set(wanted)
+    for register in range(max(wanted, default=-1), -1, -1):
+        if register in found:
+            found.update(operands(*program.ops[register]))
+    return sorted(found)
+
+
+def free_letter(taken: Collection[str], letter: str = "t") -> str:
+    """Return a beginning of names that no node and no parameter has."""
+    while any(
+        (name.startswith(letter) and name[len(letter) :].isdigit()) or name == letter for name in taken
+    ):
+        letter += "_"
+    return letter

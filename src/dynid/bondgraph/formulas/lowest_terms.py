@@ -1,0 +1,274 @@
+"""Formulas in lowest terms: a formula in which something cancels is written anew, in factors.
+
+Names of intermediate results, parameters and s are the variables of integer polynomials; a value that is no
+rational function of the parameters is a variable of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from fractions import Fraction
+from functools import reduce
+from itertools import combinations
+from typing import Any, NamedTuple
+
+from dynid.bondgraph.formulas.printers import FormulaPrinter, Printed
+from dynid.bondgraph.graph import Node
+from dynid.bondgraph.program.program import Operation, Program, Register, operands
+
+#: Most terms of a polynomial; a formula that outgrows it is written as it stands.
+_MOST = 2000
+
+
+class ReducedQuotient(NamedTuple):
+    """A quotient of polynomials in lowest terms, and whether something was cancelled on the way to it."""
+
+    above: Any
+    below: Any
+    cancelled: bool = False
+
+
+class RegisterExpression(NamedTuple):
+    """The registers of a formula.
+
+    Parameters
+    ----------
+    order
+        Its registers, operands first, itself last.
+    named
+        Those that are written by a name.
+    """
+
+    order: tuple[Register, ...]
+    named: Mapping[Register, str]
+
+
+def independent(
+    program: Program, expressions: Iterable[RegisterExpression], nodes: Mapping[str, Node]
+) -> bool:
+    """Test whether expressions have every variable once, so that nothing in them can cancel."""
+    variables: list[str] = []
+    constants = 0  # in sums: 1 and 1 are 2
+    for order, named in expressions:
+        spelled = [program.ops[register] for register in order if register not in named]
+        read = [r for op in spelled for r in operands(*op) if program.ops[r][0] is not Operation.CONSTANT]
+        summed = [r for op in spelled if op[0] in (Operation.ADD, Operation.SUB) for r in operands(*op)]
+        constants += sum(_is_constant(program, r) for r in [*summed, order[-1]])
+        if len(read) != len(set(read)) or constants > 1:
+            return False
+        variables += named.values()
+        for op, name, _ in spelled:
+            variables += (
+                _names(nodes[str(name)])
+                if op is Operation.PARAMETER
+                else ["s"]
+                if op is Operation.LAPLACE
+                else []
+            )
+    return len(variables) == len(set(variables))
+
+
+def _is_constant(program: Program, register: Register) -> bool:
+    op, inner, _ = program.ops[register]
+    return op is Operation.CONSTANT or (op is Operation.NEG and program.ops[inner][0] is Operation.CONSTANT)
+
+
+def _names(node: Node) -> list[str]:
+    """Return the parameters that a value is written in, each as often as it stands there."""
+    if node.formula is None or not node.formula.names:
+        return [node.name]
+
+    def leaf(item: Fraction | str) -> list[str]:
+        return [item] if isinstance(item, str) else []
+
+    found: list[str] = node.formula.fold(leaf, lambda _, parts: [name for part in parts for name in part])
+    return found
+
+
+class FormulaRing:
+    """The polynomials that expressions are made of.
+
+    Parameters
+    ----------
+    program
+        Holds the registers.
+    expressions
+        What they are.
+    nodes
+        The nodes of the graph.
+    """
+
+    def __init__(
+        self, program: Program, expressions: Iterable[RegisterExpression], nodes: Mapping[str, Node]
+    ) -> None:
+        from flint import fmpz_mpoly_ctx
+
+        self._program, self._nodes = program, nodes
+        names: dict[tuple[str, str], None] = {("s", ""): None}
+        for order, named in expressions:
+            names |= dict.fromkeys(("label", label) for label in named.values())
+            for op, name, _ in (program.ops[register] for register in order if register not in named):
+                if op is Operation.PARAMETER:
+                    names["value", name] = None
+                    names |= dict.fromkeys(("name", each) for each in _names(nodes[name]))
+        self._keys = list(names)
+        self._ring = fmpz_mpoly_ctx.get([f"x{index}" for index in range(len(names))], "lex")
+        self.one = self._ring.constant(1)
+        self._gens = dict(zip(names, self._ring.gens(), strict=True))
+
+    def part(self, expression: RegisterExpression) -> ReducedQuotient:
+        """Return an expression as a quotient.
+
+        Raises
+        ------
+        OverflowError
+            Where it has too many terms, or divides by zero.
+        """
+        known: dict[Register, ReducedQuotient] = {}
+        cancelled = False
+        for register in expression.order:
+            label = expression.named.get(register)
+            part = (
+                ReducedQuotient(self._gens["label", label], self.one)
+                if label
+                else self._part(register, known)
+            )
+            if max(len(part.above), len(part.below)) > _MOST:
+                raise OverflowError
+            cancelled |= part.cancelled
+            known[register] = part
+        return known[expression.order[-1]]._replace(cancelled=cancelled)
+
+    def _part(self, register: Register, known: Mapping[Register, ReducedQuotient]) -> ReducedQuotient:
+        op, a, b = self._program.ops[register]
+        match op:
+            case Operation.CONSTANT:
+                return ReducedQuotient(self.one * a, self.one)
+            case Operation.PARAMETER:
+                return self._value(self._nodes[str(a)])
+            case Operation.LAPLACE:
+                return ReducedQuotient(self._gens["s", ""], self.one)
+            case Operation.NEG:
+                return ReducedQuotient(-known[a].above, known[a].below)
+            case Operation.ADD:
+                return added(known[a], known[b])
+            case Operation.SUB:
+                return added(known[a], ReducedQuotient(-known[b].above, known[b].below))
+            case Operation.MUL:
+                return multiplied(known[a], known[b], same=a == b)
+            case _:
+                return multiplied(known[a], ReducedQuotient(known[b].below, known[b].above))
+
+    def _value(self, node: Node) -> ReducedQuotient:
+        from dynid.bondgraph.formulas.symbolic import FormulaTooLong, SymbolicQuotient, apply
+        from dynid.bondgraph.program.factored import PolynomialFactor
+
+        if node.formula is None or not node.formula.names:
+            return ReducedQuotient(self._gens["name", node.name], self.one)
+
+        def leaf(item: Fraction | str) -> SymbolicQuotient:
+            if isinstance(item, str):
+                return SymbolicQuotient({PolynomialFactor(self._gens["name", item]): 1}, 1, self._ring, _MOST)
+            return SymbolicQuotient({}, 1, self._ring, _MOST).constant(item)
+
+        try:
+            return ReducedQuotient(*node.formula.fold(leaf, apply).lowest_terms())
+        except (KeyError, FormulaTooLong, ZeroDivisionError):  # no short rational function
+            return ReducedQuotient(self._gens["value", node.name], self.one)
+
+    def write(self, part: ReducedQuotient, hand: FormulaPrinter) -> Printed:
+        """Write a quotient in factors, its sign in front."""
+        if part.above == 0:
+            return hand.integer(0)
+        (sign, above), (other, below) = self._product(part.above, hand), self._product(part.below, hand)
+        whole = above if part.below in (1, -1) else hand.quotient(above, below)
+        return hand.negative(whole) if sign * other < 0 else whole
+
+    def _product(self, polynomial: Any, hand: FormulaPrinter) -> tuple[int, Printed]:
+        """Write a polynomial as a product, and return its sign apart."""
+        content, factors = polynomial.factor()
+        sign = 1 if content > 0 else -1
+        written: list[Printed] = [] if abs(content) == 1 and factors else [hand.integer(abs(int(content)))]
+        for factor, power in factors:
+            base = hand.listed([self._term(int(c), powers, hand) for powers, c in factor.terms()])
+            written.append(base if power == 1 else hand.power(base, hand.integer(int(power))))
+        return sign, reduce(hand.product, written)
+
+    def _term(self, coefficient: int, powers: tuple[int, ...], hand: FormulaPrinter) -> Printed:
+        factors = [
+            base if power == 1 else hand.power(base, hand.integer(int(power)))
+            for key, power in zip(self._keys, powers, strict=True)
+            if power
+            for base in [self._variable(key, hand)]
+        ]
+        if abs(coefficient) != 1 or not factors:
+            factors.insert(0, hand.integer(abs(coefficient)))
+        product = reduce(hand.product, factors)
+        return hand.negative(product) if coefficient < 0 else product
+
+    def _variable(self, key: tuple[str, str], hand: FormulaPrinter) -> Printed:
+        kind, name = key
+        if kind == "value":
+            return hand.whole(hand.value(self._nodes[name]))
+        return hand.given(name) if kind == "name" else hand.name(name or "s")
+
+
+class SumTerm(NamedTuple):
+    """A term of a sum: its value, and the expression that it is, with a sign; none where several are one."""
+
+    part: ReducedQuotient
+    sign: int
+    expression: RegisterExpression | None
+
+
+def combined(summands: list[SumTerm]) -> list[SumTerm]:
+    """Return the terms of a sum, those that cancel in part added up."""
+    left = list(summands)
+    pair = next(iter(_cancelling(left)), None)
+    while pair is not None:
+        one, other = pair
+        total = added(one.part, other.part)
+        left = [each for each in left if each is not one and each is not other]
+        left += [SumTerm(total, 1, None)] if total.above != 0 else []
+        pair = next(iter(_cancelling(left)), None)
+    total = ReducedQuotient(summands[0].part.above * 0, summands[0].part.below ** 0)
+    cancelled = False
+    for each in left:
+        total = added(total, each.part)
+        cancelled |= total.cancelled
+    return [SumTerm(total, 1, None)] if cancelled else left
+
+
+def _cancelling(summands: list[SumTerm]) -> Iterator[tuple[SumTerm, SumTerm]]:
+    return (pair for pair in combinations(summands, 2) if added(pair[0].part, pair[1].part).cancelled)
+
+
+def added(a: ReducedQuotient, b: ReducedQuotient) -> ReducedQuotient:
+    """Add quotients; it is noted where terms fall together or a factor of the denominator cancels."""
+    shared = a.below.gcd(b.below)
+    left, right = b.below // shared, a.below // shared
+    one, other = a.above * left, b.above * right
+    total, below = one + other, a.below * left
+    if total == 0:
+        return ReducedQuotient(total, below**0, cancelled=True)
+    common = total.gcd(below)
+    fewer = len(total) < len(one) + len(other) and a.above != 0 and b.above != 0
+    return ReducedQuotient(total // common, below // common, fewer or common != 1)
+
+
+def multiplied(a: ReducedQuotient, b: ReducedQuotient, *, same: bool = False) -> ReducedQuotient:
+    """Multiply quotients; what cancels is noted, and what stands twice unless the factors are the same."""
+    if b.below == 0:
+        raise OverflowError  # a value of the scene is identically zero
+    if a.above == 0 or b.above == 0:
+        return ReducedQuotient(a.above * b.above, a.below**0)
+    across, back = a.above.gcd(b.below), b.above.gcd(a.below)
+    twice = not same and (_vary(a.above, b.above) or _vary(a.below, b.below))
+    above = (a.above // across) * (b.above // back)
+    below = (a.below // back) * (b.below // across)
+    return ReducedQuotient(above, below, twice or across != 1 or back != 1)
+
+
+def _vary(a: Any, b: Any) -> bool:
+    """Test whether two polynomials have a factor in common that is no number."""
+    return bool(a.gcd(b).total_degree() > 0)

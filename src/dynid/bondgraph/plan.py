@@ -1,0 +1,234 @@
+"""A graph with its reductions to every output, ready to be run on a number type."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
+from fractions import Fraction
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+from dynid.bondgraph.graph import STORAGES, BondGraph, GraphUnits, Port, no_collection
+from dynid.bondgraph.program.modular import axis_point, numeric_point, prime_for, random_point
+from dynid.bondgraph.program.program import ModularPoint, Program
+from dynid.bondgraph.reduction.junctions import JunctionStructure, ring_text
+from dynid.bondgraph.reduction.network import STORED
+from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
+from dynid.bondgraph.reduction.solvability import hold, undetermined
+from dynid.errors import Singular
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.program.factored import RationalFunction
+
+
+Channel = tuple[Port, str]
+
+
+class ProgramPlan(ABC):
+    """A program written for a graph, ready to be run on any number type.
+
+    The program is planned without numbers. Where the numbers make one of its pivots zero (a resistance
+    of -1 beside one of 1), it is planned again with them.
+
+    Parameters
+    ----------
+    graph
+        The bond graph.
+    """
+
+    _balanced = False  # whether reductions are
+
+    def __init__(self, graph: BondGraph) -> None:
+        self.graph = graph
+        self._values = {name: node.value for name, node in graph.nodes.items() if node.value is not None}
+        self.valued = list(self._values)
+        self._prime = prime_for(self._values.values())
+        self.storages = [name for name in self.valued if graph.nodes[name].type in STORAGES]
+        self._plan(random_point(self.valued, self._prime))
+        if self.program.vanishing(self.answers(), self.pivots(), self.modulo()):
+            self._plan(self.modulo())
+
+    @property
+    def exact(self) -> Mapping[str, Fraction]:
+        """The exact values of elements and two-ports, by name."""
+        return self._values
+
+    def modulo(self) -> ModularPoint:
+        """Return these values, and a random s, modulo a large prime."""
+        return numeric_point(self._values, self._prime)
+
+    @cached_property
+    def units(self) -> GraphUnits:
+        """The units of the graph's variables."""
+        return GraphUnits(self.graph)
+
+    def _plan(self, point: ModularPoint) -> None:
+        self.program = Program(point)
+        self._write()
+
+    def with_values(self, values: Mapping[str, Fraction]) -> Self:
+        """Return it with other values of some elements, for which the plan is known to hold."""
+        other = copy(self)
+        other.graph = self.graph.with_values(values)
+        other._values = {**self._values, **values}
+        other._prime = prime_for(other._values.values())
+        return other
+
+    def on_axis(self, omega: Fraction) -> Self:
+        """Return it planned for one frequency: no pivot of it is exactly zero at s = j omega.
+
+        Raises
+        ------
+        Singular
+            Where the equations are singular there.
+        """
+        other = copy(self)
+        other._plan(axis_point(self._values, omega))
+        return other
+
+    def balanced(self) -> Self:
+        """Return it planned, with its numbers, for short ways through its loops (`Reducer`).
+
+        Bounds on rounding errors, which grow with each step on a loop, stay small in long ladders and rings.
+        """
+        other = copy(self)
+        other._balanced = True
+        with no_collection():
+            other._plan(self.modulo())
+        return other
+
+    @abstractmethod
+    def _write(self) -> None:
+        """Write the program."""
+
+    @abstractmethod
+    def pivots(self) -> list[int]:
+        """Return what the program divides by."""
+
+    @abstractmethod
+    def answers(self) -> Iterable[int]:
+        """Return the registers that will be asked for."""
+
+    def run(self, registers: Iterable[int], values: dict[str, Any], laplace: Any, one: Any) -> dict[int, Any]:
+        """Run the program for these registers on any number type."""
+        return self.program.run(registers, values, laplace, one)
+
+    def rational(self, registers: Iterable[int]) -> dict[int, RationalFunction]:
+        """Run the program on exact rational functions of s (factored, not yet in lowest terms)."""
+        from flint import fmpz_poly
+
+        from dynid.bondgraph.program.factored import PolynomialFactor, RationalFunction
+
+        bits = {name: 1 << index for index, name in enumerate(self.storages)}
+
+        @cache
+        def integer(number: int) -> PolynomialFactor:  # equal numbers are one factor, and cancel
+            return PolynomialFactor(fmpz_poly([number]))
+
+        def constant(value: Fraction, storages: int = 0) -> RationalFunction:
+            if not value:
+                return RationalFunction(None, 1, storages)
+            given = ((value.numerator, 1), (value.denominator, -1))
+            return RationalFunction({integer(part): power for part, power in given if part != 1}, 1, storages)
+
+        values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
+        s = RationalFunction.of(fmpz_poly([0, 1]), fmpz_poly([1]))
+        return self.run(registers, values, s, constant(Fraction(1)))
+
+
+class ReducedGraph(ProgramPlan):
+    """One program for all outputs of a graph; outputs share the steps that they have in common.
+
+    Parameters
+    ----------
+    graph
+        The bond graph.
+    inputs
+        Names of the sources kept as inputs; all others are zero.
+    outputs
+        The variables asked for.
+    traced
+        Whether the reductions record their steps.
+
+    Attributes
+    ----------
+    undetermined
+        What the equations leave open although no output depends on it, a sentence each.
+
+    Raises
+    ------
+    Singular
+        Where sources contradict each other, in whatever part of the graph (each is prescribed, one that is
+        zero as well), or the graph leaves an output undetermined: in general or with its numbers.
+    """
+
+    def __init__(
+        self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port], *, traced: bool = True
+    ) -> None:
+        self.inputs, self.outputs, self._traced = tuple(inputs), tuple(outputs), traced
+        with no_collection():
+            self.structure = JunctionStructure(graph)
+            try:
+                super().__init__(graph)
+                found = undetermined(self.structure, self.unsolved())[0]
+            except Singular as error:
+                found = hold(self.structure, outputs)
+                if not found:
+                    raise
+                try:
+                    super().__init__(graph)
+                except Singular:
+                    raise found[0].error from error
+        self.undetermined = [ring_text(graph, bond) for bond in self.structure.rings]
+        self.undetermined += [f"{each.error.problem}; no requested output depends on it" for each in found]
+
+    def unsolved(self) -> list[str]:
+        """Return the junctions that no output depends on and no source fixes."""
+        solved = {name for reduction in self.reductions.values() for name in reduction.junctions}
+        junctions = self.structure.junctions.items()
+        return [name for name, junction in junctions if name not in solved and junction.fixing is None]
+
+    def _write(self) -> None:
+        self.reductions: dict[Port, Reduction] = {
+            port: reduce_graph(
+                self.structure,
+                self.program,
+                port,
+                self.inputs,
+                traced=self._traced and not self._balanced,
+                balanced=self._balanced,
+            )
+            for port in self.outputs
+        }
+
+    def pivots(self) -> list[int]:
+        """Return what the program divides by."""
+        return [pivot for reduction in self.reductions.values() for pivot in reduction.pivots]
+
+    def answers(self) -> Iterable[int]:
+        """Return the registers that will be asked for."""
+        yield from self.channels().values()
+        for reduction in self.reductions.values():
+            yield from (register for _, register in reduction.prototype.systems)
+
+    def channels(self) -> dict[Channel, int]:
+        """Return the register of every channel (output, input)."""
+        return {
+            (port, source): register
+            for port, reduction in self.reductions.items()
+            for source, register in reduction.channels.items()
+        }
+
+    def stored(self, names: Iterable[str]) -> dict[Channel, int]:
+        """Return the register of the answer to the stored energy of each storage, by output and storage.
+
+        It is the Laplace transform of the output for f(0) = 1 of an I, e(0) = 1 of a C, all inputs zero:
+        the stored energy is an equivalent source (Park & Kim 1997, eqs 13 to 16).
+        """
+        sources = {f"{STORED}{name}": name for name in names}
+        return {
+            (port, sources[source]): register
+            for port in self.outputs
+            for source, register in reduce_graph(self.structure, self.program, port, sources).channels.items()
+        }

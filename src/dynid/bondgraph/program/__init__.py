@@ -1,0 +1,1 @@
+"""Reduction programs: straight-line arithmetic, the numbers it runs on, and its compiler."""

@@ -1,0 +1,432 @@
+"""Straight-line reduction programs over any number type, and their derivatives.
+
+A reduction writes its arithmetic down once, as a list of operations on registers, never expanded and
+with every common subexpression shared. Running the program on complex arrays gives a frequency
+response, on exact rational functions a transfer function, on polynomials a formula; no physics is
+written twice. Reverse accumulation over the same operations (Griewank & Walther, *Evaluating Derivatives*,
+ch. 3) gives all partial derivatives of one register for a few times the work of one run.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import repeat
+from typing import Any, Protocol, Self, TypeVar
+
+# --- programs -------------------------------------------------------------------------------------
+
+
+class ProgramNumber(Protocol):
+    """A number type that a program can be run on."""
+
+    def __add__(self, other: Self, /) -> Self: ...
+    def __sub__(self, other: Self, /) -> Self: ...
+    def __mul__(self, other: Self, /) -> Self: ...
+    def __truediv__(self, other: Self, /) -> Self: ...
+    def __neg__(self) -> Self: ...
+
+
+N = TypeVar("N", bound=Any)
+
+
+class Operation(IntEnum):
+    """The operations of a program."""
+
+    CONSTANT = 0  # an integer
+    PARAMETER = 1  # the value of a node
+    LAPLACE = 2  # the variable s
+    ADD = 3
+    SUB = 4
+    MUL = 5
+    DIV = 6
+    NEG = 7
+
+
+#: Looked up once: planning compares operations millions of times.
+_CONSTANT, _PARAMETER, _LAPLACE, _ADD, _SUB, _MUL, _DIV, _NEG = tuple(Operation)
+
+Register = int
+
+#: Registers among which equal values are looked for: two of them are mistaken for equal with a probability of
+#: about the square of this, times their degree, over the prime.
+_COMPARED = 20_000
+
+
+@dataclass(frozen=True)
+class ModularPoint:
+    """A point modulo a prime: residues (flint `nmod`, whose inverses are cheap) of the parameters and s.
+
+    `general`: it is random, and what holds there holds for all values.
+    """
+
+    prime: int
+    values: Mapping[str, Any]
+    laplace: Any
+    general: bool = False
+
+    def residue(self, value: int) -> Any:
+        """Return an integer modulo the prime."""
+        from flint import nmod
+
+        return nmod(value, self.prime)
+
+
+class Program:
+    """A growing list of operations; equal operations share a register, and so does what is always equal.
+
+    Parameters
+    ----------
+    point
+        A point modulo a large prime at which every register is evaluated as it is written. One that is
+        identically zero vanishes at a random point; one that is not does so with a probability of about
+        its degree over the prime. So "identically zero" is known without numbers.
+    """
+
+    def __init__(self, point: ModularPoint) -> None:
+        self.ops: list[tuple[Operation, Any, int]] = []
+        self._images: list[Any] = []
+        self._known: dict[tuple[Operation, Any, int], Register] = {}
+        self._by_value: dict[int, Register] = {}
+        self._point = point
+        self.zero = self.constant(0)
+        self.one = self.constant(1)
+        self.s = self._emit(_LAPLACE, None, 0, point.laplace)
+
+    # --- writing -------------------------------------------------------------------------------
+
+    def constant(self, value: int) -> Register:
+        """Write an integer."""
+        return self._emit(_CONSTANT, value, 0, self._point.residue(value))
+
+    def parameter(self, name: str) -> Register:
+        """Write the value of a node."""
+        return self._emit(_PARAMETER, name, 0, self._point.values[name])
+
+    def add(self, a: Register, b: Register) -> Register:
+        """Write a + b."""
+        if a == self.zero:
+            return b
+        if b == self.zero:
+            return a
+        if self.ops[b][0] is _NEG:
+            return self.sub(a, self.ops[b][1])
+        if self.ops[a][0] is _NEG:
+            return self.sub(b, self.ops[a][1])
+        return self._emit(_ADD, a, b, self._images[a] + self._images[b])
+
+    def sub(self, a: Register, b: Register) -> Register:
+        """Write a - b."""
+        if b == self.zero:
+            return a
+        if a == self.zero:
+            return self.neg(b)
+        if self.ops[b][0] is _NEG:
+            return self.add(a, self.ops[b][1])
+        return self.zero if a == b else self._emit(_SUB, a, b, self._images[a] - self._images[b])
+
+    def neg(self, a: Register) -> Register:
+        """Write -a."""
+        if a == self.zero:
+            return a
+        op, inner, _ = self.ops[a]
+        return int(inner) if op is _NEG else self._emit(_NEG, a, 0, -self._images[a])
+
+    def mul(self, a: Register, b: Register) -> Register:
+        """Write a * b; a sign moves outwards, a division by the other factor disappears."""
+        if a == self.zero or b == self.zero:
+            return self.zero
+        if a == self.one:
+            return b
+        if b == self.one:
+            return a
+        first, second = self.ops[a], self.ops[b]
+        if first[0] is _NEG:
+            return self.neg(self.mul(first[1], b))
+        if second[0] is _NEG:
+            return self.neg(self.mul(a, second[1]))
+        if first[0] is _DIV and first[1] == self.one:
+            return self.div(b, first[2])
+        if second[0] is _DIV and second[1] == self.one:
+            return self.div(a, second[2])
+        return self._emit(_MUL, a, b, self._images[a] * self._images[b])
+
+    def div(self, a: Register, b: Register) -> Register:
+        """Write a / b; a division by a quotient becomes a product, so that no 1/(1/x) is ever formed."""
+        if not self._images[b]:
+            raise ZeroDivisionError
+        if a == self.zero or b == self.one:
+            return a
+        if a == b:
+            return self.one
+        first, (op, numerator, denominator) = self.ops[a], self.ops[b]
+        if first[0] is _NEG:
+            return self.neg(self.div(first[1], b))
+        if op is _NEG:
+            return self.neg(self.div(a, numerator))
+        if op is _DIV:
+            if numerator == self.one:
+                return self.mul(a, denominator)
+            return self.div(self.mul(a, denominator), numerator)
+        return self._emit(_DIV, a, b, self._images[a] / self._images[b])
+
+    def inv(self, a: Register) -> Register:
+        """Write 1 / a."""
+        return self.div(self.one, a)
+
+    def sum(self, terms: Iterable[Register]) -> Register:
+        """Write the sum of terms, in order."""
+        total = self.zero
+        for term in terms:
+            total = self.add(total, term)
+        return total
+
+    def product(self, factors: Iterable[Register]) -> Register:
+        """Write the product of factors, in order."""
+        total = self.one
+        for factor in factors:
+            total = self.mul(total, factor)
+        return total
+
+    def are_opposite(self, a: Register, b: Register) -> bool:
+        """Test whether the sum of two registers is identically zero."""
+        return not (self._images[a] + self._images[b])
+
+    def is_zero(self, a: Register) -> bool:
+        """Test whether a register is identically zero (as far as the random point shows)."""
+        return not self._images[a]
+
+    @property
+    def prime(self) -> int:
+        """The prime that images are taken modulo."""
+        return self._point.prime
+
+    def image(self, a: Register) -> Any:
+        """Return the value of a register at the point: a residue modulo its prime."""
+        return self._images[a]
+
+    def _emit(self, op: Operation, a: Any, b: int, image: Any) -> Register:
+        entry = (op, a, b)
+        key = (op, b, a) if (op is _ADD or op is _MUL) and b < a else entry
+        following = len(self.ops)
+        register = self._known.setdefault(key, following)
+        if register == following:
+            if self._point.general and following < _COMPARED:
+                equal = self._equal(op, int(image))
+                if equal is not None:
+                    self._known[key] = equal
+                    return equal
+            self.ops.append(entry)
+            self._images.append(image)
+        return register
+
+    def _equal(self, op: Operation, value: int) -> Register | None:
+        """Return what has, for all values, the value of an operation that is about to be written."""
+        found = self._by_value.setdefault(value, len(self.ops))
+        if found < len(self.ops):
+            return found if op >= _ADD else None
+        opposite = self._by_value.get(self._point.prime - value)
+        if opposite is None or op is _NEG or op < _ADD:
+            return None
+        del self._by_value[value]
+        return self.neg(opposite)
+
+    def parameters(self, wanted: Iterable[Register]) -> set[str]:
+        """Return the nodes whose values the wanted registers are made of."""
+        needed = self._needed(list(wanted))
+        ops = (self.ops[register] for register in filter(needed.__getitem__, range(len(needed))))
+        return {str(name) for op, name, _ in ops if op is _PARAMETER}
+
+    def vanishing(
+        self, wanted: Iterable[Register], divisors: Iterable[Register], point: ModularPoint
+    ) -> bool:
+        """Test whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
+        divisors = list(divisors)
+        try:
+            values = self._at(point, repeat(1))
+        except ZeroDivisionError:  # but what nobody needs may be infinite
+            try:
+                values = self._at(point, self._needed([*wanted, *divisors]))
+            except ZeroDivisionError:
+                return True
+        return not all(values[divisor] for divisor in divisors)
+
+    def _at(self, point: ModularPoint, needed: Iterable[int]) -> list[Any]:
+        """Return the values of registers at a point, as far as they are needed."""
+        values: list[Any] = []
+        for wanted, (op, a, b) in zip(needed, self.ops, strict=False):
+            if not wanted:
+                values.append(None)
+            elif op is _DIV:
+                values.append(values[a] / values[b])
+            elif op is _ADD:
+                values.append(values[a] + values[b])
+            elif op is _MUL:
+                values.append(values[a] * values[b])
+            elif op is _PARAMETER:
+                values.append(point.values[a])
+            elif op is _CONSTANT:
+                values.append(point.residue(a))
+            elif op is _LAPLACE:
+                values.append(point.laplace)
+            else:
+                values.append(_ARITHMETIC[op](values[a], values[b]))
+        return values
+
+    def _needed(self, wanted: list[Register]) -> bytearray:
+        """Mark the registers that others depend on, up to the last one wanted."""
+        needed = bytearray(max(wanted, default=-1) + 1)
+        for register in wanted:
+            needed[register] = 1
+        for register in range(len(needed) - 1, -1, -1):
+            if needed[register]:
+                op, a, b = self.ops[register]
+                if op >= _ADD:
+                    needed[a] = needed[b] = 1
+        return needed
+
+    # --- running -------------------------------------------------------------------------------
+
+    def run(
+        self, wanted: Iterable[Register], values: Mapping[str, N], laplace: N, one: N
+    ) -> dict[Register, N]:
+        """Run the part of the program that the wanted registers need.
+
+        Parameters
+        ----------
+        wanted
+            Registers to return.
+        values
+            Node values by name, as numbers of the type to compute in.
+        laplace, one
+            The variable s and the number 1 of that type; s may be an array.
+
+        Raises
+        ------
+        ZeroDivisionError
+            Where exact numbers meet a zero pivot; arrays follow NumPy's rules instead.
+        """
+        wanted = list(wanted)
+        last_use = self._last_uses(wanted)
+        keep = set(wanted)
+        memory: dict[Register, Any] = {}
+        for register in sorted(last_use):
+            op, a, b = self.ops[register]
+            memory[register] = _execute(op, a, b, memory, values, laplace, one)
+            for operand in operands(op, a, b):
+                if last_use[operand] == register and operand not in keep:
+                    memory.pop(operand, None)
+        return {register: memory[register] for register in wanted}
+
+    def _last_uses(self, wanted: Iterable[Register]) -> dict[Register, Register]:
+        """Return, for every register needed, the last one that reads it (so that memory stays small)."""
+        last = {register: register for register in wanted}
+        for register in range(max(last, default=-1), -1, -1):
+            if register in last:
+                for operand in operands(*self.ops[register]):
+                    last.setdefault(operand, register)
+        return last
+
+
+_ARITHMETIC: dict[Operation, Callable[[Any, Any], Any]] = {
+    Operation.ADD: operator.add,
+    Operation.SUB: operator.sub,
+    Operation.MUL: operator.mul,
+    Operation.DIV: operator.truediv,
+    Operation.NEG: lambda a, _: -a,
+}
+
+
+def operands(op: Operation, a: Any, b: int) -> tuple[Register, ...]:
+    """Return the registers that an operation reads."""
+    if op <= _LAPLACE:
+        return ()
+    return (a,) if op is _NEG else (a, b)
+
+
+def _execute(
+    op: Operation, a: Any, b: int, memory: dict[Register, Any], values: Mapping[str, Any], s: Any, one: Any
+) -> Any:
+    if op >= _ADD:
+        return -memory[a] if op is _NEG else _ARITHMETIC[op](memory[a], memory[b])
+    if op is _PARAMETER:
+        return values[a]
+    if op is _LAPLACE:
+        return s
+    return one * a if a != 1 else one
+
+
+# --- derivatives ----------------------------------------------------------------------------------
+
+
+def gradient(
+    program: Program, register: Register, values: Mapping[str, N], laplace: N, one: N
+) -> tuple[N, dict[str, N]]:
+    """Return the value of a register and its partial derivatives.
+
+    Parameters
+    ----------
+    program
+        The program.
+    register
+        What to differentiate.
+    values, laplace, one
+        As for `Program.run`.
+
+    Returns
+    -------
+    tuple
+        The value, and the derivative by every parameter that it depends on.
+
+    Raises
+    ------
+    ZeroDivisionError
+        Where exact numbers meet a zero pivot.
+    """
+    needed = _registers_behind(program, register)
+    run = program.run(needed, values, laplace, one)
+    slopes: dict[Register, N] = {register: one}
+    partials: dict[str, N] = {}
+    for place in reversed(needed):
+        slope = slopes.pop(place, None)
+        if slope is None:
+            continue
+        op, a, b = program.ops[place]
+        if op is Operation.PARAMETER:
+            partials[a] = slope
+        for operand, share in _shares(op, a, b, slope, run, place):
+            slopes[operand] = slopes[operand] + share if operand in slopes else share
+    return run[register], partials
+
+
+def _registers_behind(program: Program, register: Register) -> list[Register]:
+    """Return the registers behind one, in order."""
+    found, waiting = {register}, [register]
+    while waiting:
+        for operand in operands(*program.ops[waiting.pop()]):
+            if operand not in found:
+                found.add(operand)
+                waiting.append(operand)
+    return sorted(found)
+
+
+def _shares(
+    op: Operation, a: Register, b: Register, slope: N, run: Mapping[Register, N], place: Register
+) -> tuple[tuple[Register, N], ...]:
+    """Pass a slope on to the operands of an operation."""
+    match op:
+        case Operation.ADD:
+            return (a, slope), (b, slope)
+        case Operation.SUB:
+            return (a, slope), (b, -slope)
+        case Operation.MUL:
+            return (a, slope * run[b]), (b, slope * run[a])
+        case Operation.DIV:
+            share = slope / run[b]
+            return (a, share), (b, -(share * run[place]))
+        case Operation.NEG:
+            return ((a, -slope),)
+        case _:
+            return ()

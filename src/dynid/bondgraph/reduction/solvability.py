@@ -1,0 +1,378 @@
+"""Exact rank tests of a graph's nodal form: contradictory sources and undetermined variables.
+
+The nodal form K x = b has a row for every junction whose common variable no source fixes, and a column of b
+for every source, whether it is an input or held at zero: each is prescribed independently of the others. The
+graph has a unique solution where K has full rank over the rational functions of s; it has none for some
+sources where a left null vector of K does not annihilate b; else a variable is undetermined where a right
+null vector reaches it. The rank is taken at a random s modulo a large prime. Full rank there proves full
+rank; a deficiency is confirmed at another point modulo another prime (a false one has odds below 1e-30).
+The errors name junctions and sources.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+from dynid.bondgraph.graph import SOURCES, Port
+from dynid.bondgraph.program.modular import primes_for
+from dynid.bondgraph.reduction.junctions import UNDETERMINED, JunctionStructure
+from dynid.errors import Singular
+
+# --- errors ---------------------------------------------------------------------------------------
+
+#: Most nodes that a message names.
+_MOST = 8
+
+
+def no_solution(structure: JunctionStructure, junctions: Sequence[str], sources: Sequence[str]) -> Singular:
+    """Return the error for sources that contradict each other, or a balance that one of them cannot meet.
+
+    Parameters
+    ----------
+    structure
+        The junction structure.
+    junctions
+        The junctions whose balances together leave a condition on the sources alone.
+    sources
+        The sources in that condition.
+    """
+    members = _user_names(structure, junctions)
+    verb = "contradict each other" if len(sources) > 1 else "meets a balance without a solution"
+    what = "sources" if len(sources) > 1 else "source"
+    cancelling = any(structure.junctions[name].elements for name in junctions)
+    reason = "the elements there cancel, nothing is left" if cancelling else "no element stands between"
+    return Singular(
+        f"{what} {_quoted(sources)} {verb} through {_quoted(members)}: {reason} to take up the difference",
+        remedy=f"{_element_on(structure, junctions)}, or drop a source.",
+        names=(*sources, *members),
+    )
+
+
+def not_determined(structure: JunctionStructure, junctions: Iterable[str]) -> Singular:
+    """Return the error for common variables that the equations leave open."""
+    junctions = list(junctions)
+    members = _user_names(structure, junctions)
+    kinds = {structure.junctions[name].kind for name in junctions}
+    what = {"0": "effort", "1": "flow"}.get(kinds.pop() if len(kinds) == 1 else "", "common variable")
+    return Singular(
+        f"the {what} of {_quoted(members)} is not determined: this part floats, "
+        f"or a loop through it has no unique solution",
+        remedy="Tie it to an element or a source, or drop one of the parallel paths.",
+        names=tuple(members),
+    )
+
+
+def _element_on(structure: JunctionStructure, junctions: Sequence[str]) -> str:
+    """Return the element that would take up the difference, and where to put it."""
+    kinds = {structure.junctions[name].kind for name in junctions}
+    drawn = [name for name in junctions if structure.junctions[name].members]
+    if len(kinds) > 1 or not drawn:
+        return "Put an element (a resistance, say) on a junction in between"
+    element, kind = ("an R or a C", "0") if kinds == {"0"} else ("an R or an I", "1")
+    on = _user_names(structure, drawn[:1])[0]
+    return f"Put {element} on the {kind}-junction '{on}'{' or one of the others' if len(drawn) > 1 else ''}"
+
+
+def _user_names(structure: JunctionStructure, junctions: Iterable[str]) -> list[str]:
+    """Return the user's junctions in these; of a bare one the nodes that it was put between."""
+    names: dict[str, None] = {}
+    queue = list(junctions)
+    while queue:
+        name = queue.pop(0)
+        if name in structure.graph.nodes and name not in structure.junctions:
+            names[name] = None
+            continue
+        junction = structure.junctions[name]
+        names |= dict.fromkeys(junction.members)
+        queue[:0] = [] if junction.members else [each for each in junction.between if each not in names]
+    return list(names)
+
+
+def _quoted(names: Sequence[str]) -> str:
+    quoted = [f"'{name}'" for name in names]
+    if len(quoted) > _MOST:
+        return f"{', '.join(quoted[:_MOST])} and {len(quoted) - _MOST} more"
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
+
+
+# --- rank tests -----------------------------------------------------------------------------------
+
+#: Coefficients by the name of a junction, none of them zero.
+Sparse = dict[str, int]
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """A set of junctions whose common variables the equations leave open together.
+
+    Parameters
+    ----------
+    vector
+        A null vector of the nodal form of smallest support: coefficients by junction.
+    error
+        What to raise where a requested output depends on them.
+    """
+
+    vector: Sparse
+    error: Singular
+
+
+class ModularNodalForm:
+    """The nodal form of some junctions at a random s, modulo a prime.
+
+    Parameters
+    ----------
+    structure
+        The junction structure, with its values.
+    prime
+        A prime that divides no numerator or denominator of a value.
+    junctions
+        The junctions to write; those whose common variable is fixed are left out.
+    """
+
+    def __init__(self, structure: JunctionStructure, prime: int, junctions: Iterable[str]) -> None:
+        self.structure, self.prime = structure, prime
+        self._s = random.Random(prime).randrange(1, prime)
+        self.rows: dict[str, Sparse] = {
+            name: {} for name in junctions if structure.junctions[name].fixing is None
+        }
+        for name, row in self.rows.items():
+            for element in structure.junctions[name].elements:
+                _add(row, name, self.immittance(element), prime)
+        for coupling in structure.couplings:
+            if coupling.tail in self.rows and coupling.head in self.rows:
+                size = self._size(coupling.two_port, inverse=coupling.inverse)
+                for one, other, sign in coupling.entries:
+                    _add(self.rows[one], other, sign * size, prime)
+
+    def _value(self, name: str) -> int:
+        value = self.structure.graph.value(name)
+        return value.numerator * pow(value.denominator, -1, self.prime) % self.prime
+
+    def _size(self, two_port: str | None, *, inverse: bool) -> int:
+        size = 1 if two_port is None else self._value(two_port)
+        return pow(size, -1, self.prime) if inverse else size
+
+    def immittance(self, element: str) -> int:
+        """Return the impedance of an element on a 1-junction, its admittance on a 0-junction."""
+        kind = self.structure.graph.nodes[element].type
+        law = self._value(element) * (1 if kind == "R" else self._s) % self.prime
+        own = "0" if kind == "C" else "1"
+        on = self.structure.junctions[self.structure.place[element]].kind
+        return law if on == own else pow(law, -1, self.prime)
+
+    def driven(self, junctions: Collection[str]) -> dict[str, Sparse]:
+        """Return, for every source, what it feeds into the balances of some junctions."""
+        found: dict[str, Sparse] = {}
+        for name in junctions:
+            for source, sign in self.structure.junctions[name].feeding:
+                _add(found.setdefault(source, {}), name, sign, self.prime)
+            for coupling in self.structure.tied[name]:
+                for row, column, sign in coupling.entries:
+                    fixing = self.structure.junctions[column].fixing
+                    if row == name and fixing:
+                        size = sign * self._size(coupling.two_port, inverse=coupling.inverse)
+                        _add(found.setdefault(fixing, {}), name, -size, self.prime)
+        return found
+
+    def output(self, port: Port) -> Sparse:
+        """Return an output's coefficients of the common variables, up to a factor."""
+        graph, place = self.structure.graph, self.structure.place[port.node]
+        kind, behind = graph.nodes[port.node].type, graph.behind(port).quantity
+        if kind in SOURCES and behind == ("e" if kind == "Se" else "f"):
+            return {}
+        if behind == ("f" if self.structure.junctions[place].kind == "1" else "e"):
+            return {place: 1}
+        # The reaction of a source needs no form: by reciprocity a source that reacts to an undetermined
+        # variable drives it, which is a contradiction and was raised before.
+        size = 0 if kind in SOURCES else self.immittance(port.node)
+        return {place: size} if size else {}
+
+
+def undetermined(
+    structure: JunctionStructure, junctions: Iterable[str] | None = None
+) -> tuple[list[Undetermined], ModularNodalForm | None]:
+    """Return what the equations of some junctions leave open; nothing where they have a unique solution.
+
+    Parameters
+    ----------
+    structure
+        The junction structure.
+    junctions
+        Junctions that no others influence but through fixed ones; absent: all.
+
+    Returns
+    -------
+    list, ModularNodalForm
+        The undetermined parts, and the equations that show them; None where there are none.
+
+    Raises
+    ------
+    Singular
+        Where sources contradict each other: for some values of them there is no solution.
+    """
+    every = structure.junctions if junctions is None else junctions
+    names = [name for name in every if structure.junctions[name].fixing is None]
+    if not names:
+        return [], None
+    for prime in islice(primes_for(node.value for node in structure.graph.nodes.values() if node.value), 2):
+        form = ModularNodalForm(structure, prime, names)
+        elimination = _SparseElimination(form.rows, prime)
+        if not elimination.free:
+            return [], None
+    contradiction = _contradiction(form)
+    if contradiction is not None:
+        raise contradiction
+    return [
+        Undetermined(vector, not_determined(structure, vector)) for vector in elimination.null_vectors()
+    ], form
+
+
+def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[Undetermined]:
+    """Fix at zero what no output depends on, so that the rest has a unique solution.
+
+    Parameters
+    ----------
+    structure
+        The junction structure; junctions that are undetermined become fixed ones.
+    outputs
+        The requested variables.
+
+    Returns
+    -------
+    list
+        What is undetermined.
+
+    Raises
+    ------
+    Singular
+        Where sources contradict each other, or an output depends on what is undetermined.
+    """
+    found, form = undetermined(structure)
+    if form is None:
+        return []
+    for port in outputs:
+        row = form.output(port)
+        for each in sorted(found, key=lambda each: len(each.vector)):
+            if _product(row, each.vector, form.prime):
+                raise each.error
+    for each in found:
+        structure.junctions[next(iter(each.vector))].fixing = UNDETERMINED
+    return found
+
+
+def explain(structure: JunctionStructure) -> Singular:
+    """Return the error for a graph without a unique solution."""
+    try:
+        found, _ = undetermined(structure)
+    except Singular as error:
+        return error
+    if found:
+        return min(found, key=lambda each: len(each.vector)).error
+    return Singular(
+        "the equations of this graph have a unique solution for its values, but not for general ones",
+        remedy="Give elements that cancel other values.",
+    )
+
+
+def _contradiction(form: ModularNodalForm) -> Singular | None:
+    """Return the error where a left null vector does not annihilate the sources: the smallest of them."""
+    transposed: dict[str, Sparse] = {name: {} for name in form.rows}
+    for name, row in form.rows.items():
+        for column, entry in row.items():
+            transposed[column][name] = entry
+    smallest: tuple[list[str], list[str]] | None = None
+    for vector in _SparseElimination(transposed, form.prime).null_vectors():
+        driven = form.driven(vector)
+        sources = [
+            name
+            for name in form.structure.graph.nodes
+            if name in driven and _product(driven[name], vector, form.prime)
+        ]
+        if sources and (smallest is None or len(vector) < len(smallest[0])):
+            smallest = list(vector), sources
+    return None if smallest is None else no_solution(form.structure, *smallest)
+
+
+def _add(row: Sparse, column: str, amount: int, prime: int) -> None:
+    total = (row.get(column, 0) + amount) % prime
+    if total:
+        row[column] = total
+    else:
+        row.pop(column, None)
+
+
+def _product(row: Mapping[str, int], vector: Mapping[str, int], prime: int) -> int:
+    return sum(entry * vector[name] for name, entry in row.items() if name in vector) % prime
+
+
+class _SparseElimination:
+    """Sparse elimination modulo a prime: the shortest row first, by its column with the fewest rows.
+
+    Parameters
+    ----------
+    rows
+        A square matrix by the names of rows and columns; it is not changed.
+    prime
+        The prime.
+
+    Attributes
+    ----------
+    free
+        Columns without a pivot: as many as the rank is short of the size.
+    """
+
+    def __init__(self, rows: Mapping[str, Sparse], prime: int) -> None:
+        self._prime = prime
+        self._rows = {name: dict(row) for name, row in rows.items()}
+        self._columns: dict[str, set[str]] = {name: set() for name in rows}
+        for name, row in rows.items():
+            for column in row:
+                self._columns[column].add(name)
+        self._pivots: list[tuple[str, Sparse]] = []
+        turns = [(len(row), place, name) for place, (name, row) in enumerate(rows.items()) if row]
+        places = {name: place for _, place, name in turns}
+        heapq.heapify(turns)
+        while turns:
+            length, _, name = heapq.heappop(turns)
+            left = self._rows.get(name)
+            if left and len(left) == length:
+                for other in self._eliminate(name, left):
+                    heapq.heappush(turns, (len(self._rows[other]), places[other], other))
+        taken = {column for column, _ in self._pivots}
+        self.free = [name for name in rows if name not in taken]
+
+    def _eliminate(self, name: str, row: Sparse) -> list[str]:
+        """Eliminate a column by a row; return the rows that it changes and leaves something of."""
+        columns, prime = self._columns, self._prime
+        pivot = min(row, key=lambda column: len(columns[column]))
+        inverse = pow(row[pivot], -1, prime)
+        del self._rows[name]
+        for column in row:
+            columns[column].discard(name)
+        changed = []
+        for other in columns.pop(pivot):
+            target = self._rows[other]
+            factor = -target[pivot] * inverse % prime
+            for column, entry in row.items():
+                _add(target, column, factor * entry, prime)
+                if column != pivot:
+                    (columns[column].add if column in target else columns[column].discard)(other)
+            if target:
+                changed.append(other)
+        self._pivots.append((pivot, row))
+        return changed
+
+    def null_vectors(self) -> Iterable[Sparse]:
+        """Yield a basis of the right null space, each vector of smallest support, its free column first."""
+        for free in self.free:
+            vector = {free: 1}
+            for pivot, row in reversed(self._pivots):
+                total = _product(row, vector, self._prime)
+                if total:
+                    vector[pivot] = -total * pow(row[pivot], -1, self._prime) % self._prime
+            yield vector

@@ -1,0 +1,244 @@
+"""The trace of a reduction, its prototype, and the zero and pole dynamics of the prototype in a result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from dynid.bondgraph.decomposition.dynamics import PrototypeDynamics, prototype_dynamics
+from dynid.bondgraph.engine_choice import modelled_storages
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.formulas.expressions import length, print_register, print_sum
+from dynid.bondgraph.formulas.printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
+from dynid.bondgraph.model_scope import dropped
+from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
+from dynid.bondgraph.reduction.prototypes import Prototype
+from dynid.bondgraph.reduction.reducer import Reduction
+from dynid.bondgraph.reduction.trace import WeightedSum
+from dynid.bondgraph.request import Engine
+from dynid.bondgraph.results.roots import add_roots, roots_of
+from dynid.result import Result
+
+# --- steps and prototypes -------------------------------------------------------------------------
+
+#: Longest nested formula of a prototype's system that is written out, in operations.
+_READABLE = 40
+
+
+def add_steps(result: Result, reduced: ReducedGraph) -> None:
+    """Add the steps to every output, in order: rule, nodes, equation and meaning."""
+    reductions = {str(port): reduction for port, reduction in reduced.reductions.items()}
+    add_traces(result, "bond_graph/reduction", reduced, reductions, "output")
+
+
+def add_traces(
+    result: Result, group: str, planned: ProgramPlan, reductions: Mapping[str, Reduction], of: str
+) -> None:
+    """Add the steps of reductions as one table; its column `of` says which reduction a step belongs to."""
+    rows = []
+    for name, reduction in reductions.items():
+        written = zip(*(equations(planned, reduction, hand) for hand in (TEXT, LATEX)), strict=True)
+        for step, (text, latex) in zip(reduction.steps, written, strict=True):
+            rows.append((step.rule, ", ".join(step.nodes), text, step.meaning, name, latex))
+    names = ("rule", "nodes", "equation", "meaning", of, "latex")
+    table = np.array(rows, dtype=[(name, object) for name in names])
+    result.add_axis(f"{group}/step", np.arange(1, len(rows) + 1))
+    result.add(f"{group}/steps", table, ("step",))
+
+
+def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
+    """Add the prototype at every output: its letter, its equation, and the systems A and B."""
+    ports = list(reduced.reductions)
+    result.add_axis("bond_graph/reduction/output", [str(port) for port in ports])
+    letters = [reduced.reductions[port].prototype.letter for port in ports]
+    if len(ports) == 1:
+        result.add("bond_graph/reduction/prototype", letters[0])
+    else:
+        result.add("bond_graph/reduction/prototype", letters, ("output",))
+    left_out = [", ".join(dropped(reduced, port)) for port in ports]
+    result.add("bond_graph/reduction/dropped", left_out, ("output",))
+    prototypes = [reduced.reductions[port].prototype for port in ports]
+    for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
+        texts = [prototype.equation(hand) for prototype in prototypes]
+        result.add(f"bond_graph/reduction/prototype_equation{suffix}", texts, ("output",))
+        for part, index in (("system_a", 0), ("system_b", 1)):
+            texts = [_system(reduced, reduced.reductions[port], index, hand) for port in ports]
+            result.add(f"bond_graph/reduction/{part}{suffix}", texts, ("output",))
+
+
+def _system(planned: ProgramPlan, reduction: Reduction, index: int, hand: FormulaPrinter) -> str:
+    return system_text(planned, reduction.prototype, index, reduction.labels, hand)
+
+
+def system_text(
+    planned: ProgramPlan, prototype: Prototype, index: int, labels: Mapping[int, str], hand: FormulaPrinter
+) -> str:
+    """Write system A or B of a prototype: nested while that is readable, else by the names of the steps."""
+    name, register = prototype.systems[index]
+    nested = length(planned.program, register, _READABLE) < _READABLE
+    text, _ = print_register(planned.program, register, planned.graph.nodes, {} if nested else labels, hand)
+    return f"{hand.name(name)[0]} = {text}"
+
+
+def equations(planned: ProgramPlan, reduction: Reduction, hand: FormulaPrinter) -> Iterator[str]:
+    """Yield the equations of every step, in terms of what was defined before."""
+    registers = {name: register for register, name in reduction.labels.items()}
+    known: dict[int, str] = {}
+    for step in reduction.steps:
+        lines = []
+        for name, parts in step.definitions:
+            if callable(parts):
+                text, _ = parts(hand)
+            else:
+                text, _ = hand.listed(_terms(planned, parts, known, name, hand))
+            lines.append(f"{hand.name(name)[0]} = {text}")
+            if name in registers:
+                known[registers[name]] = name
+        yield ("; " if hand is TEXT else r";\quad ").join(lines)
+
+
+def _terms(
+    planned: ProgramPlan, parts: WeightedSum, known: Mapping[int, str], name: str, hand: FormulaPrinter
+) -> list[Printed]:
+    """Write a sum of registers times variables: each by its name, unless that is what is being defined."""
+    found: list[Printed] = []
+    for variable in dict.fromkeys(variable for _, variable in parts):
+        own = [(register, known.get(register) == name) for register, by in parts if by == variable]
+        coefficients = print_sum(planned.program, own, planned.graph.nodes, known, hand)
+        if variable:
+            coefficients = [hand.scaled(hand.listed(coefficients), variable)]
+        found += coefficients
+    return [term for term in found if not term[0].startswith("0")]
+
+
+# --- zero and pole dynamics -----------------------------------------------------------------------
+
+#: Most storages with which the dynamics of a prototype are formed unasked.
+_STORAGES = 150
+
+
+def add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) -> None:
+    """Add the dynamics of the prototype at every output; of a large graph only for the exact engine."""
+    size = modelled_storages(reduced)
+    if size > _STORAGES and engine != "exact":
+        note = f"not formed: {size:,} storages, and exact equations of A and B are formed up to {_STORAGES}"
+        result.annotate("bond_graph/reduction", dynamics=f"{note}; 'engine: exact' forms them all the same")
+        return
+    for port, reduction in reduced.reductions.items():
+        dynamics = prototype_dynamics(reduced, reduction.prototype)
+        add_dynamics(result, f"bond_graph/reduction/dynamics/{port}", dynamics)
+
+
+def add_dynamics(result: Result, group: str, dynamics: PrototypeDynamics) -> None:
+    """Add the printed equations as polynomials and roots, what they miss, and the net power (eq 9)."""
+    a, b = dynamics.systems
+    zero, pole = f"{group}/zero_dynamics", f"{group}/pole_dynamics"
+    result.add(f"{zero}/equation", dynamics.zero_equation)
+    _add_condition(result, zero, "", dynamics.zero)
+    if dynamics.prototype.fixed:
+        _add_condition(result, zero, "a_", a.numerator)
+        _add_condition(result, zero, "b_", b.numerator)
+    _add_condition(result, zero, "missed_", dynamics.missed_zeros)
+    _add_condition(result, zero, "foreign_", dynamics.foreign_zeros)
+    result.add(f"{zero}/response_name", dynamics.prototype.response_name)
+    _add_response(result, f"{zero}/response", dynamics.response)
+    result.annotate(zero, note=_zero_note(dynamics))
+    result.add(f"{pole}/equation", dynamics.pole_equation)
+    _add_condition(result, pole, "", dynamics.pole)
+    _add_condition(result, pole, "missed_", dynamics.missed_modes)
+    _add_condition(result, pole, "foreign_", dynamics.foreign_modes)
+    result.annotate(pole, note=_pole_note(dynamics))
+    _add_response(result, f"{group}/driving_point", dynamics.driving_point)
+    if dynamics.driving_point is not None:
+        result.annotate(f"{group}/driving_point", equation=dynamics.prototype.equation(TEXT))
+    shared = dynamics.prototype.shared()
+    result.add(f"{group}/independent", not shared)
+    result.add(f"{group}/shared_junctions", ", ".join(shared))
+    if dynamics.natural != 0:
+        modes = roots_of(dynamics.natural)
+        add_roots(result, group, "natural_modes", modes)
+        result.add(f"{group}/net_power", dynamics.net_power(modes), ("natural_mode",))
+        add_roots(result, group, "hidden_modes", roots_of(dynamics.hidden_modes))
+
+
+def _add_response(result: Result, group: str, response: TransferFunction | None) -> None:
+    """Add a response at the port with its zeros and poles, where it exists."""
+    if response is None:
+        return
+    add_ratio(result, group, response)
+    add_roots(result, group, "zeros", () if response.vanishes else roots_of(response.numerator))
+    add_roots(result, group, "poles", roots_of(response.denominator))
+
+
+def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str | None = None) -> None:
+    """Add a rational function: coefficients in descending powers, denominator monic, and exact as a text."""
+    for name, coefficients in zip(("numerator", "denominator"), ratio.coefficients(), strict=True):
+        result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
+        result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
+    result.add(f"{group}/exact", _ratio_text(ratio))
+    if formula is not None:
+        result.annotate(group, symbolic=formula)
+
+
+def _ratio_text(ratio: TransferFunction) -> str:
+    def written(polynomial: Any) -> Printed:
+        text = polynomial_text(polynomial)
+        return text, ATOM if text.isalnum() else SUM if " " in text or text.startswith("-") else PRODUCT
+
+    numerator = written(ratio.numerator)
+    return numerator[0] if ratio.denominator == 1 else TEXT.quotient(numerator, written(ratio.denominator))[0]
+
+
+def polynomial_text(polynomial: Any) -> str:
+    """Write an integer polynomial in s as SymPy would read it, highest power first."""
+    text = ""
+    for power, coefficient in sorted(enumerate(polynomial.coeffs()), reverse=True):
+        if coefficient == 0:
+            continue
+        variable = {0: "", 1: "s"}.get(power, f"s**{power}")
+        size = "" if abs(coefficient) == 1 and variable else str(abs(coefficient))
+        sign = (" - " if coefficient < 0 else " + ") if text else "-" * (coefficient < 0)
+        text += f"{sign}{'*'.join(part for part in (size, variable) if part)}"
+    return text or "0"
+
+
+def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:
+    """Add where a polynomial vanishes; one that vanishes everywhere has no roots to list."""
+    if polynomial != 0:
+        polynomial = polynomial // polynomial.content() * (1 if polynomial.leading_coefficient() > 0 else -1)
+    result.add(f"{group}/{prefix}polynomial", polynomial_text(polynomial))
+    roots = roots_of(polynomial) if polynomial != 0 else ()
+    add_roots(result, group, f"{prefix}roots", roots)
+
+
+def _zero_note(dynamics: PrototypeDynamics) -> str:
+    named = dynamics.prototype.response_name
+    if dynamics.prototype.fixed:
+        note = f"sufficient, not necessary: the zeros of {named} are all roots of A + B"
+    elif dynamics.prototype.letter == "c":
+        note = f"{named} vanishes at the zeros of Z_B and at the poles of Y_A alike"
+    else:
+        note = (
+            f"exact: the zeros of {named} are those of Y_B*Z_A; f/e, which the paper does not name, vanishes "
+            "at the zeros of Y_B and at the poles of Z_A"
+        )
+    return f"{note}; the requested channel has the zeros of its equivalent source besides"
+
+
+def _pole_note(dynamics: PrototypeDynamics) -> str:
+    shared = ", ".join(dynamics.prototype.shared())
+    if shared:
+        return (
+            f"A and B are not independent: the driven junction lies on a loop, and both contain {shared}; "
+            "the equation is the balance of the driven junction, which every natural mode that moves it "
+            "fulfils, but not that of two systems: its polynomial counts the shared part twice "
+            "(foreign_roots), and the natural modes are the roots of the determinant of the whole"
+        )
+    if dynamics.prototype.fixed:
+        return (
+            "the natural modes with the driving port removed; of the driving point they are the zeros, its "
+            "poles are those of A and B"
+        )
+    return "modes that cancel in the product of A and B are missed: all are roots of D_A*D_B + N_A*N_B"

@@ -1,0 +1,178 @@
+"""Scenes built in Python: the same keys as in YAML, checked by the same rules.
+
+Examples
+--------
+>>> import dynid
+>>> graph = dynid.GraphBuilder("Mass on a damper").node("F", "Se").node("body", 1)
+>>> graph = graph.node("m", "I", 2).node("b", "R", 4).bond("F -> body -> m").bond("body -> b")
+>>> result = dynid.run(graph.scene(outputs=["m.f"]))
+>>> result["bond_graph/transfer_function/m.f/F/poles"].data
+array([-2.+0.j])
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from dynid.scene.load import Scene
+
+Number = int | float | str
+"""A number, the name of a parameter, or an expression."""
+
+
+def scene_from(data: Mapping[str, Any], folder: str | os.PathLike[str] = ".") -> Scene:
+    """Return a scene given as plain data, checked.
+
+    Parameters
+    ----------
+    data
+        The data of a YAML scene: mappings, lists, numbers, texts. `dynid: 1` may be omitted.
+    folder
+        Folder that paths in the scene are relative to.
+
+    Raises
+    ------
+    dynid.errors.SceneError
+        With all faults, located in the YAML text of the data (`scene.source.text` of a valid scene).
+    """
+    from dynid.scene.load import check_source
+    from dynid.scene.yaml.source import parse_source
+    from dynid.scene.yaml.writer import dump
+
+    text = dump({"dynid": 1, **data})
+    return check_source(parse_source(text, os.path.join(os.fspath(folder), "<scene>")))  # noqa: PTH118
+
+
+class SceneBuilder:
+    """Base of builders, with the data of a scene."""
+
+    def __init__(self, kind: str, title: str) -> None:
+        self._data: dict[str, Any] = {"kind": kind, "title": title}
+
+    def parameters(self, **values: Number) -> Self:
+        """Define parameters, which quantities may name."""
+        self._data.setdefault("parameters", {}).update(values)
+        return self
+
+    def expect(self, path: str, value: Any = None, **tolerances: float) -> Self:
+        """State the expected result at a path (`rtol`, `atol`, `min`, `max`, `max_abs`)."""
+        given = {"path": path, **({} if value is None else {"value": value}), **tolerances}
+        self._data.setdefault("expect", []).append(given)
+        return self
+
+    def _scene(self, folder: str | os.PathLike[str], **parts: Any) -> Scene:
+        from copy import deepcopy
+
+        given = {name: part for name, part in parts.items() if part is not None}
+        return scene_from(deepcopy({**self._data, **given}), folder)
+
+
+class GraphBuilder(SceneBuilder):
+    """A bond graph, node by node.
+
+    Parameters
+    ----------
+    title
+        Title of the scene.
+    """
+
+    def __init__(self, title: str = "") -> None:
+        super().__init__("bond-graph", title)
+        self._nodes: dict[str, Any] = {}
+        self._bonds: list[str] = []
+
+    def node(self, name: str, type: str | int, value: Number | None = None, **more: Any) -> Self:
+        """Add a node: Se, Sf, I, C, R, TF, GY, 0 or 1, with its value where it has one (SI units)."""
+        given = {} if value is None else {"value": value}
+        self._nodes[name] = {"type": type, **given, **more} if given or more else type
+        return self
+
+    def bond(self, chain: str) -> Self:
+        """Add a bond, or a chain of bonds: `a -> b -> c`, power positive along the arrows."""
+        self._bonds.append(chain)
+        return self
+
+    def scene(
+        self,
+        outputs: Sequence[str],
+        initial: Mapping[str, Any] | None = None,
+        folder: str | os.PathLike[str] = ".",
+        **analysis: Any,
+    ) -> Scene:
+        """Return the scene with its outputs (`m.f`) and further keys of the block `analysis`.
+
+        Raises
+        ------
+        dynid.errors.SceneError
+            With all faults of the scene.
+        """
+        graph = {"nodes": self._nodes, "bonds": self._bonds}
+        return self._scene(
+            folder, graph=graph, analysis={"outputs": list(outputs), **analysis}, initial=initial
+        )
+
+
+class StructureBuilder(SceneBuilder):
+    """A structure with joints and its measurement.
+
+    Parameters
+    ----------
+    structure
+        One of `lumped`, `beam`, `frame`, `matrices` with its keys, as in YAML.
+    title
+        Title of the scene.
+    """
+
+    def __init__(self, structure: Mapping[str, Any], title: str = "") -> None:
+        super().__init__("identification", title)
+        self._data["structure"] = dict(structure)
+
+    @classmethod
+    def lumped(cls, masses: Sequence[Number], title: str = "") -> Self:
+        """Start from point masses (kg), each with one degree of freedom."""
+        return cls({"lumped": {"masses": list(masses), "links": []}}, title)
+
+    @classmethod
+    def beam(cls, title: str = "", **keys: Any) -> Self:
+        """Start from a beam: elements, length (m), EI (N m2), rhoA (kg/m), supports, damping and so on."""
+        return cls({"beam": keys}, title)
+
+    def link(self, dofs: Sequence[int], k: Number | None = None, c: Number | None = None) -> Self:
+        """Add a spring (N/m) and damper (N s/m) between masses, or from one to ground."""
+        given = {"dofs": list(dofs), "k": k, "c": c}
+        links = self._data["structure"]["lumped"]["links"]
+        links.append({name: value for name, value in given.items() if value is not None})
+        return self
+
+    def joint(self, name: str, dofs: Sequence[int | str], **parts: Any) -> Self:
+        """Add a joint; `k` and `c` are numbers where known, `{"start": …}` where to be identified."""
+        self._data.setdefault("joints", {})[name] = {"dofs": list(dofs), **parts}
+        return self
+
+    def excite(self, dof: int | str, kind: str, **keys: Any) -> Self:
+        """Add a force (N): step, impulse, sine, multisine, chirp, random, impact or file."""
+        self._data.setdefault("excitation", []).append({"dof": dof, "kind": kind, **keys})
+        return self
+
+    def reduce(self, method: str, **keys: Any) -> Self:
+        """Reduce the structure by a reduction method."""
+        self._data["reduction"] = {"method": method, **keys}
+        return self
+
+    def measure(self, channels: Sequence[Mapping[str, Any]], **keys: Any) -> Self:
+        """Define the measurement: channels, `step` (s), `samples`, and `simulate` or `file`."""
+        self._data["measurement"] = {"channels": [dict(channel) for channel in channels], **keys}
+        return self
+
+    def scene(self, folder: str | os.PathLike[str] = ".", **parts: Any) -> Scene:
+        """Return the scene; `estimator`, `analysis` and other blocks may be given as in YAML.
+
+        Raises
+        ------
+        dynid.errors.SceneError
+            With all faults of the scene.
+        """
+        return self._scene(folder, **parts)

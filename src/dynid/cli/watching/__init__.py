@@ -1,1 +1,0 @@
-"""Watching a scene: what changed, what came of it, and the page that shows it."""

@@ -1,0 +1,107 @@
+"""Access to files: reading those that users name, and replacing a file whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from dynid.errors import FileError
+
+
+def obstacle(path: Path) -> tuple[str, str] | None:
+    """Return why a file cannot be read, and a remedy; None where no obstacle is found.
+
+    Nothing is opened: reading a pipe would wait.
+    """
+    if not os.path.isfile(path):  # noqa: PTH113 (False, too, for a name that no file can have)
+        return "is no file", "Paths in a scene are relative to the scene's folder."
+    if not os.access(path, os.R_OK):
+        return "cannot be read: Permission denied", ""
+    return None
+
+
+def dataset_of(path: str) -> tuple[str, str | None]:
+    """Split `file.h5:/path` into the file and the path of the dataset; None for other files."""
+    bare, colon, inside = path.partition(":/")
+    return (bare, inside) if colon and bare.lower().endswith((".h5", ".hdf5")) else (path, None)
+
+
+def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
+    """Replace a file atomically: its name refers to the old content or to the new, never to a part.
+
+    Parameters
+    ----------
+    path
+        The file; of a symbolic link, its target.
+    content
+        All of the new content.
+
+    Raises
+    ------
+    FileError
+        When it cannot be written; the old file is untouched then.
+    """
+    with replacing(path) as part, os.fdopen(os.open(part, os.O_WRONLY), "wb") as file:
+        file.write(content)
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[str]:
+    """Yield the name of an empty file that replaces `path` at the end, unless an exception is raised.
+
+    Raises
+    ------
+    FileError
+        When it cannot be written; the old file is untouched then.
+    """
+    name = os.fspath(path)
+    try:
+        target = os.path.realpath(name)
+        _check_target(target, name)
+        folder = os.path.dirname(target)  # noqa: PTH120 - bytes of odd names pass through os.path untouched
+        part = os.path.join(folder, f".dynid-{secrets.token_hex(8)}.part")  # noqa: PTH118
+        try:
+            os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+            with contextlib.suppress(FileNotFoundError):
+                os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))  # noqa: PTH101, PTH116
+            yield part
+            descriptor = os.open(part, os.O_RDWR)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+            os.replace(part, target)  # noqa: PTH105
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(part)  # noqa: PTH108
+            raise
+        sync_folder(folder)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise FileError(f"{name} cannot be written: {reason}", names=[name]) from error
+
+
+def _check_target(target: str, name: str) -> None:
+    try:
+        mode = os.stat(target).st_mode  # noqa: PTH116
+    except FileNotFoundError:
+        return
+    # Replacing a device or a pipe would remove it.
+    if not stat.S_ISREG(mode):
+        raise FileError(f"{name} cannot be written: it is not a regular file", names=[name])
+    if not os.access(target, os.W_OK):
+        raise FileError(f"{name} cannot be written: it is write-protected", names=[name])
+
+
+def sync_folder(folder: str) -> None:
+    """Make a new name in a folder durable, where the system can synchronise folders."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

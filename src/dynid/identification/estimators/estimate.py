@@ -1,0 +1,99 @@
+"""Estimators and the estimate that they return."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.filter import Pass
+from dynid.identification.lack_of_fit import ModelComparison
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.time_record import TimeLikelihood
+
+Array = NDArray[np.float64]
+
+
+Sweep: TypeAlias = Sequence[Pass]
+"""One pass over each record, in order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One attempt of an estimator, without arrays that are as long as the records.
+
+    Attributes
+    ----------
+    name
+        Name of the attempt.
+    logs
+        The logarithms that it came to (p).
+    residual_ratio
+        RMS of the residuals there over that of the measured values (channels of all records).
+    misfit
+        Minus the logarithm of the likelihood there, up to a constant.
+    iterations
+        Steps of a search.
+    """
+
+    name: str
+    logs: Array
+    residual_ratio: Array
+    misfit: float
+    iterations: int
+
+    @classmethod
+    def at(cls, name: str, likelihood: Likelihood, fit: Fit, iterations: int = 0) -> Self:
+        """Return the attempt that ended with a fit."""
+        return cls(name, fit.logs, likelihood.residual_ratio(fit), likelihood.misfit(fit), iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The estimate that an estimator returns, and the way to it.
+
+    Attributes
+    ----------
+    fit
+        The estimate.
+    histories
+        The sweeps over the records, in order; none where the estimator takes each record as a whole.
+    stages
+        Attempts, in order.
+    counts
+        Numbers of starts, equations and the like, by name.
+    likelihood
+        The likelihood that `fit` is the optimum of, where it is not the one that was given: of a robust loss.
+    disputed
+        True: starts ended at different optima, of which none reaches the noise; this one may be local.
+    comparison
+        The model at `fit` compared with others, if that was needed already.
+    """
+
+    fit: Fit
+    histories: Sequence[Sweep]
+    stages: Sequence[Stage]
+    counts: Mapping[str, int] = field(default_factory=dict)
+    likelihood: Likelihood | None = None
+    disputed: bool = False
+    comparison: ModelComparison | None = None
+
+
+class Estimator(Protocol):
+    """A way to estimate."""
+
+    @property
+    def name(self) -> str:
+        """Its name in a scene."""
+
+    def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
+        """Estimate, from the logarithms `origin` (p).
+
+        Raises
+        ------
+        Diverged
+            If estimates run away.
+        """

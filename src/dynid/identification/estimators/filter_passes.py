@@ -1,0 +1,174 @@
+"""The schedule of filter passes, and its limit.
+
+The last pass leaves the filter's fixed point, where each sample is linearised about the estimate before it.
+It is near the maximum-likelihood point of the record, but not that point: with acceleration channels or loud
+noise it can be several standard errors off, and more passes do not move it. How far it is the result says
+(`identification/diagnostics/distance_to_optimum`); beyond half a standard error it is not `settled`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import FILTER_PASSES
+from dynid.errors import UsageError
+from dynid.identification.estimators.estimate import Estimate, Stage, Sweep
+from dynid.identification.filter import FilterPrior, Pass, filter_pass, thinned
+from dynid.identification.time_record import TimeLikelihood, TimeRecord
+from dynid.progress import report_progress, tracked
+
+Array = NDArray[np.float64]
+
+# The first pass assumes a noise that falls from twice the RMS to a twentieth, over an eighth of the record:
+# from far off the early samples must not narrow the covariance, the linearisation is wrong there.
+_FIRST_NOISE = 2.0
+_LAST_NOISE = 0.05
+_FALL = 0.125
+# Annealing, pass by pass: the noise assumed, over the RMS, and the prior's deviation of the logarithms.
+_ANNEALED = ((0.5, 2.0), (0.2, 1.0), (0.08, 0.5), (0.03, 0.3))
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Estimator: several passes of the filter of the augmented state.
+
+    Where there are several records a pass takes one after the other. Each pass restarts from the last one's
+    parameters with a fresh covariance (`TimeRecord.unit_prior`) and the noise that the last one's residuals
+    show. They converge to the filter's fixed point, which is not exactly the maximum-likelihood point; where
+    the two differ, more passes do not help.
+
+    Parameters
+    ----------
+    passes
+        Number of passes over the record.
+    """
+
+    passes: int = FILTER_PASSES.value
+    name: str = "filter"
+
+    def __post_init__(self) -> None:
+        if self.passes < 1:
+            raise UsageError("the filter needs at least one pass")
+
+    def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
+        """Estimate, from the logarithms `origin` (p).
+
+        Raises
+        ------
+        Diverged
+            If the parameters run away.
+        """
+        histories = run_passes(likelihood, self.passes, origin)
+        fit = likelihood.fit(last(likelihood, histories))
+        return Estimate(fit, histories, [Stage.at("filter", likelihood, fit)])
+
+
+def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
+    """Return the logarithms that sweeps end with, within their bounds (p)."""
+    return likelihood.priors.clipped(sweeps[-1][-1].logs[-1])
+
+
+def run_passes(likelihood: TimeLikelihood, passes: int, origin: Array) -> list[Sweep]:
+    """Run passes of the filter.
+
+    Parameters
+    ----------
+    likelihood
+        The records and the model.
+    passes
+        How many.
+    origin
+        Logarithms of the initial parameters (p).
+
+    Raises
+    ------
+    Diverged
+        If the parameters run away.
+    """
+    records = likelihood.records
+    priors = [record.wide_prior(origin) for record in records]
+    report_progress(f"filter pass 1 of {passes}")
+    sweeps = [_sweep(likelihood, priors, first_noise(likelihood), origin)]
+    while len(sweeps) < passes:
+        report_progress(f"filter pass {len(sweeps) + 1} of {passes}")
+        fit = likelihood.fit(last(likelihood, sweeps))
+        fits = list(zip(records, fit.parts, strict=True))
+        priors = [record.unit_prior(part) for record, part in fits]
+        noise = [record.floored(part.noise) for record, part in fits]
+        sweeps.append(_sweep(likelihood, priors, noise, origin))
+    return sweeps
+
+
+def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
+    """Run passes that trust the records, and themselves, more from one to the next.
+
+    It takes longer than `run_passes` and gets there from farther away.
+
+    Parameters
+    ----------
+    likelihood
+        The records and the model.
+    origin
+        Logarithms of the initial parameters (p).
+
+    Raises
+    ------
+    Diverged
+        If the parameters run away.
+    """
+    sweeps: list[Sweep] = []
+    logs = origin
+    for level, spread in tracked(_ANNEALED, "annealed pass"):
+        priors = [record.wide_prior(logs, spread) for record in likelihood.records]
+        sweeps.append(_sweep(likelihood, priors, [level * r.data.rms for r in likelihood.records], logs))
+        logs = last(likelihood, sweeps)
+    return sweeps
+
+
+def chained(
+    likelihood: TimeLikelihood,
+    priors: Sequence[FilterPrior],
+    passed: Callable[[int, TimeRecord, FilterPrior], Pass],
+) -> Sweep:
+    """Run one pass over each record; what it tells of the parameters is the prior of the next.
+
+    Parameters
+    ----------
+    likelihood
+        The records.
+    priors
+        Of each record the state it starts from; of the first one the parameters, too, to which what is
+        known of them beforehand is added.
+    passed
+        Runs the pass over a record, numbered from 0.
+    """
+    sweep: list[Pass] = []
+    first = likelihood.priors.informed(priors[0])
+    for k, (record, prior) in enumerate(zip(likelihood.records, priors, strict=True)):
+        before = record.continued(prior, sweep[-1].logs[-1], sweep[-1].root) if sweep else first
+        sweep.append(thinned(passed(k, record, before)))
+    return sweep
+
+
+def _sweep(
+    likelihood: TimeLikelihood, priors: Sequence[FilterPrior], noise: Sequence[Array], origin: Array
+) -> Sweep:
+    """Run the filter over each record, at these assumed noises."""
+
+    def passed(k: int, record: TimeRecord, prior: FilterPrior) -> Pass:
+        return filter_pass(record.model, record.data.values, prior, noise[k], origin)
+
+    return chained(likelihood, priors, passed)
+
+
+def first_noise(likelihood: TimeLikelihood) -> list[Array]:
+    """Return the noise that a first pass assumes, record by record (channels; first: times x channels)."""
+    first, *others = likelihood.records
+    samples = len(first.data.values)
+    progress = np.arange(samples) / (_FALL * samples)
+    falling = np.maximum(_LAST_NOISE, _FIRST_NOISE * np.exp(-progress))
+    return [falling[:, None] * first.data.rms, *(_LAST_NOISE * record.data.rms for record in others)]

@@ -1,0 +1,323 @@
+"""The filter of the augmented state, one pass over the record.
+
+Source: K. T. Yang 1997, eqs 19–20 (Detchmendy–Sridhar), which is the Kalman–Bucy filter of the augmented
+state with R = (2 Q)^-1. It is split here into exact propagation between samples and a measurement update,
+both on a square root S of the covariance P = S S^T (J. E. Potter; G. J. Bierman, Factorization Methods for
+Discrete Sequential Estimation, 1977, ch. II). P is never formed: it is positive semidefinite and its
+variances are not negative by construction, whatever step, stiffness and weighting, and what is known best
+keeps twice the digits that P itself would give it.
+
+Of eq 20 the term ½ k W⁻¹ kᵀ, an unmodelled input, is dropped: forces are taken as known and joints as
+constant, so that between samples nothing is added to P.
+
+Between samples the physical part is propagated exactly at parameters near the estimate, and to first order in
+the difference of their values: of these a short step is nearly linear, of their logarithms it is not. It is
+made anew where a logarithm has moved by its own standard deviation. What the first order leaves out is then
+some thousandths of what the filter leaves out anyway, which linearises about an estimate that is off by that
+deviation; so a pass asks for some tens of matrix exponentials, not for one a sample, and for hardly more over
+a longer record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import LINEARISED
+from dynid.errors import Diverged
+from dynid.identification.kernels import compiled
+from dynid.identification.record_model import RecordModel
+from dynid.structure.joints import Unknown
+
+Array = NDArray[np.float64]
+
+#: How far a logarithm may move before steps are linearised anew: in its standard deviations, and at the most.
+PART, MOST = LINEARISED.value, 0.1
+# What to do about estimates that get lost.
+ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
+# A logarithm this far from its start is a run-away: a factor of a million.
+RUNAWAY = float(np.log(1e6))
+# Squares between these neither overflow nor lose digits.
+_SMALL, _LARGE = 1e-280, 1e280
+#: Rows of a history, at the most.
+MOST_ROWS = 100_000
+
+
+class LinearisedStep(NamedTuple):
+    """``forward`` (n (1 + p) x n + q) takes [x, w] to the next state and its derivatives by the logarithms.
+
+    `phi` (n x n) is its part of x, `phi_slopes` (p x n n) the derivatives of that.
+    """
+
+    forward: Array
+    phi: Array
+    phi_slopes: Array
+
+
+class Linearised:
+    """The steps of a model about some logarithms, made when they are needed.
+
+    Parameters
+    ----------
+    model
+        The model.
+    part
+        How far a logarithm may move, in its deviations.
+    """
+
+    def __init__(self, model: RecordModel, part: float) -> None:
+        self._model, self._part = model, part
+        self._steps: dict[int, LinearisedStep] = {}
+        self.logs = np.full(model.parameters, np.nan)
+
+    def follow(self, logs: Array, spread: Array) -> None:
+        """Linearise anew if logarithms of these deviations (p) have left the present ones."""
+        if not np.all(np.abs(logs - self.logs) <= np.minimum(self._part * spread, MOST)):
+            self.logs = logs.copy()
+            self._steps.clear()
+
+    def growth(self, logs: Array) -> Array:
+        """Return by what part the values of logarithms (p) exceed those of the steps, to second order."""
+        left = logs - self.logs
+        return np.asarray(left + left * left / 2)
+
+    def step(self, length: int) -> LinearisedStep:
+        """Return the step of a length of the timeline."""
+        if length not in self._steps:
+            n = self._model.states
+            step, slopes = self._model.transition(self.logs, float(self._model.line.lengths[length]))
+            forward = np.concatenate([step[None], slopes]).reshape(-1, step.shape[1])
+            phi_slopes = slopes[:, :, :n].reshape(len(slopes), n * n)
+            self._steps[length] = LinearisedStep(forward, step[:, :n], phi_slopes)
+        return self._steps[length]
+
+
+class FilterPrior(NamedTuple):
+    """Initial conditions of a pass: state (n, scaled), logarithms (p), and a square root of their covariance.
+
+    `root` (n + p x n + p) is any S with S S^T the covariance of state and logarithms.
+    """
+
+    state: Array
+    logs: Array
+    root: Array
+
+
+class Pass(NamedTuple):
+    """One pass over a record.
+
+    `logs` and `deviations`: logarithms and their standard deviations (times x p); `states` and
+    `state_deviations`: physical states and theirs (times x n, scaled); `root`: a root of the logarithms'
+    covariance after the last sample (p x any); `innovations`: what each value had that was not foreseen, over
+    its deviation (times x channels; NaN where a sample is missing), if known; `whole`: a root of the
+    covariance of state (scaled) and logarithms after the last sample (n + p x any), if known.
+    """
+
+    logs: Array
+    deviations: Array
+    states: Array
+    state_deviations: Array
+    root: Array
+    innovations: Array | None = None
+    whole: Array | None = None
+
+
+def filter_pass(
+    model: RecordModel,
+    measured: Array,
+    prior: FilterPrior,
+    deviation: Array,
+    origin: Array,
+    part: float = PART,
+) -> Pass:
+    """Run the filter once over the record.
+
+    Parameters
+    ----------
+    model
+        The augmented model.
+    measured
+        Measured values (times x channels); NaN where a sample is missing.
+    prior
+        State, parameters and covariance before the first sample.
+    deviation
+        Assumed standard deviation of each channel's noise (channels) or of each sample (times x channels).
+    origin
+        Logarithms that a run-away is measured from (p).
+    part
+        How far a logarithm may move, in its deviations, before steps are linearised anew; 0: at every sample.
+
+    Raises
+    ------
+    Diverged
+        If a parameter becomes non-finite or leaves its start by a factor of a million.
+    """
+    n, p = model.states, model.parameters
+    samples = len(measured)
+    z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
+    logs, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
+    history = _History(logs, deviations, states, bands, np.full(measured.shape, np.nan))
+    weight = np.broadcast_to(1 / deviation, measured.shape)
+    run = _walk_compiled if compiled(len(model.line.nodes), n + len(model.line.G), p) else _walk
+    root = run(model, measured, weight, z, S, origin, history, part)
+    return Pass(logs, deviations, states, bands, root[n:], history.innovations, root)
+
+
+class _History(NamedTuple):
+    """Arrays that a pass of the kernel fills in, as in `Pass`."""
+
+    logs: Array
+    deviations: Array
+    states: Array
+    state_deviations: Array
+    innovations: Array
+
+
+def _walk(
+    model: RecordModel,
+    measured: Array,
+    weight: Array,
+    z: Array,
+    S: Array,
+    origin: Array,
+    history: _History,
+    part: float,
+) -> Array:
+    """Filter the record, from state and root before the first sample; return the last root."""
+    n = model.states
+    logs, deviations, states, bands, innovations = history
+    present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
+    expected = measured - model.feedthrough
+    outputs_vary = bool(model.C_slopes.any())
+    H = np.zeros((measured.shape[1], len(z)), dtype=z.dtype)
+    H[:, :n] = model.C
+    steps, spread = Linearised(model, part), _lengths(S)
+    for node, sample in enumerate(model.line.sample_of().tolist()):
+        if node:
+            steps.follow(z[n:], spread[n:])
+            _propagate(model, node, z, S, steps)
+        if sample < 0:
+            continue
+        if outputs_vary:
+            C, C_slopes = model.output(z[n:])
+            H[:, :n], H[:, n:] = C, (C_slopes @ z[:n]).T
+        innovation = expected[sample] - H[:, :n] @ z[:n]
+        whitened = H * weight[sample][:, None], innovation * weight[sample]
+        z += _update(S, *whitened, present[sample], innovations[sample])
+        check_run_away(model.unknowns, z[n:], origin)
+        spread = _lengths(S)
+        logs[sample], deviations[sample] = z[n:], spread[n:]
+        states[sample], bands[sample] = z[:n], spread[:n]
+    return S
+
+
+def _walk_compiled(
+    model: RecordModel,
+    measured: Array,
+    weight: Array,
+    z: Array,
+    S: Array,
+    origin: Array,
+    history: _History,
+    part: float,
+) -> Array:
+    """Do the same by the kernel; steps that its series does not reach are made here."""
+    from dynid.identification.kernels import filter_kernel, steps  # loads numba
+
+    n, lengths, nodes = model.states, model.line.lengths, len(model.line.nodes)
+    at, padded, spread = steps.linear(model), filter_kernel.padded(S), _lengths(S)[n:]
+    record = steps.plain(measured), steps.plain(weight)
+    limits = part, MOST, RUNAWAY
+    node = 0
+    while node < nodes:
+        node = filter_kernel.filter_samples(
+            steps.tables(model), at, limits, node, *record, z, padded, spread, origin, tuple(history)
+        )
+        if node < 0:
+            check_run_away(model.unknowns, z[n:], origin)
+        if node < nodes:
+            length = int(model.line.which[node - 1])
+            steps.place(at, length, model.transition(at.logs, float(lengths[length])))
+    return padded[:, : len(S)]
+
+
+def _propagate(model: RecordModel, node: int, z: Array, S: Array, steps: Linearised) -> None:
+    """Take state and root to a node from the one before it, in place: S turns into F S."""
+    n = model.states
+    step, growth = steps.step(int(model.line.which[node - 1])), steps.growth(z[n:])
+    moved = (step.forward @ np.concatenate([z[:n], model.W[node - 1]])).reshape(-1, n)
+    phi = step.phi + (growth @ step.phi_slopes).reshape(n, n)
+    z[:n] = moved[0] + growth @ moved[1:]
+    S[:n] = np.concatenate([phi, (moved[1:] * (1 + growth)[:, None]).T], axis=1) @ S
+
+
+def _lengths(S: Array) -> Array:
+    """Return the lengths of the rows of a root, however large or small."""
+    with np.errstate(over="ignore", under="ignore"):
+        squares = np.einsum("ij,ij->i", S, S)
+    if squares.min() > _SMALL and squares.max() < _LARGE:
+        return np.asarray(np.sqrt(squares))
+    unit = np.abs(S).max(axis=1)  # squares of large units overflow
+    shares = S / np.where(unit > 0, unit, 1.0)[:, None]
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", shares, shares)) * unit)
+
+
+def _update(S: Array, H: Array, innovation: Array, present: list[int], normalised: Array) -> Array:
+    """Take one sample into account, channel by channel, in units of its noise; S in place (Potter).
+
+    Into `normalised` (channels) go the innovations over their deviations, each given the channels before it.
+
+    Returns
+    -------
+    Array
+        The correction of state and logarithms (n + p).
+    """
+    correction = np.zeros(len(S), dtype=S.dtype)
+    for channel in present:
+        h = H[channel]
+        phi = h @ S
+        spread = float(phi @ phi) + 1.0
+        gain = S @ phi / spread
+        unforeseen = innovation[channel] - h @ correction
+        normalised[channel] = unforeseen / math.sqrt(spread)
+        correction += gain * unforeseen
+        S -= np.outer(gain / (1 + math.sqrt(1 / spread)), phi)
+    return correction
+
+
+def check_run_away(unknowns: Sequence[Unknown], logs: Array, origin: Array) -> None:
+    """Refuse logarithms (p) that are not finite or a factor of a million from their origin."""
+    away = ~(np.abs(logs - origin) < RUNAWAY)
+    if away.any():
+        raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad])
+
+
+def run_away(names: list[str]) -> Diverged:
+    """Return the error that says which parameters ran away."""
+    several = len(names) > 1
+    return Diverged(
+        f"the estimate{'s' * several} of {', '.join(names)} {'run' if several else 'runs'} away from "
+        f"{'their starts' if several else 'its start'} by a factor of more than 1e6",
+        remedy=ASTRAY,
+        names=names,
+    )
+
+
+def stored_rows(samples: int) -> slice:
+    """Return which rows of a history over so many samples are kept."""
+    every = max(1, -(-samples // MOST_ROWS))
+    return slice((samples - 1) % every, None, every)
+
+
+def thinned(history: Pass) -> Pass:
+    """Return a pass with the rows that are kept; innovations stay whole."""
+    rows = stored_rows(len(history.logs))
+    if rows.step == 1:
+        return history
+    names = ("logs", "deviations", "states", "state_deviations")
+    # Copies: a view would keep all of it in memory.
+    return history._replace(**{name: getattr(history, name)[rows].copy() for name in names})

@@ -1,1 +1,0 @@
-"""The filter of the augmented state: one pass, in NumPy or compiled."""

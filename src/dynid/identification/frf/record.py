@@ -1,0 +1,259 @@
+"""Likelihood of frequency response functions with circular complex Gaussian noise, and its estimator.
+
+Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. 2012, ch. 9.
+
+The misfit of a response has a local minimum wherever a measured and a predicted resonance do not overlap;
+that of the logarithms of magnitudes slopes towards the resonances from afar. So where the likelihood ends in
+residuals that are not noise, magnitudes lead, from the given start and then from others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import DENSE_STRUCTURES
+from dynid.identification.calibration import (
+    DELAY,
+    GAIN_CHANGE,
+    CalibrationDerivatives,
+    channel_gain,
+    load_gain,
+)
+from dynid.identification.estimators.auto import Search, guided
+from dynid.identification.estimators.estimate import Estimate
+from dynid.identification.frf.measurement import Frf, FrfMeasurement, responses, stacked, unstacked
+from dynid.identification.information import Information, information
+from dynid.identification.likelihood import Likelihood, RecordFit, RecordLikelihood, weights
+from dynid.identification.measurement import RecordData
+from dynid.identification.prediction import Trajectory
+from dynid.identification.saturated_model import (
+    ChannelColumns,
+    SaturatedCoordinates,
+    delayed_residuals_by_line,
+    most_regressors,
+    regressors_by_line,
+    saturated_coordinates,
+)
+from dynid.identification.statistics import root_mean_square
+from dynid.lti.exponential import balance, rescaled
+from dynid.number_format import frequency_text
+from dynid.structure.joints import Unknown
+from dynid.structure.model import StructuralModel
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class FrfRecord(RecordLikelihood):
+    """Compares measured frequency response functions with those of a structure.
+
+    Attributes
+    ----------
+    model
+        The structure.
+    measurement
+        Lines and channels.
+    data
+        The measured values over the noise's profile, real parts above imaginary ones (2 L x channels).
+    magnitudes
+        Whether only the logarithms of the magnitudes are compared (L x channels): less precise, but with far
+        fewer local minima.
+    """
+
+    model: StructuralModel
+    measurement: FrfMeasurement
+    data: RecordData
+    magnitudes: bool = False
+    sharing: int = 1
+
+    @property
+    def noun(self) -> str:
+        """Noun for a set of responses."""
+        return "response"
+
+    @property
+    def channels(self) -> Sequence[Frf]:
+        """The responses."""
+        return self.measurement.channels
+
+    def row_label(self, row: int) -> str:
+        """Return the frequency of a line."""
+        return frequency_text(self.measurement.omega[row % len(self.measurement.omega)], 5)
+
+    def responses(self, values: Array) -> ComplexArray:
+        """Return values as they are compared (2 L x channels) as responses (L x channels)."""
+        return np.asarray(unstacked(values) * self.measurement.profile)
+
+    def residual_rms(self, fit: RecordFit) -> Array:
+        """Return the RMS of the complex residuals (channels)."""
+        return np.asarray(np.sqrt(np.nanmean(np.abs(self.responses(fit.residual)) ** 2, axis=0)))
+
+    def residual_peak(self, fit: RecordFit, column: int) -> float:
+        """Return the frequency, rad/s, at which the residual of a channel is largest, weighted by line."""
+        sizes = np.abs(unstacked(fit.residual))[:, column]
+        return float(self.measurement.omega[int(np.nanargmax(sizes))])
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknown parameters (p)."""
+        return self.model.unknowns
+
+    @property
+    def nuisances(self) -> int:
+        """None: a frequency response does not depend on how it began."""
+        return 0
+
+    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
+        """Predict the responses at the parameters exp(logs) and compare them with `values`."""
+        found = responses(self.model, self.measurement.channels, self.measurement.omega, logs)
+        if self.magnitudes:
+            outputs = _logarithms(np.abs(found.values))
+            there = np.where(found.values == 0, 1.0, found.values)
+            by_parameter = (found.slopes / there[..., None]).real
+        else:
+            profile = self.measurement.profile
+            outputs = stacked(found.values / profile)
+            by_parameter = stacked(found.slopes / profile[..., None])
+        none = np.zeros((len(outputs), 0))
+        residual = values - outputs
+        predicted = Trajectory(outputs, none)
+        counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
+        seen = self.noise_in(counts, size)
+        return RecordFit(logs, predicted, residual, counts, size, seen, by_parameter=by_parameter)
+
+    def slopes(self, fit: RecordFit, noise: Array) -> Array:
+        """Return the derivatives by the logarithms over noise (values x p), 0 where a value is missing."""
+        assert fit.by_parameter is not None
+        weight = weights(noise, fit.residual)
+        return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
+
+    def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
+        """Return numbers of channels (channels) line by line, channels side by side."""
+        return np.tile(level, len(self.data.values))
+
+    def on(self, data: RecordData) -> Self:
+        """Return the fitter of other values of the same responses."""
+        return replace(self, data=data)
+
+    def information(self, fit: RecordFit, noise: Array) -> Information:
+        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
+        names = tuple(unknown.name for unknown in self.unknowns)
+        weight = weights(noise, fit.residual)
+        slopes = self.slopes(fit, noise)
+        signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
+        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, int(np.count_nonzero(weight)))
+        return replace(found, values=np.exp(fit.logs))
+
+    def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
+        """Return the channels, in units of their RMS, in directions of their saturated models."""
+        assert fit.by_parameter is not None
+        poles, omega = _poles(self.model, fit.logs), self.measurement.omega
+        found = []
+        for c, rms in enumerate(self.data.rms):
+            there, count = ~np.isnan(fit.residual[:, c]), int(self.data.counts[c])
+            weight = there / rms
+            profile = np.nan_to_num(self.measurement.profile[:, c], nan=1.0)
+            shared = regressors_by_line(poles, omega, profile, most_regressors(count))
+            outputs = np.nan_to_num(fit.predicted.outputs[:, c]) * weight
+            residual = np.nan_to_num(fit.residual[:, c]) * weight
+            by_parameter = np.nan_to_num(fit.by_parameter[:, c]) * weight[:, None]
+            before = delayed_residuals_by_line(residual) * there[:, None]
+            none = np.zeros((len(weight), 0))
+            seen = ChannelColumns(outputs, residual, none, by_parameter, none, before)
+            found.append(saturated_coordinates(shared.where(there), seen, count))
+        return found
+
+    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+        """Return the derivatives by what calibration settles, for a noise of this deviation (channels)."""
+        frfs, omega = self.measurement.channels, self.measurement.omega
+        H, measured = fit.predicted.outputs, np.nan_to_num(self.data.recorded)
+        late = stacked(-1j * omega[:, None] * unstacked(H))  # a delay turns the phase
+        forces = np.array([load_gain(frf.force) for frf in frfs])
+        sensors = np.array([channel_gain(frf.channel) for frf in frfs])
+        every = {name: np.where(forces == name, H, 0.0) for name in dict.fromkeys(forces.tolist())}
+        every[DELAY] = late
+        every |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
+        changes = [GAIN_CHANGE / (omega[-1] or 1.0) if name == DELAY else GAIN_CHANGE for name in every]
+        left = self.yielding(fit)
+        weighted = np.stack(list(every.values()), axis=2) * weights(noise, left)[..., None]
+        by_parameter = self.slopes(replace(fit, residual=left), noise)
+        by_quantity = weighted.reshape(-1, len(every))
+        return CalibrationDerivatives(tuple(every), np.array(changes), by_parameter, by_quantity)
+
+    def series(self, residual: Array) -> Array:
+        """Return the residuals line after line, real and imaginary parts side by side."""
+        return residual if self.magnitudes else np.concatenate(np.split(residual, 2), axis=1)
+
+    def by_magnitude(self) -> FrfRecord:
+        """Return the same responses compared by the logarithms of their magnitudes."""
+        sizes = np.abs(unstacked(self.data.values)) * self.measurement.profile
+        return replace(self, data=RecordData(_logarithms(sizes)), magnitudes=True)
+
+
+def _poles(model: StructuralModel, logs: Array) -> NDArray[np.complex128]:
+    """Return the poles at the parameters exp(logs), 1/s; none of a model too large for that."""
+    if model.size > DENSE_STRUCTURES.value:
+        return np.empty(0, dtype=complex)
+    names = [unknown.name for unknown in model.unknowns]
+    M, C, K = model.dense(dict(zip(names, np.exp(logs).tolist(), strict=True)))
+    n = len(M)
+    A = np.zeros((2 * n, 2 * n))
+    A[:n, n:] = np.eye(n)
+    A[n:] = -np.linalg.solve(M, np.concatenate([K, C], axis=1))
+    return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
+
+
+def _logarithms(sizes: Array) -> Array:
+    """Return the logarithms of sizes, NaN of zeros."""
+    return np.log(np.where(sizes > 0, sizes, np.nan))
+
+
+@dataclass(frozen=True, eq=False)
+class FrfLikelihood(Likelihood):
+    """The likelihood of frequency response functions."""
+
+    records: tuple[FrfRecord, ...]
+
+    def by_magnitude(self) -> FrfLikelihood:
+        """Return the likelihood of the logarithms of magnitudes."""
+        return FrfLikelihood(tuple(record.by_magnitude() for record in self.records))
+
+
+@dataclass(frozen=True)
+class FrfAuto:
+    """Estimator: maximum likelihood; by magnitudes and from other starts only where it is needed.
+
+    Parameters
+    ----------
+    accept_small
+        True: residuals that are small are accepted whatever their colour.
+    multi_start
+        True: other starts than the given one may be tried.
+    """
+
+    accept_small: bool = False
+    multi_start: bool = True
+    name: str = "auto"
+
+    def run(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:
+        """Estimate, from the logarithms `origin` (p).
+
+        Raises
+        ------
+        DynidError
+            What went wrong at first, if no attempt came to an end.
+        """
+        search, magnitudes = Search(likelihood, accept_small=self.accept_small), likelihood.by_magnitude()
+        search.attempt("the start", lambda: (origin, []))
+        if not search.accepted:
+            search.attempt("magnitudes", partial(guided, [magnitudes], origin))
+        if self.multi_start and not search.accepted:
+            search.draw(magnitudes, [[magnitudes]], origin)
+        return search.best()

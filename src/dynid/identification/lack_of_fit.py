@@ -1,0 +1,298 @@
+"""Lack of fit of a model: three models of a record are compared, none, saturated and the scene's.
+
+*None* is noise alone. The *saturated* model has free what the scene's ties to a few unknowns: amplitudes,
+residues, decays and poles (`saturated`). From these follow
+
+- `signal_p`: the probability of no response, by the F-test of the saturated against none. Where the
+  regressors do not depend on the estimate, as at excited frequencies, it is exact for white noise; poles were
+  chosen to suit the record: their test counts as one of N^p (Bonferroni), N values and p unknowns.
+- `lack_of_fit_p`: that of the scene's model, by its F-test against the saturated one, and by the whiteness of
+  its residuals, which shows what is in neither (Bonferroni). Both models are linear about the estimate: what
+  initial states and unknowns can take up is taken out of residuals first.
+- `redundancy`: how many numbers of the saturated model the record resolves beyond the unknowns. Only they can
+  contradict the model; where there are none it fits whatever is wrong with it.
+
+Each channel counts by the noise that the saturated model and residuals before leave in it. G. A. F. Seber,
+A. J. Lee, Linear Regression Analysis, 2nd ed. 2003, ch. 4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import EXPLAINED, LACK_OF_FIT, RESOLVED, SIGNAL
+from dynid.identification.least_squares import thin_svd
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.saturated_model import RegressorKind, SaturatedCoordinates
+from dynid.identification.statistics import log_f_tail
+
+Array = NDArray[np.float64]
+
+# Residuals below this part of a channel's RMS are rounding and holds; a number of the saturated model below
+# this one is not resolved, whatever the noise.
+_ROUNDING, _COARSE = 1e-6, 1e-4
+# Singular values below this part of the largest are none.
+_RANK = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison:
+    """Three models of all records compared.
+
+    Attributes
+    ----------
+    records
+        The channels of each record in directions of their saturated models, in units of their RMS.
+    given
+        The noise that is given (channels of each record), in the same units, NaN where none is.
+    prior
+        Deviations of the priors of the unknowns (p), NaN where there are none.
+    free
+        Which unknowns are free to move (p): not those that a bound holds.
+    whiteness_p
+        The p-value of the whiteness of the residuals.
+    """
+
+    records: Sequence[Sequence[SaturatedCoordinates]]
+    given: Sequence[Array]
+    prior: Array
+    free: NDArray[np.bool_]
+    whiteness_p: float = 1.0
+
+    @cached_property
+    def noise(self) -> list[Array]:
+        """Noise of each channel, in units of its RMS: what the saturated model leaves, not below rounding."""
+        return [
+            np.array([_noise(one, level) for one, level in zip(channels, given, strict=True)])
+            for channels, given in zip(self.records, self.given, strict=True)
+        ]
+
+    @property
+    def _each(self) -> list[tuple[SaturatedCoordinates, float]]:
+        """All channels with their noise."""
+        pairs = zip(self.records, self.noise, strict=True)
+        return [pair for record, noise in pairs for pair in zip(record, noise.tolist(), strict=True)]
+
+    @cached_property
+    def signal_p(self) -> float:
+        """The probability of what the records show, were there no response."""
+        tests = [self._log_signal_p({RegressorKind.LINE})]
+        values = sum(one.count for one, _ in self._each)
+        chosen = len(self.prior) * math.log(max(values, 1))
+        tests.append(
+            self._log_signal_p(set(RegressorKind) - {RegressorKind.FAULT, RegressorKind.BEFORE}) + chosen
+        )
+        return min(1.0, len(tests) * math.exp(min(0.0, *tests)))
+
+    def _log_signal_p(self, kinds: set[RegressorKind]) -> float:
+        """Return the logarithm of the p-value of these directions against noise."""
+        shown, degrees, spare = 0.0, 0, math.inf
+        for one, _ in self._each:
+            chosen = np.isin(one.kind, list(kinds))
+            inside, m = float(np.sum(one.measured[chosen] ** 2)), int(np.count_nonzero(chosen))
+            left = one.count - m
+            if m == 0 or left < 1:
+                continue
+            outside = max(one.energy - inside, _ROUNDING**2 * one.energy)
+            shown, degrees, spare = shown + inside * left / outside, degrees + m, min(spare, left)
+        return log_f_tail(degrees, spare, shown / degrees) if degrees else 0.0
+
+    @cached_property
+    def lack_of_fit_p(self) -> float:
+        """The probability of the residuals, were the scene's model right."""
+        if self._exact:
+            return 1.0
+        excess, rank = self._excess
+        degrees = sum(_tested(one) for one, _ in self._each) - rank
+        spare = min((one.count - len(one.kind) for one, _ in self._each), default=0.0)
+        if degrees < 1 or spare < 1:
+            return self.whiteness_p
+        return min(1.0, 2 * min(self.whiteness_p, math.exp(log_f_tail(degrees, spare, excess / degrees))))
+
+    @cached_property
+    def channel_lack_of_fit_p(self) -> Array:
+        """The F-test channel by channel (channels of all records); unknowns take an equal part of each."""
+        _, rank = self._excess
+        found = []
+        for one, noise in self._each:
+            degrees = _tested(one) - rank / len(self._each)
+            spare = one.count - len(one.kind)
+            if degrees < 1 or spare < 1 or one.left < _ROUNDING**2 * one.energy:
+                found.append(1.0)
+                continue
+            ratio = float(np.sum(one.residual[: _tested(one)] ** 2)) / noise**2 / degrees
+            found.append(math.exp(log_f_tail(round(degrees), spare, ratio)))
+        return np.array(found)
+
+    @property
+    def _exact(self) -> bool:
+        """True if the residuals of all channels are round-off."""
+        return all(one.left < _ROUNDING**2 * one.energy for one, _ in self._each)
+
+    @cached_property
+    def _excess(self) -> tuple[float, int]:
+        """Excess of the residuals that the saturated model explains and the unknowns cannot; its rank."""
+        total, states, rows, right = 0.0, 0, [], []
+        for record, noise in zip(self.records, self.noise, strict=True):
+            each = zip(record, noise, strict=True)
+            residual = np.concatenate([one.residual[: _tested(one)] / level for one, level in each])
+            by_state, by_parameter = _derivatives(record, noise)
+            U = _range(by_state)
+            residual, by_parameter = _without(U, residual), _without(U, by_parameter)
+            total, states = total + float(residual @ residual), states + U.shape[1]
+            rows.append(by_parameter)
+            right.append(residual)
+        U = _range(np.concatenate(rows)[:, self.free])
+        taken = U.T @ np.concatenate(right)
+        return max(0.0, total - float(taken @ taken)), states + U.shape[1]
+
+    @cached_property
+    def signal_explained(self) -> float:
+        """The part of the signal's mean square that the scene explains, the noise taken off both."""
+        signal = missed = 0.0
+        unknowns = self._excess[1] / max(1, len(self._each))
+        for one, noise in self._each:
+            if one.energy > 0:
+                signal += max(0.0, one.energy - one.count * noise**2) / one.energy
+                missed += max(0.0, one.left - max(0.0, one.count - unknowns) * noise**2) / one.energy
+        return float(np.clip(1 - missed / signal, 0.0, 1.0)) if signal > 0 else 0.0
+
+    @property
+    def lacks_fit(self) -> bool:
+        """True if the residuals contradict the model."""
+        return self.lack_of_fit_p <= LACK_OF_FIT.value
+
+    @property
+    def has_signal(self) -> bool:
+        """True if the records show any response."""
+        return self.signal_p < SIGNAL.value
+
+    @property
+    def explained(self) -> bool:
+        """True if the model explains the records."""
+        return self.has_signal and (not self.lacks_fit or self.signal_explained >= EXPLAINED.value)
+
+    @cached_property
+    def redundancy(self) -> int:
+        """Number of independent values that the records resolve beyond the unknowns."""
+        return self.redundancy_at(self.noise)
+
+    def redundancy_at(self, noise: Sequence[Array]) -> int:
+        """Return the redundancy for a noise (channels of each record), in units of the channels' RMS."""
+        resolved, rows = 0, []
+        for record, levels in zip(self.records, noise, strict=True):
+            level = np.maximum(levels, _COARSE)
+            by_state, by_parameter = _derivatives(record, level)
+            U = _range(by_state)
+            rows.append(_without(U, by_parameter))
+            shown = np.concatenate([_resolved(one, each) for one, each in zip(record, level, strict=True)])
+            directions = np.diag(shown)[:, shown > 0]
+            _, s, _ = thin_svd(_without(U, directions))
+            resolved += int(np.count_nonzero(s > RESOLVED.value)) + _resolved_poles(record, level)
+        return resolved - min(resolved, self._rank(np.concatenate(rows)))
+
+    def _rank(self, rows: Array) -> int:
+        """Return how many unknowns the records are to tell: not those that priors tell better."""
+        believed = ~np.isnan(self.prior)
+        U = _range(rows[:, ~believed])
+        told = _without(U, rows[:, believed]) * self.prior[believed]
+        better = int(np.count_nonzero(np.linalg.svd(told, compute_uv=False) >= 1)) if told.size else 0
+        return int(np.count_nonzero(~believed)) + better
+
+
+def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None = None) -> ModelComparison:
+    """Compare three models of records.
+
+    Parameters
+    ----------
+    likelihood
+        Model and records.
+    fit
+        The scene's model at some values of its unknowns.
+    whiteness_p
+        The p-value of the whiteness of its residuals, if it is known already.
+    """
+    records = list(likelihood.records)
+    # What a filter before has coloured is not tested for its colour.
+    plain = all(record.data.passed == 1 for record in records)
+    white = likelihood.whiteness(fit) if plain and whiteness_p is None else whiteness_p
+    return ModelComparison(
+        [record.coordinates(part) for record, part in zip(records, fit.parts, strict=True)],
+        [record.given / record.data.rms for record in records],
+        likelihood.priors.deviations,
+        ~likelihood.priors.at_bound(fit.logs),
+        white if plain and white is not None else 1.0,
+    )
+
+
+def _noise(one: SaturatedCoordinates, given: float) -> float:
+    """Return the noise of a channel: by what the saturated model leaves, else as given."""
+    floor = _ROUNDING * math.sqrt(one.energy / max(one.count, 1.0))
+    spare = one.count - len(one.kind)
+    if spare < 1:
+        return float(np.fmax(given, max(floor, math.sqrt(one.left / max(one.count, 1.0)))))
+    left = max(0.0, one.left - float(np.sum(one.residual**2)))
+    return max(floor, math.sqrt(left / spare))
+
+
+def _tested(one: SaturatedCoordinates) -> int:
+    """Return how many directions are tested, which stand first: all but those of residuals before."""
+    return int(np.count_nonzero(one.kind < RegressorKind.BEFORE))
+
+
+def _derivatives(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[Array, Array]:
+    """Return the derivatives by initial state and parameters over noise, of all channels."""
+    each = list(zip(record, noise, strict=True))
+    return (
+        np.concatenate([one.by_state[: _tested(one)] / level for one, level in each]),
+        np.concatenate([one.by_parameter[: _tested(one)] / level for one, level in each]),
+    )
+
+
+def _range(matrix: Array) -> Array:
+    """Return an orthonormal basis of what the columns span, their lengths set aside."""
+    size = np.linalg.norm(matrix, axis=0)
+    U, s, _ = thin_svd(matrix[:, size > 0] / size[size > 0])
+    return np.asarray(U[:, : len(s)][:, s > _RANK * s.max(initial=0.0)])
+
+
+def _without(U: Array, columns: Array) -> Array:
+    """Return columns without what lies in the range of U."""
+    return np.asarray(columns - U @ (U.T @ columns))
+
+
+def _resolved(one: SaturatedCoordinates, noise: float) -> Array:
+    """Return the amplitudes over noise of the directions that are resolved, 0 of the others (m)."""
+    shown = np.zeros(_tested(one))
+    for kind in (RegressorKind.LINE, RegressorKind.MODE):
+        for group in np.unique(one.group[one.kind == kind]):
+            here = np.flatnonzero((one.kind == kind) & (one.group == group))
+            amplitude = float(np.sqrt(np.mean(one.measured[here] ** 2))) / noise
+            shown[here] = amplitude if amplitude > RESOLVED.value else 0.0
+    return shown
+
+
+def _resolved_poles(record: Sequence[SaturatedCoordinates], noise: Array) -> int:
+    """Return how many poles a record resolves, a pair counting twice.
+
+    A pole is resolved where moving it by itself moves the record by more than the noise.
+    """
+    strength: dict[complex, float] = {}
+    for one, level in zip(record, noise, strict=True):
+        shown = np.zeros(len(one.kind), dtype=bool)
+        shown[: _tested(one)] = _resolved(one, level) > 0
+        for group in np.unique(one.group[one.kind == RegressorKind.POLE]):
+            mode = shown & (one.kind == RegressorKind.MODE) & (one.group == group)
+            move = (one.kind == RegressorKind.POLE) & (one.group == group)
+            amplitude = np.sum((one.measured[mode] / one.size[mode]) ** 2)
+            squares = amplitude * np.mean((one.size[move] * one.rate[move] / level) ** 2)
+            pole = complex(one.pole[move][0])
+            strength[pole] = strength.get(pole, 0.0) + float(squares)
+    found = [pole for pole, squares in strength.items() if squares > RESOLVED.value**2]
+    return sum(2 if pole.imag else 1 for pole in found)

@@ -1,0 +1,86 @@
+"""Factorisations of tall matrices: thin SVD, triangular factors, least squares of given rank."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.lti.floating import finite
+
+Array = NDArray[np.float64]
+
+# Initial states are distinguished in the scales of their prior down to this part of the best seen one.
+STATE_RANK = 1e-10
+# Height over width of the blocks that a tall matrix is factorised by.
+_BLOCK = 8
+
+
+def without_state(columns: Array, by_state: Array) -> tuple[Array, int]:
+    """Return columns (rows x any) projected off those by the state (rows x n), and how many these count."""
+    U, s, _ = thin_svd(by_state)
+    U = U[:, : len(s)][:, s > STATE_RANK * s.max(initial=0.0)]
+    projected = columns - U @ (U.T @ columns)
+    projected -= U @ (U.T @ projected)  # once more: what rounding left
+    return projected, U.shape[1]
+
+
+def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
+    """Return U, s, Vt with all right singular vectors, but no more left ones than there are columns."""
+    finite("the sensitivity of the record", matrix)
+    if not matrix.shape[1]:
+        return np.zeros((len(matrix), 0)), np.zeros(0), np.zeros((0, 0))
+    if len(matrix) > _BLOCK * matrix.shape[1]:
+        Q, R = _tall_qr(matrix)
+        U, s, Vt = np.linalg.svd(R)
+        return Q @ U, s, Vt
+    U, s, Vt = np.linalg.svd(matrix, full_matrices=matrix.shape[0] < matrix.shape[1])
+    return U, s, Vt
+
+
+def _tall_qr(matrix: Array) -> tuple[Array, Array]:
+    """Factorise a tall matrix block by block, then the blocks' triangles (as stable as in one go).
+
+    The blocks are small enough for one thread: on a busy machine, waiting for the others costs far more
+    than they save. J. Demmel et al., SIAM J. Sci. Comput. 34 (2012) A206–A239.
+    """
+    rows, columns = matrix.shape
+    height = _BLOCK * columns
+    if rows <= height:
+        Q, R = np.linalg.qr(matrix)
+        return Q, R
+    filled = np.concatenate([matrix, np.zeros((-rows % height, columns))])
+    blocks, triangular_factors = np.linalg.qr(filled.reshape(-1, height, columns))
+    Q, R = _tall_qr(triangular_factors.reshape(-1, columns))
+    return (blocks @ Q.reshape(-1, columns, columns)).reshape(-1, columns)[:rows], R
+
+
+def triangular_factors(rows: Array) -> Array:
+    """Return triangles (channels x w x w) whose products with their transposes are those of the rows.
+
+    Parameters
+    ----------
+    rows
+        Rows of each channel (times x channels x w).
+    """
+    return np.stack([_triangle(rows[:, channel]) for channel in range(rows.shape[1])])
+
+
+def _triangle(matrix: Array) -> Array:
+    rows, columns = matrix.shape
+    height = _BLOCK * columns
+    if rows > height:
+        filled = np.concatenate([matrix, np.zeros((-rows % height, columns))])
+        blocks = np.linalg.qr(filled.reshape(-1, height, columns), mode="r")
+        return _triangle(np.asarray(blocks).reshape(-1, columns))
+    R = np.linalg.qr(matrix, mode="r")
+    return np.concatenate([R, np.zeros((columns - len(R), columns))])
+
+
+def least_squares(matrix: Array, right: Array, rank: float) -> Array:
+    """Return the shortest least-squares solution, singular values below `rank` of the largest left out."""
+    finite("the sensitivity of the record", matrix)
+    finite("the record", right)
+    if len(matrix) > _BLOCK * matrix.shape[1]:
+        both = _triangle(np.column_stack([matrix, right]))
+        matrix, right = both[:, :-1], both[:, -1]
+    return np.asarray(np.linalg.lstsq(matrix, right, rank)[0])

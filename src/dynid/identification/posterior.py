@@ -1,0 +1,372 @@
+"""Posterior of the parameters at an estimate: information, intervals, bounds, and tests of the residuals.
+
+It is Gaussian in the logarithms of the parameters, and the same for records of time and frequency responses.
+`dynid.identification.verdict` puts it into words, `dynid.identification.write_result` into named arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
+from dynid.errors import Diverged, NotIdentifiable
+from dynid.identification.calibration import CalibrationSlopes, calibration_slopes
+from dynid.identification.estimators.estimate import Estimate
+from dynid.identification.information import Information, drowned_in_noise
+from dynid.identification.lack_of_fit import ModelComparison, compare_models
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.model_error import ModelError
+from dynid.identification.residual_tests import (
+    Consistency,
+    NoiseTest,
+    ResidualShape,
+    consistency,
+    is_coloured,
+    is_explained,
+    is_optimal,
+    noise_test,
+    residual_shape,
+    whiteness,
+)
+from dynid.identification.statistics import root_mean_square
+from dynid.structure.matrices import Label
+
+Array = NDArray[np.float64]
+
+# Residuals above this part of a channel's RMS invalidate the estimates if they are not noise …
+_INVALID = 0.5
+# … and above this one (all channels together) whatever they are.
+_NOTHING = 1.0
+# Residuals below this part of the signal are round-off and holds: their distribution is not tested.
+_ROUND_OFF = 1e-6
+# A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
+_UNKNOWN = 10.0
+# Errors of logarithms below this are round-off, of which a bound of clean data may say anything.
+_LEAST_BOUND = 1e-9
+
+
+class ChannelOfRecord(NamedTuple):
+    """A channel by `record` and `column`, its `name` in results and its `unit`."""
+
+    record: int
+    column: int
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The posterior of the parameters, and tests of the model at the estimate.
+
+    Attributes
+    ----------
+    likelihood
+        The likelihood of all records that `estimate` is the optimum of.
+    method
+        Name of the estimator.
+    estimate
+        What the estimator returned.
+    dofs
+        Labels of the DOFs of the model.
+    model_error
+        Error that the reduction of the model causes, if it is reduced.
+    """
+
+    likelihood: Likelihood
+    method: str
+    estimate: Estimate
+    dofs: Sequence[Label] = ()
+    model_error: ModelError | None = None
+
+    @property
+    def fit(self) -> Fit:
+        """The fit at the estimate."""
+        return self.estimate.fit
+
+    @property
+    def several(self) -> bool:
+        """True if there is more than one record."""
+        return len(self.likelihood.records) > 1
+
+    @property
+    def noun(self) -> str:
+        """Noun for one record."""
+        return self.likelihood.records[0].noun
+
+    @cached_property
+    def channels(self) -> list[ChannelOfRecord]:
+        """All channels, record by record."""
+        return [
+            ChannelOfRecord(k, column, f"record_{k + 1}.{one.name}" if self.several else one.name, one.unit)
+            for k, record in enumerate(self.likelihood.records)
+            for column, one in enumerate(record.channels)
+        ]
+
+    # Information, intervals and bounds.
+
+    @property
+    def noise(self) -> list[Array]:
+        """Noise of each record, given or seen in the residuals (channels); above round-off, as a divisor."""
+        each = zip(self.fit.noise, self.likelihood.records, strict=True)
+        return [np.maximum(noise, np.finfo(float).eps * record.data.rms) for noise, record in each]
+
+    @cached_property
+    def information(self) -> Information:
+        """The Fisher information at the estimate, for the noise given or seen in the residuals."""
+        return self.likelihood.information(self.fit, self.noise)
+
+    @cached_property
+    def step(self) -> Array:
+        """The Gauss–Newton step from the estimate to the optimum of the records, in logarithms (p)."""
+        return self.information.without(self.held).step(self.likelihood.weighted(self.fit, self.noise))
+
+    @property
+    def distance_to_optimum(self) -> Array:
+        """The length of that step in standard errors (p)."""
+        return np.asarray(np.abs(self.step) / self.information.deviations())
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """Parameters that stand at a bound which the records would pass (p)."""
+        direction = self.information.projected.T @ self.likelihood.weighted(self.fit, self.noise)
+        return self.likelihood.priors.blocked(self.fit.logs, direction)
+
+    @property
+    def prior_conflict(self) -> Array:
+        """Distance of priors and records in deviations of that distance (p), 0 without a prior."""
+        return self.likelihood.priors.conflict(self.fit.logs, self.information.deviations())
+
+    @cached_property
+    def scaled_deviations(self) -> Array:
+        """Standard errors of the logarithms (p) for the noise seen instead of the noise given.
+
+        The weights stay those of the noise given: H^-1 J^T D J H^-1, with D the ratios of variances.
+        """
+        ratio, rows, first = np.nan_to_num(self.noise_test.ratio, nan=1.0), [], 0
+        for record, part in zip(self.likelihood.records, self.fit.parts, strict=True):
+            rows.append(record.by_row(ratio[first : first + len(part.counts)]))
+            first += len(part.counts)
+        projected, root = self.information.projected, self.information.root()
+        scale = np.concatenate([*rows, np.ones(len(projected) - sum(map(len, rows)))])
+        spread = root @ (root.T @ (projected * scale[:, None]).T)
+        return np.asarray(np.sqrt(np.sum(spread**2, axis=1)))
+
+    @property
+    def true(self) -> Array:
+        """True values of the parameters (p), NaN where they are not known."""
+        unknowns = self.likelihood.unknowns
+        return np.array([np.nan if unknown.true is None else unknown.true for unknown in unknowns])
+
+    @cached_property
+    def bound(self) -> Array:
+        """The Cramér–Rao bound (p), at the true values and noise where they are known, with the priors."""
+        return self.bound_with(prior=True)
+
+    def bound_with(self, *, prior: bool) -> Array:
+        """Return the bound (p), with the priors or of the records alone: infinite if these see nothing."""
+        likelihood, fit, values, true = self.likelihood, self.fit, np.exp(self.fit.logs), self.true
+        if not np.isnan(true).any():
+            likelihood = self.likelihood.ideal
+            fit, values = likelihood.at_truth, true
+        each = zip(self.likelihood.records, self.noise, strict=True)
+        noise = [seen if record.data.noise is None else record.data.noise for record, seen in each]
+        if not all(level.all() for level in noise):
+            return np.zeros(len(true))  # clean data
+        found = likelihood.information(fit, noise, prior=prior)
+        if not prior:
+            try:
+                found.check()
+            except NotIdentifiable:
+                return np.full(len(values), np.inf)
+        return np.asarray(values * found.deviations())
+
+    @property
+    def error_in_bounds(self) -> Array:
+        """Distance of the estimates from the true values in bounds (p), NaN where the truth is not known."""
+        off = np.abs(np.exp(self.fit.logs) - self.true)
+        return np.where(self.bound > 0, off / np.maximum(self.bound, _LEAST_BOUND), np.nan)
+
+    @property
+    def calibration_slopes(self) -> CalibrationSlopes:
+        """Slopes of the estimates by the gains and delay of the instruments."""
+        each = zip(self.likelihood.records, self.fit.parts, self.noise, strict=True)
+        derivatives = [record.calibration(part, level) for record, part, level in each]
+        names, priors = self.likelihood.names, self.likelihood.priors.rows()
+        return calibration_slopes(names, derivatives, priors, self.held)
+
+    # Convergence, and what the records say of the model.
+
+    @cached_property
+    def comparison(self) -> ModelComparison:
+        """The scene's model compared with no model and with the saturated one."""
+        made = self.estimate.comparison
+        return compare_models(self.likelihood, self.fit, self.whiteness_p) if made is None else made
+
+    @property
+    def optimal(self) -> bool:
+        """True if the estimate is at the optimum."""
+        return is_optimal(self.step, self.information.deviations()) and not self.estimate.disputed
+
+    @property
+    def converged(self) -> bool:
+        """True if the estimate is at the optimum, and the model explains records that could contradict it."""
+        return self.optimal and self.comparison.explained and self.comparison.redundancy > 0
+
+    def check(self) -> None:
+        """Refuse estimates whose prediction does not explain the records.
+
+        The prediction must explain some of the records as a whole; and what it leaves of a channel may be
+        more than half only where that looks like white noise. Records without any response are not refused:
+        the verdict says so.
+
+        Raises
+        ------
+        Diverged
+            Naming the parameters.
+        NotIdentifiable
+            Naming those of which the records do not show even the order of magnitude.
+        """
+        unexplained = self._unexplained()
+        unknown = self.information.deviations() > _UNKNOWN
+        # Of a record that is noise alone the verdict says so; there is no estimate to refuse.
+        if (unexplained or unknown.any()) and not self.comparison.has_signal:
+            return
+        names = self.likelihood.names
+        if unexplained:
+            several = len(names) > 1
+            raise Diverged(
+                f"the estimate{'s' * several} of {', '.join(names)} {'are' if several else 'is'} invalid: "
+                f"{unexplained}",
+                remedy="Start nearer to the true values, add passes, or check model, units and excitation.",
+                names=names,
+            )
+        if unknown.any():
+            raise drowned_in_noise([name for name, yes in zip(names, unknown, strict=True) if yes])
+
+    def _unexplained(self) -> str:
+        """Return why the prediction does not explain the records; empty where it does."""
+        each = zip(self.likelihood.records, self.fit.parts, strict=True)
+        # Corrected for what the fit takes up of any record.
+        left = np.concatenate([record.scatter(p.counts, p.size) / record.data.rms for record, p in each])
+        if not np.mean(left**2) < _NOTHING**2:
+            return f"the prediction explains nothing of the {self.noun}{'s' * self.several}"
+        for unexplained, place in zip(left, self.channels, strict=True):
+            if unexplained > _INVALID and is_coloured(whiteness(self.series(place))):
+                part = f"{100 * unexplained:.0f} % of {place.name}"
+                return f"{part} is unexplained, and the residual is not noise"
+        return ""
+
+    # Residuals and innovations.
+
+    @cached_property
+    def whiteness_p(self) -> float:
+        """The p-value of the whiteness of the residuals."""
+        return self.likelihood.whiteness(self.fit)
+
+    @cached_property
+    def residual_ratio(self) -> Array:
+        """RMS of the residuals over that of the measured values (channels of all records)."""
+        return self.likelihood.residual_ratio(self.fit)
+
+    @property
+    def residual_rms(self) -> Array:
+        """RMS of the residuals (channels of all records), in the channels' units."""
+        each = zip(self.likelihood.records, self.fit.parts, strict=True)
+        return np.concatenate([record.residual_rms(part) for record, part in each])
+
+    @property
+    def explained(self) -> bool:
+        """True if the residuals are small, or white noise."""
+        return is_explained(self.residual_ratio, self.whiteness_p)
+
+    def raw_residual(self, place: ChannelOfRecord) -> Array:
+        """Return the recorded values of a channel less the prediction (rows), NaN where missing."""
+        record, part = self.likelihood.records[place.record], self.fit.parts[place.record]
+        return np.asarray((record.data.recorded - part.predicted.outputs)[:, place.column])
+
+    def series(self, place: ChannelOfRecord) -> Array:
+        """Return the series of a channel that is white if the model is right (rows x columns)."""
+        residual = self.fit.residuals[place.record][:, [place.column]]
+        return self.likelihood.records[place.record].series(residual)
+
+    @cached_property
+    def shapes(self) -> list[ResidualShape | None]:
+        """Shapes of the residuals (channels of all records); None where they are round-off or too short."""
+        found: list[ResidualShape | None] = []
+        for place in self.channels:
+            record, residual = self.likelihood.records[place.record], self.raw_residual(place)
+            both = np.column_stack([residual, record.data.recorded[:, place.column]])
+            left, signal = root_mean_square(both)
+            found.append(residual_shape(residual, OUTLIER.value) if left > _ROUND_OFF * signal else None)
+        return found
+
+    @property
+    def robust(self) -> bool:
+        """True if a robust loss was used."""
+        return any(record.data.robust is not None for record in self.likelihood.records)
+
+    @property
+    def noise_is_given(self) -> bool:
+        """True if error bars are for a noise that is given, of one channel at least."""
+        return not all(np.isnan(record.given).all() for record in self.likelihood.records)
+
+    @cached_property
+    def noise_test(self) -> NoiseTest:
+        """Test of the residuals against the noise that is given (channels of all records).
+
+        Of prepared records only the part of the values counts that the filters have left of white noise.
+        With a robust loss it is the robust deviation that is compared.
+        """
+        squares, degrees, robust = [], [], []
+        taken = self._degrees_taken()
+        for record, part, fitted in zip(self.likelihood.records, self.fit.parts, taken, strict=True):
+            given, count = record.data.told, record.data.passed * part.counts
+            if record.data.robust is not None:
+                seen = record.data.robust.scale**2 / record.data.passed
+                squares.append(seen / given**2 * count)
+                degrees.append(count)
+            else:
+                squares.append(part.counts * (part.size / given) ** 2)
+                degrees.append(count - fitted)
+            robust.append(np.full(len(given), record.data.robust is not None))
+        return noise_test(np.concatenate(squares), np.concatenate(degrees), np.concatenate(robust))
+
+    def _degrees_taken(self) -> list[Array]:
+        """Return the degrees of freedom that the fit takes from each channel of each record (channels)."""
+        shares = np.sum((self.information.projected @ self.information.root()) ** 2, axis=1)
+        taken, first = [], 0
+        for record, part, noise in zip(self.likelihood.records, self.fit.parts, self.noise, strict=True):
+            column = record.by_row(np.arange(len(noise)))
+            here = shares[first : first + len(column)]
+            first += len(column)
+            taken.append(record.taken(part, noise) + np.bincount(column, here, len(noise)))
+        return taken
+
+    @property
+    def contradicted_noise(self) -> list[int]:
+        """Channels whose given noise the residuals contradict by enough to matter."""
+        test = self.noise_test
+        if not test.p < NOISE_CONTRADICTED.value:
+            return []
+        off = np.abs(np.log(test.ratio)) > np.log(NOISE_MATTERS.value)
+        return np.flatnonzero(off & (test.channel_p < NOISE_CONTRADICTED.value)).tolist()
+
+    @cached_property
+    def innovations(self) -> list[Array] | None:
+        """Innovations of the filter's last pass; none of a first one, which assumes a noise of its own."""
+        sweeps = self.estimate.histories
+        if self.method != "filter" or len(sweeps) < 2:
+            return None
+        return [history.innovations for history in sweeps[-1] if history.innovations is not None]
+
+    @property
+    def consistency(self) -> Consistency | None:
+        """Mean square of the innovations of all records, as of one channel."""
+        every = self.innovations
+        return None if every is None else consistency(np.concatenate([e.ravel() for e in every])[:, None])

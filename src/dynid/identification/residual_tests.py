@@ -1,0 +1,406 @@
+"""Tests of residuals and innovations: whiteness, spectrum, given noise, offset, outliers, heavy tails.
+
+Offset, outliers and heavy tails are tested for white Gaussian noise. A coloured residual is whitened by an
+autoregression first (Yule–Walker), so that its colour alone raises no alarm.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import takewhile
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.statistics import autocovariances, chi_squared_tail, root_mean_square, standardised
+
+Array = NDArray[np.float64]
+
+# Residuals below this part of the channel's RMS are explained whatever their colour (holds, reduced models).
+_EXPLAINED = 0.03
+# Above it they must look like white noise at least at this level.
+_WHITE_P = 1e-6
+# An estimate is at the optimum if the step left is below this part of its standard error …
+_STEP_IN_DEVIATIONS = 0.5
+# … or below this relative size, where residuals are so small that the standard error is no yardstick.
+_STEP = 1e-4
+# Half width of a 95 % interval in standard deviations.
+_HALF_WIDTH = 1.959963984540054
+# Lags of the autocorrelation; samples of a segment of the spectrum.
+_LAGS, _SEGMENT = 40, 512
+#: Median absolute deviation of the normal distribution of standard deviation 1.
+NORMAL_MAD = 0.6744897501960817
+# Standard deviation of the logarithm of the median absolute deviation, times the root of the sample size.
+_MAD_SPREAD = 1.1664
+# Order of the autoregression that whitens a residual, and how many samples it takes at least for each.
+_ORDER, _PER_ORDER = 20, 10
+# Fewer samples than this are not tested.
+_LEAST_SAMPLES = 20
+
+
+def whiteness(*residuals: Array) -> float:
+    """Return the p-value of the Ljung–Box test that the residuals are white, all channels together.
+
+    Parameters
+    ----------
+    *residuals
+        Residuals of each record (times x channels); NaN where missing.
+
+    Returns
+    -------
+    float
+        Near 0: coloured. 1 where the records are too short to tell.
+
+    Notes
+    -----
+    Q = N (N + 2) sum_l r_l^2 / (N - l), summed over channels and records, against chi-squared; lags up to
+    min(20, N / 4). G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297–303.
+    """
+    degrees, statistics = zip(*(_ljung_box(residual) for residual in residuals), strict=True)
+    return chi_squared_tail(sum(degrees), sum(statistics)) if any(degrees) else 1.0
+
+
+def _ljung_box(residual: Array) -> tuple[int, float]:
+    """Return degrees of freedom and statistic of one record."""
+    n = len(residual)
+    lags = min(20, n // 4)
+    if lags == 0:
+        return 0, 0.0
+    centred = standardised(residual)
+    power = np.einsum("tc,tc->c", centred, centred)
+    channels = np.flatnonzero(power > 0)
+    if not len(channels):
+        return 0, 0.0
+    r = autocovariances(centred, lags)[:, channels] / power[channels]
+    weights = n * (n + 2) / (n - np.arange(1, lags + 1))
+    return lags * len(channels), float(np.sum(weights[:, None] * r**2))
+
+
+def is_coloured(whiteness_p: float) -> bool:
+    """Tell whether residuals are clearly no white noise."""
+    return whiteness_p < _WHITE_P
+
+
+def is_optimal(step: Array, deviations: Array) -> bool:
+    """Tell whether an estimate is at the optimum of the record.
+
+    Parameters
+    ----------
+    step
+        The Gauss–Newton step left, in logarithms (p).
+    deviations
+        Standard errors of the logarithms (p).
+    """
+    return bool(np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP)))
+
+
+def is_explained(residual_ratio: Array, whiteness_p: float) -> bool:
+    """Tell whether residuals are small, or noise.
+
+    Parameters
+    ----------
+    residual_ratio
+        RMS of residuals over that of measured values (channels).
+    whiteness_p
+        p-value of the residuals' whiteness.
+    """
+    return bool(np.all(residual_ratio <= _EXPLAINED)) or not is_coloured(whiteness_p)
+
+
+class Consistency(NamedTuple):
+    """Mean squares of normalised innovations, which are 1 where the filter knows its errors.
+
+    `mean_square` (channels) and that of all, `overall`, with the intervals that 95 % of records lie in:
+    `low`, `high` (channels), `overall_low`, `overall_high`.
+    """
+
+    mean_square: Array
+    low: Array
+    high: Array
+    overall: float
+    overall_low: float
+    overall_high: float
+
+    @property
+    def consistent(self) -> bool:
+        """True if the mean square of all lies in its interval."""
+        return self.overall_low <= self.overall <= self.overall_high
+
+
+def autocorrelation(residual: Array) -> tuple[Array, Array]:
+    """Return the autocorrelation of each channel at lags 1, 2, … (lags x channels), and its 95 % band.
+
+    Parameters
+    ----------
+    residual
+        Residuals (times x channels), NaN where missing.
+
+    Returns
+    -------
+    tuple
+        The autocorrelations, up to 40 or a quarter of the samples; and half the width of the band that 95 %
+        of those of white noise lie in (channels).
+    """
+    lags = min(_LAGS, len(residual) // 4)
+    centred = standardised(residual)
+    power = np.einsum("tc,tc->c", centred, centred)
+    r = autocovariances(centred, lags) / np.where(power > 0, power, 1.0)
+    return r, _HALF_WIDTH / np.sqrt(np.count_nonzero(~np.isnan(residual), axis=0))
+
+
+def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
+    """Return the root of each channel's power spectral density, whose integral over omega is its mean square.
+
+    Averaged over segments of up to 512 samples that overlap by half, under Hann's window (P. D. Welch, IEEE
+    Trans. Audio Electroacoust. 15 (1967) 70–73). Missing samples count as zeros, and the power is raised by
+    as many.
+
+    Parameters
+    ----------
+    residual
+        Residuals (times x channels), NaN where missing.
+    step
+        Sampling step, s.
+
+    Returns
+    -------
+    tuple
+        omega, rad/s, and roots of one-sided densities (omega x channels), unit times the root of s/rad.
+    """
+    n = len(residual)
+    length = min(n, _SEGMENT)
+    window = np.sin(np.pi * (np.arange(length) + 0.5) / length)[:, None] ** 2
+    starts = range(0, n - length + 1, max(1, length // 2))
+    unit = np.where((size := root_mean_square(residual)) > 0, size, 1.0)
+    filled = np.nan_to_num(residual / unit)
+    power = np.mean(
+        [np.abs(np.fft.rfft(window * filled[k : k + length], axis=0)) ** 2 for k in starts], axis=0
+    )
+    power[1 : (length + 1) // 2] *= 2
+    omega = 2 * np.pi * np.fft.rfftfreq(length, step)
+    present = np.count_nonzero(~np.isnan(residual), axis=0) / n
+    density = power * step / (2 * np.pi * np.sum(window**2)) / present
+    return np.asarray(omega, dtype=float), np.asarray(np.sqrt(density) * unit)
+
+
+def consistency(innovations: Array) -> Consistency:
+    """Return the mean squares of normalised innovations (times x channels), with their intervals.
+
+    The sum of m squares is chi-squared of m degrees; its quantiles by E. B. Wilson, M. M. Hilferty, Proc.
+    Natl. Acad. Sci. 17 (1931) 684–688, better than 1 % of the width from ten degrees on.
+    """
+    counts = np.count_nonzero(~np.isnan(innovations), axis=0)
+    squares = np.nansum(innovations**2, axis=0)
+    low, high = np.transpose([_interval(int(count)) for count in counts])
+    total = int(counts.sum())
+    return Consistency(
+        squares / np.maximum(counts, 1), low, high, float(squares.sum() / max(total, 1)), *_interval(total)
+    )
+
+
+def _interval(degrees: int) -> tuple[float, float]:
+    """Return the central 95 % interval of the mean of so many squares."""
+    if not degrees:
+        return 0.0, math.inf
+    spread = 2 / (9 * degrees)
+    low, high = (max(0.0, 1 - spread + z * math.sqrt(spread)) ** 3 for z in (-_HALF_WIDTH, _HALF_WIDTH))
+    return low, high
+
+
+class NoiseTest(NamedTuple):
+    """Residuals against the noise that is given.
+
+    `p` of all channels together; of each channel (NaN where no noise is given) `channel_p` and `ratio`, the
+    standard deviation seen over that given.
+    """
+
+    p: float
+    channel_p: Array
+    ratio: Array
+
+
+class ResidualShape(NamedTuple):
+    """ResidualShape of the distribution of one channel's residual.
+
+    Attributes
+    ----------
+    mean, mean_p
+        Mean, and the p-value of its being zero.
+    deviation
+        Robust standard deviation: the median absolute deviation over that of a standard normal one.
+    kurtosis, kurtosis_p
+        Kurtosis (3 for a Gaussian one), and the p-value of tails that are no heavier than Gaussian ones.
+    largest, largest_p, at
+        Largest deviation from the median over the robust standard deviation, the p-value of the largest of
+        so many Gaussian samples, and its place.
+    outliers
+        Places of all samples beyond the extreme-value level, the largest first.
+    share
+        Part of the residual's mean square (about its mean) that these samples make up.
+    """
+
+    mean: float
+    mean_p: float
+    deviation: float
+    kurtosis: float
+    kurtosis_p: float
+    largest: float
+    largest_p: float
+    at: int
+    outliers: NDArray[np.int_]
+    share: float
+
+
+def noise_test(squares: Array, degrees: Array, robust: NDArray[np.bool_]) -> NoiseTest:
+    """Return the two-sided chi-squared test of residuals against a given noise.
+
+    Parameters
+    ----------
+    squares
+        Sums of squared residuals over the given variance (channels), NaN where none is given.
+    degrees
+        Their degrees of freedom: values less what the fit takes of them (channels). Without any left there
+        is nothing to test.
+    robust
+        Of which channels `squares` are so many squares of a median absolute deviation instead (channels).
+
+    Notes
+    -----
+    The sum over all channels and each channel by itself are tested; the p-value of all is the smallest of
+    these times their number (Bonferroni), so that a channel that is too quiet hides none that is too loud.
+    """
+    tested = ~np.isnan(squares) & (degrees >= 0.5)
+    p, ratio = np.full((2, len(squares)), np.nan)
+    for k in np.flatnonzero(tested):
+        ratio[k] = math.sqrt(squares[k] / degrees[k])
+        p[k] = robust_deviation_p(ratio[k], degrees[k]) if robust[k] else two_sided_p(squares[k], degrees[k])
+    if not tested.any():
+        return NoiseTest(math.nan, p, ratio)
+    every = p[tested].tolist()
+    if len(every) > 1 and not robust.any():
+        every.append(two_sided_p(float(squares[tested].sum()), float(degrees[tested].sum())))
+    return NoiseTest(min(1.0, len(every) * min(every)), p, ratio)
+
+
+def two_sided_p(x: float, degrees: float) -> float:
+    """Return the two-sided p-value of chi-squared `x` of so many degrees (any positive number)."""
+    from scipy.special import gammainc, gammaincc  # heavy import, needed here only
+
+    below, above = float(gammainc(degrees / 2, x / 2)), float(gammaincc(degrees / 2, x / 2))
+    return min(1.0, 2 * min(below, above))
+
+
+def robust_deviation_p(ratio: float, count: float) -> float:
+    """Return the two-sided p-value of a ratio of a robust deviation of `count` values to the true one."""
+    return math.erfc(abs(math.log(ratio)) * math.sqrt(count / 2) / _MAD_SPREAD) if ratio > 0 else 0.0
+
+
+def robust_deviation(values: Array) -> Array:
+    """Return the robust standard deviation about zero of each column, NaN where missing."""
+    return np.asarray(np.nanmedian(np.abs(values), axis=0) / NORMAL_MAD)
+
+
+def residual_shape(residual: Array, level: float) -> ResidualShape | None:
+    """Return the shape of a channel's residual (times, NaN where missing); None of too few or of zeros.
+
+    Parameters
+    ----------
+    residual
+        The residual.
+    level
+        p-value below which the largest sample is an outlier.
+    """
+    unit = float(root_mean_square(residual[:, None])[0])
+    there = ~np.isnan(residual)
+    if np.count_nonzero(there) < _LEAST_SAMPLES or not unit > 0:
+        return None
+    residual = residual / unit  # squares of large units overflow
+    mean = float(residual[there].mean())
+    white, gain, order = _whitened(residual)
+    used = np.flatnonzero(~np.isnan(white))
+    z, n = white[used], len(used)
+    spread, power = float(np.std(z)) * gain / math.sqrt(n), float(np.sum((z - z.mean()) ** 2))
+    sizes = np.abs(z - np.median(z))
+    deviation = float(np.median(sizes) / NORMAL_MAD) or float(np.sqrt(np.mean(sizes**2)))
+    if not (deviation > 0 and spread > 0):
+        return None
+    # Of few samples the median absolute deviation is uncertain: an outlier has to stand out beyond that.
+    sure = deviation * (1 + 2 * _MAD_SPREAD / math.sqrt(n))
+    ranked = np.argsort(-sizes, kind="stable")
+    beyond = ranked[: sum(1 for _ in takewhile(lambda k: n * _tails(sizes[k] / sure) < level, ranked))]
+    kurtosis, kurtosis_p = _kurtosis(z)
+    return ResidualShape(
+        mean * unit,
+        _mean_p(abs(mean) / spread, n, order),
+        deviation * unit,
+        kurtosis,
+        kurtosis_p,
+        float(sizes[ranked[0]] / deviation),
+        min(1.0, n * _tails(sizes[ranked[0]] / sure)),
+        int(used[ranked[0]]),
+        used[beyond],
+        float(np.sum((z[beyond] - z.mean()) ** 2)) / power,
+    )
+
+
+def _tails(x: float) -> float:
+    """Return the probability that a standard normal number is farther from zero than x."""
+    return math.erfc(x / math.sqrt(2))
+
+
+def _mean_p(t: float, n: int, order: int) -> float:
+    """Return the p-value of a mean of n samples, t of its standard errors away from zero.
+
+    The density at frequency 0 of an autoregression is known to so many degrees of freedom: n / (2 order)
+    (K. N. Berk, Ann. Statist. 2 (1974) 489–502).
+    """
+    if not order:
+        return _tails(t)
+    from scipy.special import stdtr  # heavy import, needed here only
+
+    return 2 * float(stdtr(n / (2 * order), -t))
+
+
+def _whitened(residual: Array) -> tuple[Array, float, int]:
+    """Return a whitened residual (times), what multiplies the deviation of its mean, and the order.
+
+    The variance of the mean of an autoregression is that of its innovations over (1 - sum a)^2 n.
+    """
+    there = ~np.isnan(residual)
+    n = int(np.count_nonzero(there))
+    order = min(_ORDER, n // _PER_ORDER)
+    if not is_coloured(whiteness(residual[:, None])) or not order:
+        return residual, 1.0, 0
+    x = np.where(there, residual - residual[there].mean(), 0.0)
+    unit = float(np.abs(x).max())
+    x /= unit
+    r = np.concatenate([[float(x @ x)], autocovariances(x[:, None], order)[:, 0]])
+    places = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
+    # A residual that is predicted exactly (a pure sine) has a singular matrix: a little noise regularises it.
+    a = np.linalg.solve(r[places] + 1e-9 * r[0] * np.eye(order), r[1:])
+    predicted = np.concatenate([[0.0], np.convolve(x, a)[: len(x) - 1]])
+    known = there & (np.arange(len(x)) >= order)  # before there is too little to predict from
+    return np.where(known, unit * (x - predicted), np.nan), 1 / max(abs(1 - float(a.sum())), 1e-9), order
+
+
+def _kurtosis(z: Array) -> tuple[float, float]:
+    """Return the kurtosis, and the p-value that the tails are no heavier than those of a normal distribution.
+
+    F. J. Anscombe, W. J. Glynn, Biometrika 70 (1983) 227–234.
+    """
+    n = float(len(z))
+    left = z - z.mean()
+    left = left / np.abs(left).max()
+    b2 = float(np.mean(left**4) / np.mean(left**2) ** 2)
+    expected = 3 * (n - 1) / (n + 1)
+    variance = 24 * n * (n - 2) * (n - 3) / ((n + 1) ** 2 * (n + 3) * (n + 5))
+    skew = 6 * (n**2 - 5 * n + 2) / ((n + 7) * (n + 9))
+    skew *= math.sqrt(6 * (n + 3) * (n + 5) / (n * (n - 2) * (n - 3)))
+    A = 6 + 8 / skew * (2 / skew + math.sqrt(1 + 4 / skew**2))
+    x = (b2 - expected) / math.sqrt(variance)
+    below = 1 + x * math.sqrt(2 / (A - 4))
+    if below <= 0:  # tails far lighter than Gaussian ones
+        return b2, 1.0
+    score = (1 - 2 / (9 * A) - ((1 - 2 / A) / below) ** (1 / 3)) / math.sqrt(2 / (9 * A))
+    return b2, 0.5 * math.erfc(score / math.sqrt(2))

@@ -1,0 +1,411 @@
+"""Regressors of the saturated model of a record: what its channels would show of any linear structure.
+
+The scene's model ties all amplitudes and poles to a few unknowns. The saturated model has them free, channel
+by channel: a complex amplitude at every excited frequency; where a force is no sum of sines, a residue of
+every pole and a direct term; free decays; and the poles themselves, to first order. The scene's prediction
+and its derivatives belong to it as well, so that the scene's model is nested in it to first order. What
+follows these shows other faults of a model: a trend, and harmonics (powers of the prediction: J. B. Ramsey,
+J. R. Stat. Soc. B 31 (1969) 350–371). What residuals tell of the next one is no noise either.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import SATURATED
+from dynid.lti.recurrence import recurrence
+from dynid.lti.signals import Multisine, Signal
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# Part of the values of a channel that the regressors may be.
+_COLUMN_PART = 3
+# Residuals before a value that may tell of it, at the most; and the part of the values that they may be.
+_LAGS, _LAG_PART = 8, 20
+# A pole this many times faster than the sampling rate has died within a sample.
+_FAST = 3.0
+# Largest growth over a record that a column may have.
+_GROWTH = 30.0
+# Norm that is left of a column of norm 1 beside those before it, below which it tells nothing new.
+_NEW = 1e-5
+
+
+class RegressorKind(IntEnum):
+    """The kind of a regressor.
+
+    A line or direct term, a mode, the move of a pole, the scene's own, a fault, or residuals before.
+    """
+
+    LINE = 0
+    MODE = 1
+    POLE = 2
+    SCENE = 3
+    FAULT = 4
+    BEFORE = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Regressors:
+    """Regressors (rows x d): what `kind` each is of (d), and which `group` (d) of one complex number.
+
+    The move of a pole has the group of the mode's amplitude. `rate` (d) is the change of a pole's column by a
+    relative change of the pole, and the `pole` (d) itself, NaN of other columns.
+    """
+
+    values: Array
+    kind: NDArray[np.int_]
+    group: NDArray[np.int_]
+    pole: ComplexArray
+    rate: Array
+
+    @classmethod
+    def of(
+        cls,
+        kind: RegressorKind,
+        pairs: Sequence[Array],
+        rows: int,
+        poles: Sequence[complex] = (),
+        span: float = 0.0,
+    ) -> Regressors:
+        """Return groups of columns of one kind; of poles over a record that spans so many seconds."""
+        widths = [pair.shape[1] for pair in pairs]
+        pole = np.repeat(np.array([*poles, *[np.nan] * (len(pairs) - len(poles))], dtype=complex), widths)
+        return cls(
+            np.concatenate([np.zeros((rows, 0)), *pairs], axis=1),
+            np.full(sum(widths), kind),
+            np.repeat(np.arange(len(pairs)), widths),
+            pole,
+            np.abs(pole) * span,
+        )
+
+    def beside(self, *others: Regressors) -> Regressors:
+        """Return these columns and, after them, others."""
+        every = (self, *others)
+        return Regressors(
+            np.concatenate([one.values for one in every], axis=1),
+            np.concatenate([one.kind for one in every]),
+            np.concatenate([one.group for one in every]),
+            np.concatenate([one.pole for one in every]),
+            np.concatenate([one.rate for one in every]),
+        )
+
+    @cached_property
+    def gram(self) -> Array:
+        """Their products (d x d)."""
+        return np.asarray(self.values.T @ self.values)
+
+    def where(self, there: NDArray[np.bool_]) -> Regressors:
+        """Return the regressors of a channel whose values are there (rows)."""
+        return self if there.all() else replace(self, values=self.values * there[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class SaturatedCoordinates:
+    """A channel in orthonormal directions of its saturated model.
+
+    Attributes
+    ----------
+    kind, group, pole, rate
+        As of the regressor that each direction comes from (m).
+    size
+        Norm of that regressor beside those before it (m).
+    measured, residual
+        Measured values and the scene's residuals (m).
+    by_state, by_parameter
+        Derivatives of the prediction (m x n, m x p).
+    count
+        How many independent values there are.
+    energy, left
+        Sums of squares of the measured values and of the residuals.
+    """
+
+    kind: NDArray[np.int_]
+    group: NDArray[np.int_]
+    pole: ComplexArray
+    rate: Array
+    size: Array
+    measured: Array
+    residual: Array
+    by_state: Array
+    by_parameter: Array
+    count: float
+    energy: float
+    left: float
+
+
+class ChannelColumns(NamedTuple):
+    """The saturated model of one channel (rows): `prediction`, `residual`, derivatives.
+
+    `by_state` (rows x n), `by_parameter` (rows x p), `faults` and residuals `before` (rows x any).
+    """
+
+    prediction: Array
+    residual: Array
+    by_state: Array
+    by_parameter: Array
+    faults: Array
+    before: Array
+
+
+def regressors_in_time(
+    signals: Sequence[Signal], inputs: Sequence[Array], poles: ComplexArray, times: Array, most: int
+) -> Regressors:
+    """Return the regressors that the channels of a record of time share.
+
+    Parameters
+    ----------
+    signals
+        What acts.
+    inputs
+        Their values, and their derivatives (times x signals).
+    poles
+        Poles of the model, 1/s.
+    times
+        Sampling times, s, evenly spaced.
+    most
+        How many regressors there may be.
+    """
+    lines = _lines(signals)
+    broad = [k for k, signal in enumerate(signals) if _source(signal) is None]
+    if 2 * len(lines) > most // 2:  # too many to be free: as a broadband force
+        lines, broad = np.empty(0), list(range(len(signals)))
+    found = [_waves(omega, times) for omega in lines]
+    found += [_unit(values[:, [k]]) for values in inputs for k in broad]
+    direct = Regressors.of(RegressorKind.LINE, found, len(times))
+    step, span = _spacing(times)
+    budget = max(0, most - direct.values.shape[1]) // (4 * (1 + len(broad)))
+    kept = upper_poles(poles, math.pi / step, _FAST / step)[:budget]
+    forces = _unit(inputs[0][:, broad]) if broad else np.zeros((len(times), 0))
+    modes, moves = _modes(kept, forces, times)
+    each = [pole for pole, pairs in zip(kept, modes, strict=True) for _ in pairs]
+    flat = [[pair for pairs in part for pair in pairs] for part in (modes, moves)]
+    free = Regressors.of(RegressorKind.MODE, flat[0], len(times), each)
+    return direct.beside(free, Regressors.of(RegressorKind.POLE, flat[1], len(times), each, span))
+
+
+def _unit(values: Array) -> Array:
+    """Return columns over their largest values."""
+    largest = np.abs(values).max(axis=0, initial=0.0)
+    return np.asarray(values / np.where(largest > 0, largest, 1.0))
+
+
+def _spacing(times: Array) -> tuple[float, float]:
+    """Return step and length of a record, s."""
+    span = float(times[-1] - times[0])
+    return (span / (len(times) - 1), span) if span else (1.0, 1.0)
+
+
+def _source(signal: Signal) -> Multisine | None:
+    """Return the sum of sines that a signal is, or is a derivative of."""
+    given = getattr(signal, "signal", signal)
+    return given if isinstance(given, Multisine) else None
+
+
+def _lines(signals: Sequence[Signal]) -> Array:
+    """Return the frequencies of all sines that act, rad/s."""
+    found = [source for signal in signals if (source := _source(signal)) is not None]
+    each = [np.abs(source.frequency)[np.asarray(source.amplitude) != 0] for source in found]
+    return np.unique(np.concatenate([np.empty(0), *each]))
+
+
+def _waves(omega: float, times: Array) -> Array:
+    """Return cosine and sine of a frequency, rad/s; of frequency 0 a constant."""
+    phase = omega * times
+    return np.column_stack([np.cos(phase), np.sin(phase)]) if omega else np.ones((len(times), 1))
+
+
+def upper_poles(poles: ComplexArray, fastest: float, shortest: float) -> ComplexArray:
+    """Return one pole of each pair, the slow ones first; none that sampling does not show."""
+    real = np.abs(poles.imag) <= 1e-9 * np.abs(poles)
+    upper = np.where(real, poles.real, poles)[real | (poles.imag > 0)]
+    upper = upper[(upper.imag < fastest) & (upper.real > -shortest)]
+    return np.asarray(upper[np.argsort(np.abs(upper), kind="stable")])
+
+
+def _modes(poles: ComplexArray, forces: Array, times: Array) -> tuple[list[list[Array]], list[list[Array]]]:
+    """Return of each pole the columns of forced response and free decay, and their derivatives by it."""
+    _, span = _spacing(times)
+    modes: list[list[Array]] = []
+    moves: list[list[Array]] = []
+    since = (times - times[0]) / span
+    for pole in poles:
+        # What grows is taken backwards: only its direction counts.
+        decay = np.exp(pole * span * (since - (1.0 if pole.real > 0 else 0.0)))
+        forced, moved = _forced(pole, forces, times)
+        modes.append([_pair(column, pole) for column in (*forced, decay)])
+        moves.append([_pair(column, pole) for column in (*moved, since * decay)])
+    return modes, moves
+
+
+def _forced(pole: complex, forces: Array, times: Array) -> tuple[list[ComplexArray], list[ComplexArray]]:
+    """Return the responses of x' = pole x + f to the forces from rest, and the derivatives by the pole."""
+    (step, span), n = _spacing(times), forces.shape[1]
+    if not n or pole.real * span > _GROWTH:
+        return [], []
+    grown = np.exp(pole * step)
+    a, b = grown.real, grown.imag
+    turn = np.array([[a, -b], [b, a]])
+    phi = np.block([[turn, np.zeros((2, 2))], [np.eye(2), turn]])
+    pushed = step / 2 * (grown * forces[:-1] + forces[1:])
+    forcing = np.stack([pushed.real, pushed.imag, np.zeros(pushed.shape), np.zeros(pushed.shape)], axis=2)
+    states = np.zeros((len(times), n, 4))
+    states[1:] = recurrence(phi, np.ascontiguousarray(forcing), np.zeros((n, 4)))
+    return (
+        [states[:, k, 0] + 1j * states[:, k, 1] for k in range(n)],
+        [states[:, k, 2] + 1j * states[:, k, 3] for k in range(n)],
+    )
+
+
+def _pair(column: ComplexArray, pole: complex) -> Array:
+    """Return the real columns that a complex one spans with its conjugate; of a real pole one."""
+    return np.column_stack([column.real, column.imag] if pole.imag else [column.real])
+
+
+def most_regressors(rows: int) -> int:
+    """Return how many regressors a channel of so many values may have besides the scene's own."""
+    return min(SATURATED.value, rows // _COLUMN_PART)
+
+
+def fault_columns(prediction: Array) -> Array:
+    """Return columns of what no linear structure does (times x 4): a trend and harmonics of a prediction."""
+    rows = len(prediction)
+    return np.column_stack([np.ones(rows), np.linspace(-1, 1, rows), prediction**2, prediction**3])
+
+
+def delayed_residuals(residual: Array) -> Array:
+    """Return the residuals before (times x any) of a channel (times), 0 where a value is missing."""
+    return np.column_stack([np.zeros((len(residual), 0)), *_delayed(residual)])
+
+
+def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, most: int) -> Regressors:
+    """Return the regressors of a frequency response, real parts above imaginary ones (2 L x d).
+
+    Parameters
+    ----------
+    poles
+        Poles of the model, 1/s.
+    omega
+        Lines (L), rad/s.
+    profile
+        What values count by (L).
+    most
+        How many regressors there may be.
+    """
+    s, scale = 1j * omega, max(float(omega[-1]), np.finfo(float).tiny)
+    rest = [_parts(np.asarray((s / scale) ** order / profile))[:, None] for order in range(3)]
+    direct = Regressors.of(RegressorKind.LINE, rest, 2 * len(omega))
+    kept = upper_poles(poles, 2 * scale, math.inf)[: max(0, most - len(rest)) // 4]
+    kept = kept[np.abs(s[:, None] - kept).min(axis=0, initial=math.inf) > 0]
+    modes: list[Array] = []
+    moves: list[Array] = []
+    for pole in kept:
+        one, other = scale / (s - pole), scale / (s - pole.conjugate())
+        for out, power in ((modes, 1), (moves, 2)):
+            a, b = one**power, other**power
+            pair = [a + b, 1j * (a - b)] if pole.imag else [a]
+            out.append(np.column_stack([_parts(column / profile) for column in pair]))
+    free = Regressors.of(RegressorKind.MODE, modes, 2 * len(omega), kept.tolist())
+    return direct.beside(
+        free, Regressors.of(RegressorKind.POLE, moves, 2 * len(omega), kept.tolist(), 1 / scale)
+    )
+
+
+def _parts(values: ComplexArray) -> Array:
+    return np.concatenate([values.real, values.imag])
+
+
+def delayed_residuals_by_line(residual: Array) -> Array:
+    """Return the residuals of lines before (2 L x any), real parts above imaginary ones."""
+    real, imaginary = np.split(residual, 2)
+    each = [*zip(_delayed(real), _delayed(imaginary), strict=True)]
+    turned = [part for a, b in each for part in (np.concatenate([a, b]), np.concatenate([-b, a]))]
+    return np.column_stack([np.zeros((len(residual), 0)), *turned])
+
+
+def _delayed(residual: Array) -> Iterator[Array]:
+    """Yield the residuals (rows) delayed by one row, by two, and so on."""
+    for lag in range(1, min(_LAGS, len(residual) // _LAG_PART) + 1):
+        yield np.concatenate([np.zeros(lag), residual[:-lag]])
+
+
+def saturated_coordinates(shared: Regressors, seen: ChannelColumns, count: float) -> SaturatedCoordinates:
+    """Return a channel in orthonormal directions of its saturated model, in the order of its regressors.
+
+    Parameters
+    ----------
+    shared
+        The regressors besides the scene's own (rows x d), 0 where a value is missing.
+    seen
+        The channel, alike.
+    count
+        How many independent values it has.
+    """
+    named = [seen.prediction[:, None], seen.by_parameter, seen.by_state, seen.faults, seen.before]
+    own = np.concatenate([*named, seen.residual[:, None]], axis=1)
+    largest = np.abs(own).max(axis=0, initial=0.0)
+    own /= np.where(largest > 0, largest, 1.0)
+    across = shared.values.T @ own
+    gram = np.block([[shared.gram, across], [across.T, own.T @ own]])
+    size = np.sqrt(gram.diagonal())
+    unit = np.where(size > 0, size, 1.0)
+    gram = gram / unit / unit[:, None]
+    norms = size * np.concatenate([np.ones(len(shared.kind)), largest])
+    first, p = shared.values.shape[1], seen.by_parameter.shape[1]
+    last = first + 1 + p + seen.by_state.shape[1]
+    widths = [last - first, seen.faults.shape[1], seen.before.shape[1]]
+    kinds = np.repeat([RegressorKind.SCENE, RegressorKind.FAULT, RegressorKind.BEFORE], widths)
+    group, pole, rate = (
+        np.concatenate([part, np.full(len(kinds), -1)]) for part in (shared.group, shared.pole, shared.rate)
+    )
+    places, R = _triangle(gram, len(gram) - 1, int(count) - 1)
+    R = R * norms
+    return SaturatedCoordinates(
+        kind=np.concatenate([shared.kind, kinds])[places],
+        group=group[places],
+        pole=pole[places],
+        rate=rate[places],
+        size=R[np.arange(len(places)), places],
+        measured=R[:, first] + R[:, -1],
+        residual=R[:, -1],
+        by_state=R[:, first + 1 + p : last],
+        by_parameter=R[:, first + 1 : first + 1 + p],
+        count=count,
+        energy=float(np.sum((seen.prediction + seen.residual) ** 2)),
+        left=float(np.sum(seen.residual**2)),
+    )
+
+
+def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Array]:
+    """Return which of the active columns tell something new, and all columns in their directions.
+
+    Parameters
+    ----------
+    gram
+        Products of columns of norm 1 (d x d), the active ones first.
+    active
+        How many of them are regressors.
+    most
+        How many directions there may be.
+    """
+    left = gram.copy()
+    places: list[int] = []
+    rows: list[Array] = []
+    for k in range(active):
+        if len(places) >= most:
+            break
+        if left[k, k] <= _NEW**2:
+            continue
+        row = left[k] / math.sqrt(left[k, k])
+        left -= np.outer(row, row)
+        places.append(k)
+        rows.append(row)
+    return np.array(places, dtype=int), np.array(rows).reshape(-1, len(gram))

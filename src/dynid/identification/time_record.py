@@ -1,0 +1,354 @@
+"""Likelihood of records of time: initial state, residuals, information, and priors of filter passes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.calibration import DELAY, GAIN_CHANGE, CalibrationDerivatives
+from dynid.identification.filter import FilterPrior
+from dynid.identification.information import Information, information
+from dynid.identification.kernels import compiled
+from dynid.identification.least_squares import (
+    STATE_RANK,
+    least_squares,
+    thin_svd,
+    triangular_factors,
+    without_state,
+)
+from dynid.identification.likelihood import Likelihood, RecordFit, RecordLikelihood
+from dynid.identification.measurement import Experiment, RecordData
+from dynid.identification.prediction import (
+    Free,
+    Trajectory,
+    forced_by,
+    free_prediction,
+    prediction,
+    rates,
+)
+from dynid.identification.record_model import RecordModel
+from dynid.identification.residual_tests import spectrum
+from dynid.identification.saturated_model import (
+    ChannelColumns,
+    SaturatedCoordinates,
+    delayed_residuals,
+    fault_columns,
+    most_regressors,
+    regressors_in_time,
+    saturated_coordinates,
+)
+from dynid.identification.statistics import root_mean_square
+from dynid.structure.joints import Unknown
+from dynid.structure.response import Channel
+
+Array = NDArray[np.float64]
+
+# The prior lets every channel be this many times larger than measured.
+_WIDE = 10.0
+# FilterPrior standard deviation of the logarithms in the first pass: a factor of e squared.
+_FACTOR = 2.0
+# Noise below this part of the RMS is not assumed: the covariance would lose its digits.
+_LEAST_NOISE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class TimeRecord(RecordLikelihood):
+    """The likelihood of one record of time with its model.
+
+    Attributes
+    ----------
+    model
+        The model of the record.
+    data
+        The record.
+    experiment
+        Loads and measurement as they were given, for messages and results.
+    sharing
+        Number of records that share the parameters.
+    """
+
+    model: RecordModel
+    data: RecordData
+    experiment: Experiment | None = None
+    sharing: int = 1
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """The channels."""
+        return self.model.channels
+
+    @property
+    def taken_under(self) -> Experiment:
+        """Loads and measurement, which have to be known."""
+        assert self.experiment is not None
+        return self.experiment
+
+    @property
+    def sampling_step(self) -> float:
+        """Sampling step, s."""
+        return self.taken_under.measurement.step
+
+    @property
+    def mean_is_offset(self) -> bool:
+        """True unless the record was detrended: that takes the mean of the motion, too."""
+        return not any(step.startswith("detrend") for step in self.taken_under.measurement.prepared)
+
+    def row_label(self, row: int) -> str:
+        """Return the time of a sample."""
+        return f"{row * self.sampling_step:.5g} s"
+
+    def unexplained(self, fit: RecordFit, column: int) -> tuple[float, Array]:
+        """Return the raw residual of a channel over its signal (RMS), and that residual (times x 1)."""
+        residual = self._raw_residual(fit, column)
+        recorded = self.data.recorded[:, [column]]
+        return float(root_mean_square(residual)[0] / root_mean_square(recorded)[0]), residual
+
+    def residual_peak(self, fit: RecordFit, column: int) -> float:
+        """Return the frequency, rad/s, at which the residual of a channel is strongest."""
+        omega, density = spectrum(self._raw_residual(fit, column), self.sampling_step)
+        return float(omega[int(np.argmax(density[:, 0]))])
+
+    def _raw_residual(self, fit: RecordFit, column: int) -> Array:
+        return np.asarray((self.data.recorded - fit.predicted.outputs)[:, [column]])
+
+    @cached_property
+    def root(self) -> Array:
+        """Lower root of the wide prior covariance of the state (n x n)."""
+        return np.asarray(_WIDE * (self.data.rms / self.model.reach).max() * self.model.state_root)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknown parameters (p)."""
+        return self.model.unknowns
+
+    @property
+    def nuisances(self) -> int:
+        """Number of physical states, whose initial values are unknown."""
+        return self.model.states
+
+    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:
+        """RecordFit the initial state to `values` (times x channels) at the parameters exp(logs).
+
+        Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
+        """
+        free, steps = free_prediction(self.model, logs)
+        x0 = self._start(free, values, noise)
+        predicted = prediction(self.model, logs, x0, free, steps)
+        residual = values - predicted.outputs
+        found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
+        size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
+        trajectory = Trajectory(predicted.outputs, predicted.states)
+        return RecordFit(logs, trajectory, residual, counts, size, self.noise_in(counts, size), found)
+
+    def residual(self, logs: Array) -> Array:
+        """Return what the fit at exp(logs) leaves of the record (times x channels), NaN where missing."""
+        free, _ = free_prediction(self.model, logs)
+        x0 = self._start(free, self.data.values, None)
+        return np.asarray(self.data.values - free.forced - free.by_state @ x0)
+
+    def _start(self, free: Free, values: Array, noise: Array | None) -> Array:
+        """Return the initial state that fits `values` best (n), as of `fit`."""
+        forced = free.forced + free.by_state @ self.model.initial
+        weight = 1.0 if noise is None else (self.data.rms / noise)[:, None, None]
+        rows = self._triangles(values - forced, free.by_state, free.by_state[..., :0])[0] * weight
+        matrix = (rows[..., :-1] @ self.root).reshape(-1, len(self.root))
+        # Rank-revealing: initial states that the record does not show stay at zero.
+        shift = least_squares(matrix, rows[..., -1].ravel(), STATE_RANK)
+        return np.asarray(self.model.initial + self.root @ shift)
+
+    def slopes(self, fit: RecordFit, noise: Array) -> Array:
+        """Return few rows with the same products as the derivatives by the logarithms over noise (… x p)."""
+        n, p = self.model.states, self.model.parameters
+        return self._weighted(fit, noise)[:, n : n + p]
+
+    def by_start(self, fit: RecordFit, noise: Array) -> Array:
+        """Return, row by row beside `slopes`, those by the first state in the units of its prior (… x n)."""
+        return np.asarray(self._weighted(fit, noise)[:, : self.model.states] @ self.root)
+
+    def taken(self, fit: RecordFit, noise: Array) -> Array:
+        """Return the degrees of freedom that the initial state takes from each channel (channels)."""
+        rows = self.by_start(fit, noise)
+        U, s, _ = thin_svd(rows)
+        U = U[:, : len(s)][:, s > STATE_RANK * s.max(initial=0.0)]
+        return np.asarray(np.sum(U**2, axis=1).reshape(len(noise), -1).sum(axis=1))
+
+    def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
+        """Return numbers of channels (channels) row by row as the triangles stand."""
+        return np.repeat(level, self.model.states + self.model.parameters + 1)
+
+    def on(self, data: RecordData) -> Self:
+        """Return the fitter of other values of the same record."""
+        return replace(self, data=data)
+
+    def information(self, fit: RecordFit, noise: Array) -> Information:
+        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
+        n, p = self.model.states, self.model.parameters
+        rows = self._weighted(fit, noise)
+        names = tuple(unknown.name for unknown in self.model.unknowns)
+        present = ~np.isnan(fit.residual)
+        signal = float(np.linalg.norm(np.where(present, fit.predicted.outputs, 0.0) / noise))
+        count = int(np.count_nonzero(present))
+        found = information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count)
+        return replace(found, values=np.exp(fit.logs))
+
+    def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
+        """Return the channels, in units of their RMS, in directions of their saturated models."""
+        line, free_and_steps = self.model.line, free_prediction(self.model, fit.logs)
+        predicted = prediction(self.model, fit.logs, fit.predicted.states[0], *free_and_steps)
+        times, white = line.nodes[line.wanted], self.data.passed == 1
+        most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
+        inputs = [line.inputs(order) for order in (0, 1)]
+        shared = regressors_in_time(self.model.signals, inputs, self.model.poles(fit.logs), times, most)
+        found = []
+        for c, rms in enumerate(self.data.rms):
+            there = ~np.isnan(fit.residual[:, c])
+            weight = there / rms
+            outputs = predicted.outputs[:, c] * weight
+            residual = np.nan_to_num(fit.residual[:, c]) * weight
+            by_state = predicted.by_state[:, c] @ self.root * weight[:, None]
+            by_parameter = predicted.by_parameter[:, c] * weight[:, None]
+            # A filter before the estimator makes white residuals follow another.
+            before = (delayed_residuals(residual) if white else np.zeros((len(there), 0))) * there[:, None]
+            faults = fault_columns(outputs) * there[:, None]
+            seen = ChannelColumns(outputs, residual, by_state, by_parameter, faults, before)
+            found.append(
+                saturated_coordinates(
+                    shared.where(there), seen, int(self.data.counts[c]) * min(1.0, self.data.passed)
+                )
+            )
+        return found
+
+    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+        """Return the derivatives by what calibration settles, for a noise of this deviation (channels)."""
+        model, n, p = self.model, self.model.states, self.model.parameters
+        names, changes, columns = self._by_loads(fit)
+        free, steps = free_prediction(model, fit.logs)
+        found = prediction(model, fit.logs, fit.predicted.states[0], free, steps)
+        columns = [*columns, np.nan_to_num(self.data.recorded)]
+        beside = np.concatenate([found.by_parameter, np.stack(columns, axis=2)], axis=2)
+        rows = self._triangles(self.yielding(fit), found.by_state, beside)[0][..., :-1]
+        rows *= (self.data.rms / noise)[:, None, None]
+        # The gain of a channel acts on the rows of that channel alone.
+        own = -rows[..., -1:] * np.eye(len(rows))[:, None, :]
+        every = np.concatenate([rows[..., :-1], own], axis=2)
+        every = every.reshape(-1, every.shape[2])
+        projected, _ = without_state(every[:, n:], every[:, :n] @ self.root)
+        sensors = model.gains[1]
+        return CalibrationDerivatives(
+            (*names, *sensors),
+            np.array([*changes, *[GAIN_CHANGE] * len(sensors)]),
+            projected[:, :p],
+            projected[:, p:],
+        )
+
+    def _by_loads(self, fit: RecordFit) -> tuple[list[str], list[float], list[Array]]:
+        """Return names, changes, and derivatives of the prediction by gains and delay of the loads.
+
+        They are exact but for motions that start otherwise, of which nothing is left beside the initial
+        state: so the whole prediction stands for what a single load forces, and minus its rate for the
+        derivative by the delay.
+        """
+        model, loads = self.model, self.model.gains[0]
+        names = list(dict.fromkeys(loads))
+        if len(names) == 1:
+            columns = [fit.predicted.outputs]
+        else:
+            places = [[place for place, one in enumerate(loads) if one == name] for name in names]
+            columns = [forced_by(model, fit.logs, here) for here in places]
+        changes, times = [GAIN_CHANGE] * len(names), model.line.nodes[model.line.wanted]
+        if names and len(times) > 1:
+            names.append(DELAY)
+            changes.append(float(f"{np.diff(times).min():.12g}"))  # as a scene writes it
+            columns.append(-rates(model, fit.logs, fit.predicted.states))
+        return names, changes, columns
+
+    def weighted(self, fit: RecordFit, noise: Array) -> Array:
+        """Return the residuals over noise, row by row as the information has them."""
+        return self._weighted(fit, noise)[:, -1]
+
+    def _weighted(self, fit: RecordFit, noise: Array) -> Array:
+        assert fit.triangles is not None
+        rows = fit.triangles * (self.data.rms / noise)[:, None, None]
+        return rows.reshape(-1, rows.shape[-1])
+
+    def _triangles(
+        self, residual: Array, by_state: Array, by_parameter: Array
+    ) -> tuple[Array, NDArray[np.int_]]:
+        """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter."""
+        line = self.model.line
+        if compiled(len(line.nodes), self.model.states + len(line.G), self.model.parameters):
+            from dynid.identification.kernels import steps, triangle_kernel  # loads numba
+
+            every = (steps.plain(each) for each in (by_state, by_parameter, residual, self.data.rms))
+            return triangle_kernel.triangles(*every)
+        rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
+        rows /= self.data.rms[:, None]
+        missing = np.isnan(residual)
+        rows[missing] = 0.0
+        return triangular_factors(rows), np.count_nonzero(~missing, axis=0)
+
+    def floored(self, noise: Array) -> Array:
+        """Return the noise to assume: never less than a small part of each channel's RMS."""
+        return np.maximum(noise, _LEAST_NOISE * self.data.rms)
+
+    def wide_prior(self, logs: Array, spread: float = _FACTOR) -> FilterPrior:
+        """Return the prior of a first pass: any state the record allows, logarithms with this deviation."""
+        return FilterPrior(self.model.initial, logs, self._wide_root(spread))
+
+    def unit_prior(self, fit: RecordFit) -> FilterPrior:
+        """Return a fresh prior around a fit that weighs as much as a single measured value.
+
+        It is the fit's own covariance times the number of values, bounded by the wide prior: wide enough
+        not to pull, narrow enough to keep the filter where its linearisation holds.
+        """
+        root = self._wide_root()
+        rows = self._weighted(fit, self.floored(fit.noise))[:, :-1]
+        _, s, Vt = thin_svd(rows @ root)
+        seen = np.zeros(len(root))
+        seen[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
+        return FilterPrior(fit.predicted.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + seen)))
+
+    def continued(self, prior: FilterPrior, logs: Array, root: Array) -> FilterPrior:
+        """Return a prior of this record's state, with logarithms as another record left them.
+
+        Parameters
+        ----------
+        prior
+            State and its root.
+        logs, root
+            Logarithms (p) and a root of their covariance (p x any).
+        """
+        n, size = self.model.states, len(prior.root)
+        both = np.zeros((size, size))
+        both[:n, :n], both[n:, n:] = _square(prior.root[:n]), _square(root)
+        return FilterPrior(prior.state, logs, both)
+
+    def _wide_root(self, spread: float = _FACTOR) -> Array:
+        n, p = self.model.states, self.model.parameters
+        root = np.zeros((n + p, n + p))
+        root[:n, :n] = self.root
+        root[n:, n:] = spread * np.eye(p)
+        return root
+
+
+def _square(root: Array) -> Array:
+    """Return the triangular root of ``root root^T``."""
+    return np.asarray(np.linalg.qr(root.T).R.T)
+
+
+@dataclass(frozen=True, eq=False)
+class TimeLikelihood(Likelihood):
+    """Records of time that share their parameters.
+
+    Attributes
+    ----------
+    records
+        One or more, all with the same unknowns.
+    """
+
+    records: tuple[TimeRecord, ...]

@@ -1,0 +1,391 @@
+"""Result of an identification: the posterior of the parameters and its records as named arrays.
+
+Everything is below ``identification/``: `parameters`, `considered`, `stages` and `diagnostics` of every
+identification; of records of time `history`, `first_pass`, `measurement`, `states`, `residual_spectrum` and
+`innovations`; of frequency responses `measurement`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import HUBER
+from dynid.identification.calibration import GROUP as CONSIDERED
+from dynid.identification.calibration import add_calibration_slopes
+from dynid.identification.estimators.estimate import Sweep
+from dynid.identification.filter import Pass, stored_rows
+from dynid.identification.frf.record import FrfRecord
+from dynid.identification.likelihood import RecordFit
+from dynid.identification.measurement import Measurement
+from dynid.identification.posterior import Posterior
+from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum, whiteness
+from dynid.identification.states import state_deviations
+from dynid.identification.time_record import TimeRecord
+from dynid.identification.verdict import CONTRADICTED, verdict, warnings
+from dynid.result import Result
+from dynid.structure.excitation import inputs_of
+from dynid.structure.matrices import Label
+from dynid.structure.response import Channel, common_unit, source_names
+
+Array = NDArray[np.float64]
+
+_PARAMETERS, _STAGES = "identification/parameters", "identification/stages"
+_DIAGNOSTICS = "identification/diagnostics"
+#: Groups that have the samples of a record for an axis.
+_SAMPLED = tuple(
+    f"identification/{group}"
+    for group in ("history", "first_pass", "measurement", "states", "residual_spectrum", "innovations")
+)
+#: Names of the tests of residuals.
+_TESTS = (
+    *("noise_p", "noise_contradicted", "channel_noise_p", "noise_ratio", "outliers"),
+    *(f"residual_{name}" for name in ("mean", "mean_p", "kurtosis", "kurtosis_p", "largest", "largest_p")),
+)
+#: Names that belong to the autocorrelation of the residuals.
+_AUTOCORRELATION = ("lag", "autocorrelation", "autocorrelation_band", "channel_whiteness_p")
+#: Names that need the comparison of three models of the records.
+_COMPARED = (
+    *("converged", "explained", "redundancy", "signal_p", "signal_explained"),
+    *("lack_of_fit_p", "channel_lack_of_fit_p"),
+)
+
+
+def write_result(
+    result: Result,
+    posterior: Posterior,
+    true_states: Callable[[], Sequence[Array | None]] | None = None,
+) -> Result:
+    """Add a posterior to a result, as far as it is wanted there, and return it.
+
+    Parameters
+    ----------
+    result
+        The result to add to.
+    posterior
+        The posterior.
+    true_states
+        Returns for each record of time the states (times x n) that it was simulated with, where known.
+    """
+    _add_parameters(result, posterior)
+    if result.wants_below(CONSIDERED):
+        add_calibration_slopes(result, posterior.calibration_slopes)
+    if any(map(result.wants_below, _SAMPLED)):
+        _add_records(result, posterior, true_states)
+    _add_stages(result, posterior)
+    _add_diagnostics(result, posterior)
+    if posterior.model_error is not None:
+        posterior.model_error.add_to(result, [place.name for place in posterior.channels])
+    return result
+
+
+def _add_parameters(result: Result, posterior: Posterior) -> None:
+    """Add ``parameters/``: estimates with error bars, bounds and correlations."""
+    group, dims = _PARAMETERS, ("parameter",)
+    unknowns, names, priors = (
+        posterior.likelihood.unknowns,
+        posterior.likelihood.names,
+        posterior.likelihood.priors,
+    )
+    unit, estimate, true = _unit(posterior), np.exp(posterior.fit.logs), posterior.true
+    result.add_axis(f"{group}/parameter", names)
+    result.add(f"{group}/name", names, dims)
+    result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
+    result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
+    result.add(f"{group}/true", true, dims, unit)
+    result.add(f"{group}/estimate", estimate, dims, unit)
+    result.add(f"{group}/standard_error", estimate * posterior.information.deviations(), dims, unit)
+    if result.wants(f"{group}/standard_error_scaled") and posterior.noise_is_given:
+        result.add(f"{group}/standard_error_scaled", estimate * posterior.scaled_deviations, dims, unit)
+    if result.wants(f"{group}/cramer_rao"):
+        result.add(f"{group}/cramer_rao", posterior.bound, dims, unit)
+    result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.logs), dims)
+    if priors.believed.any():
+        result.add(f"{group}/cramer_rao_without_prior", posterior.bound_with(prior=False), dims, unit)
+    result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
+    # An axis of its own: two axes of one name could not be distinguished.
+    result.add_axis(f"{group}/other", names)
+    result.add(f"{group}/correlation", posterior.information.correlation(), ("parameter", "other"))
+
+
+def _unit(posterior: Posterior) -> str:
+    """Return the unit that all parameters share, if they do."""
+    return common_unit(unknown.unit for unknown in posterior.likelihood.unknowns)
+
+
+def _add_stages(result: Result, posterior: Posterior) -> None:
+    """Add ``stages/``: the estimate of each stage of the estimator."""
+    group, stages = _STAGES, posterior.estimate.stages
+    result.annotate("identification", estimator=posterior.method)
+    result.add_axis(f"{group}/stage", [stage.name for stage in stages])
+    result.add_axis(f"{group}/parameter", posterior.likelihood.names)
+    estimates = np.exp([stage.logs for stage in stages])
+    result.add(f"{group}/estimate", estimates, ("stage", "parameter"), _unit(posterior))
+    left = [np.max(stage.residual_ratio) for stage in stages]
+    result.add(f"{group}/residual_ratio", left, ("stage",))
+    result.add(f"{group}/iterations", [stage.iterations for stage in stages], ("stage",))
+    chosen = [stage.logs is posterior.fit.logs for stage in stages].index(True) + 1
+    result.add(f"{group}/chosen", chosen)
+
+
+# Diagnostics.
+
+
+def _add_diagnostics(result: Result, posterior: Posterior) -> None:
+    """Add ``diagnostics/``: convergence, comparison of models, tests of the residuals, verdict."""
+    group = _DIAGNOSTICS
+    for name in ("optimum", "settled"):
+        result.add(f"{group}/{name}", posterior.optimal)
+    if any(result.wants(f"{group}/{name}") for name in _COMPARED):
+        _add_comparison(result, posterior)
+    result.add_axis(f"{group}/parameter", posterior.likelihood.names)
+    result.add(f"{group}/distance_to_optimum", posterior.distance_to_optimum, ("parameter",))
+    if posterior.likelihood.priors.believed.any():
+        conflict = posterior.prior_conflict
+        result.add(f"{group}/prior_conflict", conflict, ("parameter",))
+        result.add(f"{group}/prior_contradicted", conflict > CONTRADICTED, ("parameter",))
+    result.add_axis(f"{group}/channel", [place.name for place in posterior.channels])
+    unit = common_unit(place.unit for place in posterior.channels)
+    result.add(f"{group}/residual_rms", posterior.residual_rms, ("channel",), unit)
+    result.add(f"{group}/residual_ratio", posterior.residual_ratio, ("channel",))
+    result.add(f"{group}/whiteness_p", posterior.whiteness_p)
+    result.add(f"{group}/white", not is_coloured(posterior.whiteness_p))
+    result.add(f"{group}/condition", posterior.information.condition())
+    for name, count in posterior.estimate.counts.items():
+        result.add(f"{group}/{name}", count)
+    result.add(f"{group}/passes", len(posterior.estimate.histories))
+    if any(result.wants(f"{group}/{name}") for name in _TESTS):
+        _add_residual_tests(result, posterior)
+    if any(result.wants(f"{group}/{name}") for name in _AUTOCORRELATION):
+        _add_autocorrelation(result, posterior)
+    if any(result.wants(f"{group}/{name}") for name in ("verdict", "warnings")):
+        result.add(f"{group}/verdict", verdict(posterior))
+        result.add_axis(f"{group}/warnings", np.array(warnings(posterior), dtype=object))
+
+
+def _add_comparison(result: Result, posterior: Posterior) -> None:
+    """Add the comparison of the scene's model with no model and with the saturated one."""
+    group, compared = _DIAGNOSTICS, posterior.comparison
+    result.add(f"{group}/converged", posterior.converged)
+    result.add(f"{group}/explained", compared.explained)
+    result.add(f"{group}/redundancy", compared.redundancy)
+    result.add(f"{group}/signal_p", compared.signal_p)
+    result.add(f"{group}/signal_explained", compared.signal_explained)
+    result.add(f"{group}/lack_of_fit_p", compared.lack_of_fit_p)
+    result.add(f"{group}/channel_lack_of_fit_p", compared.channel_lack_of_fit_p, ("channel",))
+    if not posterior.converged:
+        result.annotate(_PARAMETERS, error_bars="nominal: the result is rejected")
+    elif compared.lacks_fit or is_coloured(posterior.whiteness_p):
+        result.annotate(_PARAMETERS, error_bars="nominal: the residuals are not noise")
+
+
+def _add_residual_tests(result: Result, posterior: Posterior) -> None:
+    """Add the tests of residuals to ``diagnostics/``, and ``robust/`` where a robust loss was used."""
+    test, dims, group = posterior.noise_test, ("channel",), _DIAGNOSTICS
+    unit = common_unit(place.unit for place in posterior.channels)
+    result.add(f"{group}/noise_p", test.p)
+    if not np.isnan(test.p):
+        result.add(f"{group}/noise_contradicted", bool(posterior.contradicted_noise))
+        result.add(f"{group}/channel_noise_p", test.channel_p, dims)
+        result.add(f"{group}/noise_ratio", test.ratio, dims)
+    shapes = [each for each in posterior.shapes if each is not None]
+    if len(shapes) == len(posterior.shapes):
+        for name in ("mean", "mean_p", "kurtosis", "kurtosis_p", "largest", "largest_p"):
+            each = [getattr(shape, name) for shape in shapes]
+            result.add(f"{group}/residual_{name}", each, dims, unit if name == "mean" else "")
+        result.add(f"{group}/outliers", [len(shape.outliers) for shape in shapes], dims)
+    robust = [one for record in posterior.likelihood.records if (one := record.data.robust) is not None]
+    if robust:
+        group = "identification/robust"
+        result.annotate("identification", loss="huber")
+        result.annotate(group, loss="huber", tuning=HUBER.value)
+        result.add_axis(f"{group}/channel", [place.name for place in posterior.channels])
+        result.add(f"{group}/scale", np.concatenate([one.scale for one in robust]), dims, unit)
+        result.add(f"{group}/clipped", np.concatenate([one.clipped for one in robust]), dims)
+
+
+def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
+    """Add the autocorrelation of the residuals and their whiteness, channel by channel."""
+    group, series = _DIAGNOSTICS, [posterior.series(place) for place in posterior.channels]
+    each = [autocorrelation(one) for one in series]
+    lags = min(len(r) for r, _ in each)
+    result.add_axis(f"{group}/lag", np.arange(1, lags + 1))
+    # Real and imaginary parts are alike: their mean.
+    joined = np.column_stack([r[:lags].mean(axis=1) for r, _ in each])
+    result.add(f"{group}/autocorrelation", joined, ("lag", "channel"))
+    band = [float(np.mean(band) / np.sqrt(len(band))) for _, band in each]
+    result.add(f"{group}/autocorrelation_band", band, ("channel",))
+    result.add(f"{group}/channel_whiteness_p", [whiteness(one) for one in series], ("channel",))
+
+
+# Records.
+
+
+def _add_records(
+    result: Result, posterior: Posterior, true_states: Callable[[], Sequence[Array | None]] | None
+) -> None:
+    """Add what has samples or lines for an axis, record by record."""
+    first = posterior.likelihood.records[0]
+    if isinstance(first, FrfRecord):
+        _add_responses(result, first, posterior.fit.parts[0])
+        return
+    records = [record for record in posterior.likelihood.records if isinstance(record, TimeRecord)]
+    true = [None] * len(records) if true_states is None else true_states()
+    known, parts = posterior.information.root(), posterior.fit.parts
+    each = zip(records, parts, posterior.noise, strict=True)
+    bands = [state_deviations(record, part, noise, known) for record, part, noise in each]
+    sweeps = posterior.estimate.histories or [_whole_records(posterior, bands)]
+    named = {"history": sweeps[-1]} | ({"first_pass": sweeps[0]} if len(sweeps) > 1 else {})
+    for name, sweep in named.items():
+        for k, (record, history) in enumerate(zip(records, sweep, strict=True)):
+            group = f"identification/{name}/record_{k + 1}" if posterior.several else f"identification/{name}"
+            _add_history(result, group, record, posterior.dofs, history)
+    for k, (record, part) in enumerate(zip(records, parts, strict=True)):
+        _add_record(result, posterior, k, record, part, bands[k], true[k])
+
+
+def _whole_records(posterior: Posterior, bands: Sequence[Array]) -> Sweep:
+    """Return the history of an estimator of whole records: it knows as much at any time."""
+    sweep, deviations = [], posterior.information.deviations()
+    for part, band in zip(posterior.fit.parts, bands, strict=True):
+        states, root = part.predicted.states[stored_rows(len(part.residual))], np.diag(deviations)
+        every = np.ones((len(states), 1))
+        sweep.append(Pass(every * part.logs, every * deviations, states, band, root))
+    return sweep
+
+
+def _add_record(
+    result: Result,
+    posterior: Posterior,
+    k: int,
+    record: TimeRecord,
+    fit: RecordFit,
+    band: Array,
+    true: Array | None,
+) -> None:
+    """Add what is known of a record beside its histories; `band` and `true` of its states (rows x n)."""
+
+    def group(name: str) -> str:
+        return f"identification/{name}/record_{k + 1}" if posterior.several else f"identification/{name}"
+
+    model, measurement, rows = record.model, record.taken_under.measurement, stored_rows(len(fit.residual))
+    true = None if true is None else true[rows]
+    _add_measurement(result, group("measurement"), record, fit)
+    values = [unknown.true for unknown in model.unknowns if unknown.true is not None]
+    if len(values) == len(model.unknowns):
+        result.add(f"{group('history')}/true", values, ("parameter",), _unit(posterior))
+    if true is not None:
+        result.add(f"{group('history')}/true_state", true, ("time", "component"))
+    states, dims = group("states"), ("time", "component")  # measured or not (Yang, Fig. 9)
+    _add_stored_times(result, states, measurement)
+    _add_components(result, states, posterior.dofs)
+    result.add(f"{states}/estimate", fit.predicted.states[rows] * model.scale, dims)
+    result.add(f"{states}/standard_deviation", band * model.scale, dims)
+    if true is not None:
+        result.add(f"{states}/true", true, dims)
+    _add_spectrum(result, group("residual_spectrum"), measurement, fit)
+    if posterior.innovations is not None:
+        _add_innovations(result, group("innovations"), measurement, posterior.innovations[k])
+
+
+def _add_history(
+    result: Result, group: str, record: TimeRecord, dofs: Sequence[Label], history: Pass
+) -> None:
+    """Add the histories of parameters and states over a record."""
+    model, estimate, dims = record.model, np.exp(history.logs), ("time", "parameter")
+    _add_stored_times(result, group, record.taken_under.measurement)
+    result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
+    unit = common_unit(unknown.unit for unknown in model.unknowns)
+    result.add(f"{group}/estimate", estimate, dims, unit)
+    result.add(f"{group}/standard_deviation", estimate * history.deviations, dims, unit)
+    _add_components(result, group, dofs)
+    # Not an axis named `state`: a variable of two axes cannot have the name of one of them.
+    result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
+    band = history.state_deviations * model.scale
+    result.add(f"{group}/state_standard_deviation", band, ("time", "component"))
+
+
+def _add_components(result: Result, group: str, dofs: Sequence[Label]) -> None:
+    components = [Channel(dof, quantity) for quantity in ("displacement", "velocity") for dof in dofs]
+    result.add_axis(f"{group}/component", [component.name for component in components])
+    result.add(f"{group}/unit", [component.unit for component in components], ("component",))
+
+
+def _add_measurement(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
+    """Add a record as measured and as predicted, and its excitation."""
+    dims, data = ("time", "channel"), record.data
+    loads, measurement = record.taken_under
+    units = [channel.unit for channel in measurement.channels]
+    unit = common_unit(units)
+    result.add_axis(f"{group}/time", _times(measurement), "s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
+    result.add(f"{group}/unit", units, ("channel",))
+    result.add(f"{group}/measured", data.recorded, dims, unit)
+    result.add(f"{group}/predicted", fit.predicted.outputs, dims, unit)
+    result.add_axis(f"{group}/excitation", source_names(loads))
+    line = record.model.line
+    inputs = inputs_of(loads, line.nodes[line.wanted], line.inputs())
+    units_in = [load.unit for load in loads]
+    result.add(f"{group}/input_unit", units_in, ("excitation",))
+    result.add(f"{group}/input", inputs, ("time", "excitation"), common_unit(units_in))
+    if measurement.prepared:
+        # `time` counts from the first sample that is left; on the clock of the record it is at `start`, s.
+        result.annotate(group, prepared="; ".join(measurement.prepared), start=measurement.start)
+    if data.noise is not None:
+        result.add(f"{group}/noise", data.noise, ("channel",), unit)
+    if not np.isnan(data.told).all():
+        result.add(f"{group}/given_noise", data.told, ("channel",), unit)
+
+
+def _add_spectrum(result: Result, group: str, measurement: Measurement, fit: RecordFit) -> None:
+    """Add the spectra of the residuals of a record, as roots of power spectral densities."""
+    omega, amplitude = spectrum(fit.residual, measurement.step)
+    units = [f"{channel.unit}.(s/rad)^0.5" for channel in measurement.channels]
+    result.add_axis(f"{group}/omega", omega, "rad/s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
+    result.add(f"{group}/unit", units, ("channel",))
+    result.add(f"{group}/amplitude", amplitude, ("omega", "channel"), common_unit(units))
+
+
+def _add_innovations(result: Result, group: str, measurement: Measurement, innovations: Array) -> None:
+    """Add the normalised innovations of a record (times x channels) and their mean squares."""
+    found = consistency(innovations)
+    result.add_axis(f"{group}/time", _times(measurement), "s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
+    result.add(f"{group}/normalised", innovations, ("time", "channel"))
+    for name in ("mean_square", "low", "high"):
+        result.add(f"{group}/{name}", getattr(found, name), ("channel",))
+    for name in ("overall", "overall_low", "overall_high", "consistent"):
+        result.add(f"{group}/{name}", getattr(found, name))
+
+
+def _add_stored_times(result: Result, group: str, measurement: Measurement) -> None:
+    """Add the times of a history, and annotate it where not every sample is stored."""
+    rows = stored_rows(measurement.samples)
+    result.add_axis(f"{group}/time", _times(measurement)[rows], "s")
+    if rows.step > 1:
+        result.annotate(group, samples=measurement.samples, stored_every=rows.step)
+
+
+def _times(measurement: Measurement) -> Array:
+    return np.asarray(np.arange(measurement.samples) * measurement.step)
+
+
+def _add_responses(result: Result, record: FrfRecord, fit: RecordFit) -> None:
+    """Add frequency response functions as measured and as predicted."""
+    group, dims, measurement = "identification/measurement", ("omega", "channel"), record.measurement
+    units = [channel.unit for channel in measurement.channels]
+    unit = common_unit(units)
+    result.add_axis(f"{group}/omega", measurement.omega, "rad/s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
+    result.add(f"{group}/unit", units, ("channel",))
+    result.add(f"{group}/measured", record.responses(record.data.recorded), dims, unit)
+    result.add(f"{group}/predicted", record.responses(fit.predicted.outputs), dims, unit)
+    if record.data.noise is not None:
+        result.add(f"{group}/noise", np.sqrt(2) * record.data.noise, ("channel",), unit)
+    if measurement.deviation is not None:
+        result.add(f"{group}/deviation", measurement.profile, dims, unit)
+    elif measurement.given_noise is not None:
+        result.add(f"{group}/given_noise", measurement.given_noise, ("channel",), unit)

@@ -1,1 +1,0 @@
-"""Roots of many polynomials at once, certified in arrays of doubled precision."""

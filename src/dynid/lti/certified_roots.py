@@ -1,0 +1,217 @@
+"""Roots of exact polynomials with certified error bounds and half-planes.
+
+Multiplicities come from an exact square-free factorisation. Roots on the imaginary axis are recognised
+exactly: they are common roots of the even and the odd part of a polynomial. Every other root is refined
+until its enclosing disc (`dynid.lti.enclosures`) does not meet the axis. Where a polynomial has neither
+multiple roots nor roots on the axis, this is proved modulo a prime, in which a common factor over the
+integers would appear.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from dynid.errors import NumericalError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.lti.pencil.rational_matrices import Reading
+    from dynid.lti.stability import SidedRoot
+
+#: Working precision of square roots, bits.
+_PRECISION = 128
+#: Prime modulo which coprimality is proved.
+_PRIME = (1 << 61) - 1
+
+
+@dataclass(frozen=True)
+class CertifiedRoot:
+    """A root with its multiplicity, error bound and half-plane.
+
+    Parameters
+    ----------
+    value
+        The root, each part correctly rounded where the bound allows; exactly 0 real part on the axis.
+    multiplicity
+        Its exact multiplicity.
+    radius
+        Bound on the distance of `value` from the true root, rounding of `value` included.
+    side
+        -1 in the open left half-plane, 0 on the imaginary axis, +1 in the open right half-plane.
+    """
+
+    value: complex
+    multiplicity: int
+    radius: float
+    side: int
+
+
+class ZerosPoles(NamedTuple):
+    """Zeros and poles of a rational function, repeated by multiplicity, and as certified roots."""
+
+    zeros: NDArray[np.complex128]
+    poles: NDArray[np.complex128]
+    zero_roots: tuple[CertifiedRoot, ...]
+    pole_roots: tuple[CertifiedRoot, ...]
+
+
+def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) -> tuple[CertifiedRoot, ...]:
+    """Return the roots of an integer polynomial (flint `fmpz_poly`), smallest modulus first.
+
+    Parameters
+    ----------
+    polynomial
+        The polynomial.
+    starts
+        Approximate roots, such as the eigenvalues of state equations; they save time, and do not change the
+        result.
+
+    Raises
+    ------
+    NumericalError
+        Where a root other than 0 is outside the range of doubles, 1e-323 to 1e308.
+    ValueError
+        For the zero polynomial, of which every number is a root.
+    """
+    if polynomial == 0:
+        raise ValueError("every number is a root of the zero polynomial")
+    if _gcd(polynomial, polynomial.derivative()).degree() == 0:
+        factors = [(polynomial, 1)] if polynomial.degree() > 0 else []
+    else:
+        factors = [(factor, int(multiplicity)) for factor, multiplicity in polynomial.factor_squarefree()[1]]
+    roots = [root for factor, count in factors for root in _simple_roots(factor, count, starts)]
+    return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
+
+
+def repeated(roots: Iterable[SidedRoot]) -> NDArray[np.complex128]:
+    """Return the values of roots as an array, repeated by multiplicity."""
+    import numpy as np
+
+    return np.array([root.value for root in roots for _ in range(root.multiplicity)], dtype=np.complex128)
+
+
+def roots(
+    numerator: Sequence[float | Fraction | str],
+    denominator: Sequence[float | Fraction | str],
+    reading: Reading = "binary",
+) -> ZerosPoles:
+    """Return zeros and poles of one rational function, certified; common factors are kept.
+
+    Parameters
+    ----------
+    numerator, denominator
+        Coefficients in descending powers: ints, floats, Fractions or text such as '3125/47'.
+    reading
+        Interpretation of floats: 'binary', the exact value, or 'decimal', the shortest decimal that prints
+        as the float (0.1 is 1/10).
+
+    Raises
+    ------
+    ValueError
+        Where either polynomial is zero.
+    UsageError
+        For a coefficient that is not a finite real number, or an unknown reading.
+    """
+    from dynid.lti.pencil.rational_matrices import exact_rows
+
+    above, below = (
+        integer_polynomial([x for row in exact_rows(name, [list(polynomial)], reading) for x in row])
+        for name, polynomial in (("numerator", numerator), ("denominator", denominator))
+    )
+    zero_roots, pole_roots = certified_roots(above), certified_roots(below)
+    return ZerosPoles(repeated(zero_roots), repeated(pole_roots), zero_roots, pole_roots)
+
+
+def integer_polynomial(coefficients: Sequence[float | Fraction | str]) -> Any:
+    """Return descending coefficients as an integer polynomial with the same roots (flint `fmpz_poly`)."""
+    from flint import fmpq, fmpq_poly
+
+    exact = [Fraction(coefficient) for coefficient in reversed(coefficients)]
+    return fmpq_poly([fmpq(c.numerator, c.denominator) for c in exact]).numer()
+
+
+def _gcd(one: Any, other: Any) -> Any:
+    """Return the greatest common divisor; coprimality modulo a prime proves coprimality."""
+    from flint import fmpz_poly, nmod_poly
+
+    if one and other and one.leading_coefficient() % _PRIME:
+        images = [nmod_poly([int(c % _PRIME) for c in p.coeffs()], _PRIME) for p in (one, other)]
+        if images[0].gcd(images[1]).degree() == 0:
+            return fmpz_poly([1])
+    return one.gcd(other)
+
+
+def _simple_roots(
+    polynomial: Any, multiplicity: int, starts: Sequence[complex] | None
+) -> list[CertifiedRoot]:
+    """Return the roots of a square-free polynomial."""
+    from flint import fmpz_poly
+
+    from dynid.lti.enclosures import enclosures
+
+    found = []
+    if polynomial[0] == 0:
+        found.append(CertifiedRoot(0j, multiplicity, 0.0, 0))
+        polynomial = polynomial // fmpz_poly([0, 1])
+    coefficients = polynomial.coeffs()
+    # p(s) = E(w) + s O(w) with w = s^2: common roots of E and O are pairs of roots s and -s
+    shared = _gcd(fmpz_poly(coefficients[::2]), fmpz_poly(coefficients[1::2]))
+    if shared.degree() > 0:
+        pairs = fmpz_poly([c for w in shared.coeffs() for c in (w, 0)])
+        polynomial = polynomial // pairs
+        found += [root for pair in _paired_roots(shared, multiplicity) for root in pair]
+    if polynomial.degree() > 0:
+        balls = enclosures(polynomial, starts)
+        found += [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
+    return found
+
+
+def _paired_roots(shared: Any, multiplicity: int) -> Iterable[tuple[CertifiedRoot, CertifiedRoot]]:
+    """Return s and -s for the roots w = s^2; a negative real w lies on the imaginary axis."""
+    from flint import acb, arb, ctx
+
+    from dynid.lti.enclosures import enclosures
+
+    for square in enclosures(shared, sides=False):
+        with ctx.workprec(max(_PRECISION, square.real.bits(), square.imag.bits())):
+            if square.imag == 0 and square.real < 0:
+                frequency = acb(arb(0), (-square.real).sqrt())
+                yield _rounded(frequency, multiplicity, 0), _rounded(-frequency, multiplicity, 0)
+            else:
+                s = square.sqrt()  # the principal branch: right half-plane
+                yield _rounded(s, multiplicity, 1), _rounded(-s, multiplicity, -1)
+
+
+def _rounded(ball: Any, multiplicity: int, side: int) -> CertifiedRoot:
+    """Round a ball clear of 0 to the nearest complex number and bound the distance to the true root."""
+    from flint import acb, ctx
+
+    with ctx.workprec(_PRECISION + max(ball.real.bits(), ball.imag.bits())):
+        value = complex(_nearest(ball.real.mid()), _nearest(ball.imag.mid()))
+        if not value:
+            raise _out_of_range()
+        distance = (ball - acb(value.real, value.imag)).abs_upper()
+        bound = math.nextafter(float(distance), math.inf) if distance > 0 else 0.0
+    return CertifiedRoot(value, multiplicity, bound, side)
+
+
+def _nearest(number: Any) -> float:
+    """Round an exact ball (flint `arb`) to the nearest double."""
+    mantissa, exponent = number.man_exp()
+    whole, power = int(mantissa), int(exponent)
+    try:
+        return float(whole << power) if power >= 0 else whole / (1 << -power)
+    except OverflowError:
+        raise _out_of_range() from None
+
+
+def _out_of_range() -> NumericalError:
+    from dynid.lti.floating import REMEDY
+
+    return NumericalError("a zero or pole is beyond the range of double precision", remedy=REMEDY)

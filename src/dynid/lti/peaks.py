@@ -1,0 +1,175 @@
+"""Maxima of frequency responses between the frequencies of a grid.
+
+The largest value on a grid depends on the grid. Here the brackets around the local maxima of a response, on
+the grid and near natural frequencies, are narrowed by evaluating the response until its value converges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import NumericalError
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+#: Returns a response, shape (omega, output, input), at ascending angular frequencies in rad/s.
+ResponseFunction = Callable[[Array], ComplexArray]
+
+#: Frequencies within each bracket at a time: its width shrinks to 2/11 in a round.
+_INSIDE = 10
+#: Frequencies nearer to each other than this part of the bracket count as one.
+_APART = 0.01
+#: Most local maxima of a channel, the largest ones, that are refined.
+_BRACKETS = 4
+#: A bracket is narrow enough where the response changes by less than this within it, relative. The frequency
+#: of a maximum is then known to about the square root, times the width of the resonance.
+_FLAT = 1e-10
+#: Rounds after which a bracket of any width has shrunk to neighbouring numbers ((2/11)^30 = 6e-23).
+_ROUNDS = 30
+
+
+class Peaks(NamedTuple):
+    """The largest magnitude of every channel and its frequency.
+
+    Parameters
+    ----------
+    magnitude
+        The largest magnitude over the band of the grid, shape (output, input); inf at an undamped pole.
+    omega
+        Frequency of the maximum, rad/s, same shape.
+    """
+
+    magnitude: Array
+    omega: Array
+
+
+def peaks(
+    evaluate: ResponseFunction, omega: ArrayLike, response: ComplexArray, near: ArrayLike = ()
+) -> Peaks:
+    """Find the largest magnitude of every channel over the band of a grid.
+
+    Parameters
+    ----------
+    evaluate
+        The response at any frequencies of the band. Where it raises `NumericalError` because a frequency lies
+        on an undamped pole to double precision, the response is taken as infinite there.
+    omega
+        The grid, rad/s, ascending.
+    response
+        The response there, shape (omega, output, input).
+    near
+        Further frequencies at which to look for a maximum, rad/s: the imaginary parts and moduli of poles.
+        Those outside the band are left out. With them a resonance between two frequencies of a coarse grid
+        is found; without them only the local maxima of the grid are refined.
+
+    Returns
+    -------
+    Peaks
+        The maxima and their frequencies.
+    """
+    grid = np.asarray(omega, dtype=float)
+    sizes = np.abs(response)
+    wanted = np.unique(np.asarray(near, dtype=float))
+    wanted = wanted[(wanted > grid[0]) & (wanted < grid[-1]) & ~np.isin(wanted, grid)]
+    if len(wanted):
+        order = np.argsort(np.concatenate([grid, wanted]), kind="stable")
+        sizes = np.concatenate([sizes, _sizes(evaluate, wanted)])[order]
+        grid = np.concatenate([grid, wanted])[order]
+    shape = sizes.shape[1:]
+    flat = sizes.reshape(len(grid), -1)
+    brackets = [
+        _Bracket(column, grid, flat[:, column], at)
+        for column in range(flat.shape[1])
+        for at in _local_maxima(flat[:, column])
+    ]
+    for _ in range(_ROUNDS):  # each round evaluates the response once for all brackets
+        active = [bracket for bracket in brackets if bracket.open]
+        if not active:
+            break
+        inside = [bracket.inside() for bracket in active]
+        among = np.unique(np.concatenate(inside))
+        found = _sizes(evaluate, among).reshape(len(among), -1)
+        for bracket, own in zip(active, inside, strict=True):
+            bracket.narrow(own, found[np.searchsorted(among, own), bracket.column])
+    magnitude, where = flat.max(axis=0), grid[flat.argmax(axis=0)]
+    for bracket in brackets:
+        if bracket.top > magnitude[bracket.column]:
+            magnitude[bracket.column], where[bracket.column] = bracket.top, bracket.where
+    return Peaks(magnitude.reshape(shape), where.reshape(shape))
+
+
+def add_peaks(result: Result, holder: str, evaluate: ResponseFunction, near: ArrayLike = ()) -> None:
+    """Add `frequency_peaks/` (`magnitude`, `omega`) beside a holder's `frequency_response/`; see `peaks`."""
+    group, own = f"{holder}/frequency_response", f"{holder}/frequency_peaks"
+    response = result[f"{group}/response"]
+    found = peaks(evaluate, result[f"{group}/omega"].data, response.data, near)
+    for axis in ("output", "input"):
+        result.add_axis(f"{own}/{axis}", result[f"{group}/{axis}"].data)
+    result.add(f"{own}/magnitude", found.magnitude, ("output", "input"), response.units)
+    result.add(f"{own}/omega", found.omega, ("output", "input"), "rad/s")
+
+
+class _Bracket:
+    """Neighbouring frequencies around a local maximum of one channel."""
+
+    def __init__(self, column: int, grid: Array, sizes: Array, at: int) -> None:
+        self.column = column
+        self.omega = grid[max(at - 1, 0) : at + 2]
+        self.sizes = sizes[max(at - 1, 0) : at + 2]
+        self.top, self.where = float(sizes[at]), float(grid[at])
+        self.open = bool(np.isfinite(self.top)) and len(self.omega) > 1
+
+    def inside(self) -> Array:
+        """Return the next frequencies, none next to a known one."""
+        spread = np.linspace(self.omega[0], self.omega[-1], _INSIDE + 2)[1:-1]
+        distance = np.abs(spread[:, None] - self.omega).min(axis=1)
+        return np.asarray(spread[distance > _APART * (self.omega[-1] - self.omega[0])])
+
+    def narrow(self, omega: Array, sizes: Array) -> None:
+        """Keep the neighbours of the largest value."""
+        places = np.concatenate([self.omega, omega])
+        order = np.argsort(places)
+        places, values = places[order], np.concatenate([self.sizes, sizes])[order]
+        at = int(np.argmax(values))
+        self.top, self.where = float(values[at]), float(places[at])
+        part = slice(max(at - 1, 0), at + 2)
+        self.omega, self.sizes = places[part], values[part]
+        self.open = bool(np.isfinite(self.top) and self.sizes.min() < (1 - _FLAT) * self.top)
+        if self.open and self.omega[-1] - self.omega[0] <= 4 * np.spacing(self.omega[-1]):
+            self.open = False
+            if self.sizes.min() < 0.5 * self.top:  # between neighbouring doubles: a pole on the axis
+                self.top = np.inf
+
+
+def _local_maxima(sizes: Array) -> list[int]:
+    """Return the indices of the largest local maxima; of equal neighbours the first."""
+    left = np.concatenate([[True], sizes[1:] > sizes[:-1]])
+    right = np.concatenate([sizes[:-1] >= sizes[1:], [True]])
+    found = np.flatnonzero(left & right & (sizes > 0))
+    return [int(at) for at in found[np.argsort(-sizes[found], kind="stable")][:_BRACKETS]]
+
+
+def _sizes(evaluate: ResponseFunction, omega: Array) -> Array:
+    """Return magnitudes; infinite where a frequency lies on a pole to double precision."""
+    try:
+        return np.abs(evaluate(omega))
+    except NumericalError:
+        if len(omega) == 1:
+            raise
+    found = []
+    for each in omega:
+        try:
+            found.append(np.abs(evaluate(np.array([each])))[0])
+        except NumericalError:
+            found.append(None)
+    shape = next((sizes.shape for sizes in found if sizes is not None), None)
+    if shape is None:
+        return np.abs(evaluate(omega))
+    return np.array([np.full(shape, np.inf) if sizes is None else sizes for sizes in found])

@@ -1,0 +1,225 @@
+"""Certified roots of many real polynomials of one degree at once.
+
+Eigenvalues of the companion matrices start Newton's iteration in double-double arithmetic. The disc of
+radius n |p/p'| about a point holds a root of p, so n disjoint ones hold one each (`dynid.lti.enclosures`):
+where the discs are so small that every number in one is rounded to the same double, the roots are correctly
+rounded. Where they are not, the polynomial is marked, and ball arithmetic decides
+(`dynid.lti.certified_roots`). Hence the result does not depend on the other polynomials of the batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.lti.double_double import Array, Doubled, DoubledComplex
+
+#: Newton steps after the eigenvalues, and further ones for rows whose discs are still too large.
+_STEPS, _MORE_STEPS = 2, 3
+# Error bounds of one step of Horner's rule, relative to the sum of the moduli: in double-double arithmetic 64
+# units of 2^-106 cover four products and three sums of parts; in double precision 16 units of 2^-53.
+_DOUBLED, _DOUBLE = 2.0**-100, 2.0**-49
+#: Bits that a coefficient is truncated to, and the relative truncation error.
+_BITS, _CUT = 106, 2.0**-105
+#: Widest range of the scaled coefficients, as an exponent of 2.
+_RANGE = 400
+#: Factor by which bounds are enlarged for their own rounding.
+_SLACK = 1 + 1e-12
+#: Numbers in a block, which stays in the cache.
+_BLOCK = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class RootBatch:
+    """Roots of many polynomials.
+
+    Attributes
+    ----------
+    values
+        Roots, each part correctly rounded (polynomial x root).
+    radii
+        Bounds on the distance from the true root (polynomial x root).
+    sides
+        -1 left of the imaginary axis, 0 on it, 1 right of it (polynomial x root).
+    certain
+        Mask of the polynomials for which all of this is proved; the rows of the others are invalid.
+    """
+
+    values: NDArray[np.complex128]
+    radii: Array
+    sides: NDArray[np.int8]
+    certain: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """Polynomials in z = s / 2^shift with coefficients about 1, ascending (polynomial x power)."""
+
+    coefficients: Doubled
+    shift: NDArray[np.int64]
+    fits: NDArray[np.bool_]
+
+    def __getitem__(self, rows: slice) -> _Scaled:
+        return _Scaled(self.coefficients[rows], self.shift[rows], self.fits[rows])
+
+
+def root_batch(columns: Sequence[Sequence[int]], *, even: bool = False) -> RootBatch:
+    """Return the roots of polynomials with integer coefficients.
+
+    Parameters
+    ----------
+    columns
+        Coefficients in ascending powers: for every power one integer per polynomial. First and last are
+        not zero, and the degree is at least one.
+    even
+        True for polynomials in s^2: the roots s are returned, two for each.
+    """
+    scaled = _scaled(columns, 2 if even else 1)
+    count, size = len(columns[0]), len(columns)
+    block = max(1, _BLOCK // (size - 1))
+    parts = [_roots(scaled[start : start + block], even=even) for start in range(0, count, block)]
+    return RootBatch(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _scaled(columns: Sequence[Sequence[int]], divisor: int) -> _Scaled:
+    """Round integers to double-double, in a unit 2^shift of s that makes first and last similar.
+
+    The shift is a multiple of the divisor.
+    """
+    shape = (len(columns[0]), len(columns))
+    high, low = np.zeros(shape), np.zeros(shape)
+    exponents = np.zeros(shape, dtype=np.int64)
+    for power, column in enumerate(columns):
+        sizes = [value.bit_length() for value in column]
+        cuts = [max(0, size - _BITS) for size in sizes]
+        kept = [value >> cut for value, cut in zip(column, cuts, strict=True)]
+        heads = [float(value) for value in kept]
+        high[:, power] = heads
+        low[:, power] = [float(value - int(head)) for value, head in zip(kept, heads, strict=True)]
+        exponents[:, power] = cuts
+    bits = exponents + np.frexp(high)[1]
+    shift = divisor * np.rint((bits[:, 0] - bits[:, -1]) / (divisor * (shape[1] - 1))).astype(np.int64)
+    rise = np.arange(shape[1]) * shift[:, None]
+    bits = np.where(high == 0, np.min(bits + rise, axis=1, keepdims=True), bits + rise)
+    largest = bits.max(axis=1, keepdims=True)
+    fits = np.ptp(bits, axis=1) < _RANGE
+    exponents = np.where(fits[:, None], exponents + rise - largest, 0)
+    return _Scaled(Doubled(high, low).scaled(exponents), shift, fits)
+
+
+def _roots(given: _Scaled, *, even: bool) -> tuple[NDArray[Any], ...]:
+    """Return values, radii, sides, and a mask of certified polynomials."""
+    values, radii = _refined(given.coefficients, given.fits)
+    with np.errstate(all="ignore"):
+        certain = given.fits & disjoint(values.rounded, radii)
+        shift = given.shift
+        if even:
+            values, radii, real = _square_roots(values, radii)
+            certain, shift = certain & real, shift // 2
+        else:
+            certain &= (values.real.high != 0).all(axis=1)  # a disc does not prove a root on the axis
+        certain &= _known(values, radii).all(axis=1) & (np.abs(shift) < _RANGE)
+        distance = (radii + 2 * np.hypot(values.real.low, values.imag.low)) * _SLACK
+        rounded, exponent = values.rounded, shift[:, None]
+        found = np.empty_like(rounded)
+        found.real, found.imag = np.ldexp(rounded.real, exponent), np.ldexp(rounded.imag, exponent)
+        return found, np.ldexp(distance, exponent), np.sign(rounded.real).astype(np.int8), certain
+
+
+def _square_roots(squares: DoubledComplex, radii: Array) -> tuple[DoubledComplex, Array, NDArray[np.bool_]]:
+    """Return s and -s for the roots s^2, their radii, and a mask of rows whose squares are all real."""
+    size = np.abs(squares.real.high)
+    sign = np.sign(squares.real.high)
+    root = Doubled(sign * squares.real.high, sign * squares.real.low).sqrt()
+    reach = radii / np.sqrt(size - radii) + 2.0**-99 * root.high
+    both = Doubled(*(np.concatenate([-part, part], axis=1) for part in (root.high, root.low)))
+    left = np.tile(sign > 0, 2)
+    parts = [
+        Doubled(*(np.where(here, part, 0.0) for part in (both.high, both.low))) for here in (left, ~left)
+    ]
+    real = (squares.imag.high == 0) & (size > radii)
+    return DoubledComplex(*parts), np.tile(reach, 2), real.all(axis=1)
+
+
+def _refined(coefficients: Doubled, usable: NDArray[np.bool_]) -> tuple[DoubledComplex, Array]:
+    """Return approximate roots and the radii of discs that hold one each."""
+    count, degree = len(coefficients.high), coefficients.high.shape[1] - 1
+    companions = np.zeros((count, degree, degree))
+    companions[:, range(1, degree), range(degree - 1)] = 1
+    companions[usable, :, -1] = -coefficients.high[usable, :-1] / coefficients.high[usable, -1:]
+    companions[~np.isfinite(companions).all(axis=(1, 2))] = 0
+    points = DoubledComplex.of(np.linalg.eigvals(companions).astype(np.complex128))
+    with np.errstate(all="ignore"):
+        points, radii = _newton(coefficients, points, _STEPS)
+        loose = np.flatnonzero(usable & ~_known(points, radii).all(axis=1))
+        if len(loose):
+            again, closer = _newton(coefficients[loose], points[loose], _MORE_STEPS)
+            for part, better in ((points.real, again.real), (points.imag, again.imag)):
+                part.high[loose], part.low[loose] = better.high, better.low
+            radii[loose] = closer
+    return points, radii
+
+
+def _newton(coefficients: Doubled, points: DoubledComplex, steps: int) -> tuple[DoubledComplex, Array]:
+    """Return the points after some steps, and n |p/p'| there, errors included."""
+    for _ in range(steps):
+        step = _value(coefficients, points).rounded / _slope(coefficients.high, points.rounded)
+        points = points - DoubledComplex.of(np.where(np.isfinite(step), step, 0))
+    degree = coefficients.high.shape[1] - 1
+    where, sizes = points.rounded, np.abs(coefficients.high)
+    reach = np.abs(where) * _SLACK
+    error = ((2 * degree + 2) * _DOUBLED + _CUT) * _along(sizes, reach)
+    above = np.abs(_value(coefficients, points).rounded) * _SLACK + error
+    slope_error = (2 * degree + 2) * _DOUBLE * _along(sizes[:, 1:] * np.arange(1, degree + 1), reach)
+    below = np.abs(_slope(coefficients.high, where)) / _SLACK - slope_error
+    return points, np.where(below > 0, degree * above / np.where(below > 0, below, 1) * _SLACK, np.inf)
+
+
+def _value(coefficients: Doubled, points: DoubledComplex) -> DoubledComplex:
+    """Evaluate the polynomials (Horner's rule)."""
+    degree = coefficients.high.shape[1] - 1
+    nothing = Doubled.of(np.zeros_like(points.real.high))
+    total = DoubledComplex(coefficients[:, [degree]] + nothing, nothing)
+    for power in range(degree - 1, -1, -1):
+        product = total * points
+        total = DoubledComplex(product.real + coefficients[:, [power]], product.imag)
+    return total
+
+
+def _slope(coefficients: Array, points: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Evaluate the derivatives in double precision."""
+    degree = coefficients.shape[1] - 1
+    return _along(coefficients[:, 1:] * np.arange(1, degree + 1), points)
+
+
+def _along(coefficients: Array, points: NDArray[Any]) -> NDArray[Any]:
+    """Evaluate polynomials, coefficients ascending."""
+    total = np.zeros_like(points) + coefficients[:, [-1]]
+    for power in range(coefficients.shape[1] - 2, -1, -1):
+        total = total * points + coefficients[:, [power]]
+    return total
+
+
+def _known(values: DoubledComplex, radii: Array) -> NDArray[np.bool_]:
+    """Return a mask of roots for which all numbers in the disc round to the same double.
+
+    A part that is 0 is exact: a disc about a real number that holds one root of a real polynomial holds
+    its conjugate as well.
+    """
+    known: NDArray[np.bool_] = np.isfinite(radii)
+    for part in (values.real, values.imag):
+        known = known & ((part.high == 0) | part.rounds_the_same(radii))
+    return known
+
+
+def disjoint(values: NDArray[np.complex128], radii: Array) -> NDArray[np.bool_]:
+    """Return a mask of rows in which no two discs meet."""
+    size = values.shape[1]
+    reach = radii * _SLACK + 2.0**-52 * np.abs(values)
+    apart = np.abs(values[:, :, None] - values[:, None, :]) > (reach[:, :, None] + reach[:, None, :]) * _SLACK
+    apart[:, range(size), range(size)] = True
+    return np.asarray(np.all(apart, axis=(1, 2)))

@@ -1,0 +1,191 @@
+"""Stability and minimum phase, decided by zeros and poles from any engine, with verdicts in words."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Protocol
+
+from dynid.number_format import frequency_text
+
+#: Most zeros or poles that a verdict names.
+_SHOWN = 4
+#: A zero is far if its modulus exceeds that of the largest pole by this factor.
+FAR = 1e3
+
+
+class SidedRoot(Protocol):
+    """A zero or pole, exact or estimated."""
+
+    @property
+    def value(self) -> complex:
+        """The root, rad/s."""
+
+    @property
+    def multiplicity(self) -> int:
+        """Its multiplicity."""
+
+    @property
+    def radius(self) -> float:
+        """Bound on the distance from the true root, rad/s."""
+
+    @property
+    def side(self) -> int | None:
+        """-1 left of the imaginary axis, 0 on it, +1 right of it; None if undecided within the error."""
+
+
+class TransferProperties(ABC):
+    """Zeros, poles and gains of a transfer function, and its stability and phase."""
+
+    @property
+    @abstractmethod
+    def vanishes(self) -> bool:
+        """True if the input does not affect the output."""
+
+    @property
+    @abstractmethod
+    def zeros(self) -> Sequence[SidedRoot]:
+        """The finite zeros; none where the channel vanishes."""
+
+    @property
+    @abstractmethod
+    def poles(self) -> Sequence[SidedRoot]:
+        """The poles."""
+
+    @property
+    @abstractmethod
+    def order(self) -> int:
+        """The number of poles."""
+
+    @property
+    @abstractmethod
+    def relative_degree(self) -> int | float:
+        """Poles minus zeros: negative where the channel differentiates, infinite where it vanishes."""
+
+    @property
+    @abstractmethod
+    def dc_gain(self) -> float:
+        """The limit of T(s) as s falls to 0 through positive values; may be infinite."""
+
+    @property
+    @abstractmethod
+    def high_frequency_gain(self) -> float:
+        """The limit of T(s) as s grows through positive values; may be infinite."""
+
+    @property
+    def stable(self) -> bool | None:
+        """True if every pole lies in the open left half-plane; None if undecided."""
+        return all_left(self.poles)
+
+    @property
+    def stability(self) -> str:
+        """The stability verdict in words, with the poles that decide it."""
+        return stability(self.poles)
+
+    @property
+    def minimum_phase(self) -> bool | None:
+        """True if every zero lies in the open left half-plane (also without zeros); None if undecided.
+
+        False where the channel vanishes.
+        """
+        return False if self.vanishes else all_left(self.zeros)
+
+    @property
+    def zero_stability(self) -> str:
+        """The phase verdict in words, with the zeros that decide it."""
+        return zero_stability(self.zeros, self.poles, vanishes=self.vanishes)
+
+
+def stability(poles: Sequence[SidedRoot]) -> str:
+    """Return the stability verdict in words, with the poles that decide it."""
+    right, axis, open_ones = _by_side(poles)
+    repeated = [pole for pole in axis if pole.multiplicity > 1]
+    if right or repeated:
+        where = "in the right half-plane" if right else "repeated on the imaginary axis"
+        return f"unstable: {_place(right or repeated, 'pole')} {where}"
+    if open_ones:
+        return _undecided(open_ones, "pole")
+    if axis:
+        return f"marginal, not stable: {_place(axis, 'pole')} on the imaginary axis"
+    return "stable" if poles else "stable: there are no poles"
+
+
+def zero_stability(zeros: Sequence[SidedRoot], poles: Sequence[SidedRoot], *, vanishes: bool) -> str:
+    """Return the phase verdict in words, with the zeros that decide it, noting where all of these are far."""
+    right, axis, open_ones = _by_side(zeros)
+    if vanishes:
+        return "undefined: the input does not reach the output"
+    if right:
+        where = f"{_place(right, 'zero')} in the right half-plane"
+        return f"non-minimum phase: {where}; its inverse is unstable{_remoteness(right, zeros, poles)}"
+    if open_ones:
+        return _undecided(open_ones, "zero")
+    if axis:
+        where = f"{_place(axis, 'zero')} on the imaginary axis"
+        repeated = any(zero.multiplicity > 1 for zero in axis)
+        frequencies = sorted({float(f"{abs(zero.value):.4g}") for zero in axis if zero.value})
+        seen = ", ".join(map(frequency_text, frequencies))
+        motion = f"oscillate at {seen}" if seen else "hold a constant state"
+        growth = " and grow" if repeated else ""
+        dynamics = f"the zero dynamics {motion}{growth}, unobservable at the output"
+        return f"marginal, not minimum phase: {where}: {dynamics}"
+    if not zeros:
+        return "minimum phase: there are no finite zeros"
+    return "minimum phase: every zero lies in the open left half-plane"
+
+
+def far(zeros: Sequence[SidedRoot], poles: Sequence[SidedRoot]) -> tuple[SidedRoot, ...]:
+    """Return the zeros more than `FAR` times beyond the largest pole; none where all poles are 0."""
+    largest = _largest(poles)
+    return tuple(zero for zero in zeros if largest and abs(zero.value) > FAR * largest)
+
+
+def _remoteness(deciding: Sequence[SidedRoot], zeros: Sequence[SidedRoot], poles: Sequence[SidedRoot]) -> str:
+    """Return a note where far zeros alone decide a verdict, with the verdict without them; else ''."""
+    remote = far(deciding, poles)
+    if len(remote) < len(deciding):
+        return ""
+    ratio = min(abs(zero.value) for zero in remote) / _largest(poles)
+    near = [zero for zero in zeros if zero not in remote]
+    rest, _, _ = zero_stability(near, poles, vanishes=False).partition(":")
+    them = "it" if len(remote) == remote[0].multiplicity == 1 else "them"
+    return f"; far, {ratio:.1g} times beyond the largest pole, and without {them} {rest}"
+
+
+def _largest(poles: Sequence[SidedRoot]) -> float:
+    return max((abs(pole.value) for pole in poles), default=0.0)
+
+
+def _by_side(roots: Sequence[SidedRoot]) -> tuple[list[SidedRoot], list[SidedRoot], list[SidedRoot]]:
+    """Return the roots to the right of the axis, on it, and those that are undecided."""
+    right = [root for root in roots if root.side is not None and root.side > 0]
+    axis = [root for root in roots if root.side == 0]
+    return right, axis, [root for root in roots if root.side is None]
+
+
+def all_left(roots: Sequence[SidedRoot]) -> bool | None:
+    """Return True if all roots lie in the open left half-plane; None if undecided."""
+    right, axis, open_ones = _by_side(roots)
+    return False if right or axis else None if open_ones else True
+
+
+def _undecided(roots: list[SidedRoot], what: str) -> str:
+    error = max(root.radius for root in roots)
+    return (
+        f"undecided within the error of the float engine ({error:.1g} rad/s): {_place(roots, what)} too near "
+        "the imaginary axis; use 'engine: exact'"
+    )
+
+
+def _place(roots: list[SidedRoot], what: str) -> str:
+    count = sum(root.multiplicity for root in roots)
+    upper = [root.value for root in roots if root.value.imag >= 0]
+    shown = [_number(value) for value in upper[:_SHOWN]]
+    text = ", ".join(shown) + (", …" if len(upper) > _SHOWN else "")
+    return f"{what} at {text} lies" if count == 1 else f"{what}s at {text} lie"
+
+
+def _number(value: complex) -> str:
+    if value.imag == 0:
+        return f"{value.real:.4g}"
+    return f"±{abs(value.imag):.4g}j" if value.real == 0 else f"{value.real:.4g} ± {abs(value.imag):.4g}j"

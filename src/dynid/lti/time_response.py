@@ -1,0 +1,297 @@
+"""Exact time responses of linear systems to continuous-time signals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.defaults import LONG_STEPS
+from dynid.errors import NumericalError, UsageError
+from dynid.lti.exponential import accurate_exponential, balance, exponential, rescaled
+from dynid.lti.floating import guarded
+from dynid.lti.fourier_sums import sum_lines
+from dynid.lti.generator import Signal
+from dynid.lti.recurrence import recurrence
+from dynid.lti.signals import Impulse, Multisine, Random
+from dynid.lti.state_space import StateSpace
+from dynid.lti.timeline import Timeline, timeline
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+# A Fourier line nearer to a pole than this part of its frequency is propagated with its generator: the
+# particular and the homogeneous solution would cancel there.
+_NEAR_POLE = 1e-4
+# Number of equal steps from which on the exponential over all of them is computed to all digits.
+_MANY = 100
+# Phase, rad, of which double precision keeps three digits.
+_LARGEST_PHASE = 1e-3 / float(np.finfo(float).eps)
+# Decay exponent beyond which the phase of an oscillation is irrelevant.
+_DECAYED = 40.0
+# Relative differences of this size are rounding: of the pieces of a spline, of sin(pi).
+_ROUNDING = 1e-9
+
+
+class _NearLines(Multisine):
+    """The lines of a random signal near a pole."""
+
+    kind = "random"
+    pace = "band"
+
+
+class TimeResponse(NamedTuple):
+    """A time response: `outputs` (times x outputs), `states` (times x states), `inputs` (times x inputs)."""
+
+    outputs: Array
+    states: Array
+    inputs: Array
+
+
+@guarded("the time response")
+def propagate(
+    system: StateSpace,
+    signals: Sequence[Signal],
+    times: ArrayLike,
+    x0: ArrayLike | None = None,
+    start: float | None = None,
+) -> TimeResponse:
+    """Propagate a system exactly; values at a jump are those right after it.
+
+    Each interval takes one product with the exponential of the system joined with its signal generators;
+    there is one exponential per distinct interval length. The lines of a random signal enter as particular
+    solutions ``(i omega - A)^-1 B``, added to the homogeneous response. The result depends neither on a step
+    size nor on stiffness or resonance.
+
+    Parameters
+    ----------
+    system
+        The system.
+    signals
+        One signal per input. An impulse makes the state jump at t = 0; Dirac parts of an output (through D
+        or the higher feedthrough matrices) are not returned.
+    times
+        Strictly increasing times, s.
+    x0
+        State at `start`, before a jump there; absent: zero.
+    start
+        Time at which propagation starts, s; absent: 0, or the first time if that is negative.
+
+    Raises
+    ------
+    UsageError
+        If shapes or times are invalid.
+    NumericalError
+        If the response overflows, or its phase exceeds double precision.
+    """
+    t = np.asarray(times, dtype=float)
+    if len(signals) != system.B.shape[1]:
+        raise UsageError(f"a system needs one signal per input: {system.B.shape[1]}, not {len(signals)}")
+    if x0 is not None and np.shape(x0) != (len(system.A),):
+        raise UsageError(f"an initial state of shape {np.shape(x0)} for {len(system.A)} states")
+    if x0 is not None and not np.all(np.isfinite(np.asarray(x0, dtype=float))):
+        raise UsageError("the initial state must be finite numbers")
+    if start is None:
+        start = min(0.0, float(t.flat[0])) if t.size else 0.0
+    initial = np.zeros(len(system.A)) if x0 is None else np.asarray(x0, dtype=float)
+    poles = np.linalg.eigvals(rescaled(system.A, balance(system.A))).astype(complex)
+    generated, spread = _split_lines(poles, signals)
+    line = timeline(generated, t, start)
+    check_phase(poles, float(t[-1]) - start)
+    highest = len(system.higher)
+    inputs = np.stack([line.inputs(order) for order in range(highest + 1)])
+    states = np.zeros((len(t), len(initial)))
+    for column, omega, c, period in spread:
+        X = _particular(system.A, system.B[:, column], omega) * c[:, None]
+        initial = initial - sum_lines(omega, X, np.array([start]))[0]
+        orders = c[:, None] * (1j * omega[:, None]) ** np.arange(highest + 1)
+        sums = sum_lines(omega, np.concatenate([X, orders], axis=1), t, period)
+        states += sums[:, : len(initial)]
+        inputs[:, :, column] += sums[:, len(initial) :].T
+    states += _propagated(system, line, initial)
+    outputs = states @ system.C.T
+    for feedthrough, derivative in zip((system.D, *system.higher), inputs, strict=True):
+        outputs = outputs + derivative @ feedthrough.T
+    outputs = np.asarray(outputs)
+    if not (np.isfinite(outputs).all() and np.isfinite(states).all()):
+        raise NumericalError(
+            "the time response overflows", remedy="The system is unstable: shorten the time."
+        )
+    return TimeResponse(outputs, states, inputs[0])
+
+
+def _split_lines(
+    poles: ComplexArray, signals: Sequence[Signal]
+) -> tuple[list[Signal], list[tuple[int, Array, ComplexArray, float]]]:
+    """Separate the lines of random signals from the generated signals, except lines near a pole."""
+    generated, spread = list(signals), []
+    for column, signal in enumerate(signals):
+        if not isinstance(signal, Random):
+            continue
+        omega, c = signal.lines
+        near = np.zeros(len(omega), dtype=bool)
+        for pole in poles:
+            near |= np.abs(1j * omega - pole) < _NEAR_POLE * omega
+        spread.append((column, omega[~near], c[~near], signal.period))
+        generated[column] = Impulse(0.0)
+        if near.any():  # c = -i a exp(i phase)
+            sines = (np.abs(c[near]), omega[near], np.angle(1j * c[near]))
+            generated[column] = _NearLines(*(tuple(part.tolist()) for part in sines))
+    return generated, spread
+
+
+def check_phase(poles: ComplexArray, duration: float, names: Sequence[str] = ()) -> None:
+    """Raise a `NumericalError` for oscillations whose phase exceeds double precision.
+
+    Parameters
+    ----------
+    poles
+        The poles, rad/s.
+    duration
+        Time of propagation, s.
+    names
+        Names for the error.
+
+    Raises
+    ------
+    NumericalError
+        If an oscillation that has not decayed turns by more than about 4e12 rad.
+    """
+    lasting = duration * np.maximum(-poles.real, 0.0) < _DECAYED
+    phase = float(np.abs(poles.imag[lasting]).max(initial=0.0)) * duration
+    if phase > _LARGEST_PHASE:
+        raise NumericalError(
+            f"a natural oscillation turns by {phase:.1g} rad in {duration:g} s, beyond the phase that double "
+            "precision resolves",
+            remedy="Replace very stiff parts by rigid ones, or shorten the time.",
+            names=names,
+        )
+
+
+def _particular(A: Array, b: Array, omega: Array) -> ComplexArray:
+    """Solve (i omega - A) X = b for all lines (lines x states); no line lies on a pole."""
+    n = len(b)
+    X = np.empty((len(omega), n), dtype=complex)
+    d = balance(A)
+    scaled = rescaled(A, d)
+    chunk = max(1, 2_000_000 // max(1, n * n))
+    for first in range(0, len(omega), chunk):
+        part = slice(first, first + chunk)
+        matrices = 1j * omega[part, None, None] * np.eye(n) - scaled
+        X[part] = np.linalg.solve(matrices, (b / d)[:, None].astype(complex))[..., 0] * d
+    return X
+
+
+def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
+    """Return the states at the wanted times, from `initial` at the first node on."""
+    n = len(initial)
+    d = balance(system.A)
+    A, drive = rescaled(system.A, d), system.B @ line.H / d[:, None]
+    steps = [joint_step(A, drive, line.G, h) for h in line.lengths]
+    x = initial / d
+    jump = system.B @ line.jumps / d
+    forcing = np.empty((len(line.which), n))
+    for k, (_, Gamma) in enumerate(steps):
+        here = line.which == k
+        forcing[here] = line.W[:-1][here] @ Gamma.T
+    # Stretches of equal steps, ending at the jump as well.
+    changes = np.flatnonzero(np.diff(line.which)) + 1
+    at_jump = [line.jump_node] if 0 < line.jump_node < len(line.which) else []
+    ends = np.unique([0, *changes.tolist(), *at_jump, len(line.which)])
+    states = np.empty((len(line.nodes), n))
+    with np.errstate(over="ignore", invalid="ignore"):
+        states[0] = x + jump if line.jump_node == 0 else x
+        for first, last in pairwise(ends.tolist()):
+            k = line.which[first]
+
+            def power(count: int, h: float = line.lengths[k]) -> Array | None:
+                accurate = count >= _MANY and n <= LONG_STEPS.value
+                return accurate_exponential(A, count * h) if accurate else None
+
+            inside = recurrence(steps[k][0], forcing[first:last, None], states[first, None], power)
+            states[first + 1 : last + 1] = inside[:, 0]
+            if last == line.jump_node:
+                states[last] += jump
+    return np.asarray(states[line.wanted] * d)
+
+
+def joint_step(A: Array, drive: Array, G: Array, h: float) -> tuple[Array, Array]:
+    """Return Phi and Gamma of ``x(t+h) = Phi x(t) + Gamma w(t)`` for ``x' = A x + drive w``, ``w' = G w``.
+
+    Parameters
+    ----------
+    A, drive, G
+        Matrices (n x n, n x p, p x p), 1/s.
+    h
+        Step, s.
+    """
+    n = len(A)
+    scale = drive_scale(A, drive)
+    E = exponential(joint_generator(A, drive * scale, G), h)
+    return E[:n, :n], E[:n, n:] / scale
+
+
+def joint_generator(A: Array, drive: Array, G: Array) -> Array:
+    """Return the matrix ``[[A, drive], [0, G]]``."""
+    n, p = drive.shape
+    joint = np.zeros((n + p, n + p))
+    joint[:n, :n] = A
+    joint[:n, n:] = drive
+    joint[n:, n:] = G
+    return joint
+
+
+def drive_scale(A: Array, drive: Array) -> float:
+    """Return the power of two that keeps the drive from raising the norm of the joint generator."""
+    size, reference = (float(np.abs(part).sum(axis=0).max(initial=0.0)) for part in (drive, A))
+    if not (0 < size < np.inf and 0 < reference < np.inf):
+        return 1.0
+    exponent = math.ceil(math.log2(size) - math.log2(reference))
+    return math.ldexp(1.0, max(-1000, min(1000, -exponent)))
+
+
+def impulsive_outputs(system: StateSpace, signals: Sequence[Signal], stop: float) -> NDArray[np.bool_]:
+    """Return a mask of the outputs with a Dirac impulse, or a derivative of one, at a time in [0, stop].
+
+    An output has one where it follows a derivative of an input of which a lower derivative jumps. Before
+    t = 0 every signal is zero.
+
+    Parameters
+    ----------
+    system
+        The system: y = C x + D u + higher[0] u' + higher[1] u'' + ….
+    signals
+        One signal per input.
+    stop
+        The last time, s.
+    """
+    found = np.zeros(len(system.C), dtype=bool)
+    for order, feedthrough in enumerate((system.D, *system.higher)):
+        for column in np.flatnonzero(feedthrough.any(axis=0)):
+            if any(_derivative_jumps(signals[int(column)], below, stop) for below in range(-1, order)):
+                found |= feedthrough[:, column] != 0
+    return found
+
+
+def _derivative_jumps(signal: Signal, order: int, stop: float) -> bool:
+    """Return True where a derivative of a signal jumps; of order -1, where the signal is an impulse."""
+    if order < 0:
+        return signal.jump != 0
+    G, h = signal.generator()
+    if not len(h):
+        return False
+    readout = h @ np.linalg.matrix_power(G, order)
+    points = np.unique(np.concatenate([[0.0], signal.breakpoints(0.0, stop)]))
+    points = points[points < stop]
+    ends = np.append(points, stop)
+    middles = (ends[:-1] + ends[1:]) / 2
+    after, between = (signal.states(times, middles) @ readout for times in (points, middles))
+    before = np.zeros(len(points))
+    if len(points) > 1:
+        before[1:] = signal.states(points[1:], middles[:-1]) @ readout
+    size = max(np.abs(part).max() for part in (after, before, between))
+    return bool(np.any(np.abs(after - before) > _ROUNDING * size))

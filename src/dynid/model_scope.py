@@ -1,0 +1,71 @@
+"""The scope of a model: what a result includes, what was left out, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from dynid.result import Result
+
+#: Most names in a list.
+_SHOWN = 500
+
+
+class ScopePart(NamedTuple):
+    """The kept and the omitted items of one kind.
+
+    Parameters
+    ----------
+    name
+        The kind of item: elements, states, modes, parameters, engines, results, ….
+    kept, left_out
+        Names, or a number where they have none.
+    why
+        Reason for the omission; empty where nothing was omitted.
+    """
+
+    name: str
+    kept: Sequence[str] | int
+    left_out: Sequence[str] | int
+    why: str
+
+
+def divided(name: str, known: Iterable[str], kept: Iterable[str], why: str) -> ScopePart:
+    """Return a part of named items: those kept, and all other known ones as omitted."""
+    inside = set(kept)
+    names = list(dict.fromkeys(known))
+    return ScopePart(name, [n for n in names if n in inside], [n for n in names if n not in inside], why)
+
+
+def add_model_scope(result: Result, holder: str, parts: Sequence[ScopePart]) -> None:
+    """Add the scope of a model to a result.
+
+    Parameters
+    ----------
+    result
+        The result.
+    holder
+        Group of its kind.
+    parts
+        The parts.
+
+    Notes
+    -----
+    ``<holder>/need/{part, kept, left_out, kept_names, left_out_names, why}``: counts, and names where
+    the items have them.
+    """
+    group, dims = f"{holder}/need", ("part",)
+    result.add_axis(f"{group}/part", [part.name for part in parts])
+    for column in ("kept", "left_out"):
+        each = [getattr(part, column) for part in parts]
+        result.add(f"{group}/{column}", [one if isinstance(one, int) else len(one) for one in each], dims)
+        names = ["" if isinstance(one, int) else listed_names(one) for one in each]
+        result.add(f"{group}/{column}_names", names, dims)
+    any_left = (bool(part.left_out) for part in parts)
+    result.add(f"{group}/why", [p.why if yes else "" for p, yes in zip(parts, any_left, strict=True)], dims)
+
+
+def listed_names(names: Sequence[str]) -> str:
+    """Return a list of names, shortened where it is long."""
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more

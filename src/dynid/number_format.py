@@ -1,0 +1,145 @@
+"""Numbers in text: significant digits, errors, units, roots."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+#: Most roots in a list.
+MOST_ROOTS = 12
+#: Most decimals of a number.
+_MOST_DECIMALS = 6
+
+
+def quantity(value: float, error: float | None = None) -> str:
+    """Return a number with at least four significant digits and spaces between thousands.
+
+    Parameters
+    ----------
+    value
+        The number.
+    error
+        Its standard error: where that is small, the number is written to the second digit of the error.
+    """
+    if not math.isfinite(value):
+        return "-" if math.isnan(value) else ("∞" if value > 0 else "-∞")
+    size = abs(value)
+    if size and not 1e-4 <= size < 1e7:
+        return f"{value:.4g}"
+    step = min(error, size / 100) / 10 if error else size / 1e3
+    decimals = -math.floor(math.log10(step)) if step else 0
+    if error:
+        return _fixed(value, min(decimals, _reliable(value)))
+    return _fixed(value, max(0, min(_MOST_DECIMALS, decimals)))
+
+
+def with_error(value: float, error: float) -> str:
+    """Return a number and its standard error, both to the second significant digit of the error.
+
+    An error below the sixth decimal is written as a power of ten; very large and very small numbers are too.
+
+    Parameters
+    ----------
+    value
+        The number.
+    error
+        Its standard error.
+    """
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0):
+        return f"{quantity(value)} ± {quantity(error)}"
+    digits = 1 - _exponent(error, 1)
+    if value and not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{max(1, min(15, _exponent(value, 15) + digits))}e} ± {error:.1e}"
+    if digits > _MOST_DECIMALS:
+        return f"{_fixed(value, min(digits, _reliable(value)))} ± {error:.1e}"
+    return f"{_fixed(value, digits)} ± {_fixed(error, digits)}"
+
+
+def limit(value: float) -> str:
+    """Return a gain or a degree, which may be infinite."""
+    return f"{value:.6g}".replace("inf", "∞")
+
+
+def counted(count: int, what: str) -> str:
+    """Return a count with its noun: 1 bond, 2 bonds, 3 frequencies."""
+    several = f"{what[:-1]}ies" if what.endswith("cy") else f"{what}s"
+    return f"{count:,} {what if count == 1 else several}"
+
+
+def span_text(low: float, high: float, digits: int = 4) -> str:
+    """Return a range, or one number where both ends print alike."""
+    first, last = f"{low:.{digits}g}", f"{high:.{digits}g}"
+    return first if first == last else f"{first} … {last}"
+
+
+def frequency_text(omega: float, digits: int = 4) -> str:
+    """Return an angular frequency with its frequency in Hz, for sentences of scenes in either unit."""
+    return f"{omega:.{digits}g} rad/s ({omega / math.tau:.{min(digits, 6)}g} Hz)"
+
+
+def root_text(root: complex, *, hertz: bool = False) -> str:
+    """Return a real root, or a conjugate pair.
+
+    Parameters
+    ----------
+    root
+        A pole or a zero, rad/s.
+    hertz
+        Add the unit, and behind a complex root its natural frequency |s| / 2π in Hz.
+    """
+    if root.imag == 0:
+        said = f"{root.real:.4g}"
+    else:
+        said = f"± {root.imag:.4g}j" if root.real == 0 else f"{root.real:.4g} ± {root.imag:.4g}j"
+    if not hertz:
+        return said
+    return f"{said} rad/s ({abs(root) / math.tau:.4g} Hz)" if root.imag else f"{said} rad/s"
+
+
+def roots_text(roots: NDArray[np.complex128], *, hertz: bool = False) -> str:
+    """Return a list of roots, conjugate pairs as one; `hertz` as of `root_text`."""
+    if not len(roots):
+        return "none"
+    shown = [root_text(root, hertz=hertz) for root in roots if root.imag >= 0]
+    more = f", … ({len(roots)} in all)" if len(shown) > MOST_ROOTS else ""
+    return ", ".join(shown[:MOST_ROOTS]) + more
+
+
+def percent(value: float) -> str:
+    """Return a percentage with two significant digits, whole from a hundred on."""
+    if not math.isfinite(value):
+        return "-"
+    value += 0.0  # no negative zero
+    return f"{value:.0f} %" if 100 <= abs(value) < 1e6 else f"{value:.2g} %"
+
+
+def time_text(seconds: float) -> str:
+    """Return a time with its unit."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-9:.3g} ns"
+
+
+def memory_text(size: float) -> str:
+    """Return a size of memory given in bytes; "-" below the resolution of the system."""
+    return f"{size / 1e6:.3g} MB" if size >= 1e5 else "-"
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Return the power of ten of a number rounded to `digits` decimals."""
+    return int(f"{value:.{digits}e}".partition("e")[2])
+
+
+def _reliable(value: float) -> int:
+    """Return the number of decimals that a double of this size holds."""
+    return 15 - len(str(int(abs(value))))
+
+
+def _fixed(value: float, decimals: int) -> str:
+    """Return a number with spaces between thousands; negative `decimals` round to tens and so on."""
+    return f"{round(value, decimals):,.{max(0, decimals)}f}".replace(",", " ")

@@ -1,0 +1,107 @@
+"""Content of benchmarks: a table each, with the Pareto-optimal alternatives highlighted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from dynid.number_format import memory_text, time_text
+from dynid.report.content.blocks import Section, Statement, TextTable
+from dynid.result import Result
+
+_REMARKS = {
+    "limits": "held to",
+    "failed": "failed",
+    "late": "left out for time (--full measures it)",
+    "missing": "missing",
+    "chosen": "chosen by default",
+    "remark": "not shown",
+}
+_SIGNS = "● Pareto-optimal in time and error; › the suite's default"
+
+
+def method(result: Result) -> str:
+    """Return the kind of result and the meaning of its signs."""
+    clock = "processor " * (result.group_attrs["bench"]["clock"] == "processor")
+    return f"median {clock}times; {_SIGNS}"
+
+
+def sections(result: Result) -> Iterator[Section]:
+    """Yield a section for each benchmark."""
+    for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result if path.startswith("bench/")):
+        about = result.group_attrs[group]
+        every = [row for name in _alternatives(result, group) for row in benchmark_rows(result, group, name)]
+        every.sort(key=lambda row: row.size)
+        rows = tuple(
+            (
+                row.name,
+                f"{row.size:,}",
+                time_text(row.time),
+                memory_text(row.memory),
+                f"{row.error:.1e}",
+                row.marks,
+            )
+            for row in every
+        )
+        marked = frozenset(place for place, row in enumerate(every) if row.best)
+        heads = ("", str(about["size"]), "time", "memory", "error", "")
+        statements = (
+            Statement(f"{term}: {text}", "bad" if term == "failed" else "")
+            for term, text in remarks(result, group)
+        )
+        table = TextTable(heads, rows, marked, str(about["title"]))
+        yield Section(group.partition("/")[2], (table, Statement(f"{_SIGNS}."), *statements))
+
+
+class BenchmarkRow(NamedTuple):
+    """Measurements of an alternative at a size; `best`: Pareto-optimal, `default`: chosen by default."""
+
+    size: int
+    name: str
+    time: float
+    memory: float
+    error: float
+    best: bool
+    default: bool
+
+    @property
+    def marks(self) -> str:
+        """The signs of `default` and `best`."""
+        return "›" * self.default + "●" * self.best
+
+
+def _alternatives(result: Result, group: str) -> list[str]:
+    return list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
+
+
+def benchmark_rows(result: Result, group: str, name: str) -> Iterator[BenchmarkRow]:
+    """Yield the rows of an alternative."""
+    names = ("size", "time", "memory", "error", "pareto", "default")
+    columns = [result[f"{group}/{name}/{column}"].data for column in names]
+    for size, time, memory, error, best, default in zip(*columns, strict=True):
+        yield BenchmarkRow(
+            int(size), name, float(time), float(memory), float(error), bool(best), bool(default)
+        )
+
+
+def better_peers(result: Result, group: str) -> str:
+    """Return the peers that are faster and more accurate than the default, with the sizes; or `none`."""
+    names = sorted(_alternatives(result, group))
+    peers = [name for name in names if result.group_attrs[f"{group}/{name}"].get("peer")]
+    none = f"none of {', '.join(peers)}" if peers else "none; no peer took part"
+    return str(result.group_attrs[group]["beaten"] or none)
+
+
+def remarks(result: Result, group: str) -> Iterator[tuple[str, str]]:
+    """Yield the remarks on a benchmark: a term and its text."""
+    about = result.group_attrs[group]
+    yield "error", str(about["measure"])
+    attributes = {name: result.group_attrs[f"{group}/{name}"] for name in _alternatives(result, group)}
+    powers = [f"{name} {given['exponent']:.2f}" for name, given in attributes.items() if "exponent" in given]
+    if powers:
+        yield f"time grows with {about['size']} to the power of", ", ".join(powers)
+    if "beaten" in about:
+        yield "peers faster and more accurate than the default", better_peers(result, group)
+    for key, term in _REMARKS.items():
+        if about.get(key):
+            yield term, str(about[key])

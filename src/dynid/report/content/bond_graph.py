@@ -1,0 +1,200 @@
+"""Content of bond graphs: transfer functions, the port, the reduction, causality, equations of state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynid.number_format import counted, roots_text
+from dynid.report.content.blocks import (
+    Block,
+    DefinitionList,
+    NumberedList,
+    Section,
+    Statement,
+    definitions,
+    joined,
+    more,
+)
+from dynid.report.content.transfer_functions import channel_sections
+from dynid.report.scenes import in_hertz
+from dynid.result import Result
+
+PORT = "bond_graph/port"
+#: Most steps, prototypes, states and remarks that are listed.
+_STEPS, _OUTPUTS, _STATES, _REMARKS = 60, 12, 12, 12
+_REDUCTION, _CAUSALITY = "bond_graph/reduction", "bond_graph/causality"
+#: Longest formula that is shown.
+_LONGEST = 400
+
+
+def method(result: Result) -> str:
+    """Return the kind of analysis and its engine."""
+    engine = result.group_attrs.get("bond_graph", {}).get("engine")
+    return f"bond graph · {engine} engine" if engine else "bond graph"
+
+
+def sections(result: Result) -> Iterator[Section]:
+    """Yield the content of a bond graph."""
+    if "bond_graph/warnings" in result:
+        warnings = map(str, result["bond_graph/warnings"].data)
+        yield Section(
+            "Warnings", tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings)
+        )
+    yield from channel_sections(result)
+    if items := list(port_items(result, _LONGEST)):
+        yield Section(f"Port {result.group_attrs[PORT]['bond']}", (definitions(*items),))
+    if f"{_REDUCTION}/output" in result:
+        yield Section("Reduction", tuple(_reduction(result)))
+    if f"{_CAUSALITY}/bonds" in result:
+        yield Section("Causality", tuple(_causality(result)))
+    group = "bond_graph/state_space"
+    names = (name for name in ("definitions", "equations", "output_equations") if f"{group}/{name}" in result)
+    lines = [str(line) for name in names for line in result[f"{group}/{name}"].data]
+    if lines:
+        yield Section("State equations", (_formulas(lines[:_STEPS]), *more(len(lines), _STEPS, "line")))
+    yield Section("Graph", tuple(_graph(result)))
+
+
+def _formulas(lines: list[str]) -> NumberedList:
+    return NumberedList(tuple(line if len(line) < _LONGEST else f"{line[:_LONGEST]}…" for line in lines))
+
+
+def _graph(result: Result) -> Iterator[Block]:
+    about = result.group_attrs.get("bond_graph", {})
+    if "nodes" in about:
+        size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
+        yield definitions(("size", size), ("engine", str(about.get("engine_reason", ""))))
+    if about.get("engine", "exact") != "exact":
+        yield Statement(str(about.get("engine_limits", "")))
+    if about.get("reading") == "binary":
+        yield Statement("Every value is read as the double nearest to it (reading: binary).")
+
+
+def _reduction(result: Result) -> Iterator[Block]:
+    output, letters, equations, *systems = (
+        np.atleast_1d(result[f"{_REDUCTION}/{name}"].data)
+        for name in ("output", "prototype", "prototype_equation", "system_a", "system_b")
+    )
+    items = []
+    for place, name in enumerate(output[:_OUTPUTS]):
+        lines = [f"prototype {letters[place]}:  {equations[place]}", *(str(part[place]) for part in systems)]
+        items.append((str(name), tuple(line for line in lines if len(line) < _LONGEST)))
+    yield DefinitionList(tuple(items))
+    yield from more(len(output), _OUTPUTS, "output")
+    if f"{_REDUCTION}/steps" in result:
+        rows = [row for row in result[f"{_REDUCTION}/steps"].data if row["output"] == output[0]]
+        yield _formulas([f"{row['rule']}: {row['equation']}" for row in rows[:_STEPS]])
+        yield from more(len(rows), _STEPS, "step")
+
+
+def _causality(result: Result) -> Iterator[Block]:
+    states = result[f"{_CAUSALITY}/states"].data["name"]
+    yield definitions(("states", f"{len(states)}: {joined(states, _STATES)}" if len(states) else "none"))
+    for table, title in (("conflicts", "conflict"), ("dependent_storages", "dependent"), ("loops", "loop")):
+        meanings = [str(text) for text in result[f"{_CAUSALITY}/{table}"].data["meaning"]]
+        tone = "bad" if table == "conflicts" else ""
+        yield from (Statement(f"{title}: {meaning}", tone) for meaning in meanings[:_REMARKS])
+        yield from more(len(meanings), _REMARKS, title)
+    prefix = f"{_CAUSALITY}/zero_dynamics/"
+    channels = [path for path in result if path.startswith(prefix) and path.endswith("/meaning")]
+    rows = []
+    for path in channels[:_REMARKS]:
+        name = path.removeprefix(prefix).removesuffix("/meaning").replace("/", " / ")
+        rows.append((f"zeros of {name}", str(result.value(path))))
+    if rows:
+        yield definitions(*rows)
+
+
+def port_items(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield prototype, both sides as equivalent sources, dynamics and operating points of the port.
+
+    Parameters
+    ----------
+    result
+        Of a bond graph; nothing is yielded without a port.
+    longest
+        Length of the longest formula that is shown.
+
+    Yields
+    ------
+    tuple
+        A term and its lines.
+    """
+    if f"{PORT}/prototype" not in result:
+        return
+    letter, equation = (result.value(f"{PORT}/{name}") for name in ("prototype", "prototype_equation"))
+    yield "prototype", (f"{letter}:  {equation}",)
+    yield "type", (str(result.value(f"{PORT}/type")),)
+    for side in ("source", "load"):
+        yield side, tuple(_side(result, side, longest))
+    yield from _dynamics(result, longest)
+    yield "at rest", tuple(_operating_points(result))
+
+
+def _side(result: Result, side: str, longest: int) -> Iterator[str]:
+    """Yield the nodes of a side, its equivalent source, and its form if it is an ideal source."""
+    group = f"{PORT}/{side}"
+    attrs = result.group_attrs[group]
+    yield str(attrs["nodes"])
+    exact = [
+        path[len(group) + 1 : -len("/exact")]
+        for path in result
+        if path.startswith(f"{group}/") and path.endswith("/exact")
+    ]
+    form = "Z_eq" if "Z_eq" in exact else "Y_eq"
+    letter = "e" if form == "Z_eq" else "f"
+    for name in [form, *(name for name in exact if name.startswith(f"{letter}_eq/"))]:
+        if name in exact:
+            formula = str(result.group_attrs.get(f"{group}/{name}", {}).get("symbolic", ""))
+            formula = formula or str(result.value(f"{group}/{name}/exact"))
+            variable, _, source = name.partition("/")
+            driven = f" of {source}" if source else ""
+            yield f"{variable}{driven} = {formula if len(formula) <= longest else '(in the file)'}"
+    if str(attrs["form"]).startswith("an ideal"):
+        yield str(attrs["form"])
+
+
+def _dynamics(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the paper's equations of the dynamics, the response they refer to, and the natural modes."""
+    hertz = in_hertz(result)
+    for name in ("zero dynamics", "pole dynamics"):
+        group = f"{PORT}/{name.replace(' ', '_')}"
+        others = [
+            f"{what}: at {roots_text(result[path].data, hertz=hertz)}"
+            for what, key in (("missed", "missed_roots"), ("not of it", "foreign_roots"))
+            if (path := f"{group}/{key}") in result and len(result[path].data)
+        ]
+        found = roots_text(result[f"{group}/roots"].data, hertz=hertz)
+        yield name, (f"{result.value(f'{group}/equation')}:  {found}", *others)
+    response = f"{PORT}/zero_dynamics/response"
+    if f"{response}/exact" in result:
+        exact = str(result.value(f"{response}/exact"))
+        exact = exact if len(exact) <= longest else "(in the file)"
+        zeros = f"zeros {roots_text(result[f'{response}/zeros'].data, hertz=hertz)}"
+        yield str(result.value(f"{PORT}/zero_dynamics/response_name")), (exact, zeros)
+    if f"{PORT}/natural_modes" in result:
+        modes, power = (result[f"{PORT}/{name}"].data for name in ("natural_modes", "net_power"))
+        net = (f"net power over the port {power.max():.1g} (eq 9)",) if len(power) else ()
+        yield "natural modes", (roots_text(modes, hertz=hertz), *net)
+    if f"{PORT}/shared_junctions" in result and (shared := str(result.value(f"{PORT}/shared_junctions"))):
+        text = (
+            f"A and B are not independent, both contain {shared}: eqs 10 to 12 count this part twice, "
+            "and the natural modes are the roots of the determinant of the whole"
+        )
+        yield "loop", (text,)
+
+
+def _operating_points(result: Result) -> Iterator[str]:
+    """Yield effort and flow at the port in the steady state, for every input, or why there are none."""
+    group = f"{PORT}/performance"
+    if f"{group}/input" in result:
+        for place, name in enumerate(result[f"{group}/input"].data):
+            values = []
+            for letter, key in (("e", "effort"), ("f", "flow")):
+                variable = result[f"{group}/operating_{key}"]
+                values.append(f"{letter} = {variable.data[place]:.4g} {variable.units}".rstrip())
+            yield f"{name} = 1 gives {', '.join(values)}"
+    if note := result.group_attrs.get(group, {}).get("note"):
+        yield str(note)

@@ -1,0 +1,238 @@
+"""Content of identifiability: Cramér–Rao bounds, collinear parameters, modes, calibration errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import CALIBRATION
+from dynid.number_format import quantity, time_text
+from dynid.report.content.blocks import Section, Statement, TextTable, more
+from dynid.report.scenes import frequency_unit
+from dynid.result import Result
+
+Floats = NDArray[np.float64]
+
+GROUP = "identification/identifiability"
+_CONSIDERED = "identification/considered"
+#: Most modes, and most quantities with calibration errors, that are listed.
+_MODES, _QUANTITIES = 20, 60
+#: Least relative change that is shown as a number; least effect, in standard errors, that has a sentence.
+_LEAST, _WORTH = 1e-6, 0.1
+
+
+def bound_text(value: float) -> str:
+    """Return a relative bound as text."""
+    if not math.isfinite(value):
+        return "not identifiable"
+    return f"{100 * value:.2g} %" if value < 1 else f"{100 * value:.3g} %"
+
+
+def identifiability_sections(result: Result) -> Iterator[Section]:
+    """Yield bounds with collinear parameters, and the sensitivities of the modes to the parameters."""
+    if f"{GROUP}/relative_bound" not in result:
+        return
+    found = bound_table(result)
+    heads = ("", "value", "bound", *(["bound, initial state known"] if found.of_time else []))
+    table = TextTable(heads, found.rows, caption=f"Cramér–Rao bound at the {''.join(found.where)}")
+    faults = (Statement(text, "bad") for text in collinear_groups(result))
+    yield Section("Identifiability", (table, *faults))
+    columns, rows = modal_shifts(result)
+    caption = (
+        "Change of a mode's frequency by 1 % of a stiffness, and of its damping ratio by 1 % of a damping"
+    )
+    modes = TextTable(columns, tuple(rows[:_MODES]), caption=caption)
+    yield Section("Parameters and modes", (modes, *more(len(rows), _MODES, "mode")))
+
+
+class BoundTable(NamedTuple):
+    """Cramér–Rao bounds of a record.
+
+    Parameters
+    ----------
+    where
+        The parameter values, and the noise, for which they are computed.
+    of_time
+        True for a time record, which has an initial state; False for frequency responses.
+    rows
+        Parameter with unit, value, bound, and for a time record the bound with known initial state.
+    """
+
+    where: tuple[str, str]
+    of_time: bool
+    rows: tuple[tuple[str, ...], ...]
+
+
+def bound_table(result: Result) -> BoundTable:
+    """Return the Cramér–Rao bound of every parameter."""
+    get = {name: result[f"{GROUP}/{name}"].data for name in ("parameter", "unit", "value", "relative_bound")}
+    known = result[f"{GROUP}/relative_bound_known_state"].data
+    attrs = result.group_attrs[GROUP]
+    place = "true values" if attrs["at"] == "true" else "start values"
+    noise = "" if attrs["noise"] == "known" else "; noise assumed, 1 % of each channel"
+    of_time = "identification/measurement/omega" not in result
+    rows = tuple(
+        (
+            f"{name} [{unit}]".removesuffix(" []"),
+            quantity(value),
+            bound_text(bound),
+            *([bound_text(least)] if of_time else []),
+        )
+        for name, unit, value, bound, least in zip(*get.values(), known, strict=True)
+    )
+    return BoundTable((place, noise), of_time, rows)
+
+
+def collinear_groups(result: Result) -> Iterator[str]:
+    """Yield a sentence for each group of collinear parameters, and for those without any effect."""
+    group = f"{GROUP}/groups"
+    bounds = dict(zip(result[f"{GROUP}/parameter"].data, result[f"{GROUP}/relative_bound"].data, strict=True))
+    for names, seen in zip(result[f"{group}/parameters"].data, result[f"{group}/seen"].data, strict=True):
+        bounded = all(math.isfinite(bounds[name]) for name in names.split(", "))
+        how = "can hardly be distinguished" if bounded else "cannot be distinguished"
+        only = f": the record shows {'mostly' if bounded else 'only'} {seen}" if seen else ""
+        yield f"{names} {how}{only}"
+    grouped = {name for names in result[f"{group}/parameters"].data for name in names.split(", ")}
+    unseen = [name for name, bound in bounds.items() if not math.isfinite(bound) and name not in grouped]
+    if unseen:
+        yield f"{', '.join(unseen)} not identifiable: no effect on the record; excite or measure at the joint"
+
+
+def modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return the changes of frequency and damping of each mode by one per cent of each parameter."""
+    group = f"{GROUP}/modal_sensitivity"
+    omega, zeta = (result[f"{group}/{name}"].data for name in ("omega", "zeta"))
+    names, unit = result[f"{group}/parameter"].data, frequency_unit(result)
+    values = result[f"{GROUP}/value"].data
+    by_omega = result[f"{group}/omega_by_parameter"].data * values / omega[:, None]
+    by_zeta = result[f"{group}/zeta_by_parameter"].data * values
+    rows = []
+    for k in range(len(omega)):
+        moved = [
+            shift_text(by_omega[k, j]) if str(name).endswith(".k") else shift_text(by_zeta[k, j], "ζ ")
+            for j, name in enumerate(names)
+        ]
+        rows.append((f"{k + 1}", f"{unit.factor * omega[k]:.5g}", f"{100 * zeta[k] + 0.0:.3g} %", *moved))
+    return ("mode", unit.name, "damping", *map(str, names)), rows
+
+
+def shift_text(percent: float, symbol: str = "") -> str:
+    """Return a change in per cent as text, with its symbol; a dash for none."""
+    if not np.isfinite(percent):
+        return "∞"
+    return "-" if abs(percent) < _LEAST else f"{symbol}{percent:+.2g} %"
+
+
+class CalibrationEffects(NamedTuple):
+    """Changes of the estimates by calibration errors (p parameters, q quantities).
+
+    Attributes
+    ----------
+    parameters
+        Names of the parameters (p).
+    changes
+        The calibration errors, in words (q).
+    moves
+        Relative changes of the estimates (p x q), NaN for parameters that are not identifiable.
+    deviations
+        Magnitudes of the same in standard errors (p x q), NaN where there is none.
+    kinds
+        Kind of each quantity (q): the gain of a ``load`` or a ``sensor``, or the ``delay``.
+    """
+
+    parameters: list[str]
+    changes: list[str]
+    moves: Floats
+    deviations: Floats
+    kinds: NDArray[np.str_]
+
+
+def calibration_effects(result: Result) -> CalibrationEffects | None:
+    """Return the effects of calibration errors on the estimates; None where the result has none."""
+    if f"{_CONSIDERED}/slope" not in result:
+        return None
+    names = ("parameter", "quantity", "change", "slope")
+    parameters, quantities, sizes, slopes = (result[f"{_CONSIDERED}/{name}"].data for name in names)
+    group = "identification/parameters"
+    if f"{group}/estimate" in result:
+        relative = result[f"{group}/standard_error"].data / result[f"{group}/estimate"].data
+    else:  # the bounds, before an estimation
+        relative = result[f"{GROUP}/relative_bound"].data
+    moves, deviations = slopes * sizes, np.asarray(relative)[:, None]
+    kinds, changes = [], []
+    for name, size in zip(map(str, quantities), sizes, strict=True):
+        kind = "delay" if name == "trigger delay" else "sensor" if name.startswith("gain of") else "load"
+        kinds.append(kind)
+        if kind != "delay":
+            changes.append(f"{100 * size:.2g} % of the {name}")
+            continue
+        time = time_text(float(size))
+        of_time = "identification/measurement/omega" not in result
+        changes.append(f"a trigger delay of {f'one sample ({time})' if of_time else time}")
+    in_errors = np.abs(moves) / np.where(deviations > 0, deviations, np.nan)
+    return CalibrationEffects([str(name) for name in parameters], changes, moves, in_errors, np.array(kinds))
+
+
+def calibration_sentences(result: Result) -> Iterator[str]:
+    """Yield the largest effect of a load's gain, of a sensor's gain, and of the delay, a sentence each.
+
+    Effects that are small beside the standard error have none, nor have effects on rejected estimates.
+    """
+    found, converged = calibration_effects(result), "identification/diagnostics/converged"
+    if found is None or (converged in result and not result.value(converged)):
+        return
+    worst = [place for kind in ("load", "sensor", "delay") if (place := _worst(found, kind))]
+    errors = [float(np.nan_to_num(found.deviations[place])) for place in worst]
+    for (k, j), many in zip(worst, errors, strict=True):
+        sentence = f"{found.changes[j]} moves {found.parameters[k]} by {_percent(found.moves[k, j])}"
+        if many:
+            sentence += f" ({f'{many:.2g}' if many < 100 else f'{many:.0f}'} standard errors)"
+        if many == max(errors) > CALIBRATION.value:
+            sentence += "; error bars do not include it"
+        yield sentence
+
+
+def _worst(found: CalibrationEffects, kind: str) -> tuple[int, int] | None:
+    """Return parameter and quantity of the largest effect of a kind, in standard errors if there are any."""
+    size = np.where(found.kinds == kind, np.nan_to_num(np.abs(found.moves)), 0.0)
+    size[size < _LEAST] = 0.0
+    weight = np.where(size > 0, np.nan_to_num(found.deviations), 0.0)
+    ranked = np.where(weight > _WORTH, weight, 0.0) if weight.any() else size
+    k, j = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
+    return (int(k), int(j)) if ranked.any() else None
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:+.2g} %" if abs(part) < 1 else f"{100 * part:+.0f} %"
+
+
+def calibration_sections(result: Result) -> Iterator[Section]:
+    """Yield the effects of every gain error and of the delay on every estimate."""
+    found = calibration_effects(result)
+    if found is None or not found.changes:
+        return
+    rows = tuple(
+        (
+            change,
+            *(
+                "not identifiable" if not np.isfinite(move) else "-" if abs(move) < _LEAST else _percent(move)
+                for move in found.moves[:, j]
+            ),
+        )
+        for j, change in enumerate(found.changes[:_QUANTITIES])
+    )
+    caption = (
+        "First-order changes of the estimates if a load, or the record of a sensor, is larger by this part"
+    )
+    yield Section(
+        "Calibration errors",
+        (
+            *(Statement(f"{text[0].upper()}{text[1:]}.") for text in calibration_sentences(result)),
+            TextTable(("", *found.parameters), rows, caption=caption),
+            *more(len(found.changes), _QUANTITIES, "quantity"),
+        ),
+    )

@@ -1,0 +1,241 @@
+"""Content of identifications: estimates with intervals, their verdict, modes, and the record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynid.defaults import SIGNAL
+from dynid.number_format import counted, percent, quantity, span_text, with_error
+from dynid.report.content.blocks import Section, Statement, TextTable, more
+from dynid.report.content.identifiability import calibration_sections, identifiability_sections
+from dynid.report.scenes import frequency_unit
+from dynid.result import Result
+
+#: Most modes and massless DOFs that are listed.
+_MOST_MODES, _SHOWN = 60, 20
+#: Half width of a 95 % interval in standard errors.
+_HALF_WIDTH = 1.959963984540054
+#: Condition number of the information above which parameters are badly conditioned.
+_BADLY = 1e3
+_MEASURED, _DIAGNOSTICS = "identification/measurement", "identification/diagnostics"
+_PARAMETERS = "identification/parameters"
+
+
+def method(result: Result) -> str:
+    """Return the kind of analysis and the method of the estimate."""
+    if f"{_DIAGNOSTICS}/passes" not in result:
+        return "structure"
+    passes = result.value(f"{_DIAGNOSTICS}/passes")
+    stages = result["identification/stages/stage"].data
+    way = "from" if f"{_MEASURED}/omega" in result else "after"
+    chosen = result.value("identification/stages/chosen")
+    how = {
+        "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
+        "output-error": "maximum likelihood",
+        "invariant-imbedding": "invariant imbedding",
+        "auto": f"maximum likelihood {way} {stages[chosen - 1]}",
+    }
+    attrs = result.group_attrs["identification"]
+    if attrs.get("loss") == "huber":
+        return "identification · maximum likelihood with Huber's loss"
+    return f"identification · {how[str(attrs['estimator'])]}"
+
+
+def sections(result: Result) -> Iterator[Section]:
+    """Yield the content of an identification, or of the responses of a structure."""
+    if f"{_PARAMETERS}/name" in result:
+        good = not is_rejected(result)
+        white = good and bool(result.value(f"{_DIAGNOSTICS}/white"))
+        statements = []
+        for place, sentence in enumerate(verdict_sentences(result)):
+            bad = not good or (place > 0 and sentence.startswith(("warning", "at a bound", "error bars")))
+            tone = "bad" if bad else "good" if white and place == 0 else ""
+            statements.append(Statement(_capitalized(sentence), tone))
+        columns, rows = parameter_table(result)
+        yield Section(
+            "Parameters",
+            (
+                Statement(f"{record_summary(result)}."),
+                *(Statement(f"{_capitalized(line)}.") for line in preparation(result)),
+                TextTable(columns, tuple(rows)),
+                *statements,
+            ),
+        )
+    yield from calibration_sections(result)
+    yield from identifiability_sections(result)
+    group = "structure/modes"
+    if f"{group}/omega" not in result:
+        return
+    get = {name: result[f"{group}/{name}"].data for name in ("omega", "damping", "name")}
+    count, size = len(get["omega"]), len(result[f"{group}/dof"].data)
+    modes = tuple(
+        (
+            str(k + 1),
+            f"{omega:.5g}",
+            f"{omega / (2 * math.pi):.5g}",
+            f"{100 * damping + 0.0:.3g} %",
+            str(name),
+        )
+        for k, (omega, damping, name) in enumerate(zip(*get.values(), strict=True))
+        if k < _MOST_MODES
+    )
+    rigid = int(result.value(f"{group}/rigid"))
+    caption = f"{counted(count, 'mode')} of {counted(size, 'DOF')}, {rigid or 'none'} of the rigid body"
+    table = TextTable(("mode", "rad/s", "Hz", "damping", ""), modes, caption=caption)
+    massless = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
+    remark = []
+    if massless:
+        shown = ", ".join(map(str, massless[:_SHOWN]))
+        remark = [Statement(f"{len(massless)} massless: {shown}{', …' if len(massless) > _SHOWN else ''}")]
+    yield Section("Modes", (table, *more(count, _MOST_MODES, "mode"), *remark))
+
+
+def _capitalized(sentence: str) -> str:
+    return sentence[0].upper() + sentence[1:]
+
+
+def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of the parameters: start, estimate with error, interval, true value, bound.
+
+    Logarithms are estimated, so the 95 % interval is the estimate times exp(±1.96 times the deviation of the
+    logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to the
+    true value. Where a true value is unknown, the bound is that at the estimate, which equals the standard
+    error, and is omitted. Where the residuals contradict the given noise, a column has the standard error for
+    the noise of the residuals.
+    """
+    get = {
+        name.rpartition("/")[2]: variable.data
+        for name, variable in result.items()
+        if name.startswith(f"{_PARAMETERS}/")
+    }
+    known, barred = bool(np.isfinite(get["true"]).any()), not is_rejected(result)
+    bounded = barred and bool(np.isfinite(get["true"]).all())
+    contradicted = f"{_DIAGNOSTICS}/noise_contradicted"
+    scaled = get.get("standard_error_scaled") if result.get(contradicted) is not None else None
+    if scaled is not None and not (barred and result.value(contradicted)):
+        scaled = None
+    bars = ("95 % interval", *(() if scaled is None else ("for residual noise",))) if barred else ()
+    truths = (*(("true", "error") if known else ()), *(("bound",) if bounded else ()))
+    rows = []
+    for k, name in enumerate(get["name"]):
+        estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
+        shown: tuple[str, ...] = (quantity(estimate),)
+        if barred:
+            factor = math.exp(_HALF_WIDTH * error / estimate)
+            interval = f"{quantity(estimate / factor, error)} … {quantity(estimate * factor, error)}"
+            shown = (with_error(estimate, error), interval)
+        truth = (quantity(true), percent(get["error_percent"][k])) if known else ()
+        bound = (percent(100 * float(get["cramer_rao"][k]) / true),) if bounded else ()
+        rows.append(
+            (
+                f"{name} [{get['unit'][k]}]".removesuffix(" []"),
+                quantity(get["start"][k]),
+                *shown,
+                *(() if scaled is None else (with_error(estimate, float(scaled[k])),)),
+                *truth,
+                *bound,
+            )
+        )
+    return ("", "start", "estimate", *bars, *truths), rows
+
+
+def record_summary(result: Result) -> str:
+    """Return the number of states, unknowns, records and samples, and the channels."""
+    group = _MEASURED
+    several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
+    every = [path.removesuffix("/measured") for path in several] or [group]
+    measured = [result[f"{path}/measured"].data for path in every]
+    lists = list(dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every))
+    missing = sum(int(np.isnan(values).sum()) for values in measured)
+    gaps = f", {missing} missing" if missing else ""
+    unknowns = counted(len(result[f"{_PARAMETERS}/name"].data), "unknown parameter")
+    if f"{group}/omega" in result:
+        omega, unit = result[f"{group}/omega"].data, frequency_unit(result)
+        span = span_text(unit.factor * omega[0], unit.factor * omega[-1], 5)
+        lines = f"{counted(len(omega), 'line')}, {span} {unit.name}"
+        return f"{unknowns}; {lines}, of the frequency responses {lists[0]}{gaps}"
+    states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
+    records = f"{counted(len(every), 'record')}, " if several else ""
+    samples = counted(sum(map(len, measured)), "sample")
+    return f"{counted(states, 'physical state')}, {unknowns}; {records}{samples} of {'; '.join(lists)}{gaps}"
+
+
+def preparation(result: Result) -> Iterator[str]:
+    """Yield the preparation of the records, one line for records with the same steps."""
+    attrs = (attrs for group, attrs in result.group_attrs.items() if _MEASURED in group)
+    yield from dict.fromkeys(f"prepared: {found['prepared']}" for found in attrs if "prepared" in found)
+
+
+def is_rejected(result: Result) -> bool:
+    """Return True if an estimate is not converged and rejected, so that its standard errors are invalid."""
+    converged = result.get(f"{_DIAGNOSTICS}/converged")
+    return converged is not None and not bool(converged.data)
+
+
+def cautions(result: Result) -> Iterator[str]:
+    """Yield the rejection of a result with its remedy, and the warnings, a sentence each."""
+    if f"{_DIAGNOSTICS}/converged" not in result:
+        return
+    if is_rejected(result):
+        reason = str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
+        yield f"not converged: {reason}: {_remedy(result)}"
+    yield from (str(warning) for warning in result[f"{_DIAGNOSTICS}/warnings"].data)
+
+
+def _remedy(result: Result) -> str:
+    """Return the remedy for a rejected result."""
+    signal, redundancy = result.get(f"{_DIAGNOSTICS}/signal_p"), result.get(f"{_DIAGNOSTICS}/redundancy")
+    if signal is not None and not float(signal.data) < SIGNAL.value:
+        return "excite more, or measure elsewhere, longer or with less noise"
+    if not result.value(f"{_DIAGNOSTICS}/explained"):
+        priors = "".join(f"the prior of {name}, " for name in contradicted_priors(result))
+        return f"check {priors}model, units, signs and starts"
+    if redundancy is not None and int(redundancy.data) <= 0:
+        return "add channels or excitation frequencies, or fix a parameter"
+    return "use method auto, or more passes"
+
+
+def contradicted_priors(result: Result) -> list[str]:
+    """Return the parameters whose priors the record contradicts."""
+    flags = result.get(f"{_DIAGNOSTICS}/prior_contradicted")
+    if flags is None:
+        return []
+    return [str(name) for name in result[f"{_DIAGNOSTICS}/parameter"].data[flags.data]]
+
+
+def verdict_sentences(result: Result) -> Iterator[str]:
+    """Yield the verdict on an estimate: residuals, bounds, conditioning, worst parameter, warnings."""
+    p, white = result.value(f"{_DIAGNOSTICS}/whiteness_p"), bool(result.value(f"{_DIAGNOSTICS}/white"))
+    ratio = 100 * result[f"{_DIAGNOSTICS}/residual_ratio"].data
+    left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
+    residuals = f"the residuals are {'white' if white else 'not white'}, p = {p:.2g}"
+    yield f"{result.value(f'{_DIAGNOSTICS}/verdict')} · {left} · {residuals}"
+    rejected = is_rejected(result)
+    if rejected:
+        yield "error bars are not printed: the result is rejected (those in the file are nominal)"
+    elif not white:
+        yield "error bars are nominal: the residuals are not white noise"
+    names, bounds = result[f"{_PARAMETERS}/name"].data, f"{_PARAMETERS}/at_bound"
+    held = ", ".join(names[result[bounds].data]) if bounds in result else ""
+    if held:
+        yield f"at a bound: {held}; the likelihood increases beyond it"
+    parts = []
+    if len(names) > 1:
+        condition = result.value(f"{_DIAGNOSTICS}/condition")
+        verdict = (
+            "badly conditioned; the parameters are hardly distinguishable"
+            if condition > _BADLY
+            else "well conditioned; the parameters are distinguishable"
+        )
+        parts.append(f"{verdict} (condition {condition:.2g})")
+    if not rejected:
+        relative = result[f"{_PARAMETERS}/standard_error"].data / result[f"{_PARAMETERS}/estimate"].data
+        error = percent(100 * relative.max())
+        parts.append(f"least certain: {names[int(np.argmax(relative))]} (standard error {error})")
+    if parts:
+        yield " · ".join(parts)
+    for warning in result[f"{_DIAGNOSTICS}/warnings"].data:
+        yield f"warning: {warning}"

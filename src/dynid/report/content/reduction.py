@@ -1,0 +1,123 @@
+"""Content of reductions: frequencies, errors and costs of every method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.number_format import counted, quantity
+from dynid.report.content.blocks import Section, Statement, TextTable
+from dynid.report.scenes import frequency_unit
+from dynid.result import Result
+from dynid.scene.frequency_unit import FrequencyUnit
+
+#: Most frequencies of a row.
+_SHOWN = 4
+
+
+def method(result: Result) -> str:
+    """Return the kind of analysis and the number of methods."""
+    return f"reduction · {counted(len(_names(result)), 'method')}"
+
+
+def sections(result: Result) -> Iterator[Section]:
+    """Yield the comparison of the methods."""
+    columns, rows = method_table(result)
+    size = counted(len(result["reduction/dof"].data), "DOF")
+    statements = (Statement(sentence) for sentence in remarks(result))
+    yield Section("Methods", (TextTable(columns, tuple(rows), frozenset({0}), f"of {size}"), *statements))
+
+
+def method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows: natural frequencies with the joints, errors and costs of each method."""
+    reference, common, unit = _reference(result), _common(result), frequency_unit(result)
+    elastic = [number for number in sorted(reference) if reference[number]]
+    shown = (elastic or sorted(reference))[:_SHOWN]
+    with_frac = "reduction/frf/frac" in result
+    frequencies = (f"{unit.symbol}{number}" for number in shown)
+    columns = ["", "size", *frequencies, "worst error", "least MAC", *(["least FRAC"] if with_frac else [])]
+    full = ["full", str(len(result["reduction/dof"].data)), *(_frequency(reference[k], unit) for k in shown)]
+    rows = [(*full, *[""] * (5 + with_frac))]
+    for place, name in enumerate(_names(result)):
+        modes = _of(result, name, "mode")
+        found = dict(zip(modes.tolist(), _of(result, name, "frequencies"), strict=True))
+        compared = np.isin(modes, sorted(common))
+        error = np.abs(_of(result, name, "frequency_error"))[compared]
+        agreement = np.diagonal(_of(result, name, "mac"))[compared]
+        frac = [f"{result['reduction/frf/frac'].data[place].min():.3f}"] if with_frac else []
+        attrs, condition = (
+            result.group_attrs.get(f"reduction/{name}", {}),
+            result.get(f"reduction/{name}/condition"),
+        )
+        peak = attrs.get("peak_megabytes")
+        rows.append(
+            (
+                name,
+                str(len(_of(result, name, "coordinate"))),
+                *(_frequency(found[k], unit) if k in found else "" for k in shown),
+                f"{100 * error.max():.2g} %" if len(error) else "",
+                f"{agreement.min():.3f}" if len(agreement) else "",
+                *frac,
+                "" if condition is None else f"{condition.data.item():.2g}",
+                seconds_text(attrs.get("seconds")),
+                f"{peak:.1f} MB" if isinstance(peak, float) else "",
+            )
+        )
+    return (*columns, "condition", "time", "memory"), rows
+
+
+def _names(result: Result) -> list[str]:
+    return list(result["reduction/method"].data)
+
+
+def _of(result: Result, name: str, part: str) -> NDArray[Any]:
+    return result[f"reduction/{name}/{part}"].data
+
+
+def _reference(result: Result) -> dict[int, float]:
+    """Return the natural frequencies of the full structure, with which methods are compared, by number."""
+    return {
+        int(number): float(omega)
+        for name in _names(result)
+        for number, omega in zip(_of(result, name, "mode"), _of(result, name, "reference"), strict=True)
+    }
+
+
+def _common(result: Result) -> set[int]:
+    """Return the mode numbers that all methods have; all of them, where they have none in common."""
+    numbers = [set(_of(result, name, "mode").tolist()) for name in _names(result)]
+    return set.intersection(*numbers) or set.union(*numbers)
+
+
+def remarks(result: Result) -> Iterator[str]:
+    """Yield the remarks on the table: units, rigid-body modes, masters."""
+    common, unit = sorted(_common(result)), frequency_unit(result)
+    yield f"{unit.symbol} in {unit.name}, joints included; worst error and least MAC of {_span(common)}"
+    rigid = [number for number, omega in sorted(_reference(result).items()) if not omega]
+    if rigid:
+        yield f"{_span(rigid)}: of the rigid body, {unit.symbol} = 0"
+    for name in _names(result):
+        masters = _of(result, name, "masters")
+        if len(masters):
+            dofs = result["reduction/dof"].data[masters - 1]
+            few = ", ".join(map(str, dofs[:12])) + (", …" if len(masters) > 12 else "")
+            yield f"{name}: {'master' if len(masters) == 1 else 'masters'} {few}"
+
+
+def _span(numbers: list[int]) -> str:
+    return f"modes {numbers[0]} … {numbers[-1]}" if len(numbers) > 1 else f"mode {numbers[0]}"
+
+
+def _frequency(value: float, unit: FrequencyUnit) -> str:
+    return quantity(unit.factor * value) if value else "0"
+
+
+def seconds_text(value: object) -> str:
+    """Return a time as text; empty where it is unknown."""
+    if not isinstance(value, float):
+        return ""
+    unit, size = ("s", value) if value >= 1 else ("ms", 1000 * value)
+    return f"{size:.0f} {unit}" if size >= 10 else f"{size:.2g} {unit}"

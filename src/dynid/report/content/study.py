@@ -1,0 +1,232 @@
+"""Content of studies: status of the samples, statistics of the results, sources of their variance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynid.checks.comparison import word
+from dynid.checks.expectations import expected_words
+from dynid.number_format import counted, quantity
+from dynid.report.content.blocks import Block, Section, Statement, TextTable, definitions, more
+from dynid.report.scenes import plain_data
+from dynid.result import Result
+from dynid.study.analysis.failures import Failure, failures
+from dynid.study.analysis.influence import Indices
+from dynid.study.analysis.moments import statistics
+from dynid.study.analysis.ranking import Influences
+from dynid.study.analysis.table import Column, StudyTable
+from dynid.study.analysis.worst import worst
+from dynid.suggestions import short_paths
+
+#: The statistics of a number.
+COLUMNS = ("mean", "std", "p05", "median", "p95", "max")
+#: Most entries of an array that are shown one by one; of longer arrays, only the size is shown.
+_ENTRIES = 12
+_ROWS = 40  # numbers in the table
+_FACTORS = 4  # inputs shown of each
+_LEVELS = 20  # different texts, of which the most frequent are shown
+_LEAST = 0.01  # least part of a variance that is shown
+_EXACT = 0.0005  # greatest error of such a part that is not shown
+_RANKED = 24  # numbers whose inputs are ranked
+_REASONS = 20
+
+
+def method(result: Result) -> str:
+    """Return the kind of result and the number of samples."""
+    return f"study · {counted(result['study/sample'].shape[0], 'sample')}"
+
+
+def sections(result: Result) -> Iterator[Section]:
+    """Yield the content of a study."""
+    table = StudyTable(result)
+    shown, hidden = shown_numbers(table)
+    yield Section("Samples", tuple(_samples(table)))
+    if blocks := list(_statistics(table, shown, hidden)):
+        yield Section("Statistics", tuple(blocks))
+    if rows := tuple(met_expectations(table)):
+        yield Section(
+            "Expectations of the scene", (TextTable(("", "share of the samples that meet it"), rows),)
+        )
+    items, notes = variance_sources(table, shown, _RANKED)
+    if items:
+        yield Section("Sources of the variance", (definitions(*items), *map(Statement, notes)))
+
+
+def _samples(table: StudyTable) -> Iterator[Block]:
+    """Yield the status of the samples, the ranges of the inputs, and the reasons of failures."""
+    yield Statement(status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
+    if len(table.pending):
+        yield Statement("Interrupted: run the study again to continue.", "bad")
+    inputs = tuple((name, range_text(column)) for name, column in table.inputs.items())
+    yield TextTable(("input", "range"), inputs)
+    found = failures(table)
+    rows = tuple((f"{len(one.samples):,}", one.error, first_samples(one)) for one in found[:_REASONS])
+    if rows:
+        yield TextTable(("samples", "failed with", "numbers"), rows, caption="Reasons of failures")
+        yield from more(len(found), _REASONS, "reason")
+
+
+def status_text(table: StudyTable) -> str:
+    """Return the numbers of samples that are done, failed and pending."""
+    counts = {"done": int(table.done.sum()), "failed": len(table.failed), "pending": len(table.pending)}
+    return " · ".join(f"{count:,} {what}" for what, count in counts.items() if count or what == "done")
+
+
+def first_samples(failure: Failure) -> str:
+    """Return the first samples that failed for one reason."""
+    return ", ".join(map(str, failure.samples[:3])) + (", …" if len(failure.samples) > 3 else "")
+
+
+def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list[str]) -> Iterator[Block]:
+    rows: list[tuple[str, ...]] = []
+    items = []
+    for path, column in shown:
+        name, row = display_name(table, path, column), statistics_row(table, path, column)
+        if len(row) == 1:
+            items.append((name, row[0]))
+        else:
+            rows.append((f"{name} [{column.units}]" if column.units else name, *row))
+    if rows:
+        yield TextTable(("", *COLUMNS, "at sample"), tuple(rows))
+    items += list(text_shares(table))
+    items += [(path, f"{table.size(path):,} numbers a sample") for path in hidden]
+    if items:
+        yield definitions(*items)
+
+
+def met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
+    """Yield each expectation of the scene, and the share of the samples that meet it."""
+    result, done = table.result, int(table.done.sum())
+    count = sum(path.startswith("study/expect/") for path in result)
+    try:
+        data = plain_data(str(result.value("study/scene")))
+        texts = [f"{one['path']} {expected_words(one)}" for one in data["expect"]][:count]
+    except (LookupError, TypeError):
+        texts = [f"expectation {number + 1}" for number in range(count)]
+    for number, text in enumerate(texts if done else ()):
+        met = int((result[f"study/expect/{number}"].data & table.done).sum())
+        yield text, "all" if met == done else f"{100 * met / done:.4g} %"
+
+
+def variance_sources(
+    table: StudyTable, shown: list[tuple[str, Column]], most: int
+) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return the inputs that contribute to the variance of each number, and remarks on the estimates.
+
+    Parameters
+    ----------
+    table, shown
+        The study, and its numbers with their paths.
+    most
+        Most numbers that are analysed.
+    """
+    influences = Influences(table)
+    rows: list[tuple[str, str]] = []
+    estimator, seen = "", np.empty(0)
+    for path, column in shown:
+        indices = influences.of(column.values) if len(rows) < most else None
+        # The magnitudes of a conjugate pair are the same.
+        if indices is None or np.array_equal(column.values, seen, equal_nan=True):
+            continue
+        estimator, seen = indices.estimator, column.values
+        parts = ", ".join(_contributions(influences, indices, column)) or "no input alone"
+        rows.append((display_name(table, path, column), parts))
+    if not rows:
+        return [], []
+    notes = [f"{estimator}; ± is the standard error"]
+    if influences.correlated is not None:
+        first, second, value = influences.correlated
+        notes.append(f"{first} and {second} are correlated ({value:.2g}): their parts overlap")
+    return rows, notes
+
+
+def _contributions(influences: Influences, indices: Indices, column: Column) -> Iterator[str]:
+    """Yield the contributions of inputs to the variance of a number, the largest first."""
+    names = short_paths(influences.factors)
+    largest = indices.first if indices.total is None else np.maximum(indices.first, indices.total)
+    for place in np.argsort(-largest, kind="stable")[:_FACTORS]:
+        first, error = indices.first[place], indices.first_error[place]
+        if not largest[place] > max(_LEAST, 2 * error if indices.total is None else 0):
+            continue
+        direction = influences.direction(int(place), column.values)
+        arrow = "" if not abs(direction) > 0.3 else " ↑" if direction > 0 else " ↓"
+        total = "" if indices.total is None else f" (in all {_percent(indices.total[place])} %)"
+        within = f" ± {float(f'{100 * error:.1g}'):g}" if error > _EXACT else ""
+        yield f"{names[place]}{arrow} {_percent(first)}{within} %{total}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share + 0.0:.{1 if abs(share) < 0.1 else 0}f}"
+
+
+def text_shares(table: StudyTable) -> Iterator[tuple[str, str]]:
+    """Yield the path of each text, and the frequencies of its values."""
+    for path in table.paths:
+        if table.is_number(path) or table.size(path) != 1:
+            continue
+        words, counts = np.unique(table.variable(path).data[table.done].astype(str), return_counts=True)
+        order = np.argsort(-counts, kind="stable")[:4]
+        total = max(1, int(counts.sum()))
+        if len(words) > _LEVELS:
+            yield path, f"{len(words):,} different texts"
+            continue
+        shares = ", ".join(f"{short_text(words[k])} {100 * counts[k] / total:.4g} %" for k in order)
+        yield path, f"{shares}{', …' if len(words) > 4 else ''}"
+
+
+def range_text(column: np.ndarray) -> str:
+    """Return the range of an input as text."""
+    if column.dtype.kind in "if" and len(column):
+        return f"{quantity(float(column.min()))} … {quantity(float(column.max()))}"
+    levels = list(dict.fromkeys(map(str, column)))
+    return ", ".join(levels[:4]) + (f", … ({len(levels)})" if len(levels) > 4 else "")
+
+
+def shown_numbers(table: StudyTable) -> tuple[list[tuple[str, Column]], list[str]]:
+    """Return the numbers that are shown one by one with their paths, and the paths of all others."""
+    shown: list[tuple[str, Column]] = []
+    hidden = []
+    for path in sorted(filter(table.is_number, table.paths)):
+        size = table.size(path)
+        if size <= _ENTRIES and len(shown) + size <= _ROWS:
+            shown += [(path, column) for column in table.columns(path)]
+        else:
+            hidden.append(path)
+    return shown, hidden
+
+
+def display_name(table: StudyTable, path: str, column: Column) -> str:
+    """Return the name of a number, between bars if it is a magnitude."""
+    if table.variable(path).dtype.kind != "c":
+        return column.name
+    group, _, last = column.name.partition("[")[0].rpartition("/")
+    return f"{group}/|{last}{column.name[len(group) + 1 + len(last) :]}|".lstrip("/")
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Return the group and the rest of a name; labels in brackets may have slashes too."""
+    path, bracket, labels = name.partition("[")
+    group, _, last = path.rpartition("/")
+    return group, last + bracket + labels
+
+
+def statistics_row(table: StudyTable, path: str, column: Column) -> list[str]:
+    """Return the statistics of a number in the order of `COLUMNS` with its worst sample, or a sentence."""
+    known = column.values[~np.isnan(column.values)]
+    if not len(known):
+        return ["no sample has a value"]
+    if table.variable(path).attrs.get("stored") == "bool":
+        return [f"{100 * known.mean():.4g} % true"]
+    if known.min() == known.max():
+        return [f"{' '.join(filter(None, (word(known[0]), column.units)))} in every sample"]
+    found = statistics(column.values)
+    place = worst(column.values)
+    at = "" if place is None else str(table.numbers[place])
+    return [*(quantity(float(found[name])) for name in COLUMNS), at]
+
+
+def short_text(text: str) -> str:
+    """Return a text, cut off where it is long."""
+    return text if len(text) <= 40 else f"{text[:39]}…"

@@ -1,0 +1,227 @@
+"""Content of transfer functions: formulas, poles and zeros, gains, hidden modes, sensitivities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.number_format import MOST_ROOTS, limit, root_text, roots_text
+from dynid.report.content.blocks import Block, Section, TextTable, definitions, more
+from dynid.report.scenes import in_hertz
+from dynid.result import Result
+
+#: Most channels shown in full, rows of tables, and columns of sensitivities; longest formula.
+_FULL, _ROWS, _COLUMNS, _LONGEST = 6, 60, 6, 400
+#: Properties that are numbers, with their headings.
+_NUMBERS = {
+    "order": "order",
+    "relative_degree": "relative degree",
+    "dc_gain": "T(0)",
+    "high_frequency_gain": "T(∞)",
+}
+
+Channel = tuple[str, str]
+Definition = tuple[str, tuple[str, ...]]
+
+
+def channels(result: Result) -> list[Channel]:
+    """Return (output, input) of every channel with results, in the scene's order."""
+    prefixes = ("bond_graph/transfer_function/", "bond_graph/properties/", "bond_graph/sensitivities/")
+    found = dict.fromkeys(tuple(path.split("/")[2:4]) for path in result if path.startswith(prefixes))
+    request = result.group_attrs.get("bond_graph", {})
+    outputs, inputs = (str(request.get(key, "")).split(", ") for key in ("outputs", "inputs"))
+    ordered = [(output, source) for output in outputs for source in inputs if (output, source) in found]
+    return list(dict.fromkeys([*ordered, *((output, source) for output, source in found)]))
+
+
+def same_poles(result: Result, channels: list[Channel]) -> bool:
+    """Return True if all channels have the same poles and the same verdict on stability."""
+    first, *rest = (
+        (
+            result.get(f"bond_graph/transfer_function/{output}/{source}/poles"),
+            result.get(f"bond_graph/properties/{output}/{source}/stability"),
+        )
+        for output, source in channels
+    )
+    return first[0] is not None and all(
+        (a is b is None) or (a is not None and b is not None and np.array_equal(a.data, b.data))
+        for other in rest
+        for a, b in zip(first, other, strict=True)
+    )
+
+
+def channel_unit(result: Result, output: str, source: str) -> str:
+    """Return the unit of a channel after a space; empty where it is unknown or 1."""
+    unit = str(result.group_attrs.get(f"bond_graph/transfer_function/{output}/{source}", {}).get("unit", "1"))
+    return "" if unit == "1" else f" {unit}"
+
+
+def numeric_forms(result: Result, group: str) -> Iterable[str]:
+    """Yield a short transfer function with numeric coefficients."""
+    if f"{group}/gain" in result:
+        gain = result.value(f"{group}/gain")
+        yield f"{gain:.6g} ∏(s − zeros) / ∏(s − poles)" if gain else "0"
+    if f"{group}/numerator" not in result:
+        return
+    numerator, denominator = result[f"{group}/numerator"].data, result[f"{group}/denominator"].data
+    if not numerator.any():
+        yield "0"
+    elif len(numerator) + len(denominator) <= 12:
+        top, bottom = (
+            f"({text})" if " + " in text or " - " in text else text
+            for text in map(_polynomial, (numerator, denominator))
+        )
+        yield _polynomial(numerator) if bottom == "1" else f"{top} / {bottom}"
+
+
+def _polynomial(coefficients: NDArray[Any]) -> str:
+    degree = len(coefficients) - 1
+    terms: list[str] = []
+    for place, value in enumerate(coefficients):
+        if value == 0 and degree > 0:
+            continue
+        power = degree - place
+        variable = {0: "", 1: "s"}.get(power, f"s^{power}")
+        number = "" if abs(value) == 1 and power else f"{abs(value):.4g}"
+        sign = (" - " if value < 0 else " + ") if terms else ("-" if value < 0 else "")
+        terms.append(f"{sign}{' '.join(part for part in (number, variable) if part)}")
+    return "".join(terms)
+
+
+def channel_sections(result: Result) -> Iterator[Section]:
+    """Yield the common poles of all channels, the first channels in full, and a table of the others."""
+    every = channels(result)
+    common = len(every) > 1 and same_poles(result, every)
+    if common:
+        yield Section("Every channel", (definitions(*_poles(result, *every[0])),))
+    for output, source in every[:_FULL]:
+        items = list(_channel_items(result, output, source, poles=not common))
+        sensitivities = _sensitivities(result, f"bond_graph/sensitivities/{output}/{source}")
+        yield Section(f"{output} / {source}", (definitions(*items), *sensitivities))
+    if len(every) > _FULL:
+        rows = []
+        for output, source in every[_FULL:][:_ROWS]:
+            group = f"bond_graph/properties/{output}/{source}"
+            get = {
+                name: result.value(f"{group}/{name}") if f"{group}/{name}" in result else None
+                for name in (*_NUMBERS, "zero_stability", "stability")
+            }
+            numbers = ("" if (value := get[name]) is None else limit(value) for name in _NUMBERS)
+            verdicts = (str(get[name] or "").partition(":")[0] for name in ("zero_stability", "stability"))
+            rows.append((f"{output} / {source}", *numbers, *verdicts))
+        table = TextTable(("", *_NUMBERS.values(), "zeros", "poles"), tuple(rows))
+        yield Section("Further channels", (table, *more(len(every) - _FULL, _ROWS, "channel")))
+
+
+def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> Iterator[Definition]:
+    """Yield formula, zeros, poles, properties and hidden modes of a channel."""
+    group = f"bond_graph/transfer_function/{output}/{source}"
+    formulas = [*numeric_forms(result, group)]
+    if symbolic := str(result.group_attrs.get(group, {}).get("symbolic", "")):
+        formulas.append(symbolic if len(symbolic) < _LONGEST else "its formula is in the file")
+    if f"{group}/program" in result:
+        lines = str(result.value(f"{group}/program")).splitlines()
+        formulas += lines[:MOST_ROOTS]
+        if len(lines) > MOST_ROOTS:
+            formulas.append(f"… {len(lines) - MOST_ROOTS} more in the file")
+    yield "T(s)", tuple(formulas)
+    yield "zeros", tuple(_roots(result, output, source, "zeros", "zero_stability"))
+    if poles:
+        yield from _poles(result, output, source)
+    group, unit = f"bond_graph/properties/{output}/{source}", channel_unit(result, output, source)
+    for name, title in _NUMBERS.items():
+        if f"{group}/{name}" in result:
+            yield title, (f"{limit(result.value(f'{group}/{name}'))}{unit if title.startswith('T') else ''}",)
+    hidden = result.get(f"{group}/hidden_modes")
+    if hidden is not None and len(hidden.data):
+        hertz = in_hertz(result)
+        modes = [f"{roots_text(hidden.data, hertz=hertz)} (natural modes that this channel does not show)"]
+        if f"{group}/hidden_mode_cause" in result:
+            causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
+            upper = [place for place, root in enumerate(hidden.data) if root.imag >= 0]
+            for place in upper[:MOST_ROOTS]:
+                held = f"; its energy is in {elements[place]}" if elements[place] else ""
+                modes.append(f"{root_text(hidden.data[place], hertz=hertz)}: {causes[place]}{held}")
+        yield "hidden modes", tuple(modes)
+
+
+def _roots(result: Result, output: str, source: str, name: str, verdict: str) -> Iterator[str]:
+    """Yield the roots and the verdict on their stability."""
+    path = f"bond_graph/transfer_function/{output}/{source}/{name}"
+    if path in result:
+        yield roots_text(result[path].data, hertz=in_hertz(result))
+    path = f"bond_graph/properties/{output}/{source}/{verdict}"
+    if path in result:
+        yield str(result.value(path))
+
+
+def _poles(result: Result, output: str, source: str) -> list[Definition]:
+    """Return the poles with their natural frequencies and damping ratios."""
+    lines = list(_roots(result, output, source, "poles", "stability"))
+    path = f"bond_graph/transfer_function/{output}/{source}/poles"
+    pairs = [pole for pole in result[path].data if pole.imag > 0] if path in result else []
+    if 0 < len(pairs) <= MOST_ROOTS:
+        lines += [oscillation_text(result, pole) for pole in pairs]
+    return [("poles", tuple(lines))]
+
+
+def oscillation_text(result: Result, pole: complex) -> str:
+    """Return the natural frequency, in the unit of the scene, and the damping ratio of a pole."""
+    size = abs(pole)
+    frequency = f"f_n = {size / math.tau:.4g} Hz" if in_hertz(result) else f"ω_n = {size:.4g} rad/s"
+    return f"{frequency}, ζ = {-pole.real / size or 0.0:.4g}"
+
+
+def _sensitivities(result: Result, group: str) -> Iterator[Block]:
+    """Yield the table of sensitivities of a channel, the most influential parameter first."""
+    if f"{group}/parameter" not in result:
+        return
+    every = sensitivity_columns(result, group)
+    shown = every[:_COLUMNS]
+    names = result[f"{group}/parameter"].data
+    weight = influence(every) if every else np.zeros(len(names))
+    order = [int(place) for place in np.argsort(-weight, kind="stable") if weight[place]]
+    rows = tuple(
+        (str(names[place]), *(sensitivity_text(moved[place] / 100) for _, moved in shown))
+        for place in order[:_ROWS]
+    )
+    if rows:
+        heads = ("", *(title for title, _ in shown))
+        yield TextTable(heads, rows, caption="Changes if a parameter is larger by 1 %")
+        yield from more(len(every), _COLUMNS, "column")
+
+
+def sensitivity_columns(result: Result, group: str) -> list[tuple[str, NDArray[Any]]]:
+    """Return titles and relative sensitivities of the poles, zeros and gains that depend on a parameter."""
+    found = []
+    unit = " rad/s" if in_hertz(result) else ""
+    for name in ("pole", "zero"):
+        moved = result[f"{group}/{name}_sensitivity_relative"].data
+        for place, root in enumerate(result[f"{group}/{name}s"].data):
+            if root.imag >= 0:
+                found.append((f"{name} {root_text(root)}{unit}", moved[place]))
+    for title, name in (("T(0)", "dc_gain"), ("T(∞)", "high_frequency_gain")):
+        found.append((title, result[f"{group}/{name}_sensitivity_relative"].data))
+    return [(title, moved) for title, moved in found if moved.any()]
+
+
+def influence(columns: list[tuple[str, NDArray[Any]]]) -> NDArray[np.float64]:
+    """Return the influence of each parameter: its sensitivity over the largest, maximum of all columns."""
+    shares = []
+    for _, moved in columns:
+        sizes = np.where(np.isfinite(moved), np.abs(moved), 0.0)
+        shares.append(sizes / (sizes.max() or 1.0))
+    return np.asarray(np.max(shares, axis=0), dtype=float)
+
+
+def sensitivity_text(moved: complex) -> str:
+    """Return a change as text."""
+    if not np.isfinite(moved):
+        return "∞"
+    if isinstance(moved, complex | np.complexfloating) and moved.imag:
+        return f"{moved.real:+.3g} {'+' if moved.imag > 0 else '-'} {abs(moved.imag):.3g}j"
+    return f"{moved.real:+.3g}" if moved else "0"

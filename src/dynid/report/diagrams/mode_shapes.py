@@ -1,0 +1,153 @@
+"""Mode shapes of beams, plane frames and chains: still, and animated where the reader allows motion."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.report.drawing.structure_scene import StructureGeometry, geometry_of
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture
+from dynid.report.labels import short
+from dynid.report.scenes import frequency_unit, scene_of
+from dynid.report.style import TITLE
+from dynid.report.svg import Point, Svg, path_of
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+
+GROUP = "structure/modes"
+#: Most modes that are drawn, modes in a row, points along an element, rows of the table.
+MODES, ROW, FINE, ROWS = 9, 3, 8, 200
+_WIDTH, _PAD, _SPAN = 250.0, 16.0, 34.0
+_LABEL = re.compile(r"(u|w|theta)_(\d+)")
+
+Displacements = Mapping[int, Mapping[str, float]]
+
+
+def figures(result: Result) -> Iterator[Figure]:
+    """Yield the mode shapes, still and animated."""
+    geometry = geometry_of(scene_of(result))
+    if geometry is None or not result[f"{GROUP}/shape"].data.size:
+        return
+    for name, title, animated in (
+        ("modes", "Mode shapes", False),
+        ("modes-animated", "Mode shapes, animated", True),
+    ):
+        yield Figure(name, title, partial(_picture, result, geometry, name, title, animated))
+
+
+def _picture(result: Result, geometry: StructureGeometry, name: str, title: str, animated: bool) -> Picture:
+    omega, shapes = result[f"{GROUP}/omega"].data, result[f"{GROUP}/shape"].data
+    damping = result[f"{GROUP}/damping"].data if f"{GROUP}/damping" in result else np.full(len(omega), np.nan)
+    labels = [str(label) for label in result[f"{GROUP}/dof"].data]
+    count, unit = min(len(omega), MODES), frequency_unit(result)
+    xs, ys = zip(*geometry.points.values(), strict=True)
+    left, top, tall = min(xs), max(ys), max(ys) - min(ys)
+    scale = _WIDTH / max((max(xs) - min(xs)) or 1.0, tall)
+    # Columns of a frame sway, so that neighbouring modes may move towards each other.
+    side, apart = (_SPAN + 4, 2 * _SPAN + 10) if tall else (8.0, 44.0)
+    row_height = scale * tall + 2 * _SPAN + 40
+    svg = Svg(name, title)
+    svg.text(_PAD, _PAD + TITLE, title, "title", anchor="start")
+    if animated:
+        svg.raw(_animation(svg.name, count))
+    for mode in range(count):
+        row, column = divmod(mode, ROW)
+        x, y = _PAD + side + column * (_WIDTH + apart), _PAD + TITLE + 22 + row * row_height
+        heading = f"mode {mode + 1}: {short(unit.factor * float(omega[mode]))} {unit.name}"
+        heading += f", ζ {short(float(damping[mode]), 2)}" if np.isfinite(damping[mode]) else ""
+        svg.text(x + _WIDTH / 2, y + 6, heading, "small strong")
+        moved: dict[int, dict[str, float]] = {}
+        for label, value in zip(labels, shapes[:, mode].tolist(), strict=True):
+            match = _LABEL.fullmatch(label)
+            node = int(match[2]) if match else int(label) if label.isdecimal() else 0
+            moved.setdefault(node, {})[match[1] if match else "w"] = value
+        origin = (x - scale * left, y + 20 + _SPAN + scale * top)
+        _draw_shape(svg, geometry, moved, scale, origin, f"swing{mode}" if animated else "")
+    state = (
+        "animated in slow motion, still where the system requests less motion"
+        if animated
+        else "at their maximum"
+    )
+    cut = f" The first {count} of {len(omega)} modes." if count < len(omega) else ""
+    about = f"Mode shapes, {state}; the thin line is the structure at rest.{cut}"
+    rows: tuple[tuple[CellValue, ...], ...] = tuple(
+        (label, *map(float, shapes[row, :count])) for row, label in enumerate(labels[:ROWS])
+    )
+    note = f"The first {ROWS} of {len(labels)} DOFs." if len(labels) > ROWS else ""
+    table = FigureTable(("DOF", *(f"mode {mode + 1}" for mode in range(count))), rows, note)
+    columns = min(count, ROW)
+    width = 2 * (_PAD + side) + columns * (_WIDTH + apart) - apart
+    return Picture(svg.render(width, _PAD + TITLE + 22 + -(-count // ROW) * row_height), about, table)
+
+
+def _draw_shape(
+    svg: Svg, geometry: StructureGeometry, moved: Displacements, scale: float, origin: Point, swing: str
+) -> None:
+    """Draw the structure at rest and displaced; the largest displacement has a fixed length."""
+
+    def place(point: Point) -> Point:
+        return origin[0] + scale * point[0], origin[1] - scale * point[1]
+
+    lines = [_member_lines(geometry, nodes, moved) for nodes in geometry.members]
+    if not lines:  # masses of a chain, displaced across it to be visible
+        nodes = sorted(geometry.points)
+        rest = np.array([geometry.points[n] for n in nodes])
+        lines = [(rest, np.array([[0.0, moved.get(n, {}).get("w", 0.0)] for n in nodes]))]
+    largest = max(float(np.abs(by).max()) for _, by in lines) or 1.0
+    reach = _SPAN / scale / largest
+    for rest, by in lines:
+        svg.element("path", "hair", d=path_of(map(place, map(tuple, rest.tolist()))))
+        there, back = ([place((x, y)) for x, y in (rest + sign * reach * by).tolist()] for sign in (1, -1))
+        if swing:
+            style = f"--there: path('{path_of(there)}'); --back: path('{path_of(back)}')"
+            svg.element("path", f"s1 {svg.name}-{swing}", d=path_of(there), style=style)
+            continue
+        svg.element("path", "s1", d=path_of(there))
+        for point in there if not geometry.members else ():
+            svg.circle(*point, 3.5, "s1 dot")
+
+
+def _member_lines(
+    geometry: StructureGeometry, nodes: Sequence[int], moved: Displacements
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points along a member and their displacements: cubic across it, linear along it (Hermite)."""
+    rest, by = [], []
+    t = np.linspace(0, 1, FINE + 1)
+    for a, b in pairwise(nodes):
+        start, end = np.array(geometry.points[a]), np.array(geometry.points[b])
+        length = float(np.linalg.norm(end - start))
+        along = (end - start) / length
+        across = np.array([-along[1], along[0]])
+        ends = []
+        for node in (a, b):
+            own = moved.get(node, {})
+            step = np.array([own.get("u", 0.0), own.get("w", 0.0)])
+            ends.append((step @ along, step @ across, own.get("theta", 0.0) * length))
+        (u0, v0, s0), (u1, v1, s1) = ends
+        bend = v0 * (1 - 3 * t**2 + 2 * t**3) + s0 * (t - 2 * t**2 + t**3)
+        bend = bend + v1 * (3 * t**2 - 2 * t**3) + s1 * (t**3 - t**2)
+        stretch = u0 * (1 - t) + u1 * t
+        rest.append(start + np.outer(t, end - start))
+        by.append(np.outer(stretch, along) + np.outer(bend, across))
+    return np.concatenate(rest), np.concatenate(by)
+
+
+def _animation(name: str, count: int) -> str:
+    """Return the style sheet that animates the shapes."""
+    rules = [f"@keyframes {name}-swing {{ from {{ d: var(--there) }} to {{ d: var(--back) }} }}"]
+    for mode in range(count):
+        seconds = f"{1.6 / (1 + 0.35 * mode):.2f}"
+        rules.append(
+            f".{name}-swing{mode} {{ animation: {name}-swing {seconds}s ease-in-out infinite alternate }}"
+        )
+    names = ", ".join(f".{name}-swing{mode}" for mode in range(count))
+    rules.append(f"@media (prefers-reduced-motion: reduce) {{ {names} {{ animation: none }} }}")
+    rules.append(f"@media print {{ {names} {{ animation: none }} }}")
+    return "<style>\n" + "\n".join(rules) + "\n</style>"

@@ -1,0 +1,327 @@
+"""All samples of a study: distributions, parallel coordinates, scatter matrix, results over parameters.
+
+However many samples there are, a figure stays small: samples are drawn at even spacing, or counted in bins.
+Statistics, correlations and indices are those of all samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property, partial
+from itertools import islice
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
+from dynid.report.labels import labelled, short
+from dynid.report.plot import (
+    Bars,
+    Curve,
+    Heatmap,
+    Layer,
+    Markers,
+    PlotAxis,
+    ReferenceLine,
+    Subplot,
+    chart,
+    parallel_coordinates,
+)
+from dynid.study.analysis.correlation import correlations, scatter
+from dynid.study.analysis.moments import NAMES, statistics
+from dynid.study.analysis.table import StudyTable
+from dynid.suggestions import short_paths
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+
+Floats = NDArray[np.float64]
+#: Most entries of an array that are shown one by one, greatest size of an array with entries shown, and most
+#: numbers in all.
+ENTRIES, LONGEST, COLUMNS = 8, 64, 24
+#: Most samples drawn as lines, and as points of a scatter plot (beyond, they are counted in so many bins).
+LINES, POINTS, BINS = 400, 400, 24
+#: Most axes, rows of the scatter matrix, maps and histograms; most cells of a map along an axis.
+_AXES, _MATRIX, _MAPS, _HISTOGRAMS, _CELLS = 9, 6, 6, 12, 60
+#: Relative differences that are round-off.
+_ROUNDING = 1e-12
+
+
+class StudyVariable(NamedTuple):
+    """A number of each sample: its short name, its full name, its units and values."""
+
+    name: str
+    path: str
+    units: str
+    values: Floats
+
+    @property
+    def label(self) -> str:
+        """Its name with units."""
+        return labelled(self.name, self.units)
+
+
+class StudyNumbers:
+    """The numbers of a study that figures show.
+
+    Parameters
+    ----------
+    result
+        Result of a study.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self.table = StudyTable(result)
+
+    @cached_property
+    def inputs(self) -> list[StudyVariable]:
+        """Inputs that are numbers and vary, in the order of their names."""
+        varied = {
+            name: column.astype(float)
+            for name, column in self.table.inputs.items()
+            if column.dtype.kind in "bif" and len(column) and (column != column[0]).any()
+        }
+        names = dict(zip(varied, short_paths(list(varied)), strict=True))
+        return [StudyVariable(names[path], path, "", values) for path, values in varied.items()]
+
+    @cached_property
+    def outputs(self) -> list[StudyVariable]:
+        """Results that are numbers and vary, named by the shortest distinct ends of their paths."""
+        found: list[StudyVariable] = []
+        magnitudes = set()
+        for path in sorted(filter(self.table.is_number, self.table.paths)):
+            if self.table.size(path) > LONGEST or len(found) >= COLUMNS:
+                continue
+            for column in islice(self.table.columns(path), ENTRIES):
+                known = column.values[np.isfinite(column.values)]
+                if known.size > 1 and np.ptp(known) > _ROUNDING * np.abs(known).max():
+                    found.append(StudyVariable(column.name, column.name, column.units, column.values))
+                    if self.table.variable(path).dtype.kind == "c":
+                        magnitudes.add(column.name)
+        found = found[:COLUMNS]
+        names = paths = [number.path for number in found]
+        for count in range(1, max((path.count("/") for path in paths), default=0) + 2):
+            ends = ["/".join(path.split("/")[-count:]) for path in paths]
+            if len(set(ends)) == len(ends):
+                names = ends
+                break
+        return [
+            number._replace(name=f"|{name}|" if number.path in magnitudes else name)
+            for number, name in zip(found, names, strict=True)
+        ]
+
+
+def figures(result: Result) -> Iterator[Figure]:
+    """Yield the figures of all samples."""
+    numbers = StudyNumbers(result)
+    if not numbers.table.done.any():
+        return
+    inputs, outputs = numbers.inputs, numbers.outputs
+    if not outputs:
+        return
+    title = "Distributions of the results"
+    yield Figure("distributions", title, partial(_distributions, outputs, title))
+    if inputs:
+        yield Figure("parallel", "Samples as lines", partial(_parallel, _selected(inputs, outputs, _AXES)))
+        yield Figure("scatter", "Scatter matrix", partial(_scatter, _selected(inputs, outputs, _MATRIX)))
+    if len(inputs) == 2:
+        count = len(inputs[0].values)
+        x, y = (np.unique(number.values) for number in inputs)
+        full = len(x) > 1 and len(y) > 1 and len(x) * len(y) == count and count <= 40_000
+        if full and len(np.unique(np.column_stack([n.values for n in inputs]), axis=0)) == count:
+            yield Figure("map", "Results over two parameters", partial(_maps, inputs, outputs, (x, y)))
+    if len(inputs) == 1 and len(np.unique(inputs[0].values)) > 2:
+        yield Figure("course", f"Results over {inputs[0].name}", partial(_course, inputs[0], outputs))
+
+
+def _selected(
+    inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], most: int
+) -> list[StudyVariable]:
+    """Return inputs first, then results, at most so many in all."""
+    room = max(1, most // 2) if len(outputs) >= most // 2 else most - len(outputs)
+    first = list(inputs[:room])
+    return first + list(outputs[: most - len(first)])
+
+
+def _complete(numbers: Sequence[StudyVariable]) -> np.ndarray:
+    """Return the indices of the samples with all numbers."""
+    return np.flatnonzero(np.all([np.isfinite(number.values) for number in numbers], axis=0))
+
+
+def _parallel(numbers: Sequence[StudyVariable]) -> Picture:
+    known = _complete(numbers)
+    rows = known[evenly_spaced(len(known), LINES)]
+    cut = (
+        f" {len(rows)} of {len(known):,} samples are drawn, evenly spaced." if len(rows) < len(known) else ""
+    )
+    about = f"Each line is a sample; blue to green to orange: low to high values on the last axis.{cut}"
+    values = np.array([number.values[rows] for number in numbers]).T
+    labels = [number.label for number in numbers]
+    svg = parallel_coordinates("parallel", "Samples as lines", labels, values, about)
+    table = table_of({"sample": rows} | {number.label: number.values[rows] for number in numbers})
+    return Picture(svg, about, table)
+
+
+def _scatter(numbers: Sequence[StudyVariable]) -> Picture:
+    size = max(105.0, 640.0 / len(numbers))
+    ranks = np.eye(len(numbers))
+    for i, one in enumerate(numbers):
+        for j, other in enumerate(numbers[:i]):
+            ranks[i, j] = ranks[j, i] = correlations([one.values], [other.values], ranks=True)[0, 0]
+    rows = []
+    for i, down in enumerate(numbers):
+        row = []
+        for j, across in enumerate(numbers):
+            x_axis = PlotAxis(across.label if i == len(numbers) - 1 else "")
+            y_axis = PlotAxis(down.label if j == 0 else "")
+            layers: list[Layer]
+            if j > i:
+                value = float(ranks[i, j])
+                text = f"{value:.2f}".replace("-", "−") if np.isfinite(value) else ""
+                x_axis = y_axis = PlotAxis("", names=("",))
+                layers = [Heatmap(np.array([[value]]), -1.0, 1.0, [[text]])]
+            elif i == j:
+                values = down.values[np.isfinite(down.values)]
+                counts, edges = _histogram(values, 40)
+                # The upright axis is that of the number, onto which the counts are scaled.
+                low, high = float(values.min()), float(values.max())
+                tops, bottoms = low + (high - low) * counts / counts.max(), np.full(len(counts), low)
+                thick = float(edges[1] - edges[0]) * 0.9
+                layers = [Bars((edges[1:] + edges[:-1]) / 2, bottoms, tops, "", "s1", thick)]
+            else:
+                layers = [_cloud(across.values, down.values)]
+            row.append(Subplot(x_axis, y_axis, layers, height=size))
+        rows.append(row)
+    count = len(_complete(numbers))
+    binned = " The opacity of a cell is the number of samples in it." if count > POINTS else ""
+    about = (
+        f"Pairwise scatter plots, with the rank correlations above the diagonal; {count:,} samples.{binned}"
+    )
+    svg = chart("scatter", "Scatter matrix", rows, about, width=max(760.0, 160.0 * len(numbers)))
+    cells: tuple[tuple[CellValue, ...], ...] = tuple(
+        (number.label, *map(float, ranks[k])) for k, number in enumerate(numbers)
+    )
+    return Picture(svg, about, FigureTable(("rank correlation", *(n.label for n in numbers)), cells))
+
+
+def _cloud(x: np.ndarray, y: np.ndarray) -> Layer:
+    """Return samples as points, or as a two-dimensional histogram of many."""
+    x, y = scatter(x, y, most=10**9)
+    if len(x) <= POINTS:
+        return Markers(x, y, "", "s1", "o", 1.6)
+    counts, across, up = np.histogram2d(x, y, bins=BINS)
+    filled = np.where(counts > 0, np.sqrt(counts), np.nan).T
+    return Heatmap(filled, 0.0, float(np.nanmax(filled)), edges=(across, up))
+
+
+def _histogram(values: Floats, most: int) -> tuple[NDArray[np.intp], Floats]:
+    """Return the counts of values in at most so many bins, and the edges; also of nearly equal values."""
+    low, high = float(values.min()), float(values.max())
+    size = max(abs(low), abs(high))
+    if not high - low > 1e-12 * size:
+        low, high = low - (1e-3 * size or 0.5), high + (1e-3 * size or 0.5)
+    return np.histogram(values, bins=int(np.clip(np.sqrt(len(values)), 5, most)), range=(low, high))
+
+
+def _distributions(outputs: Sequence[StudyVariable], title: str) -> Picture:
+    subplots = []
+    for number in outputs[:_HISTOGRAMS]:
+        values = number.values[np.isfinite(number.values)]
+        found = statistics(values)
+        counts, edges = _histogram(values, 60)
+        middles, thick = (edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0]) * 0.92
+        tips = [f"{short(a)} … {short(b)}: {c}" for a, b, c in zip(edges, edges[1:], counts, strict=False)]
+        layers: list[Layer] = [
+            Bars(middles, np.zeros(len(counts)), counts, "samples", "s1", thick, False, tips),
+            ReferenceLine(float(found["median"]), "median", "s2", upright=True),
+            ReferenceLine(float(found["p05"]), "5 % and 95 %", "s3 dashed", upright=True),
+            ReferenceLine(float(found["p95"]), "", "s3 dashed", upright=True),
+        ]
+        upright = PlotAxis("samples", step=1, low=0)
+        subplots.append(Subplot(PlotAxis(number.label), upright, layers, height=120.0))
+    left = ""
+    if len(subplots) < len(outputs):
+        left = f" {len(subplots)} of {len(outputs)} numbers; the table has all."
+    about = f"Histograms with median and 5 % and 95 % quantiles.{left}"
+    grid = [subplots[start : start + 3] for start in range(0, len(subplots), 3)]
+    svg = chart("distributions", title, grid, about, width=900.0 if len(subplots) > 1 else 480.0)
+    rows: list[tuple[CellValue, ...]] = []
+    for number in outputs:
+        found = statistics(number.values)
+        rows.append((number.label, *(found[name].item() for name in NAMES)))
+    return Picture(svg, about, FigureTable(("number", *NAMES), tuple(rows)))
+
+
+def _maps(
+    inputs: Sequence[StudyVariable],
+    outputs: Sequence[StudyVariable],
+    grid: tuple[np.ndarray, np.ndarray],
+) -> Picture:
+    x, y = grid
+    columns, rows = np.searchsorted(x, inputs[0].values), np.searchsorted(y, inputs[1].values)
+    across, up = (
+        PlotAxis(number.label, log=_is_even(np.log(v)) if (v > 0).all() and not _is_even(v) else False)
+        for number, v in zip(inputs, grid, strict=True)
+    )
+    subplots = []
+    for number in outputs[:_MAPS]:
+        values = np.full((len(y), len(x)), np.nan)
+        values[rows, columns] = number.values
+        stride = max(1, -(-max(values.shape) // _CELLS))
+        a, b, part = x[::stride], y[::stride], values[::stride, ::stride]
+        low, high = float(np.nanmin(part)), float(np.nanmax(part))
+        tips = [
+            [
+                f"{inputs[0].name} {short(p)}, {inputs[1].name} {short(q)}: {short(float(value))}"
+                for p, value in zip(a, line, strict=True)
+            ]
+            for q, line in zip(b, part, strict=True)
+        ]
+        texts = [[short(float(value), 2) for value in line] for line in part] if part.size <= 120 else ()
+        edges = (_edges(a, across.log), _edges(b, up.log))
+        cells = Heatmap(part, low - 0.05 * (high - low), high, texts, tips, edges)
+        heading = f"{number.label}: {short(low, 3)} … {short(high, 3)}"
+        subplots.append(Subplot(across, up, [cells], heading, height=260.0))
+    wide = 1 if len(subplots) == 1 else 2
+    cut = f" {len(subplots)} of {len(outputs)} numbers." if len(subplots) < len(outputs) else ""
+    about = f"Opaque cells have large values; the range is above each map.{cut}"
+    grid_of = [subplots[k : k + wide] for k in range(0, len(subplots), wide)]
+    svg = chart("map", "Results over two parameters", grid_of, about, width=560.0 if wide == 1 else 1000.0)
+    return Picture(svg, about, table_of({n.label: n.values for n in [*inputs, *outputs[:_MAPS]]}))
+
+
+def _is_even(values: np.ndarray) -> bool:
+    """Return True if ascending values are evenly spaced."""
+    steps = np.diff(values)
+    return bool(np.ptp(steps) <= 1e-6 * np.abs(steps).max())
+
+
+def _edges(values: np.ndarray, log: bool) -> np.ndarray:
+    """Return the borders halfway between levels."""
+    at = np.log(values) if log else values
+    middles = (at[1:] + at[:-1]) / 2
+    edges = np.concatenate([[2 * at[0] - middles[0]], middles, [2 * at[-1] - middles[-1]]])
+    return np.exp(edges) if log else edges
+
+
+def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Picture:
+    order = np.argsort(parameter.values, kind="stable")
+    x = parameter.values[order]
+    levels = np.unique(x)
+    joined = len(levels) == len(x) and not parameter.path.endswith("seed")
+    log = bool((x > 0).all()) and not _is_even(levels) and _is_even(np.log(levels))
+    subplots, columns = [], {parameter.label: x}
+    for number in outputs[:_HISTOGRAMS]:
+        y = columns[number.label] = number.values[order]
+        finite = y[np.isfinite(y)]
+        wide = bool((finite > 0).all() and finite.max() > 100 * finite.min())
+        layers: list[Layer] = [Curve(x, y, "", "s1")] if joined else []
+        if len(x) <= POINTS:
+            layers.append(Markers(x, y, "", "s1", "o", 2.2))
+        across, up = PlotAxis(parameter.label, log=log), PlotAxis(number.label, log=wide)
+        subplots.append(Subplot(across, up, layers, height=150.0))
+    about = f"Results over {parameter.path}, the only input that varies."
+    grid = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
+    svg = chart("course", f"Results over {parameter.name}", grid, about, width=760.0, shared=True)
+    return Picture(svg, about, table_of(columns))

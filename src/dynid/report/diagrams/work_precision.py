@@ -1,0 +1,130 @@
+"""Work–precision diagrams of benchmarks and of the alternatives of a run: time, error and size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture
+from dynid.report.labels import short
+from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
+
+if TYPE_CHECKING:
+    from dynid.result import Result, Variable
+
+#: Least error that is drawn: zero has no place on a logarithmic axis.
+LEAST = 1e-17
+_SYMBOLS = ("o", "square", "diamond", "x", "+", "ring", "kite")
+_COLUMNS = ("size", "time", "memory", "error", "pareto")
+#: Marked points: name of the array, label, symbol, its size and class. In benchmarks the default of the suite
+#: is marked, in runs the choice.
+_MARKED = (
+    ("pareto", "Pareto-optimal in time and error", "ring", 8, "hair"),
+    ("default", "default of the suite", "kite", 11, "line"),
+    ("chosen", "chosen", "kite", 11, "line"),
+)
+
+Alternatives = Mapping[str, Mapping[str, "Variable"]]
+
+
+def figures(result: Result) -> Iterator[Figure]:
+    """Yield the diagrams of every benchmark or choice."""
+    for group in dict.fromkeys(
+        "/".join(path.split("/")[:2]) for path in result if path.startswith(("bench/", "accuracy/"))
+    ):
+        names = dict.fromkeys(
+            path.split("/")[2] for path in result if path.startswith(f"{group}/") and path.endswith("/time")
+        )
+        found = {
+            name: {
+                column: result[f"{group}/{name}/{column}"]
+                for column in (*_COLUMNS, "default", "chosen")
+                if f"{group}/{name}/{column}" in result
+            }
+            for name in names
+        }
+        name, title = group.replace("/", "-"), group.partition("/")[2]
+        if any("error" in columns for columns in found.values()):
+            draw = partial(
+                _over_error, result, group, f"{name}-precision", f"{title}: time against error", found
+            )
+            yield Figure(f"{name}-precision", f"{title}: time against error", draw)
+        if any(len(set(columns["size"].data.tolist())) > 1 for columns in found.values()):
+            draw = partial(_over_size, result, group, f"{name}-growth", f"{title}: time over size", found)
+            yield Figure(f"{name}-growth", f"{title}: time over size", draw)
+
+
+def _over_error(result: Result, group: str, name: str, title: str, found: Alternatives) -> Picture:
+    layers: list[Layer] = []
+    marked: dict[str, list[tuple[float, float]]] = {}
+    for place, (own, columns) in enumerate(found.items()):
+        if "error" not in columns:
+            continue
+        error, time = columns["error"].data, columns["time"].data
+        shown = np.isfinite(error)
+        x, y = np.maximum(error[shown], LEAST), time[shown]
+        tips = [
+            f"{own}, {size:,}: {short(t, 3)} s, error {short(e, 2)}"
+            for size, t, e in zip(columns["size"].data[shown].tolist(), y, error[shown], strict=True)
+        ]
+        layers += [
+            Curve(x, y, "", f"{series_class(place)} fine", name=own),
+            Markers(x, y, own, series_class(place), _SYMBOLS[place % len(_SYMBOLS)], 4, tips),
+        ]
+        for column in columns.keys() & {each[0] for each in _MARKED}:
+            which = columns[column].data[shown].astype(bool)
+            marked.setdefault(column, []).extend(zip(x[which].tolist(), y[which].tolist(), strict=True))
+    for column, words, symbol, size, cls in _MARKED:
+        if marked.get(column):
+            xs, ys = zip(*marked[column], strict=True)
+            layers.append(Markers(xs, ys, words, cls, symbol, size))
+    measure = str(result.group_attrs.get(group, {}).get("measure", "error"))
+    label = measure if measure.startswith("error") else f"error: {measure}"
+    label = label if len(label) <= 90 else f"{label[:89]}…"
+    about = "Errors of zero are drawn at 10⁻¹⁷; infinite errors are only in the table."
+    return _picture(result, group, name, title, found, PlotAxis(label, log=True), layers, about)
+
+
+def _over_size(result: Result, group: str, name: str, title: str, found: Alternatives) -> Picture:
+    layers: list[Layer] = []
+    for place, (own, columns) in enumerate(found.items()):
+        size, time = columns["size"].data, columns["time"].data
+        power = result.group_attrs.get(f"{group}/{own}", {}).get("exponent")
+        label = own if power is None else f"{own}, power {float(power):.2f}"
+        layers += [
+            Curve(size, time, "", f"{series_class(place)} fine", name=own),
+            Markers(size, time, label, series_class(place), _SYMBOLS[place % len(_SYMBOLS)], 4),
+        ]
+    across = PlotAxis(str(result.group_attrs.get(group, {}).get("size", "size")), log=True)
+    about = "The legend has the power of the size with which time grows."
+    return _picture(result, group, name, title, found, across, layers, about)
+
+
+def _picture(
+    result: Result,
+    group: str,
+    name: str,
+    title: str,
+    found: Alternatives,
+    across: PlotAxis,
+    layers: list[Layer],
+    remark: str,
+) -> Picture:
+    """Return time over a quantity, with all measurements as a table."""
+    attrs = result.group_attrs.get(group, {})
+    about = f"{attrs.get('title', group)}."
+    for key, text in (("failed", "Failed"), ("missing", "Missing"), ("chosen", "Chosen by default")):
+        about += f" {text}: {attrs[key]}." if attrs.get(key) else ""
+    about = f"{about} {remark}"
+    plot = Subplot(across, PlotAxis("time (s)", log=True), layers, height=320.0)
+    rows: list[tuple[CellValue, ...]] = []
+    for own, columns in found.items():
+        blank = [""] * len(columns["size"].data)
+        data = [columns[column].data.tolist() if column in columns else blank for column in _COLUMNS]
+        rows += [(own, *row) for row in zip(*data, strict=True)]
+    size, measure = str(attrs.get("size", "size")), str(attrs.get("measure", "error"))
+    heads = ("alternative", size, "time (s)", "memory (B)", measure, "Pareto-optimal")
+    return Picture(chart(name, title, [[plot]], about), about, FigureTable(heads, tuple(rows)))

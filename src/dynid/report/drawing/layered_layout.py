@@ -1,0 +1,368 @@
+"""Layered layout of a bond graph: its spine in columns from left to right, with a height for every node.
+
+The spine of a tree is a longest path, through the port and from the source where there is one. The spine of a
+graph with loops is the subgraph without leaves, in the columns of a planar embedding; crossings of its bonds
+are items of the columns, and bonds that pass a column have an item in it. All other nodes are trees that hang
+on the spine.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+from dynid.report.drawing.planar_embedding import Edge, PlanarEmbedding, biconnecting, columns_of
+from dynid.report.drawing.sketch import PORT, Sketch
+
+_SWEEPS, _STRAIGHT = 60, 4
+_LANE_WEIGHT = 4.0  # straightness of long bonds counts more than centring a node among its neighbours
+
+Ties = Mapping[str, list[tuple[str, int]]]
+
+
+@dataclass(eq=False)
+class LayoutItem:
+    """An item of a column: a node, a passing bond or (neither of them) a crossing of two bonds.
+
+    Parameters
+    ----------
+    name
+        The node; None for a bond or a crossing.
+    up, down, across
+        Space above, below and to either side of it, px (a node has its width beside this).
+    y
+        Its height, px, downwards.
+    """
+
+    name: str | None = None
+    up: float = PORT / 2
+    down: float = PORT / 2
+    across: float = 0.0
+    y: float = 0.0
+
+
+@dataclass
+class Waypoint:
+    """A point of a bond's route: it enters and leaves at heights relative to an item of a column."""
+
+    item: LayoutItem
+    column: int
+    enter: float = 0.0
+    leave: float = 0.0
+
+    @property
+    def y_in(self) -> float:
+        """Height at which the bond enters."""
+        return self.item.y + self.enter
+
+    @property
+    def y_out(self) -> float:
+        """Height at which the bond leaves."""
+        return self.item.y + self.leave
+
+
+@dataclass
+class LayeredLayout:
+    """The spine of a connected part of a sketch, and the trees that hang on it.
+
+    Parameters
+    ----------
+    columns
+        The items of each column from top to bottom, columns from left to right.
+    routes
+        The waypoints of the spine's bonds from tail to head, by their place in the sketch.
+    ports
+        Numbers of bonds to the left and to the right of each of its nodes.
+    children, hanging
+        The trees: the nodes that hang on every node, and the bond by which each of them hangs.
+    crossings
+        Number of pairs of bonds that cross.
+    """
+
+    columns: list[list[LayoutItem]]
+    routes: dict[int, list[Waypoint]]
+    ports: dict[str, tuple[int, int]]
+    children: dict[str, list[str]]
+    hanging: dict[str, int]
+    crossings: int = 0
+
+    def assign_heights(self) -> None:
+        """Give every item its height: bonds as straight as the space of all items allows."""
+        ties: dict[LayoutItem, list[tuple[LayoutItem, float, bool]]] = {
+            item: [] for column in self.columns for item in column
+        }
+        for route in self.routes.values():
+            for a, b in pairwise(route):
+                ties[a.item].append((b.item, b.enter - a.leave, b.column < a.column))
+                ties[b.item].append((a.item, a.leave - b.enter, a.column < b.column))
+        for column in self.columns:
+            _place_apart(column, [0.0] * len(column))
+        for sweep in range(_SWEEPS + _STRAIGHT):
+            straight = sweep >= _SWEEPS
+            for column in self.columns if sweep % 2 or straight else self.columns[::-1]:
+                _place_apart(column, [_preferred_height(item, ties[item], straight) for item in column])
+
+
+def _preferred_height(item: LayoutItem, ties: list[tuple[LayoutItem, float, bool]], straight: bool) -> float:
+    """Return the height at which an item's bonds rise least; of several, the middle or the straightest."""
+    if not ties:
+        return item.y
+    heights = sorted(other.y + offset for other, offset, _ in ties)
+    low, high = heights[(len(heights) - 1) // 2], heights[len(heights) // 2]
+    before = sorted(other.y + offset for other, offset, is_before in ties if is_before)
+    if not straight or not before:
+        return (low + high) / 2
+    return min(max(before[len(before) // 2], low), high)
+
+
+def _place_apart(items: list[LayoutItem], preferred: list[float]) -> None:
+    """Place items in order, without overlap, at the least squared distance from their preferred heights.
+
+    Notes
+    -----
+    Isotonic regression by pooling adjacent violators.
+    """
+    pools: list[tuple[float, float, int]] = []  # mean, weight, number of members
+    space, shift = [], 0.0
+    for place, item in enumerate(items):
+        shift += items[place - 1].down + item.up if place else 0.0
+        space.append(shift)
+        mean = preferred[place] - shift
+        weight, members = (1.0 if item.name is not None else _LANE_WEIGHT), 1
+        while pools and pools[-1][0] > mean:
+            other, heavy, count = pools.pop()
+            mean = (mean * weight + other * heavy) / (weight + heavy)
+            weight, members = weight + heavy, members + count
+        pools.append((mean, weight, members))
+    heights = [mean for mean, _, members in pools for _ in range(members)]
+    for item, height, offset in zip(items, heights, space, strict=True):
+        item.y = height + offset
+
+
+def layered_layouts(sketch: Sketch) -> Iterator[LayeredLayout]:
+    """Yield the layered layout of every connected part of a sketch."""
+    ties: dict[str, list[tuple[str, int]]] = {node.key: [] for node in sketch.nodes}
+    for index, bond in enumerate(sketch.bonds):
+        ties[bond.tail].append((bond.head, index))
+        ties[bond.head].append((bond.tail, index))
+    seen: set[str] = set()
+    for start in ties:
+        if start not in seen:
+            part = _predecessors(start, ties)
+            seen.update(part)
+            yield _LayoutBuilder(sketch, {name: ties[name] for name in part}).layout()
+
+
+def _predecessors(start: str, ties: Ties, without: str | None = None) -> dict[str, str]:
+    """Return the nodes that are reachable, nearest first, each with the one before it (breadth first)."""
+    above = {start: start}
+    queue = deque([start])
+    while queue:
+        name = queue.popleft()
+        for other, _ in ties[name]:
+            if other not in above and other != without:
+                above[other] = name
+                queue.append(other)
+    return above
+
+
+class _LayoutBuilder:
+    """Builder of the layered layout of one connected part."""
+
+    def __init__(self, sketch: Sketch, ties: dict[str, list[tuple[str, int]]]) -> None:
+        self.sketch, self.ties = sketch, ties
+
+    def layout(self) -> LayeredLayout:
+        degree = {name: len(near) for name, near in self.ties.items()}
+        leaves = [name for name, count in degree.items() if count < 2]
+        for name in leaves:  # which grows while leaves are removed
+            degree[name] = 0
+            for other, _ in self.ties[name]:
+                degree[other] -= 1
+                if degree[other] == 1:
+                    leaves.append(other)
+        gone = set(leaves)
+        core = [name for name in self.ties if name not in gone]
+        return self._of_loops(core) if core else self._of_tree()
+
+    def _of_tree(self) -> LayeredLayout:
+        """Return the layout whose spine is a path."""
+        cut, source = self.sketch.cut, self.sketch.source
+        if cut is not None and cut[0] in self.ties:
+            path = [*self._longest_path(cut[0], cut[1])[::-1], *self._longest_path(cut[1], cut[0])]
+        else:
+            one = self._longest_path(next(iter(self.ties)))[-1]
+            path = self._longest_path(one)
+            if source in self.ties:
+                from_source = self._longest_path(str(source))
+                path = from_source if len(from_source) * 2 > len(path) else path
+        columns = [[LayoutItem(name)] for name in path]
+        return self._finish(columns, dict(zip(path, range(len(path)), strict=True)), {}, 0)
+
+    def _longest_path(self, start: str, without: str | None = None) -> list[str]:
+        """Return the path to the farthest node; the source and the target count as a little farther."""
+        above = _predecessors(start, self.ties, without)
+        distance = {start: 0}
+        for name, before in above.items():
+            if name != start:
+                distance[name] = distance[before] + 1
+        farther = {self.sketch.target: 1.5, self.sketch.source: 2.5}
+        end = max(distance, key=lambda name: distance[name] + farther.get(name, 0.0))
+        path = [end]
+        while path[-1] != start:
+            path.append(above[path[-1]])
+        return path[::-1]
+
+    def _of_loops(self, core: list[str]) -> LayeredLayout:
+        """Return the layout of a graph with loops, which the core is without its trees."""
+        number = {name: place for place, name in enumerate(core)}
+        graph: dict[int, set[int]] = {place: set() for place in range(len(core))}
+        ways: dict[int, list[int]] = {}  # the vertices of each bond; a parallel one has a vertex of its own
+
+        def tie(a: int, b: int) -> None:
+            graph[a].add(b)
+            graph[b].add(a)
+
+        for name in core:
+            for other, index in self.ties[name]:
+                if other in number and index not in ways:
+                    way = [number[self.sketch.bonds[index].tail], number[self.sketch.bonds[index].head]]
+                    if way[1] in graph[way[0]]:
+                        way.insert(1, len(graph))
+                        graph[way[1]] = set()
+                    for a, b in pairwise(way):
+                        tie(a, b)
+                    ways[index] = way
+        for a, b in biconnecting(graph):
+            tie(a, b)
+        embedding = PlanarEmbedding(graph)
+        chains = dict(embedding.chains)
+        left, right = self._ends(core, number, embedding)
+        order = columns_of(embedding, number[left[-1]], number[right[0]])
+        for way in ways.values():  # with the crossings on it
+            whole = [way[0]]
+            for a, b in pairwise(way):
+                chain = chains[frozenset((a, b))]
+                whole += (chain if chain[0] == a else chain[::-1])[1:]
+            way[:] = whole
+        return self._fill_columns(
+            core, left[:-1], right[1:], order.rank, order.height, ways, embedding.crossings
+        )
+
+    def _ends(
+        self, core: list[str], number: dict[str, int], embedding: PlanarEmbedding
+    ) -> tuple[list[str], list[str]]:
+        """Return the paths from the source into the loops, and out of them to the target."""
+        inside = set(core)
+
+        def path(end: str | None) -> list[str]:
+            if end not in self.ties:
+                return []
+            above = _predecessors(core[0], self.ties)
+            found = [str(end)]
+            while found[-1] not in inside:
+                found.append(above[found[-1]])
+            return found
+
+        left, right = path(self.sketch.source), path(self.sketch.target)[::-1]
+        left = left or [core[0] if not right or core[0] != right[0] else core[1]]
+        start = number[left[-1]]
+        facing = {vertex for face in embedding.faces if start in face for vertex in face} - {start}
+        if right and number[right[0]] in facing:
+            return left, right
+        distance = {left[-1]: 0}
+        for name, before in _predecessors(left[-1], self.ties).items():
+            distance[name] = distance[before] + (name != left[-1])
+        named = [name for name in core if number[name] in facing]
+        return left, [max(named, key=distance.__getitem__)]
+
+    def _fill_columns(
+        self,
+        core: list[str],
+        left: list[str],
+        right: list[str],
+        rank: dict[int, int],
+        height: dict[int | Edge, float],
+        ways: dict[int, list[int]],
+        crossings: list[int],
+    ) -> LayeredLayout:
+        """Fill the columns with nodes, crossings and passing bonds."""
+        first = len(left)
+        count = first + max(rank.values()) + 1
+        stacks: list[list[tuple[float, LayoutItem]]] = [[] for _ in range(count + len(right))]
+        for column, name in [*enumerate(left), *enumerate(right, count)]:
+            stacks[column].append((0.0, LayoutItem(name)))
+        at: dict[int, LayoutItem] = {}
+        used = {vertex for way in ways.values() for vertex in way}
+        for vertex in sorted(used | set(range(len(core)))):
+            space = (1.5 * PORT, 1.5 * PORT, PORT) if vertex in crossings else (PORT / 2, PORT / 2, 0.0)
+            at[vertex] = LayoutItem(core[vertex] if vertex < len(core) else None, *space)
+            stacks[first + rank[vertex]].append((height[vertex], at[vertex]))
+        routes: dict[int, list[Waypoint]] = {}
+        for index, way in ways.items():
+            routes[index] = [Waypoint(at[way[0]], first + rank[way[0]])]
+            for a, b in pairwise(way):
+                step = 1 if rank[b] > rank[a] else -1
+                for column in range(rank[a] + step, rank[b], step):
+                    lane = LayoutItem()
+                    stacks[first + column].append((height[frozenset((a, b))], lane))
+                    routes[index].append(Waypoint(lane, first + column))
+                routes[index].append(Waypoint(at[b], first + rank[b]))
+        columns = [[item for _, item in sorted(stack, key=lambda entry: entry[0])] for stack in stacks]
+        standing = {item.name: k for k, column in enumerate(columns) for item in column if item.name}
+        return self._finish(columns, standing, routes, len(crossings))
+
+    def _finish(
+        self,
+        columns: list[list[LayoutItem]],
+        place: dict[str, int],
+        routes: dict[int, list[Waypoint]],
+        crossings: int,
+    ) -> LayeredLayout:
+        """Route the other bonds of the spine, spread the bonds at its nodes, and attach the trees."""
+        item = {i.name: i for column in columns for i in column if i.name is not None}
+        for name in place:
+            for _, index in self.ties[name]:
+                bond = self.sketch.bonds[index]
+                if index not in routes and bond.tail in place and bond.head in place:
+                    routes[index] = [Waypoint(item[end], place[end]) for end in (bond.tail, bond.head)]
+        _spread_bonds(columns, routes)
+        ports = {name: [0, 0] for name in place}
+        for route in routes.values():
+            for end, near in ((route[0], route[1]), (route[-1], route[-2])):
+                ports[str(end.item.name)][near.column > end.column] += 1
+        children: dict[str, list[str]] = {name: [] for name in self.ties}
+        hanging: dict[str, int] = {}
+        queue = list(place)
+        for name in queue:
+            for other, index in self.ties[name]:
+                if other not in place and other not in hanging and index != hanging.get(name):
+                    children[name].append(other)
+                    hanging[other] = index
+                    queue.append(other)
+        sides = {name: (west, east) for name, (west, east) in ports.items()}
+        return LayeredLayout(columns, routes, sides, children, hanging, crossings)
+
+
+def _spread_bonds(columns: list[list[LayoutItem]], routes: dict[int, list[Waypoint]]) -> None:
+    """Spread the bonds on either side of an item, in the order of the items they lead to."""
+    order = {item: place for column in columns for place, item in enumerate(column)}
+    sides: dict[tuple[LayoutItem, bool], list[tuple[int, int, Waypoint, bool]]] = {}
+    for index, route in routes.items():
+        for a, b in pairwise(route):
+            for here, there, leaving in ((a, b, True), (b, a, False)):
+                side = sides.setdefault((here.item, there.column > here.column), [])
+                side.append((order[there.item], index, here, leaving))
+    # At most one bond joins two nodes, and one way two crossings: those to one item keep their order.
+    for entries in sides.values():
+        entries.sort(key=lambda entry: entry[:2])
+        for number, (_, _, waypoint, leaving) in enumerate(entries):
+            offset = PORT * (number - (len(entries) - 1) / 2)
+            if leaving:
+                waypoint.leave = offset
+            else:
+                waypoint.enter = offset
+    for route in routes.values():
+        route[0].enter, route[-1].leave = route[0].leave, route[-1].enter

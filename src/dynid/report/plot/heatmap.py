@@ -1,0 +1,159 @@
+"""Heat maps: matrices as cells, with magnitudes as opacity and signs as colour."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.report.figure import CellValue, FigureTable, Picture
+from dynid.report.labels import short
+from dynid.report.plot.axis import PlotAxis
+from dynid.report.plot.chart import chart
+from dynid.report.plot.subplot import Extent, LegendEntry, PlotArea, Subplot
+from dynid.report.style import SMALL, text_width
+from dynid.report.svg import Svg, plain
+
+#: Greatest opacity of a cell with a text in it, and of one without.
+WRITTEN, BLANK = 0.55, 0.95
+_SHADES = 10
+
+#: A matrix: its title, values, the labels of rows and columns, and the labels of both axes.
+Matrix = tuple[str, NDArray[np.float64], Sequence[str], Sequence[str], tuple[str, str]]
+#: Most rows and columns of a matrix that are drawn; most matrices in a row.
+MOST, _ROW = 40, 3
+
+
+@dataclass(frozen=True)
+class Heatmap:
+    """A matrix as cells, the first row at the top; the opacity of a cell is the magnitude of its value.
+
+    Parameters
+    ----------
+    values
+        Rows × columns; cells that are not finite stay empty.
+    low, high
+        The values that are transparent and opaque; if `low` is negative, negative values have another colour.
+    texts
+        Texts of the cells, rows × columns, or empty.
+    tips
+        Texts shown under the pointer, rows × columns, or empty.
+    edges
+        Edges of columns and rows on the axes; absent: at whole numbers ± ½.
+    """
+
+    values: NDArray[np.float64]
+    low: float
+    high: float
+    texts: Sequence[Sequence[str]] = ()
+    tips: Sequence[Sequence[str]] = ()
+    edges: tuple[ArrayLike, ArrayLike] | None = None
+
+    def _edges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        if self.edges is not None:
+            return np.asarray(self.edges[0], dtype=float), np.asarray(self.edges[1], dtype=float)
+        rows, columns = self.values.shape
+        return np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5
+
+    @property
+    def gridded(self) -> bool:
+        """False: a grid behind it would change the opacity."""
+        return False
+
+    def extent(self) -> Extent:
+        """Return the edges."""
+        x, y = self._edges()
+        return [x], [y]
+
+    def legend(self) -> Iterable[LegendEntry]:
+        """Return no entry."""
+        return []
+
+    def opacity(self, value: float) -> float:
+        """Return the opacity of a value."""
+        signed = self.low < 0
+        top = max(abs(self.low), abs(self.high)) if signed else self.high - self.low
+        share = abs(value) / top if signed else (value - self.low) / top if top > 0 else 1.0
+        most = WRITTEN if self.texts else BLANK
+        return most * float(np.clip(share, 0, 1))
+
+    def draw(self, svg: Svg, area: PlotArea) -> None:
+        """Draw the cells one by one where they have texts, else cells of about the same value as one path."""
+        x, y = self._edges()
+        across, up = np.round(area.at_x(x), 1), np.round(area.at_y(y), 1)
+        one_by_one = bool(len(self.texts) or len(self.tips))
+        space = float(np.abs(np.diff(across)).min()) - 4
+        written = float(np.abs(np.diff(up)).min()) >= SMALL
+        shades: dict[tuple[str, float], list[str]] = {}
+        for row, column in np.argwhere(np.isfinite(self.values)).tolist():
+            value = float(self.values[row, column])
+            cls = "s2 dot" if value < 0 and self.low < 0 else "s1 dot"
+            if not one_by_one:
+                wide, tall = across[column + 1] - across[column], up[row + 1] - up[row]
+                shade = cls, math.ceil(_SHADES * self.opacity(value)) / _SHADES
+                cell = f"M{across[column]:.6g} {up[row]:.6g}h{wide:.3g}v{tall:.3g}h{-wide:.3g}z"
+                shades.setdefault(shade, []).append(cell)
+                continue
+            left, right = sorted((float(across[column]), float(across[column + 1])))
+            top, bottom = sorted((float(up[row]), float(up[row + 1])))
+            tip = f"<title>{plain(self.tips[row][column])}</title>" if len(self.tips) else ""
+            box = {"x": left, "y": top, "width": right - left, "height": bottom - top}
+            svg.element("rect", cls, tip, **box, fill_opacity=f"{self.opacity(value):.3f}")
+            text = self.texts[row][column] if len(self.texts) else ""
+            if text and written and text_width(text, SMALL) <= space:
+                svg.text((left + right) / 2, (top + bottom) / 2 + 0.35 * SMALL, text, "small")
+        for (cls, opacity), cells in sorted(shades.items()):
+            svg.element("path", cls, d="".join(cells), fill_opacity=f"{opacity:.3f}")
+
+
+def matrix_picture(
+    name: str, title: str, matrices: Sequence[Matrix], ends: tuple[float, float], about: str
+) -> Picture:
+    """Draw matrices side by side.
+
+    Parameters
+    ----------
+    name, title, about
+        The figure's name, title and caption.
+    matrices
+        The matrices.
+    ends
+        The least and the largest possible value.
+    """
+    rows: list[tuple[CellValue, ...]] = []
+    subplots = []
+    for heading, values, names, others, (row_label, column_label) in matrices:
+        # Axes go up, the first row is at the top.
+        shown, down, across = values[:MOST, :MOST][::-1], names[:MOST][::-1], others[:MOST]
+        rows += [
+            (*((heading,) if len(matrices) > 1 else ()), a, b, float(values[i, j]))
+            for i, a in enumerate(names[:MOST])
+            for j, b in enumerate(across)
+        ]
+        texts = [[f"{value:.2f}" if np.isfinite(value) else "" for value in row] for row in shown]
+        texts = [["0" if text and not float(text) else text.replace("-", "−") for text in r] for r in texts]
+        tips = [
+            [f"{a}, {b}: {short(float(value))}" for b, value in zip(across, row, strict=True)]
+            for a, row in zip(down, shown, strict=True)
+        ]
+        subplots.append(
+            Subplot(
+                PlotAxis(column_label, names=tuple(across)),
+                PlotAxis(row_label, names=tuple(down)),
+                [Heatmap(shown, *ends, texts, tips)],
+                heading,
+                height=float(np.clip(26 * len(down), 60, 640)),
+            )
+        )
+    grid = [subplots[start : start + _ROW] for start in range(0, len(subplots), _ROW)]
+    widest = max(text_width(str(text), SMALL) + 14 for m in matrices for text in m[3][:MOST])
+    own = max(len(m[3][:MOST]) for m in matrices) * max(44.0, min(widest, 110.0)) + 160
+    width = float(np.clip(own * min(len(subplots), _ROW), 340, 900))
+    svg = chart(name, title, grid, about, width=width)
+    head = (("matrix",) if len(matrices) > 1 else ()) + ("row", "column", "value")
+    cut = any(max(m[1].shape) > MOST for m in matrices)
+    note = f"The first {MOST} rows and columns." if cut else ""
+    return Picture(svg, f"{about} {note}".strip(), FigureTable(head, tuple(rows[:2000]), note))

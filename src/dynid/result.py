@@ -1,0 +1,360 @@
+"""Results of analyses: named arrays with axes, units and attributes.
+
+A `Result` is the only object that crosses the layers: the store writes it, figures draw it, checks
+compare it. It follows the netCDF model: a `Variable` whose only dimension has its own name is the
+coordinate of that dimension within its group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynid.errors import UsageError
+from dynid.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    import control
+    import xarray
+
+#: Group of the state equations of a bond graph.
+_STATE_SPACE = "bond_graph/state_space"
+
+Scalar = str | bool | int | float
+
+# Root attributes on the origin of a result, which comparisons ignore.
+PROVENANCE = frozenset({"created", "dynid_version", "folder", "packages", "python", "scene"})
+# Arrays on the origin: the keys of the samples of a study, and the text of the varied scene.
+PROVENANCE_ARRAYS = frozenset({"study/key", "study/scene"})
+# Attributes of groups with costs, which differ from run to run.
+COSTS = frozenset({"seconds", "peak_megabytes"})
+# Arrays of costs in tables of alternatives.
+COST_COLUMNS = frozenset({"time", "memory", "pareto", "runs"})
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """One named array: its axes, values, SI units and attributes.
+
+    Values are float64, complex128, int64, bool, text (object array of str), or a structured array
+    with such fields.
+    """
+
+    dims: tuple[str, ...]
+    data: NDArray[Any]
+    units: str = ""
+    attrs: Mapping[str, Scalar] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.data.ndim != len(self.dims):
+            raise ValueError(f"{self.data.ndim} axes, but dimensions {self.dims}")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The length of every axis."""
+        return self.data.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the values."""
+        return self.data.dtype
+
+    def blocks(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Yield all values as (first entry along the first axis, values), in pieces that fit the memory."""
+        yield 0, self.data
+
+    def rows(self, start: int, stop: int) -> NDArray[Any]:
+        """Return the entries start … stop - 1 along the first axis."""
+        return self.data[start:stop]
+
+    def entries(self, start: int, stop: int) -> NDArray[Any]:
+        """Return the entries start … stop - 1 along the second axis, of all along the first."""
+        return self.data[:, start:stop]
+
+    def equals(self, other: Variable) -> bool:
+        """Return True if axes, units, attributes, type and all values are equal (NaN equals NaN)."""
+        return (
+            self.dims == other.dims
+            and self.units == other.units
+            and _same_attrs(self.attrs, other.attrs)
+            and self.data.dtype == other.data.dtype
+            and self.data.shape == other.data.shape
+            and _same_values(self.data, other.data)
+        )
+
+
+def without_costs(attrs: Mapping[str, Scalar]) -> dict[str, Scalar]:
+    """Return the attributes without costs, which are the same in every run."""
+    return {name: value for name, value in attrs.items() if name not in COSTS}
+
+
+def _same_values(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    if a.dtype.names:
+        return all(_same_values(a[name], b[name]) for name in a.dtype.names)
+    return bool(np.array_equal(a, b, equal_nan=a.dtype.kind in "fc"))
+
+
+def _same_attrs(a: Mapping[str, Scalar], b: Mapping[str, Scalar]) -> bool:
+    return a.keys() == b.keys() and all(
+        type(a[name]) is type(b[name]) and (a[name] == b[name] or (a[name] != a[name] and b[name] != b[name]))
+        for name in a
+    )
+
+
+def as_kept(data: ArrayLike) -> NDArray[Any]:
+    """Return values in one of the types that a result holds."""
+    array = np.asarray(data)
+    if array.dtype.names:
+        return array.astype([(name, _stored_type(array.dtype[name])) for name in array.dtype.names])
+    return array.astype(_stored_type(array.dtype), copy=False)
+
+
+def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Return the type in which values of a type are kept."""
+    kept = {
+        "b": np.bool_,
+        "i": np.int64,
+        "u": np.int64,
+        "f": np.float64,
+        "c": np.complex128,
+        "U": object,
+        "O": object,
+    }
+    if dtype.kind not in kept:
+        raise TypeError(f"a result holds numbers, Booleans and texts, not {dtype}")
+    return np.dtype(kept[dtype.kind])
+
+
+def is_cost(path: str) -> bool:
+    """Return True for arrays of costs in benchmarks and tables of alternatives, or derived from them."""
+    holder, _, rest = path.partition("/")
+    return holder in ("accuracy", "bench") and rest.rpartition("/")[2] in COST_COLUMNS
+
+
+class Result(Mapping[str, Variable]):
+    """Named arrays by path (`bond_graph/frequency_response/omega`), with attributes of the whole.
+
+    Parameters
+    ----------
+    kind
+        The kind of scene that produced it.
+    title
+        The scene's title.
+    attrs
+        Further root attributes (the seed; provenance: versions, creation time, the scene's text).
+    """
+
+    def __init__(self, kind: str, title: str = "", attrs: Mapping[str, Scalar] | None = None) -> None:
+        self.kind = kind
+        self.title = title
+        self.attrs: dict[str, Scalar] = dict(attrs or {})
+        self.group_attrs: dict[str, dict[str, Scalar]] = {}
+        self._variables: dict[str, Variable] = {}
+
+    def wants(self, path: str) -> bool:  # noqa: ARG002 - used by Selection
+        """Return True if an array is kept; others need not be computed."""
+        return True
+
+    def wants_below(self, group: str) -> bool:  # noqa: ARG002 - used by Selection
+        """Return True if any array of a group is kept."""
+        return True
+
+    def add(
+        self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
+    ) -> None:
+        """Store one array under `path`; a path is written once."""
+        self.put(path, Variable(dims, as_kept(data), units, attrs))
+
+    def put(self, path: str, variable: Variable) -> None:
+        """Store a variable under `path`; a path is written once."""
+        if path in self._variables:
+            raise ValueError(f"{path} is already in the result")
+        self._variables[path] = variable
+
+    def add_axis(self, path: str, data: ArrayLike, units: str = "", **attrs: Scalar) -> None:
+        """Store a coordinate: its dimension is the last part of its path."""
+        self.add(path, data, (path.rsplit("/", 1)[-1],), units, **attrs)
+
+    def annotate(self, group: str, **attrs: Scalar) -> None:
+        """Set attributes of a group (the root result's own are in `attrs`)."""
+        self.group_attrs.setdefault(group, {}).update(attrs)
+
+    def value(self, path: str) -> Any:
+        """Return the array at `path`, or the Python scalar where it has no axes."""
+        data = self._variables[path].data
+        return data.item() if data.ndim == 0 else data
+
+    def to_control(self) -> control.StateSpace:
+        """Return the state equations of a bond graph as a system of python-control.
+
+        Signals keep their names, with an underscore for the dot that python-control does not allow:
+        `m_s.f` is `m_s_f`.
+
+        Raises
+        ------
+        UsageError
+            Where the result holds no state equations, or an output differentiates an input.
+        """
+        return _control_state_space(self)
+
+    def to_xarray(self, group: str = "") -> xarray.Dataset:
+        """Return the arrays of a group as a dataset of xarray, each dimension with its coordinate.
+
+        Parameters
+        ----------
+        group
+            Its path (`bond_graph/frequency_response`); absent: the arrays at the root.
+
+        Raises
+        ------
+        UsageError
+            Where the result has no such group, or xarray is not installed.
+        """
+        return _xarray_dataset(self, group)
+
+    def merge(self, other: Result) -> None:
+        """Add all arrays and group attributes of another result."""
+        for path, variable in other.items():
+            self.put(path, variable)
+        for group, attrs in other.group_attrs.items():
+            self.annotate(group, **attrs)
+
+    def equals(self, other: Result) -> bool:
+        """Return True if two results hold the same arrays, attributes and names, of any origin."""
+        mine, theirs = self._annotations(), other._annotations()
+        return (
+            (self.kind, self.title) == (other.kind, other.title)
+            and mine.keys() == theirs.keys()
+            and all(_same_attrs(mine[group], theirs[group]) for group in mine)
+            and self._variables.keys() == other._variables.keys()
+            and all(
+                variable.equals(other[path])
+                for path, variable in self._variables.items()
+                if not is_cost(path)
+            )
+        )
+
+    def _annotations(self) -> dict[str, dict[str, Scalar]]:
+        groups = {group: without_costs(attrs) for group, attrs in self.group_attrs.items()}
+        groups = {group: attrs for group, attrs in groups.items() if attrs}
+        root = {name: value for name, value in self.attrs.items() if name not in PROVENANCE}
+        return groups | {"": groups.get("", {}) | root}
+
+    def __getitem__(self, path: str) -> Variable:
+        return self._variables[path]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._variables)
+
+    def __len__(self) -> int:
+        return len(self._variables)
+
+    def __repr__(self) -> str:
+        return f"<Result of {self.kind} {self.title!r}: {len(self)} arrays>"
+
+
+class Selection(Result):
+    """A result that keeps only the requested arrays.
+
+    Parameters
+    ----------
+    kind
+        The kind of scene that produced it.
+    wanted
+        The paths of the arrays to keep.
+    """
+
+    def __init__(self, kind: str, wanted: Collection[str]) -> None:
+        super().__init__(kind)
+        self._wanted = wanted
+
+    def wants(self, path: str) -> bool:
+        """Return True if an array is kept."""
+        return path in self._wanted
+
+    def wants_below(self, group: str) -> bool:
+        """Return True if any array of a group is kept."""
+        return any(path.startswith(f"{group}/") for path in self._wanted)
+
+    def add(
+        self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
+    ) -> None:
+        """Store one array under `path` if it is requested."""
+        if path in self._wanted:
+            super().add(path, data, dims, units, **attrs)
+
+    def put(self, path: str, variable: Variable) -> None:
+        """Store a variable under `path` if it is requested."""
+        if path in self._wanted:
+            super().put(path, variable)
+
+
+def common_unit(units: Iterable[str]) -> str:
+    """Return the common unit of all, or ''."""
+    different = set(units)
+    return different.pop() if len(different) == 1 else ""
+
+
+def _control_state_space(result: Result) -> control.StateSpace:
+    """Return the state equations that a result holds (`Result.to_control`)."""
+    import control
+
+    if f"{_STATE_SPACE}/A" not in result:
+        raise UsageError("the result holds no state equations", remedy="Add state_space to analysis.results.")
+    names = {
+        axis: [str(name).replace(".", "_") for name in result[f"{_STATE_SPACE}/{axis}"].data]
+        for axis in ("state", "input", "output")
+    }
+    improper = result[f"{_STATE_SPACE}/feedthrough"].data[1:].any(axis=0)
+    for output, source in np.argwhere(improper):
+        raise UsageError(
+            f"output '{result[f'{_STATE_SPACE}/output'].data[output]}' follows a derivative of input "
+            f"'{result[f'{_STATE_SPACE}/input'].data[source]}': python-control has no such state space",
+            remedy="Request other outputs, or add the elements that limit them to the graph.",
+        )
+    matrices = (result[f"{_STATE_SPACE}/{name}"].data for name in "ABCD")
+    return control.StateSpace(
+        *matrices, states=names["state"], inputs=names["input"], outputs=names["output"]
+    )
+
+
+def _xarray_dataset(result: Result, group: str) -> xarray.Dataset:
+    """Return the arrays directly in a group, with the coordinates they use (`Result.to_xarray`)."""
+    try:
+        import xarray
+    except ImportError as error:
+        raise UsageError(
+            "datasets of xarray need xarray, which is not installed",
+            remedy="Install it: pip install 'dynid[xarray]'.",
+        ) from error
+
+    group = group.strip("/")
+    held = {path: variable for path, variable in result.items() if path.rpartition("/")[0] == group}
+    if not held:
+        groups = sorted({path.rpartition("/")[0] for path in result})
+        raise UsageError(
+            f"the result has no arrays in '{group}'{did_you_mean(group, groups)}",
+            remedy="`dynid show --all` lists every array.",
+        )
+    arrays = {path.rpartition("/")[2]: _xarray_variable(variable) for path, variable in held.items()}
+    for variable in held.values():
+        for dim, length in zip(variable.dims, variable.data.shape, strict=True):
+            above = group
+            while above and dim not in arrays:  # its coordinate in the nearest group above
+                above = above.rpartition("/")[0]
+                found = result.get(f"{above}/{dim}" if above else dim)
+                if found is not None and found.dims == (dim,):
+                    if found.data.size == length:
+                        arrays[dim] = _xarray_variable(found)
+                    break
+    attrs: dict[str, Any] = dict(result.group_attrs.get(group, {}))
+    return xarray.Dataset(arrays, attrs={"title": result.title, **attrs})
+
+
+def _xarray_variable(variable: Variable) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+    units = {"units": variable.units} if variable.units else {}
+    return variable.dims, variable.data, {**variable.attrs, **units}

@@ -1,0 +1,140 @@
+"""The arrays that `collect` names: picked from a result, or the only ones that a result keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
+from functools import lru_cache
+
+from numpy.typing import ArrayLike
+
+from dynid.errors import UsageError
+from dynid.result import Result, Scalar, Variable
+from dynid.suggestions import did_you_mean_path
+
+#: In `collect`: every number under `properties` and `parameters`; what an empty `collect` stands for.
+NUMBERS = ""
+#: The groups that these stand in.
+GATHERED_ANYWAY = frozenset({"properties", "parameters"})
+
+
+def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str, Variable]:
+    """Pick what is collected from a result, with the coordinates of its axes.
+
+    Parameters
+    ----------
+    result
+        Arrays by path.
+    collect
+        Paths, groups, or patterns with `*`; empty: every number under `properties` and `parameters`.
+
+    Raises
+    ------
+    UsageError
+        Where there is nothing at a path, or a table, which has no place in a study.
+    """
+    chosen = dict.fromkeys(selected_paths(result, collect))
+    for path in list(chosen):
+        chosen.update(dict.fromkeys(_coordinates(result, path)))
+    return {path: result[path] for path in chosen}
+
+
+def selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterator[str]:
+    """Yield the paths of a result that `collect` names."""
+    for wanted in (path.strip("/") for path in collect or (NUMBERS,)):
+        if wanted == NUMBERS:
+            yield from [
+                path
+                for path, variable in result.items()
+                if variable.data.dtype.kind in "bifc" and not GATHERED_ANYWAY.isdisjoint(path.split("/"))
+            ]
+            continue
+        if wanted in result:
+            if result[wanted].data.dtype.names:
+                raise UsageError(f"{wanted} is a table, which cannot be collected")
+            yield wanted
+            continue
+        below = [
+            path
+            for path, variable in result.items()
+            if (path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)) and not variable.data.dtype.names
+        ]
+        if not below:
+            raise UsageError(f"there is nothing to collect at '{wanted}'{did_you_mean_path(wanted, result)}")
+        yield from below
+
+
+def _coordinates(result: Mapping[str, Variable], path: str) -> Iterator[str]:
+    """Yield the coordinates of an array's axes: in its own group, or in the nearest one above."""
+    for dim in result[path].dims:
+        group = path
+        while group:
+            group = group.rpartition("/")[0]
+            coordinate = f"{group}/{dim}" if group else dim
+            if coordinate in result:
+                if result[coordinate].dims == (dim,):
+                    yield coordinate
+                break
+
+
+class CollectedResult(Result):
+    """A result that keeps what `collect` may name, and the coordinates there are.
+
+    Parameters
+    ----------
+    kind
+        The kind of scene that produced it.
+    collect
+        Paths, groups, or patterns with `*`, as for `dynid.scene.collect.gather`.
+    """
+
+    def __init__(self, kind: str, collect: tuple[str, ...]) -> None:
+        super().__init__(kind)
+        self._collect = tuple(path.strip("/") for path in collect)
+
+    def wants(self, path: str) -> bool:
+        """Tell whether an array is kept."""
+        return _named(self._collect, path)
+
+    def wants_below(self, group: str) -> bool:
+        """Tell whether anything in a group may be kept."""
+        return _reached(self._collect, group)
+
+    def add(
+        self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
+    ) -> None:
+        """Store one array under `path` if it is wanted, or is a coordinate."""
+        if dims == (path.rpartition("/")[2],) or self.wants(path):
+            super().add(path, data, dims, units, **attrs)
+
+    def put(self, path: str, variable: Variable) -> None:
+        """Store a variable as it is under `path` if it is wanted, or is a coordinate."""
+        if variable.dims == (path.rpartition("/")[2],) or self.wants(path):
+            super().put(path, variable)
+
+
+@lru_cache(maxsize=4096)  # thousands of samples ask the same
+def _named(collect: tuple[str, ...], path: str) -> bool:
+    """Tell whether any entry of `collect` may name an array."""
+    return any(_names(wanted, path) for wanted in collect)
+
+
+@lru_cache(maxsize=4096)
+def _reached(collect: tuple[str, ...], group: str) -> bool:
+    """Tell whether any entry of `collect` may name something in a group."""
+    return any(_reaches(wanted, group) for wanted in collect)
+
+
+def _names(wanted: str, path: str) -> bool:
+    """Tell whether an entry of `collect` may name an array."""
+    if wanted == NUMBERS:
+        return not GATHERED_ANYWAY.isdisjoint(path.split("/"))
+    return path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
+
+
+def _reaches(wanted: str, group: str) -> bool:
+    """Tell whether an entry of `collect` may name something in a group."""
+    if wanted == NUMBERS:
+        return not GATHERED_ANYWAY.isdisjoint(group.split("/"))
+    fixed = min((wanted.partition(sign)[0] for sign in "*?["), key=len)
+    return f"{group}/".startswith(fixed) or fixed.startswith(f"{group}/")

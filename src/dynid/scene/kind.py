@@ -1,0 +1,133 @@
+"""The kinds of scenes: each is one object that names all that differs between kinds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of scene.
+
+    All but `name` and `template` are references, `module:name` or `module`, loaded when used. So a command
+    loads only what it needs, and no layer imports a higher one. An empty reference: the kind has none.
+
+    Parameters
+    ----------
+    name
+        The value of the key `kind`.
+    template
+        The file in `dynid.templates` that `dynid new` writes.
+    model
+        The pydantic model of its scenes.
+    run
+        Function of a scene; returns its `Result`.
+    explain
+        Function of a scene; returns its `Explanation`.
+    prepare
+        Function of a scene; yields the steps of its run that come before any computation.
+    check
+        Function of a source and its names; returns the faults that concern several keys at once.
+    check_valid
+        Function of a valid scene; raises what is wrong with it and the scenes that it names.
+    unread
+        Function of a valid scene; yields the keys whose files a run does not read.
+    batch
+        Module with `batched`, which runs samples together, and `why_alone`.
+    content
+        Module with `sections` and `method`: a result as facts and tables, for pages.
+    summary
+        Module with `lines`: a result on the screen.
+    alternatives
+        Mapping of the choices in a scene to functions that try their alternatives.
+    """
+
+    name: str
+    template: str
+    model: str
+    run: str
+    explain: str = ""
+    prepare: str = ""
+    check: str = ""
+    check_valid: str = ""
+    unread: str = ""
+    batch: str = ""
+    content: str = ""
+    summary: str = ""
+    alternatives: str = ""
+
+    def load(self, part: str) -> Any:
+        """Return the object that a reference names; None where the kind has none.
+
+        Parameters
+        ----------
+        part
+            The name of the attribute that holds the reference, such as ``run``.
+        """
+        return resolve(getattr(self, part))
+
+
+def resolve(reference: str) -> Any:
+    """Return the module, or the object in it, that `module` or `module:name` refers to; None for none."""
+    if not reference:
+        return None
+    module, _, name = reference.partition(":")
+    found = import_module(module)
+    return getattr(found, name) if name else found
+
+
+_KINDS = (
+    Kind(
+        "bond-graph",
+        template="bond-graph.yaml",
+        model="dynid.scene.schema.bond_graph:BondGraphScene",
+        run="dynid.scene.kinds.bond_graph:run",
+        explain="dynid.scene.explanations.bond_graph:explain",
+        prepare="dynid.scene.kinds.bond_graph:preparation_steps",
+        check="dynid.scene.schema.graph_checks:bond_graph_faults",
+        unread="dynid.scene.kinds.bond_graph:unread_files",
+        batch="dynid.scene.kinds.bond_graph_samples",
+        content="dynid.report.content.bond_graph",
+        summary="dynid.cli.summary.bond_graph",
+        alternatives="dynid.bench.scenes.bond_graph:ASPECTS",
+    ),
+    Kind(
+        "identification",
+        template="identification.yaml",
+        model="dynid.scene.schema.identification:IdentificationScene",
+        run="dynid.scene.kinds.identification:run",
+        explain="dynid.scene.explanations.identification:explain",
+        prepare="dynid.scene.kinds.identification:preparation_steps",
+        check="dynid.scene.schema.structure_checks:identification_faults",
+        unread="dynid.scene.kinds.identification:unread_files",
+        batch="dynid.scene.kinds.identification_samples",
+        content="dynid.report.content.identification",
+        summary="dynid.cli.summary.identification",
+        alternatives="dynid.bench.scenes.identification:ASPECTS",
+    ),
+    Kind(
+        "reduction",
+        template="reduction.yaml",
+        model="dynid.scene.schema.reduction:ReductionScene",
+        run="dynid.scene.kinds.reduction:run",
+        explain="dynid.scene.explanations.reduction:explain",
+        prepare="dynid.scene.kinds.reduction:preparation_steps",
+        check="dynid.scene.schema.structure_checks:reduction_faults",
+        content="dynid.report.content.reduction",
+        summary="dynid.cli.summary.reduction",
+        alternatives="dynid.bench.scenes.reduction:ASPECTS",
+    ),
+    Kind(
+        "study",
+        template="study.yaml",
+        model="dynid.scene.schema.study:StudyScene",
+        run="dynid.scene.kinds.study:run",
+        check_valid="dynid.scene.kinds.study:check_study",
+        content="dynid.report.content.study",
+        summary="dynid.cli.summary.study",
+    ),
+)
+#: The kinds by their names.
+KINDS = {kind.name: kind for kind in _KINDS}

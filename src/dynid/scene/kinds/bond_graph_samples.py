@@ -1,0 +1,229 @@
+"""Samples of a bond graph that differ in numbers, run together.
+
+What they share is read, checked, planned and multiplied out once. A sample with something of its own (a value
+of zero, a text where the others have numbers, roots that meet, a fault) is run alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import lru_cache
+from graphlib import TopologicalSorter
+from typing import TYPE_CHECKING, Any, cast
+
+from pydantic import BaseModel
+
+from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
+from dynid.errors import DynidError
+from dynid.result import Variable
+from dynid.scene.arithmetic.expression import Expression, parse
+from dynid.scene.arithmetic.numbers import Number, to_fraction
+from dynid.scene.arithmetic.samples import SampleColumn, evaluate, numbers
+from dynid.scene.collect import gather
+from dynid.scene.kinds.bond_graph import question
+from dynid.scene.load import Scene
+from dynid.scene.outcomes import SampleOutcome
+from dynid.scene.run import run_scene
+from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.references import read_names
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.bond_graph import BondGraphScene
+
+Overrides = Sequence[Mapping[str, Any]]
+Path = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _BatchKey:
+    """Key of a prepared batch: scenes of equal text are equal."""
+
+    text: str
+    file: str
+    paths: tuple[str, ...]
+    collect: tuple[str, ...]
+    scene: Scene = field(compare=False)
+
+
+def batched(
+    template: Scene,
+    overrides: Overrides,
+    collect: tuple[str, ...],
+    of: int,  # noqa: ARG001
+) -> list[SampleOutcome | None] | None:
+    """Run samples together where they differ in parameters, values of elements and stored energy alone.
+
+    Returns
+    -------
+    list of SampleOutcome or None, or None
+        One a sample, None for one that is to be run alone; None where the samples share too little:
+        something else varies, or what is collected is not one of the numbers that are computed together.
+    """
+    paths = tuple(overrides[0]) if overrides else ()
+    if not paths or any(tuple(one) != paths for one in overrides):
+        return None
+    plan = _planned(
+        _BatchKey(template.source.resolved_text(), template.source.file, paths, collect, template)
+    )
+    if plan is None:
+        return None
+    return [None if result is None else SampleOutcome(result) for result in plan.run(overrides)]
+
+
+def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
+    """Say why samples that differ at these paths are not run together; nothing where they are."""
+    for path in paths:
+        if _place(template, path) is None:
+            return f"{path} is no parameter, no value of an element and no stored energy"
+    family = _BatchKey(template.source.resolved_text(), template.source.file, tuple(paths), collect, template)
+    return "" if _planned(family) else "what is collected is more than numbers of the channels and responses"
+
+
+@lru_cache(maxsize=4)
+def _planned(family: _BatchKey) -> _GraphBatch | None:
+    """Plan a family of samples, once a process; None where it cannot be run together."""
+    places = [_place(family.scene, path) for path in family.paths]
+    if None in places:
+        return None
+    try:
+        exemplar = run_scene(family.scene)
+        wanted = tuple(gather(exemplar, family.collect))
+        return _GraphBatch(
+            family.scene, dict(zip(family.paths, cast("list[Path]", places), strict=True)), wanted
+        )
+    except (_NotShared, DynidError, ArithmeticError):
+        return None
+
+
+class _NotShared(Exception):
+    """The samples share too little."""
+
+
+def _place(scene: Scene, path: str) -> Path | None:
+    """Return what a path names: a parameter, the value of an element, or the energy that it stores."""
+    model = cast("BondGraphScene", scene.model)
+    match path.split("."):
+        case ["parameters", name] if name in model.parameters:
+            return ("parameter", name)
+        case ["graph", "nodes", name, "value"] if name in model.graph.nodes and model.graph.nodes[name].value:
+            return ("value", name)
+        case ["initial", name, ("e" | "f") as part] if getattr(model.initial.get(name), part, None):
+            return ("stored", name)
+    return None
+
+
+class _GraphBatch:
+    """Samples of one graph, run together.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    places
+        What each path that varies names.
+    wanted
+        The arrays to compute.
+    """
+
+    def __init__(self, scene: Scene, places: dict[str, Path], wanted: tuple[str, ...]) -> None:
+        model = cast("BondGraphScene", scene.model)
+        graph, analysis = question(scene)
+        varied = {name for kind, name in places.values() if kind == "parameter"}
+        self._expressions = _dependents(scene.source.data.get("parameters") or {}, varied)
+        varied |= self._expressions.keys()
+        grids = [model.analysis.frequency, model.analysis.time]
+        if not shared(wanted, analysis) or any(varied & names for names in map(_named_in, grids)):
+            raise _NotShared
+        self._places, self._binary = places, analysis.reading == "binary"
+        self._fixed = read_names(scene.source)[0].parameters
+        self._values = _slots({name: node.value for name, node in model.graph.nodes.items()}, varied)
+        self._stored = _slots({name: one.f or one.e for name, one in model.initial.items()}, varied)
+        self._initial = dict(analysis.initial)
+        self._wanted = frozenset(wanted)
+        varying = [*self._values, *(name for kind, name in places.values() if kind == "value")]
+        self._analysis = SampledAnalysis(
+            graph.rounded() if self._binary else graph, analysis, dict.fromkeys(varying), wanted
+        )
+
+    def run(self, overrides: Overrides) -> list[Mapping[str, Variable] | None]:
+        """Return what is wanted of every sample; None for one that is to be run alone."""
+        parameters, values, stored = self._quantities(overrides)
+        columns = [*parameters.values(), *values.values(), *stored.values()]
+        failed = {k for column in columns for k, value in enumerate(column) if value is None}
+        sound = [k for k in range(len(overrides)) if k not in failed]
+        exact = {name: [column[k] for k in sound] for name, column in values.items()}
+        initial = [self._initial | {name: column[k] for name, column in stored.items()} for k in sound]
+        found: list[Mapping[str, Variable] | None] = [None] * len(overrides)
+        for k, result in zip(sound, self._analysis.run(exact, len(sound), initial), strict=True):
+            found[k] = result if result is not None and len(result) == len(self._wanted) else None
+        return found
+
+    def _quantities(self, overrides: Overrides) -> tuple[dict[str, list[Any]], ...]:
+        """Return what varies, one a sample: parameters, values of elements, stored energies (both exact)."""
+        known: dict[str, Number | SampleColumn] = dict(self._fixed)
+        parameters: dict[str, SampleColumn] = {}
+        values: dict[str, list[Fraction | None]] = {}
+        stored: dict[str, list[Fraction | None]] = {}
+        for path, (kind, name) in self._places.items():
+            column = numbers([one[path] for one in overrides])
+            match kind:
+                case "parameter":
+                    known[name] = parameters[name] = column
+                case "value":
+                    values[name] = _exact(column, binary=self._binary)
+                case _:
+                    stored[name] = _exact(column)
+        for name, expression in self._expressions.items():
+            known[name] = parameters[name] = evaluate(expression, known, len(overrides))
+        for name, expression in self._values.items():
+            if name not in values:
+                values[name] = _exact(evaluate(expression, known, len(overrides)), binary=self._binary)
+        for name, expression in self._stored.items():
+            if name not in stored:
+                stored[name] = _exact(evaluate(expression, known, len(overrides)))
+        return parameters, values, stored
+
+
+def _slots(quantities: Mapping[str, Quantity | None], varied: Collection[str]) -> dict[str, Expression]:
+    """Return the expressions that depend on what varies."""
+    given = {name: quantity.expression for name, quantity in quantities.items() if quantity is not None}
+    return {name: text for name, text in given.items() if text is not None and text.names & set(varied)}
+
+
+def _dependents(raw: Mapping[Any, Any], varied: Collection[str]) -> dict[str, Expression]:
+    """Return the parameters that depend on others that vary, each after those that it depends on."""
+    texts = {str(name): parse(text) for name, text in raw.items() if isinstance(text, str)}
+    order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
+    found: dict[str, Expression] = {}
+    for name in order.static_order():
+        if name not in varied and texts[name].names & {*varied, *found}:
+            found[name] = texts[name]
+    return found
+
+
+def _exact(column: SampleColumn, *, binary: bool = False) -> list[Fraction | None]:
+    """Return values exactly; None for what double precision would turn into zero or infinity."""
+    return [None if value is None else _in_range(value, binary=binary) for value in column]
+
+
+def _in_range(value: Number, *, binary: bool) -> Fraction | None:
+    try:
+        rounded = float(value)
+    except OverflowError:
+        return None
+    if rounded == 0 != value:
+        return None
+    if binary:
+        return Fraction(rounded)
+    return value if isinstance(value, Fraction) else to_fraction(value)
+
+
+def _named_in(part: Any) -> set[str]:
+    """Return the names in the quantities of a part of a scene, however deep."""
+    if isinstance(part, Quantity):
+        return set(part.expression.names) if part.expression is not None else set()
+    if isinstance(part, list | tuple):
+        return set().union(*map(_named_in, part))
+    return set().union(*(_named_in(value) for _, value in part)) if isinstance(part, BaseModel) else set()

@@ -1,0 +1,248 @@
+"""Records and frequency response functions of a scene's measurement."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from dynid.errors import FileError, UsageError
+from dynid.scene.kinds.signals import angular_frequencies, build_signals, layout_of
+from dynid.scene.kinds.structures import number
+from dynid.structure.response import Channel, Load
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dynid.identification.frf.measurement import Frf, FrfMeasurement
+    from dynid.identification.measurement import Experiment, Measurement
+    from dynid.identification.preparation import Preparation
+    from dynid.lti.generator import RecordTimes
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.base import Dof
+    from dynid.scene.schema.identification import IdentificationScene
+    from dynid.scene.schema.measurement import (
+        ChannelModel,
+        FrfModel,
+        MeasuredFileModel,
+        MeasurementModel,
+        PrepareModel,
+        RecordModel,
+    )
+    from dynid.scene.schema.quantities import Quantity
+    from dynid.scene.schema.signals import SignalPart
+    from dynid.tables.frequency_responses import MeasuredResponses
+
+
+def experiments(scene: Scene, excitation: Sequence[SignalPart], given: MeasurementModel) -> list[Experiment]:
+    """Return the records of a scene with the loads of each."""
+    from dynid.identification.measurement import Experiment
+
+    found = []
+    for k, record in enumerate(given.each):
+        place = f"measurement.records.{k}" if given.records else "measurement"
+        measurement = _measurement(scene, record, place)
+        own = bool(given.records) and given.records[k].excitation is not None
+        shared = f"{place}.excitation" if own else "measurement.excitation"
+        where, parts = (
+            ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
+        )
+        experiment = Experiment(loads_of(scene, where, parts, measurement.record), measurement)
+        found.append(_prepared(scene, experiment, record.prepare or [], place))
+    return found
+
+
+def _prepared(scene: Scene, experiment: Experiment, given: Sequence[PrepareModel], place: str) -> Experiment:
+    """Return a record prepared as the scene says; a step that makes no sense is placed in it."""
+    from dynid.identification.preparation import prepare
+
+    try:
+        return prepare(experiment, [_preparation(step) for step in given])
+    except UsageError as error:
+        where = _own_or_shared(scene, place, "prepare").rpartition(".")[0]
+        names = [f"{where}.{name}" for name in error.names]
+        raise UsageError(error.problem, remedy=error.remedy, names=names) from error
+
+
+def _preparation(given: PrepareModel) -> Preparation:
+    from dynid.identification.preparation import BandPass, Decimate, Detrend
+    from dynid.scene.schema.reduction import in_radians
+
+    if given.band_pass is not None:
+        low, high = (in_radians(float(edge), given.unit or "rad/s") for edge in given.band_pass)
+        return BandPass(low, high) if given.order is None else BandPass(low, high, given.order)
+    if given.decimate is not None:
+        return Decimate(given.decimate)
+    return Detrend(1 if given.detrend == "linear" else 0)
+
+
+def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
+    from dynid.identification.measurement import Measurement, Simulation
+
+    channels = tuple(channel_of(channel) for channel in given.channels or ())
+    step, samples = number(given.step), given.samples or 0
+    source: Simulation | NDArray[np.float64]
+    if given.simulate is not None:
+        simulate = given.simulate
+        source = Simulation(
+            levels(simulate.noise_ratio) or 0.0,
+            simulate.seed,
+            number(simulate.settle),
+            levels(simulate.noise),
+            **initial_motion(cast("IdentificationScene", scene.model)),
+        )
+    else:
+        assert given.file is not None
+        source = _measured(scene, given.file, (samples, len(channels)), step, place)
+    return Measurement(step, samples, channels, source, levels(given.noise))
+
+
+def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
+    """Return the displacements and velocities at t = 0, by DOF."""
+    return {
+        "displacement": {dof: number(motion.x) for dof, motion in model.initial.items()},
+        "velocity": {dof: number(motion.v) for dof, motion in model.initial.items()},
+    }
+
+
+def channel_of(given: ChannelModel) -> Channel:
+    """Return a sensor."""
+    return Channel(
+        given.ends[0], given.quantity, given.dofs[1] if given.dofs else None, given.frame == "absolute"
+    )
+
+
+def levels(given: Quantity | list[Quantity] | None) -> float | list[float] | None:
+    """Return one number, or one a channel."""
+    if given is None:
+        return None
+    return [float(level) for level in given] if isinstance(given, list) else float(given)
+
+
+def _measured(
+    scene: Scene, file: MeasuredFileModel, shape: tuple[int, int], step: float, place: str
+) -> NDArray[np.float64]:
+    """Read the samples of a record (samples x channels)."""
+    from dynid.tables.read import read_columns
+
+    path, where = scene.folder / (file.path or ""), _own_or_shared(scene, place, "file")
+    table = read_columns(
+        path, file.columns, step=step, place=where, layout=layout_of(file), rows=shape[0] or None
+    )
+    if table.shape[1] != shape[1]:
+        raise FileError(
+            f"{path} has {table.shape[1]} columns of numbers, 'channels' has {shape[1]}",
+            remedy="Name the columns: file: {path: …, columns: […]}.",
+            names=(f"{where}.columns",),
+        )
+    if len(table) < shape[0]:
+        raise FileError(
+            f"{path} has {len(table)} samples, but the scene asks for {shape[0]}",
+            remedy="Ask for no more samples than there are.",
+            names=(f"{where}.path",),
+        )
+    return table[: shape[0]]
+
+
+def _own_or_shared(scene: Scene, place: str, key: str) -> str:
+    """Return where a key of the record at a dotted place of a scene stands: there, or for all records."""
+    found: Any = scene.source.data
+    for part in place.split("."):
+        found = found[int(part) if isinstance(found, list) else part]
+    return f"{place}.{key}" if key in found else f"measurement.{key}"
+
+
+def loads_of(scene: Scene, where: str, parts: Sequence[SignalPart], record: RecordTimes) -> list[Load]:
+    """Return the loads that stand at a place of a scene."""
+    return [
+        Load(part.dof, signal, part.base or part.motion)
+        for part, signal in build_signals(scene, where, parts, record)
+    ]
+
+
+_PLACE = "measurement.frf.file"
+
+
+def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
+    """Return the frequency response functions of a scene.
+
+    Raises
+    ------
+    FileError
+        Where measured responses cannot be read.
+    UsageError
+        Where they make no sense.
+    """
+    from dynid.identification.frf.measurement import Frf, FrfMeasurement
+    from dynid.identification.measurement import Simulation
+
+    assert given.frf is not None
+    channels = tuple(
+        Frf(channel_of(channel), channel.reference.dof)
+        for channel in given.channels or ()
+        if channel.reference
+    )
+    noise = levels(given.noise)
+    simulate = given.frf.simulate
+    if simulate is not None:
+        added = levels(simulate.noise_ratio) or 0.0, simulate.seed, 0.0, levels(simulate.noise)
+        return FrfMeasurement(angular_frequencies(simulate.lines), channels, Simulation(*added), noise)
+    found = _in_band(_read(scene, given.frf, channels), given.frf)
+    deviation, relative = found.deviation, False
+    if found.coherence is not None:
+        # Of the estimate H1 from n averages: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. 2010, eq 9.57.
+        averages = given.frf.file.averages if given.frf.file else None
+        relative = averages is None
+        spread = np.sqrt((1 - found.coherence) / found.coherence / (averages or 1))
+        deviation = np.abs(found.values) * spread
+    return FrfMeasurement(found.omega, channels, found.values, noise, deviation, relative)
+
+
+def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:
+    """Read the file of a scene's responses: lines in rad/s, one column a channel."""
+    from dynid.tables.frequency_responses import ResponseLayout, read_responses
+
+    file = given.file
+    assert file is not None
+    path = scene.folder / file.path
+    layout = ResponseLayout(file.columns, file.frequency, file.deviation, file.coherence)
+    found = read_responses(path, layout, _PLACE)
+    for name, columns in found.columns.items():
+        if columns.shape[1] != len(channels):
+            key = name if name != "values" else "columns"
+            raise FileError(
+                f"{path} has {columns.shape[1]} frequency responses, 'channels' has {len(channels)}"
+                if name == "values"
+                else f"{path}: '{name}' names {columns.shape[1]} columns, 'channels' has {len(channels)}",
+                remedy="Name one for each channel: frf: {file: {path: …, columns: […]}}.",
+                names=(f"{_PLACE}.{key}", f"{_PLACE}.path"),
+            )
+    for place, (quantity, channel) in enumerate(zip(found.quantities, channels, strict=False), 1):
+        if quantity and quantity != channel.channel.quantity:
+            raise FileError(
+                f"{path}: function {place} is {quantity} over force, but the channel {channel.name} is not",
+                remedy=f"Write quantity: {quantity}.",
+                names=("measurement.channels", f"{_PLACE}.path"),
+            )
+    unit = given.unit or ("Hz" if found.in_hertz else "rad/s")
+    return found._replace(omega=found.omega * (2 * math.pi if unit == "Hz" else 1.0))
+
+
+def _in_band(found: MeasuredResponses, given: FrfModel) -> MeasuredResponses:
+    """Return the lines of a band."""
+    if given.band is None:
+        return found
+    factor = 2 * math.pi if given.unit == "Hz" else 1.0
+    low, high = (factor * float(edge) for edge in given.band)
+    here = (found.omega >= low) & (found.omega <= high)
+    if not here.any():
+        raise FileError(
+            f"no line lies in the band; they go from {found.omega[0] / factor:.6g} to "
+            f"{found.omega[-1] / factor:.6g} {given.unit or 'rad/s'}",
+            names=("measurement.frf.band",),
+        )
+    return found.at(here)

@@ -1,0 +1,133 @@
+"""Scope of a model in a result: which parts of a structure were modelled, and which left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from dynid.model_scope import ScopePart, add_model_scope, divided
+from dynid.result import Result
+from dynid.scene.schema.accuracy import ASPECTS
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.identification import IdentificationScene
+    from dynid.scene.schema.reduction import ReductionScene
+    from dynid.structure.model import StructuralModel
+    from dynid.structure.reduction.reduction import StructuralReduction
+
+_NOT_ASKED = "not asked for"
+#: What a scene of kind `identification` can ask for, and the group that holds it.
+_RESULTS = {
+    "parameters": "identification/parameters",
+    "identifiability": "identification/identifiability",
+    "modes": "structure/modes",
+    "frequency_response": "structure/frequency_response",
+    "time_response": "structure/time_response",
+}
+_SOLVERS = ("dense matrices", "sparse Lanczos")
+#: What each estimator works by.
+_ENGINES = {
+    "auto": ["filter", "maximum likelihood"],
+    "filter": ["filter"],
+    "output-error": ["maximum likelihood"],
+    "invariant-imbedding": ["invariant imbedding"],
+}
+
+
+def add_identification_scope(
+    result: Result, model: IdentificationScene, structure: StructuralModel, made: StructuralReduction | None
+) -> None:
+    """Add what was modelled in an identification: coordinates, modes, states, parameters, engines, results.
+
+    Parameters
+    ----------
+    result
+        The result.
+    model
+        The scene.
+    structure
+        The full structure.
+    made
+        What it was reduced to, if it was.
+    """
+    n = structure.size
+    r = n if made is None else made.model.size
+    parts: list[ScopePart] = []
+    if made is not None and model.reduction is not None:
+        parts += _of_reduction("", model.reduction.method, made.model.size, n, len(made.modes), made.rule)
+    parts.append(ScopePart("states", 2 * r, 2 * (n - r), "the structure is reduced"))
+    measured = model.measurement is not None
+    unknown = [each.name for each in structure.unknowns]
+    terms = [term.name for joint in structure.joints for term in joint.terms]
+    why = "known: fixed at their values"
+    parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
+    used = _used(result, model) if measured else []
+    why = "the estimator does without" if used else "there is no record"
+    every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
+    parts.append(divided("engines", every, used, why))
+    parts += _of_modes(result, r)
+    groups = {path.rpartition("/")[0] for path in result}
+    there = [name for name, group in _RESULTS.items() if any(path.startswith(group) for path in groups)]
+    parts.append(divided("results", _RESULTS, there, _NOT_ASKED))
+    add_model_scope(result, "identification", parts)
+
+
+_FIXED = "nothing is identified: fixed at their values, true values or starts"
+
+
+def _used(result: Result, model: IdentificationScene) -> list[str]:
+    """Return what the estimator worked by; responses are fitted by maximum likelihood."""
+    estimator = str(result.group_attrs["identification"].get("estimator", "output-error"))
+    in_frequency = model.measurement is not None and model.measurement.frf is not None
+    return _ENGINES["output-error" if in_frequency else estimator]
+
+
+def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[str, str]) -> None:
+    """Add what was modelled in a comparison of reductions: coordinates and modes of each, engines, results.
+
+    Parameters
+    ----------
+    result
+        The result.
+    model
+        The scene.
+    methods
+        The method of every reduction by its name in the result.
+    """
+    n = len(result["reduction/dof"].data)
+    parts: list[ScopePart] = []
+    for name, method in methods.items():
+        group = f"reduction/{name}"
+        rule = str(result.group_attrs[group]["rule"])
+        coordinates, modes = (result[f"{group}/{part}"].data.size for part in ("coordinate", "modes"))
+        parts += _of_reduction(f" of {name}", method, coordinates, n, modes, rule)
+    known = [name for name in ASPECTS["reduction"]["basis"] if name != "full"]
+    parts.append(divided("methods", known, methods.values(), _NOT_ASKED))
+    dense = str(result.group_attrs["reduction"]["solver"]).startswith(_SOLVERS[0])
+    solver = _SOLVERS[0 if dense else 1]
+    parts.append(divided("engines", _SOLVERS, [solver], "the solver of the modes is chosen by size"))
+    responses = ["frequency_response"] if model.frequency is not None else []
+    every = ["modes", "frequency_response"]
+    parts.append(divided("results", every, ["modes", *responses], _NOT_ASKED))
+    add_model_scope(result, "reduction", parts)
+
+
+def _of_reduction(of: str, method: str, size: int, n: int, modes: int, rule: str) -> Sequence[ScopePart]:
+    parts = [ScopePart(f"coordinates{of}", size, n - size, f"reduced by {method}")]
+    return [*parts, ScopePart(f"modes{of}", modes, n - modes, rule)] if rule else parts
+
+
+def _of_modes(result: Result, n: int) -> Sequence[ScopePart]:
+    """Return what modal analyses and modal responses keep of all modes."""
+    parts = []
+    if "structure/modes/omega" in result:
+        count = len(result["structure/modes/omega"].data)
+        parts.append(
+            ScopePart("modes shown", count, n - count, "fewer are asked for, or the others have no mass")
+        )
+    about = result.group_attrs.get("structure/frequency_response", {})
+    if about.get("method") == "modal":
+        count = int(about["modes"])
+        why = "above the band of the response: residual vectors stand for them"
+        parts.append(ScopePart("modes of the frequency response", count, n - count, why))
+    return parts

@@ -1,0 +1,357 @@
+"""Netlists of BondGraphTools (`.bg`, YAML): components, wires between their ports, models within models.
+
+There every flow points into its component, and signs belong to ports: the ports of a 1-junction are
+`non_inverting` or `inverting`, a source of flow drives outwards, a transformer has e1 = r e0 and
+f0 = -r f1, a gyrator e1 = R f0 and e0 = -R f1. Here signs are those of arrows. So a port can ask for an
+arrow into its component or out of it; a wire whose two ends ask for the same is a 0-junction.
+Models within models are expanded first into one list of components and wires.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from dynid.errors import Fault, SceneError
+from dynid.scene.yaml.source import Source, read_source
+from dynid.scene.yaml.writer import dump
+from dynid.suggestions import did_you_mean
+
+_VALUED = ("R", "C", "I", "TF", "GY")
+_TYPES = ("Se", "Sf", *_VALUED, "0", "1")
+_OUTPUTS = {"I": "f", "C": "e", "R": "f"}
+
+
+@dataclass
+class _SceneGraph:
+    """Nodes and bonds as a scene writes them."""
+
+    nodes: dict[str, Any] = field(default_factory=dict)
+    bonds: list[str] = field(default_factory=list)
+
+
+def read_netlist(path: str | os.PathLike[str]) -> str:
+    """Read a netlist, and write the scene of its graph.
+
+    Parameters
+    ----------
+    path
+        A `.bg` file of BondGraphTools, version 0.1.
+
+    Returns
+    -------
+    str
+        A scene: sources are its inputs; its outputs are the flows of inertias and the efforts of
+        compliances (of resistances, where it stores nothing).
+
+    Raises
+    ------
+    FileError
+        Where the file cannot be read.
+    SceneError
+        With the place of what cannot be understood.
+    """
+    source = read_source(path)
+    root = expand(source, _TYPES)
+    graph = _SceneGraph()
+    faults = []
+    for name, component in root.components.items():
+        node: dict[str, Any] = {"type": component.type}
+        if component.type in _VALUED:
+            if component.value is None:
+                message = f"component '{name}' has no value; write it behind '{component.template}'"
+                faults.append(source.fault(component.place, message))
+                continue
+            node["value"] = f"1/({component.value})" if component.type == "TF" else component.value
+        graph.nodes[name] = node if len(node) > 1 else component.type
+    if faults:
+        raise SceneError(faults)
+    for wire in root.wires:
+        _connect(graph, root, wire)
+    return _scene(str(source.data["root"]), graph, root)
+
+
+def _connect(graph: _SceneGraph, root: NetlistModel, wire: Wire) -> None:
+    """Add the bond of a wire."""
+    first, second = (end.component for end in wire)
+    wishes = [_wish(root, end) for end in wire]
+    if wishes[0] and wishes[0] == wishes[1]:
+        joint = _unused(f"{first}_{second}", graph)
+        graph.nodes[joint] = "0"
+        out = wishes[0] == "out"
+        graph.bonds += [f"{end} -> {joint}" if out else f"{joint} -> {end}" for end in (first, second)]
+        return
+    backwards = wishes[0] == "in" or (not wishes[0] and wishes[1] == "out")
+    if wishes == ["", ""]:
+        backwards = root.components[first].type in ("R", "C", "I")
+    graph.bonds.append(f"{second} -> {first}" if backwards else f"{first} -> {second}")
+
+
+def _wish(root: NetlistModel, end: WireEnd) -> str:
+    """Say which way an arrow must go at a port: in, out, or either."""
+    kind = root.components[end.component].type
+    if kind == "Sf":
+        return "out"
+    if kind == "1":
+        return "out" if end.port == "inverting" else "in"
+    if kind in ("TF", "GY"):
+        return "out" if end.port == "1" else "in"
+    return ""
+
+
+def _unused(wanted: str, graph: _SceneGraph) -> str:
+    name, count = wanted, 1
+    while name in graph.nodes:
+        count += 1
+        name = f"{wanted}_{count}"
+    return name
+
+
+def _scene(title: str, graph: _SceneGraph, root: NetlistModel) -> str:
+    kinds = {name: component.type for name, component in root.components.items()}
+    stored = [name for name, kind in kinds.items() if kind in ("I", "C")]
+    shown = stored or [name for name, kind in kinds.items() if kind == "R"]
+    data = {
+        "dynid": 1,
+        "kind": "bond-graph",
+        "title": title,
+        "graph": {"nodes": graph.nodes, "bonds": graph.bonds},
+        "analysis": {
+            "inputs": [name for name, kind in kinds.items() if kind in ("Se", "Sf")],
+            "outputs": [f"{name}.{_OUTPUTS[kinds[name]]}" for name in shown],
+        },
+    }
+    return dump(data)
+
+
+_NAME = re.compile(r"[^\W\d][\w-]*|\d+")
+_MOST_COMPONENTS = 100_000
+_MOST_LEVELS = 50
+
+Place = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component: its type, its value as written, and where it stands in the file."""
+
+    type: str
+    template: str
+    value: int | float | str | None
+    place: Place
+
+
+@dataclass(frozen=True)
+class WireEnd:
+    """One end of a wire: a component, and the port where one is named."""
+
+    component: str
+    port: str = ""
+
+
+Wire = tuple[WireEnd, WireEnd]
+
+
+@dataclass
+class NetlistModel:
+    """Components by their names, wires between them, and the ports it shows outside by their labels."""
+
+    components: dict[str, Component] = field(default_factory=dict)
+    wires: list[Wire] = field(default_factory=list)
+    ports: dict[str, str] = field(default_factory=dict)
+
+
+class _Refusal(Exception):
+    """A fault at a place of a netlist."""
+
+    def __init__(self, place: Place, message: str) -> None:
+        super().__init__(message)
+        self.place = place
+
+
+def expand(source: Source, types: Sequence[str]) -> NetlistModel:
+    """Return the root model of a netlist with every model in it expanded.
+
+    Raises
+    ------
+    SceneError
+        With the place of what cannot be understood.
+    """
+    try:
+        models = _models(source.data)
+        root = "/" if "/" in models else str(source.data["root"])
+        if root not in models:
+            raise _Refusal(("root",), f"no model '{root}'{did_you_mean(root, list(models))}")
+        model = _Expansion(models, types).model(root, (), ())
+        if model.ports:
+            raise _Refusal(("models", root, "ports"), "the root model is the whole; it has no ports outside")
+        return _numbered(_without_sensors(model))
+    except _Refusal as refusal:
+        raise SceneError([_fault(source, refusal)]) from None
+
+
+def _fault(source: Source, refusal: _Refusal) -> Fault:
+    return source.fault(refusal.place, str(refusal))
+
+
+def _models(data: Any) -> dict[str, Any]:
+    if not isinstance(data, dict) or not isinstance(data.get("models"), dict) or "root" not in data:
+        raise _Refusal((), "this is no netlist of BondGraphTools: it has the keys 'root' and 'models'")
+    if str(data.get("version", "0.1")) != "0.1":
+        raise _Refusal(("version",), f"version {data['version']} of netlists is not known; 0.1 is")
+    models: dict[str, Any] = data["models"]
+    return models
+
+
+class _Expansion:
+    """Expands the models of one file."""
+
+    def __init__(self, models: dict[str, Any], types: Sequence[str]) -> None:
+        self._models = models
+        self._types = types
+        self._count = 0
+
+    def model(self, name: str, path: tuple[str, ...], above: tuple[str, ...]) -> NetlistModel:
+        """Expand a model; `path` is what its components' names start with."""
+        place: Place = ("models", name)
+        if name in above or len(above) >= _MOST_LEVELS:
+            raise _Refusal(place, f"model '{name}' contains itself")
+        written = self._models[name]
+        if not isinstance(written, dict):
+            raise _Refusal(place, f"model '{name}' has the keys 'components' and 'netlist'")
+        whole = NetlistModel()
+        inner: dict[str, NetlistModel] = {}
+        for k, text in enumerate(_texts(written, "components", place)):
+            self._add(whole, inner, text, (*place, "components", k), path, (*above, name))
+        for k, text in enumerate(_texts(written, "netlist", place)):
+            whole.wires.append(_wire(text, (*place, "netlist", k), whole, inner, path))
+        for k, text in enumerate(_texts(written, "ports", place)):
+            _expose(whole, text, (*place, "ports", k), path)
+        return whole
+
+    def _add(
+        self,
+        whole: NetlistModel,
+        inner: dict[str, NetlistModel],
+        text: str,
+        place: Place,
+        path: tuple[str, ...],
+        above: tuple[str, ...],
+    ) -> None:
+        label, template, *values = text.split() if len(text.split()) > 1 else ("", "")
+        if not _NAME.fullmatch(label):
+            raise _Refusal(place, f"'{text}' is no component; write 'name base/R 10'")
+        full = "_".join((*path, label))
+        if full in whole.components or label in inner:
+            raise _Refusal(place, f"two components are called '{label}'")
+        self._count += 1
+        if self._count > _MOST_COMPONENTS:
+            raise _Refusal(place, f"more than {_MOST_COMPONENTS:,} components")
+        if template in self._models:
+            inner[label] = self.model(template, (*path, label), above)
+            whole.components |= inner[label].components
+            whole.wires += inner[label].wires
+        else:
+            whole.components[full] = self._component(template, values, place)
+
+    def _component(self, template: str, values: Sequence[str], place: Place) -> Component:
+        library, _, kind = template.rpartition("/")
+        if library != "base" or kind not in (*self._types, "SS"):
+            known = [*(f"base/{name}" for name in self._types), *self._models]
+            message = (
+                f"no component '{template}'{did_you_mean(template, known)}; linear ones of 'base' are read"
+            )
+            raise _Refusal(place, message)
+        if len(values) > 1:
+            raise _Refusal(place, f"a component of type {kind} takes one value, not {len(values)}")
+        return Component(kind, template, _number(values[0], place) if values else None, place)
+
+
+def _texts(model: dict[str, Any], key: str, place: Place) -> list[str]:
+    listed = model.get(key) or []
+    if not isinstance(listed, list):
+        raise _Refusal((*place, key), f"'{key}' is a list")
+    for k, item in enumerate(listed):
+        if not isinstance(item, str):
+            raise _Refusal((*place, key, k), f"an entry of '{key}' is a text")
+    return listed
+
+
+def _number(text: str, place: Place) -> int | float:
+    """Read the value of a component: 10 or r=10."""
+    written = text.rpartition("=")[2]
+    try:
+        return int(written) if written.lstrip("+-").isdecimal() else float(written)
+    except ValueError:
+        raise _Refusal(place, f"'{written}' is no number; components need numbers") from None
+
+
+def _wire(
+    text: str, place: Place, whole: NetlistModel, inner: dict[str, NetlistModel], path: tuple[str, ...]
+) -> Wire:
+    ends = text.split()
+    if len(ends) != 2:
+        raise _Refusal(place, f"'{text}' is no wire; write 'a b', or 'a.port b'")
+    first, second = (_end(end, place, whole, inner, path) for end in ends)
+    return first, second
+
+
+def _end(
+    text: str, place: Place, whole: NetlistModel, inner: dict[str, NetlistModel], path: tuple[str, ...]
+) -> WireEnd:
+    label, _, port = text.partition(".")
+    full = "_".join((*path, label))
+    if label in inner:
+        ports = inner[label].ports
+        if not port and len(ports) == 1:
+            (port,) = ports
+        if port not in ports:
+            raise _Refusal(place, f"model '{label}' has no port '{port}'{did_you_mean(port, list(ports))}")
+        return WireEnd(ports[port])
+    if full not in whole.components:
+        raise _Refusal(place, f"no component '{label}'")
+    return WireEnd(full, port)
+
+
+def _expose(whole: NetlistModel, text: str, place: Place, path: tuple[str, ...]) -> None:
+    label, *names = text.split()
+    full = "_".join((*path, label))
+    if len(names) != 1 or full not in whole.components or whole.components[full].type != "SS":
+        raise _Refusal(place, f"'{text}' is no port; write 'a B', where a is a component base/SS")
+    whole.ports[names[0]] = full
+
+
+def _without_sensors(model: NetlistModel) -> NetlistModel:
+    """Join the wires on both sides of every port between models, where `base/SS` stands."""
+    wires = list(model.wires)
+    for name, component in model.components.items():
+        if component.type != "SS":
+            continue
+        at = [wire for wire in wires if name in (wire[0].component, wire[1].component)]
+        if len(at) != 2:
+            raise _Refusal(component.place, f"'{name}' (base/SS) is no port between two models")
+        ends = [end for wire in at for end in wire if end.component != name]
+        wires = [wire for wire in wires if wire not in at] + [(ends[0], ends[1])]
+    kept = {name: component for name, component in model.components.items() if component.type != "SS"}
+    return NetlistModel(kept, wires)
+
+
+def _numbered(model: NetlistModel) -> NetlistModel:
+    """Name the ports of two-ports that the file leaves to their order."""
+    used: Counter[str] = Counter()
+
+    def ends() -> Iterator[Wire]:
+        for wire in model.wires:
+            yield (named(wire[0]), named(wire[1]))
+
+    def named(end: WireEnd) -> WireEnd:
+        if model.components[end.component].type not in ("TF", "GY") or end.port:
+            return end
+        used[end.component] += 1
+        return WireEnd(end.component, str(used[end.component] - 1))
+
+    return NetlistModel(model.components, list(ends()))

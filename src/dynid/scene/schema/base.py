@@ -1,0 +1,107 @@
+"""Base of the schema: sections, references, expectations, frequencies."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    WithJsonSchema,
+    model_validator,
+)
+
+from dynid.scene.schema.quantities import NotNegative, Positive, fault
+from dynid.scene.schema.references import DOF, FILE
+
+
+class Section(BaseModel):
+    """A mapping of a scene whose keys are all known."""
+
+    model_config = ConfigDict(
+        defer_build=True,  # made ready when first used: a scene uses few
+        extra="forbid",
+        frozen=True,
+        arbitrary_types_allowed=True,
+        populate_by_name=True,
+    )
+
+
+class FrequencyGrid(Section):
+    """Frequencies of a frequency response."""
+
+    start: NotNegative
+    stop: Positive
+    points: int = Field(default=200, ge=1, le=10_000_000, strict=True)
+    scale: Literal["log", "linear"] = "log"
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if float(self.stop) < float(self.start):
+            raise fault("'stop' is below 'start'")
+        if self.scale == "log" and float(self.start) == 0:
+            raise fault("a logarithmic scale cannot start at 0; start above it, or set 'scale: linear'")
+        return self
+
+
+DofLabel = Annotated[int, Field(ge=1, strict=True)] | Annotated[str, Field(min_length=1, max_length=100)]
+"""The name of a degree of freedom: its number, from 1, or its label."""
+
+Dof = Annotated[DofLabel, DOF]
+"""A degree of freedom of the structure."""
+
+FilePath = Annotated[str, FILE]
+"""A file, relative to the folder of the scene."""
+
+
+MotionQuantity = Literal["displacement", "velocity", "acceleration"]
+
+
+def _is_expected(raw: Any) -> Any:
+    plain = (bool, int, float, str)
+    if isinstance(raw, plain) or (isinstance(raw, list) and all(isinstance(x, (*plain, list)) for x in raw)):
+        return raw
+    raise fault("an expected value is a number, a text, true, false, or a list of these")
+
+
+Expected = Annotated[
+    Any,
+    PlainValidator(_is_expected),
+    WithJsonSchema({"type": ["number", "string", "boolean", "array"], "description": "the expected value"}),
+]
+
+
+class Expectation(Section):
+    """An expectation of the result; a run that does not meet it ends with exit code 1."""
+
+    path: str
+    at: dict[str, str | float] | None = None
+    value: Expected = None
+    rtol: float | None = Field(default=None, ge=0, strict=True)
+    atol: float | None = Field(default=None, ge=0, strict=True)
+    min: float | None = Field(default=None, strict=True)
+    max: float | None = Field(default=None, strict=True)
+    max_abs: float | None = Field(default=None, strict=True)
+
+    @model_validator(mode="after")
+    def _expects_something(self) -> Self:
+        if self.value is None and self.min is None and self.max is None and self.max_abs is None:
+            raise fault("an expectation needs a 'value', or a 'min', 'max' or 'max_abs'")
+        return self
+
+
+def _as_written(raw: Any) -> Any:
+    return str(raw).lower() if isinstance(raw, bool) else raw  # in Python, true equals 1
+
+
+class SceneModel(Section):
+    """Keys of every scene."""
+
+    dynid: Annotated[Literal[1], BeforeValidator(_as_written)]
+    title: str = ""
+    parameters: dict[str, Any] = {}
+    expect: list[Expectation] = []

@@ -1,0 +1,57 @@
+"""Access to plain data before they are validated: a value of the wrong type counts as missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+
+def signals(path: tuple[Any, ...], given: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
+    """Yield the signals of one or of a list, each with its path."""
+    if isinstance(given, dict):
+        yield path, given
+    elif isinstance(given, list):
+        yield from (
+            ((*path, place), signal) for place, signal in enumerate(given) if isinstance(signal, dict)
+        )
+
+
+def mapping_of(value: Any) -> dict[Any, Any]:
+    """Return a mapping, or an empty one in the place of anything else."""
+    return value if isinstance(value, dict) else {}
+
+
+def is_mapping_of_mappings(value: Any) -> bool:
+    """Tell whether every value of a mapping is one itself."""
+    return isinstance(value, dict) and all(isinstance(entry, dict) for entry in value.values())
+
+
+def mapping(holder: Any, key: str) -> dict[Any, Any]:
+    """Return the mapping under a key, or an empty one."""
+    return mapping_of(mapping_of(holder).get(key))
+
+
+def listing(holder: Any, key: str) -> list[Any]:
+    """Return the list under a key, or an empty one."""
+    value = mapping_of(holder).get(key)
+    return value if isinstance(value, list) else []
+
+
+def written_key(mapping: dict[Any, Any], name: str) -> Any:
+    """Return the key of a mapping that is written like `name` (a number may be a key)."""
+    return name if name in mapping else next((key for key in mapping if str(key) == name), name)
+
+
+def chain_ends(text: str) -> list[str]:
+    """Return the nodes along `a -> b -> c`; none where the text is no chain."""
+    ends = [part.strip() for part in text.split("->")]
+    return ends if len(ends) > 1 and all(ends) else []
+
+
+def node_types(data: Any) -> dict[str, str]:
+    """Return the type of every node of a bond graph as written; empty where it cannot be read."""
+    types = {}
+    for name, node in mapping(mapping(data, "graph"), "nodes").items():
+        kind = node.get("type") if isinstance(node, dict) else node
+        types[str(name)] = str(kind) if isinstance(kind, str | int) else ""
+    return types

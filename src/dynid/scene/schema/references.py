@@ -1,0 +1,197 @@
+"""References in scenes: names of DOFs, nodes and files, found and checked by the types of their fields.
+
+A field that names something is annotated with a `Reference`, such as `DOF`. One walk along the types of a
+scene's model finds all references in the plain data of a scene, also where other keys are at fault.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+
+from pydantic import BaseModel
+
+from dynid.errors import Fault
+from dynid.scene.arithmetic.expression import resolve_parameters
+from dynid.scene.schema.quantities import SceneNames
+from dynid.scene.schema.raw import mapping, node_types, written_key
+from dynid.scene.yaml.source import Source
+from dynid.suggestions import did_you_mean
+
+Path = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Annotation of a field that names something; `to` says what."""
+
+    to: str
+
+
+#: A degree of freedom of the structure: its label, or its number from 1.
+DOF = Reference("DOF")
+#: A node of a beam or frame: its number from 1.
+NODE = Reference("node")
+#: A file, relative to the folder of the scene.
+FILE = Reference("file")
+
+
+class Occurrence(NamedTuple):
+    """One reference in a scene: its path, its value as written, and whether it is a key."""
+
+    path: Path
+    value: Any
+    is_key: bool = False
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A type, reduced to what the walk needs: its references, models, and the shapes within."""
+
+    references: frozenset[Reference] = frozenset()
+    models: frozenset[type[BaseModel]] = frozenset()
+    fields: Mapping[str, _Shape] = field(default_factory=dict)
+    item: _Shape | None = None
+    key: _Shape | None = None
+    value: _Shape | None = None
+
+    def __bool__(self) -> bool:
+        return self != _Shape()
+
+    def __or__(self, other: _Shape) -> _Shape:
+        names = dict.fromkeys([*self.fields, *other.fields])
+        fields = {name: _joined(self.fields.get(name), other.fields.get(name)) or _Shape() for name in names}
+        return _Shape(
+            self.references | other.references,
+            self.models | other.models,
+            fields,
+            _joined(self.item, other.item),
+            _joined(self.key, other.key),
+            _joined(self.value, other.value),
+        )
+
+
+def _joined(one: _Shape | None, other: _Shape | None) -> _Shape | None:
+    return one | other if one and other else one or other
+
+
+def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
+    """Return the shape of a type; of a union what any member has."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    shape = _Shape(frozenset(one for one in metadata if isinstance(one, Reference)))
+    if origin is Annotated:
+        return shape | _shape(arguments[0], arguments[1:])
+    if origin in (Union, types.UnionType):
+        for member in arguments:
+            shape |= _shape(member)
+    elif origin is list:
+        shape |= _Shape(item=_shape(arguments[0]) or None)
+    elif origin is dict:
+        shape |= _Shape(key=_shape(arguments[0]) or None, value=_shape(arguments[1]) or None)
+    elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        shape |= _model_shape(annotation)
+    return shape
+
+
+@cache
+def _model_shape(model: type[BaseModel]) -> _Shape:
+    fields = {name: _shape(one.annotation, one.metadata) for name, one in model.model_fields.items()}
+    return _Shape(models=frozenset([model]), fields={name: one for name, one in fields.items() if one})
+
+
+def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occurrence]]:
+    """Yield every value in plain data with its shape; one that does not fit its type is not entered."""
+    yield shape, Occurrence(path, value)
+    if isinstance(value, list) and shape.item:
+        for place, entry in enumerate(value):
+            yield from _walk(shape.item, entry, (*path, place))
+    elif isinstance(value, dict):
+        if shape.item and not shape.models:  # a single entry may stand without the list
+            yield from _walk(shape.item, value, path)
+        for key, entry in value.items():
+            if shape.key and shape.key.references:
+                yield shape.key, Occurrence((*path, key), key, is_key=True)
+            if shape.value:
+                yield from _walk(shape.value, entry, (*path, key))
+            elif key in shape.fields:
+                yield from _walk(shape.fields[key], entry, (*path, key))
+
+
+def references(model: type[BaseModel], data: Any, to: Reference) -> Iterator[Occurrence]:
+    """Yield the references of a kind in the plain data of a scene, or of a section of one.
+
+    Parameters
+    ----------
+    model
+        The model of the data, which need not be valid.
+    data
+        The data.
+    to
+        What is referred to, such as `DOF`.
+    """
+    for shape, found in _walk(_model_shape(model), data, ()):
+        if to in shape.references and not isinstance(found.value, dict | list):
+            yield found
+
+
+def sections(model: type[BaseModel], data: Any, of: type[BaseModel]) -> Iterator[tuple[Path, dict[Any, Any]]]:
+    """Yield the mappings in the plain data of a scene that a model, or one derived from it, describes."""
+    for shape, found in _walk(_model_shape(model), data, ()):
+        if isinstance(found.value, dict) and any(issubclass(one, of) for one in shape.models):
+            yield found.path, found.value
+
+
+def dof_faults(source: Source, model: type[BaseModel], labels: Sequence[int | str]) -> list[Fault]:
+    """Check that every DOF that a scene names is one of its structure.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    model
+        Its model.
+    labels
+        Labels of the structure's DOFs. Where they are texts, a number counts them from 1.
+    """
+    known, texts = set(labels), [label for label in labels if isinstance(label, str)]
+    count = len(labels) if len(texts) == len(labels) else 0
+    there = f"; the structure has {len(labels)}"
+    if labels[0] != 1:
+        there += f" ({labels[0]} … {labels[-1]})"
+    faults = []
+    for path, dof, is_key in references(model, source.data, DOF):
+        if isinstance(dof, bool) or not isinstance(dof, int | str) or dof in known:
+            continue
+        if isinstance(dof, str) and dof:
+            message = f"there is no DOF '{dof}'{did_you_mean(dof, texts) or there}"
+        elif isinstance(dof, int) and dof > max(count, 0) and dof >= 1:
+            message = f"there is no DOF {dof}{there}"
+        else:
+            continue
+        faults.append(source.fault(path, message, key=is_key))
+    return faults
+
+
+def node_faults(model: type[BaseModel], data: Any, count: int) -> Iterator[tuple[Path, str]]:
+    """Yield the references to nodes of a beam or frame that it does not have, each with a message."""
+    for path, node, _ in references(model, data, NODE):
+        if isinstance(node, int) and node > count:
+            yield path, f"there is no node {node}; there are {count}"
+
+
+def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
+    """Resolve the parameters and list the nodes of a scene.
+
+    Returns
+    -------
+    SceneNames, list of Fault
+        The names, and what is wrong with the parameters.
+    """
+    raw = mapping(source.data, "parameters")
+    complete = isinstance(source.data.get("parameters", {}), dict)
+    values, problems = resolve_parameters({str(name): value for name, value in raw.items()})
+    faults = [source.fault(("parameters", written_key(raw, name)), text) for name, text in problems.items()]
+    return SceneNames(values, frozenset(problems), node_types(source.data), complete), faults

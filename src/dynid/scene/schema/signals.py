@@ -1,0 +1,214 @@
+"""Signals, and the times of responses."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    field_validator,
+    model_validator,
+)
+
+from dynid.defaults import HOLD
+from dynid.scene.schema.base import Dof, FilePath, MotionQuantity, Section
+from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Value, fault
+
+Hold = Literal["spline", "linear", "zero"]
+"""The interpolation of a signal between its samples: cubic spline, linear, or constant."""
+
+
+class SignalPart(Section):
+    """Keys of every signal: the source, DOF or ground that it drives.
+
+    Of a structure that is a force on `dof`, its prescribed `motion`, or the motion of the ground (`base`).
+    """
+
+    source: str | None = None
+    dof: Dof | None = None
+    motion: MotionQuantity | None = None
+    base: MotionQuantity | None = None
+
+    @property
+    def factor(self) -> float:
+        """Factor that converts its frequencies into rad/s."""
+        return 1.0
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the signal's own parameters as floats, frequencies in rad/s."""
+        skipped = {"unit", "source", "dof", "motion", "base", "kind"}
+        given = {name: getattr(self, name) for name in type(self).model_fields if name not in skipped}
+        factor = self.factor
+        return {
+            name: _as_float(value, factor if name in _FREQUENCIES else 1.0)
+            for name, value in given.items()
+            if value is not None
+        }
+
+
+class PeriodicPart(SignalPart):
+    """Keys of signals that have frequencies."""
+
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @property
+    def factor(self) -> float:
+        """Factor that converts its frequencies into rad/s."""
+        return 2 * math.pi if self.unit == "Hz" else 1.0
+
+
+_FREQUENCIES = {"frequency", "band"}
+
+
+def _as_float(value: Any, factor: float) -> Any:
+    if isinstance(value, Quantity):
+        return float(value) * factor
+    if isinstance(value, list):
+        return tuple(_as_float(item, factor) for item in value)
+    return value
+
+
+class StepSignal(SignalPart):
+    """A step."""
+
+    kind: Literal["step"]
+    amplitude: Value = Quantity(1)
+    start: NotNegative = Quantity(0)
+
+
+class ImpulseSignal(SignalPart):
+    """A Dirac impulse at t = 0."""
+
+    kind: Literal["impulse"]
+    amplitude: Value = Quantity(1)
+
+
+class SineSignal(PeriodicPart):
+    """A sine."""
+
+    kind: Literal["sine"]
+    amplitude: Value = Quantity(1)
+    frequency: Positive
+    phase: Value = Quantity(0)
+
+
+class MultisineSignal(PeriodicPart):
+    """A sum of sines."""
+
+    kind: Literal["multisine"]
+    amplitude: list[Value] = Field(min_length=1)
+    frequency: list[Positive] = Field(min_length=1)
+    phase: list[Value] | None = None
+
+    @model_validator(mode="after")
+    def _lists_match(self) -> Self:
+        lengths = {len(self.amplitude), len(self.frequency), len(self.phase or self.amplitude)}
+        if len(lengths) > 1:
+            raise fault("'amplitude', 'frequency' and 'phase' of a multisine differ in length")
+        return self
+
+
+class ChirpSignal(PeriodicPart):
+    """A linear sweep over the record."""
+
+    kind: Literal["chirp"]
+    amplitude: Value = Quantity(1)
+    start: NotNegative
+    stop: NotNegative
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters; here start and stop are frequencies."""
+        own = super().parameters()
+        return {**own, "start": own["start"] * self.factor, "stop": own["stop"] * self.factor}
+
+
+class RandomSignal(PeriodicPart):
+    """Band-limited noise with a seed; `amplitude` is its standard deviation."""
+
+    kind: Literal["random"]
+    amplitude: Positive = Quantity(1)
+    seed: int = Field(default=0, ge=0, strict=True)
+    band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+    hold: Hold | None = None
+
+    @field_validator("band")
+    @classmethod
+    def _is_a_band(cls, band: list[Quantity] | None) -> list[Quantity] | None:
+        if band and band[0].value >= band[1].value:
+            raise fault("a band is [low, high], and low is not below high")
+        return band
+
+
+class ImpactSignal(SignalPart):
+    """Half a sine from t = 0."""
+
+    kind: Literal["impact"]
+    amplitude: Value = Quantity(1)
+    duration: Positive
+
+
+class TablePlace(Section):
+    """Place of a table in a file, beyond its columns.
+
+    `variable`: one of a MATLAB file; `row`: of a cell array; `time`: the column of the times, where its
+    name does not tell; `first`: the first row that counts, from 1.
+    """
+
+    variable: str | None = None
+    row: int | None = Field(default=None, ge=1, strict=True)
+    time: str | Annotated[int, Field(ge=1, strict=True)] | None = None
+    first: int | None = Field(default=None, ge=1, strict=True)
+
+
+class FileSignal(SignalPart, TablePlace):
+    """Samples from a file, at the step of the record; by default its only column but the time."""
+
+    kind: Literal["file"]
+    path: FilePath
+    column: str | Annotated[int, Field(ge=1, strict=True)] | None = None
+    hold: Hold = HOLD.value
+
+
+Signal = Annotated[
+    StepSignal
+    | ImpulseSignal
+    | SineSignal
+    | MultisineSignal
+    | ChirpSignal
+    | RandomSignal
+    | ImpactSignal
+    | FileSignal,
+    Discriminator("kind"),
+]
+
+
+def _as_list(raw: Any) -> Any:
+    return [raw] if isinstance(raw, dict) else raw
+
+
+Signals = Annotated[list[Signal], BeforeValidator(_as_list, json_schema_input_type=Signal | list[Signal])]
+
+
+class TimeGrid(Section):
+    """Times and inputs of a time response."""
+
+    stop: Positive
+    step: Positive
+    input: Signals = []
+
+    @model_validator(mode="after")
+    def _is_a_grid(self) -> Self:
+        count = float(self.stop) / float(self.step)
+        if count < 1:
+            raise fault("'step' is longer than 'stop'")
+        if count > 1e8:
+            raise fault(f"{count:.2g} time steps are too many; 'step' is too short, or 'stop' too late")
+        return self
+
+    @property
+    def samples(self) -> int:
+        """The number of instants, t = 0 included."""
+        return int(float(self.stop) / float(self.step) + 1e-9) + 1

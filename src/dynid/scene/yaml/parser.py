@@ -1,0 +1,307 @@
+"""YAML text to plain data with the place of every key and value; syntax errors in plain words.
+
+The data are built from the parser's events, without recursion and without any constructor: texts,
+numbers, Booleans, nulls, lists and mappings, by the YAML 1.2 core schema, and nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any, NamedTuple, NoReturn
+
+import yaml
+
+from dynid.errors import Fault
+from dynid.scene.yaml.scalars import CORE, UNSTORABLE, resolve_plain, resolve_tagged, shorten, tag_message
+
+Place = tuple[int, int]
+
+_PLAIN_WORDS = {
+    "mapping values are not allowed": "a ':' is not expected here; check the indentation, "
+    "and put a text that holds ': ' in quotes",
+    "',' or ']'": "a list that opens with '[' lacks a comma or its ']'",
+    "',' or '}'": "a mapping that opens with '{' lacks a comma or its '}'",
+    "unexpected end of stream": "a quoted text is not closed",
+    "expected '-' indicator": "a list entry '- …' is expected here; check the indentation",
+    "expected key": "a key is expected here; check the indentation",
+    "expected ':'": "a ':' is missing after a key",
+    "block sequence entries": "a list entry '- …' is not expected here; check the indentation",
+    "escape": "unknown escape in a double-quoted text; single quotes take a backslash as it is",
+    "tag handle": "tags (!…) are not allowed in a scene",
+    "alphabetic or numeric": "'*' and '&' begin an alias or an anchor; put a text that begins so in quotes",
+    "document start": "a scene is one document; nothing may follow its end",
+    "violates indentation": "a tab cannot indent; use spaces",
+}
+
+
+def place_of(text: str, index: int) -> Place:
+    """Give the line and column (from 1) of a character of a text."""
+    before = text[:index]
+    line = len(re.findall(r"\r\n?|\n", before)) + 1
+    return line, index - max(before.rfind("\n"), before.rfind("\r"))
+
+
+def in_plain_words(error: yaml.YAMLError, text: str, file: str) -> Fault:
+    """Turn a syntax error of the YAML parser into a located fault."""
+    problem = str(getattr(error, "problem", None) or error)
+    mark, context = getattr(error, "problem_mark", None), getattr(error, "context_mark", None)
+    line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+    lines = text.splitlines()
+    character = lines[line - 1][column - 1 : column] if line <= len(lines) else ""
+    if "start any token" in problem:
+        plain = f"a text cannot begin with '{character}'; put it in quotes"
+        message = _PLAIN_WORDS["violates indentation"] if character == "\t" else plain
+    else:
+        known = (words for part, words in _PLAIN_WORDS.items() if part in problem)
+        message = next(known, f"this is not valid YAML: {problem}")
+    if mark and context and context.line != mark.line:
+        message += f" (it begins at line {context.line + 1}, column {context.column + 1})"
+    return Fault(file, line, column, message)
+
+
+MAX_CHARACTERS = 8 * 2**20
+MAX_DEPTH = 64
+MAX_NODES = 1_000_000
+MAX_FAULTS = 100
+
+Key = str | int
+Path = tuple[Key, ...]
+
+_UNTYPABLE = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class Positions(NamedTuple):
+    """Line and column, from 1, of a value and of its key."""
+
+    value: Place
+    key: Place
+    file: str
+
+
+class _StopError(Exception):
+    """The text cannot be followed any further; the faults say why."""
+
+
+class _OpenCollection:
+    """A list or mapping that is still open; a `path` of None means that it will be dropped."""
+
+    __slots__ = ("anchor", "container", "height", "key", "key_place", "path", "seen", "start")
+
+    def __init__(
+        self, container: list[Any] | dict[Key, Any], path: Path | None, anchor: str | None, start: int
+    ):
+        self.container = container
+        self.path = path
+        self.anchor = anchor
+        self.start = start
+        self.height = 1
+        self.key: Any = _AWAITED
+        self.key_place: Place = (1, 1)
+        self.seen: dict[str, int] = {}
+
+    def awaits_key(self) -> bool:
+        return isinstance(self.container, dict) and self.key is _AWAITED
+
+
+_AWAITED = object()  # the mapping's next node is a key
+_DROPPED = object()  # the key was at fault: its value is read and forgotten
+
+
+def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[Fault]]:
+    """Read one YAML document.
+
+    Parameters
+    ----------
+    text
+        The document.
+    file
+        The name its faults and marks bear.
+
+    Returns
+    -------
+    tuple
+        The plain data, the place of every path in it, and the faults; the data are only sound when
+        there are none.
+    """
+    builder = _TreeBuilder(file)
+    try:
+        builder.check_characters(text)
+        builder.read(yaml.parse(text, Loader=_LOADER))
+    except _StopError:
+        pass
+    except yaml.YAMLError as error:
+        builder.faults.append(in_plain_words(error, text, file))
+    return builder.root, builder.marks, builder.faults
+
+
+class _TreeBuilder:
+    """Builds plain data from events, keeping a stack of open collections."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.root: Any = None
+        self.marks: dict[Path, Positions] = {}
+        self.faults: list[Fault] = []
+        self._stack: list[_OpenCollection] = []
+        self._anchors: dict[str, tuple[Any, int, int]] = {}  # value, nodes, height
+        self._nodes = 0
+
+    def check_characters(self, text: str) -> None:
+        if len(text) > MAX_CHARACTERS:
+            self._stop(
+                (1, 1), f"the text is longer than {MAX_CHARACTERS // 2**20} MiB; put large data in files"
+            )
+        found = list(_untypable(text))
+        for index, character in found:
+            self._fault(
+                place_of(text, index), f"the character U+{ord(character):04X} does not belong in a scene"
+            )
+        if found:
+            raise _StopError
+
+    def read(self, events: Iterator[yaml.Event]) -> None:
+        documents = 0
+        for event in events:
+            mark: Any = event.start_mark
+            place = (mark.line + 1, mark.column + 1)
+            if isinstance(event, yaml.DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    self._stop(place, "a second document begins here; a scene is one document")
+            elif isinstance(event, yaml.ScalarEvent):
+                self._count(1, place)
+                self._attach(self._scalar(event, place), place, event)
+            elif isinstance(event, yaml.AliasEvent):
+                self._alias(event, place)
+            elif isinstance(event, yaml.CollectionStartEvent):
+                self._open(event, place)
+            elif isinstance(event, yaml.CollectionEndEvent):
+                self._close()
+
+    def _fault(self, place: Place, message: str) -> None:
+        self.faults.append(Fault(self.file, *place, message))
+        if len(self.faults) >= MAX_FAULTS:
+            raise _StopError
+
+    def _stop(self, place: Place, message: str) -> NoReturn:
+        self.faults.append(Fault(self.file, *place, message))
+        raise _StopError
+
+    def _count(self, nodes: int, place: Place) -> None:
+        self._nodes += nodes
+        if self._nodes > MAX_NODES:
+            self._stop(place, f"more than {MAX_NODES:,} values, aliases counted; put large data in files")
+
+    def _scalar(self, event: yaml.ScalarEvent, place: Place) -> Any:
+        text, tag = event.value, event.tag
+        if UNSTORABLE.search(text):
+            self._fault(place, "a text cannot hold the character NUL or half of a surrogate pair")
+        try:
+            if tag is None:
+                return resolve_plain(text) if event.implicit[0] else text
+            if tag in ("!", f"{CORE}str"):
+                return text
+            return resolve_tagged(text, tag)
+        except ValueError as error:
+            self._fault(place, str(error))
+            return None
+
+    def _alias(self, event: yaml.AliasEvent, place: Place) -> None:
+        name = event.anchor
+        if any(frame.anchor == name for frame in self._stack):
+            self._stop(place, f"the alias *{name} stands inside the value it repeats")
+        if name not in self._anchors:
+            self._stop(
+                place, f"no anchor &{name} stands before this alias; put a text that begins with * in quotes"
+            )
+        value, nodes, height = self._anchors[name]
+        self._count(nodes, place)
+        if len(self._stack) + height > MAX_DEPTH:
+            self._stop(place, f"nested more than {MAX_DEPTH} deep, aliases counted")
+        self._attach(value, place, None, height)
+
+    def _open(self, event: yaml.CollectionStartEvent, place: Place) -> None:
+        sequence = isinstance(event, yaml.SequenceStartEvent)
+        if len(self._stack) >= MAX_DEPTH:
+            self._stop(place, f"nested more than {MAX_DEPTH} deep")
+        if event.tag not in (None, "!", f"{CORE}{'seq' if sequence else 'map'}"):
+            self._fault(place, tag_message(event.tag))
+        parent = self._stack[-1] if self._stack else None
+        as_key = parent is not None and parent.awaits_key()
+        if as_key:
+            self._fault(place, "a key is one word or whole number, not a list or mapping")
+        path = None if as_key else self._locate(place)
+        self._count(1, place)
+        self._stack.append(_OpenCollection([] if sequence else {}, path, event.anchor, self._nodes - 1))
+
+    def _close(self) -> None:
+        frame = self._stack.pop()
+        if frame.anchor is not None:
+            self._anchors[frame.anchor] = (frame.container, self._nodes - frame.start, frame.height)
+        parent = self._stack[-1] if self._stack else None
+        if parent is not None and parent.awaits_key():
+            parent.key = _DROPPED
+        else:
+            self._put(frame.container, frame.height)
+
+    def _attach(self, value: Any, place: Place, event: yaml.ScalarEvent | None, height: int = 0) -> None:
+        if event is not None and event.anchor is not None:
+            self._anchors[event.anchor] = (value, 1, 0)
+        if self._stack and self._stack[-1].awaits_key():
+            plain = event is not None and event.implicit[0]
+            # A key is a word: `true` beside `start` names a value, as it would in quotes.
+            word = event.value if event is not None and isinstance(value, bool) else value
+            self._take_key(word, place, plain)
+        else:
+            self._locate(place)
+            self._put(value, height)
+
+    def _take_key(self, key: Any, place: Place, plain: bool) -> None:
+        frame = self._stack[-1]
+        frame.key, frame.key_place = _DROPPED, place
+        if key == "<<" and plain:
+            self._fault(place, "merge keys (<<) are not part of YAML 1.2; write the keys out")
+        elif isinstance(key, bool) or not isinstance(key, str | int):
+            self._fault(place, "a key is a text or a whole number; put any other word in quotes")
+        elif str(key) in frame.seen:  # 1 and '1' name the same thing
+            first = frame.seen[str(key)]
+            self._fault(place, f"the key '{shorten(str(key))}' is given twice, first on line {first}")
+        else:
+            frame.seen[str(key)] = place[0]
+            frame.key = key
+
+    def _locate(self, place: Place) -> Path | None:
+        """Give the path of the value that begins here, and note its place."""
+        path: Path | None = ()
+        key_place = place
+        if self._stack:
+            frame = self._stack[-1]
+            key = len(frame.container) if isinstance(frame.container, list) else frame.key
+            if isinstance(frame.container, dict):
+                key_place = frame.key_place
+            path = None if frame.path is None or key is _DROPPED else (*frame.path, key)
+        if path is not None:
+            self.marks[path] = Positions(place, key_place, self.file)
+        return path
+
+    def _put(self, value: Any, height: int) -> None:
+        if not self._stack:
+            self.root = value
+            return
+        frame = self._stack[-1]
+        frame.height = max(frame.height, height + 1)
+        if isinstance(frame.container, list):
+            frame.container.append(value)
+            return
+        if frame.key is not _DROPPED:
+            frame.container[frame.key] = value
+        frame.key = _AWAITED
+
+
+def _untypable(text: str) -> Iterator[tuple[int, str]]:
+    for count, match in enumerate(_UNTYPABLE.finditer(text)):
+        if count == 10:
+            return
+        yield match.start(), match.group()

@@ -1,0 +1,121 @@
+"""Results in file formats of other programs: transfer functions in JSON, MATLAB files, Matrix Market.
+
+Equal results give equal bytes: no date is written.
+"""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.result import Result
+
+_TRANSFER = "bond_graph/transfer_function"
+_STATE_SPACE = "bond_graph/state_space"
+_MATRICES = ("mass", "stiffness", "damping", "T")
+# The header of a MATLAB file, 116 bytes.
+_MATLAB_TEXT = b"MATLAB 5.0 MAT-file, written by dynid".ljust(116)
+
+
+def transfer_functions_json(result: Result) -> bytes:
+    """Return the transfer functions of a bond graph as JSON, by output and input.
+
+    Polynomials in s have descending powers. Zeros and poles are pairs of real and imaginary part.
+
+    Raises
+    ------
+    UsageError
+        Where the result holds none.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for path in result:
+        channel, _, part = path.removeprefix(f"{_TRANSFER}/").rpartition("/")
+        if path.startswith(_TRANSFER) and part in ("numerator", "denominator", "zeros", "poles"):
+            output, _, source = channel.partition("/")
+            values = result[path].data.tolist()
+            if result[path].data.dtype.kind == "c":
+                values = [[value.real, value.imag] for value in values]
+            found.setdefault(output, {}).setdefault(source, {})[part] = values
+    if not found:
+        raise UsageError(
+            "the result holds no transfer functions",
+            remedy="Add transfer_function to analysis.results of a bond graph.",
+        )
+    document = {"title": result.title, "variable": "s", "transfer_functions": found}
+    return (json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def matlab_file(result: Result) -> bytes:
+    """Return the systems of a result as a MATLAB file (version 5).
+
+    State equations are `A`, `B`, `C`, `D` with the cells `states`, `inputs`, `outputs`; every reduction is a
+    structure with `mass`, `stiffness`, `damping` and `T`, under its method's name.
+
+    Raises
+    ------
+    UsageError
+        Where the result holds neither.
+    """
+    from scipy.io import savemat
+
+    variables: dict[str, Any] = {}
+    if f"{_STATE_SPACE}/A" in result:
+        variables = {name: result[f"{_STATE_SPACE}/{name}"].data for name in "ABCD"}
+        for axis in ("state", "input", "output"):
+            labels = list(result[f"{_STATE_SPACE}/{axis}"].data)
+            variables[f"{axis}s"] = np.asarray(labels, dtype=object)
+    for method, matrices in _reductions(result).items():
+        variables[method.replace("-", "_")] = matrices
+    if not variables:
+        raise UsageError(
+            "the result holds no state equations and no reduced model",
+            remedy="Add state_space to analysis.results of a bond graph, or run a reduction.",
+        )
+    stream = BytesIO()
+    savemat(stream, variables, oned_as="column", long_field_names=True)  # type: ignore[arg-type]
+    return _MATLAB_TEXT + stream.getvalue()[len(_MATLAB_TEXT) :]
+
+
+def _reductions(result: Result) -> dict[str, dict[str, NDArray[Any]]]:
+    """Return the matrices of every reduction, by the name it has in the result."""
+    found: dict[str, dict[str, NDArray[Any]]] = {}
+    for path in result:
+        top, _, rest = path.partition("/")
+        method, _, part = rest.partition("/")
+        if top == "reduction" and part in _MATRICES:
+            found.setdefault(method, {})[part] = result[path].data
+    return found
+
+
+def matrix_market_files(result: Result) -> dict[str, bytes]:
+    """Return the matrices of every reduction as Matrix Market files, by file name: `serep.mass.mtx`.
+
+    Raises
+    ------
+    UsageError
+        Where the result holds no reduced model.
+    """
+    from scipy.io import mmwrite
+
+    reductions = _reductions(result)
+    if not reductions:
+        raise UsageError("the result holds no reduced model", remedy="Export the result of a reduction.")
+    written = {}
+    for method, matrices in reductions.items():
+        for part, matrix in matrices.items():
+            stream = BytesIO()
+            symmetric = part != "T" and np.array_equal(matrix, matrix.T)
+            mmwrite(
+                stream,
+                matrix,
+                comment=f"{part} of {method}",
+                precision=17,
+                symmetry="symmetric" if symmetric else "general",
+            )
+            written[f"{method}.{part}.mtx"] = stream.getvalue()
+    return written

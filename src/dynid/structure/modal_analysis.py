@@ -1,0 +1,183 @@
+"""Modal analysis as a result: modes, rigid-body motions by name, massless DOFs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dynid.result import Result
+from dynid.structure import labels
+from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes import Modes, modes
+from dynid.structure.state_space import massless
+
+# A motion belongs to the rigid ones if what sticks out of their span is smaller, relative to it.
+_WITHIN = 1e-5
+# DOFs a node, and how many of them are translations, of matrices that are not labelled.
+_PERIODS = ((6, 3), (3, 3), (2, 2), (1, 1))
+_AXES = "xyz"
+_MOVED = 3
+
+
+class StructureSummary(NamedTuple):
+    """Summary of a structure.
+
+    `size`: number of DOFs; `sparse`: how it is stored; `massless`: labels of the DOFs without mass;
+    `rigid`: a name for each rigid-body mode, such as ``translation w``, ``rotation``, or the DOFs that a
+    mechanism moves.
+    """
+
+    size: int
+    sparse: bool
+    massless: tuple[Label, ...]
+    rigid: tuple[str, ...]
+
+
+def summarise(
+    model: StructuralModel, found: Modes | None = None, M: Matrix | None = None
+) -> StructureSummary:
+    """Return size, massless DOFs and named rigid-body modes of a structure.
+
+    Parameters
+    ----------
+    model
+        The structure.
+    found
+        Its modes, the rigid-body ones among them; absent: computed, with known joints.
+    M
+        Its mass with joints that have mass; absent: without.
+    """
+    if found is None:
+        M, C, K = model.with_joints()
+        found = modes(M, C, K, count=None if model.size <= 400 else 7)
+    names = rigid_names(model.dofs, found.shapes[:, : found.rigid])
+    without = massless(model.M if M is None else M)
+    return StructureSummary(model.size, model.is_sparse, tuple(model.dofs[at] for at in without), names)
+
+
+def rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:
+    """Name rigid-body motions: translations first, then rotations, then mechanisms.
+
+    Labels tell directions (``w_4``, ``12:UX``); without them DOFs are taken to come node by node, 6, 3, 2 or
+    1 a node, where uniform motions of every such set are among the rigid ones. The rest of the span are
+    rotations: those that turn all rotational DOFs alike, or as many as the translations allow for. What is
+    left are mechanisms, named by the DOFs that move most.
+
+    Parameters
+    ----------
+    dofs
+        Labels of the DOFs (n).
+    shapes
+        Independent rigid-body motions (n x r), in any combination.
+    """
+    count = shapes.shape[1]
+    if not count:
+        return ()
+    basis = np.linalg.qr(shapes / np.abs(shapes).max(axis=0))[0]
+    names, moved = _translations(dofs, basis)
+    rest = basis
+    if moved:
+        known = np.linalg.qr(np.array(moved).T)[0]
+        left, sizes, _ = np.linalg.svd(basis - known @ (known.T @ basis), full_matrices=False)
+        rest = left[:, : count - len(names)]
+        assert sizes[: rest.shape[1]].min(initial=1.0) > _WITHIN
+    turning, mechanisms = _rotations(dofs, rest, len(names))
+    names += ["rotation"] * turning if turning < 2 else [f"rotation {k}" for k in range(1, turning + 1)]
+    for motion in mechanisms.T:
+        size = np.abs(motion)
+        most = [at for at in np.argsort(-size, kind="stable")[:_MOVED] if size[at] > 1e-3 * size.max()]
+        names.append(f"mechanism of {labels.listed([dofs[at] for at in most])}")
+    return tuple(names)
+
+
+def _translations(dofs: Sequence[Label], basis: Array) -> tuple[list[str], list[Array]]:
+    """Return names and motions of the uniform translations within a span."""
+    along = [labels.direction(dof) for dof in dofs]
+    translating = {
+        direction: np.array([float(other == direction) for other in along])
+        for direction, dof in dict(zip(along, dofs, strict=True)).items()
+        if labels.kind(dof) == "translation"
+    }
+    if translating:
+        within = {name: motion for name, motion in translating.items() if _is_within(motion, basis)}
+        return [f"translation {name}" for name in within], list(within.values())
+    for period, count in _PERIODS:
+        motions = [np.arange(len(dofs)) % period == axis for axis in range(count)]
+        if len(dofs) % period == 0 and all(_is_within(motion.astype(float), basis) for motion in motions):
+            names = [f"translation {_AXES[axis]}" for axis in range(count)] if count > 1 else ["translation"]
+            return names, [motion.astype(float) for motion in motions]
+    return [], []
+
+
+def _rotations(dofs: Sequence[Label], rest: Array, translations: int) -> tuple[int, Array]:
+    """Return the number of rotations among the remaining motions, and the others (n x m)."""
+    kinds = np.array([labels.kind(dof) for dof in dofs])
+    turns = rest[kinds == "rotation"]
+    if len(turns) and len({labels.direction(dof) for dof, kind in zip(dofs, kinds, strict=True)
+                           if kind == "rotation"}) == 1:  # fmt: skip
+        # In a plane one motion turns all alike; the rest of the span turns nothing, or parts only.
+        part = np.linalg.lstsq(turns, np.ones(len(turns)), rcond=None)[0]
+        if np.linalg.norm(turns @ part - 1) > _WITHIN * np.sqrt(len(turns)):
+            return 0, rest
+        direction = part / np.linalg.norm(part)
+        others = np.linalg.svd(rest - np.outer(rest @ direction, direction), full_matrices=False)[0]
+        return 1, others[:, : rest.shape[1] - 1]
+    allowed = min(rest.shape[1], {0: 0, 1: 0, 2: 1, 3: 3}[min(translations, 3)])
+    return (allowed, rest[:, allowed:]) if rest.shape[1] <= allowed else (0, rest)
+
+
+def _is_within(motion: Array, basis: Array) -> bool:
+    outside = motion - basis @ (basis.T @ motion)
+    return bool(np.linalg.norm(outside) <= _WITHIN * np.linalg.norm(motion) > 0)
+
+
+def modal_analysis(
+    model: StructuralModel,
+    count: int | None = None,
+    below: float | None = None,
+    values: Mapping[str, float] | None = None,
+) -> Result:
+    """Return the lowest modes of a structure, rigid-body modes named.
+
+    Parameters
+    ----------
+    model
+        The structure.
+    count, below
+        How many modes, or all below a frequency, rad/s; with neither all of a small structure.
+    values
+        Unknown joint parameters by name.
+
+    Returns
+    -------
+    Result
+        ``structure/modes/{mode, omega, uncertainty, undecided, damping, name, dof, shape, rigid,
+        massless}``: `uncertainty` is how far rounding of the matrices leaves a frequency open, `undecided`
+        whether that is so far that nothing tells the mode from a rigid-body one (an attribute `doubt` of
+        the group says so in words, and where a frequency has few digits), `name` is empty for elastic
+        modes, `shape` (dof x mode) has unit modal mass, `rigid` counts, `massless` lists the DOFs without
+        mass; `counted` is the frequency up to which no mode is missing, proved by signs of pivots.
+    """
+    M, C, K = model.with_joints(values)
+    found = modes(M, C, K, count, below)
+    about = summarise(model, found, M)
+    result, group = Result("structure"), "structure/modes"
+    result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
+    result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")
+    result.add(f"{group}/uncertainty", found.uncertainty, ("mode",), "rad/s")
+    result.add(f"{group}/undecided", found.undecided, ("mode",))
+    result.add(f"{group}/damping", found.damping, ("mode",))
+    names = [*about.rigid, *[""] * (len(found.omega) - len(about.rigid))]
+    result.add(f"{group}/name", names, ("mode",))
+    result.add_axis(f"{group}/dof", [str(dof) for dof in model.dofs])
+    result.add(f"{group}/shape", found.shapes, ("dof", "mode"))
+    result.add(f"{group}/rigid", found.rigid)
+    result.add(f"{group}/counted", found.counted, (), "rad/s")
+    if found.doubt:
+        result.annotate(group, doubt=found.doubt)
+    if about.massless:
+        result.add_axis(f"{group}/massless", [str(dof) for dof in about.massless])
+    return result

@@ -1,0 +1,343 @@
+"""Natural frequencies, mode shapes and modal damping of a structure, by the solver that fits its size.
+
+Both solvers return scaled eigenpairs; `finished` norms them, checks their residuals, distinguishes
+rigid-body modes from elastic ones and states the uncertainty of each frequency by rounding.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import ALL_MODES, BACKEND, DENSE_MODES, FEW_MODES
+from dynid.errors import NumericalError, Singular, UsageError
+from dynid.lti.floating import guarded
+from dynid.structure.matrices import Array, Matrix, as_array
+from dynid.structure.modes.pencil import Pencil, absolute, scaled, times, too_many
+from dynid.structure.modes.strain_energy import StrainEnergy
+
+# Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
+_ROUNDING = 16 * float(np.finfo(float).eps)
+_UNIT = float(np.finfo(float).eps) / 2
+# Below this part of its terms the energy of a motion is summed without rounding.
+_SOFT = 1e-6
+# So summed, the energy of a rigid-body motion is a smaller part where the entries of the stiffness belong to
+# each other; where they were rounded one by one, such a motion looks like a slow elastic one.
+_EXACT = 1e-6 * _UNIT
+# Motions that may be rigid are distinguished from elastic modes that are so many times faster than they may
+# be: when the first mode of a beam with its ends held is lost, the second is four to seven times as fast.
+_APART = 10.0
+# The part of a frequency that rounding may leave open without a word: as much as measurements do.
+_LOOSE = 1e-3
+# A stiffness rounded to single precision or to six printed digits has energies as negative as this.
+_INDEFINITE = 1e-5
+_RESIDUAL = 1e-9
+# Below this size dense matrices are faster whatever is asked; above the other, out of question.
+_SMALL, _LARGE = DENSE_MODES.value, ALL_MODES.value
+# The part of all modes beyond which Lanczos is slower than dense matrices.
+_PART = FEW_MODES.value
+
+
+class Modes(NamedTuple):
+    """Modes in ascending order.
+
+    `omega` (modes): natural frequencies, rad/s, exactly 0 of rigid-body modes; `damping` (modes): modal
+    damping ratios, 0 of rigid-body modes; `shapes` (n x modes): normed to unit modal mass, the largest
+    component positive; `residuals` (modes): ``K phi - omega^2 M phi`` relative to the sizes of its parts;
+    `rigid`: number of rigid-body modes among them; `massless`: dimension of the massless directions, whose
+    frequencies are infinite (by sparse methods: number of massless DOFs); `counted`: rad/s up to which pivots
+    have proved that no mode is missing (infinite where all modes were computed, 0 where no proof was asked
+    for); `method`: how they were found; `uncertainty` (modes): how far the rounding of the matrices' entries
+    leaves each frequency open, rad/s; `undecided` (modes): whether it is larger than the frequency, and
+    the mode cannot be distinguished from a rigid-body one.
+    """
+
+    omega: Array
+    damping: Array
+    shapes: Array
+    residuals: Array
+    rigid: int
+    massless: int
+    counted: float
+    method: str
+    uncertainty: Array
+    undecided: NDArray[np.bool_]
+
+    def within(self, K: Matrix, shapes: Array) -> Modes:
+        """Return the modes of a reduced model, open by the rounding of the structure's stiffness too.
+
+        Parameters
+        ----------
+        K
+            Stiffness of the structure that was reduced, joints included (N x N).
+        shapes
+            These modes' shapes in its DOFs (N x modes).
+        """
+        whole = np.einsum("im,im->m", np.abs(shapes), times(absolute(K), np.abs(shapes)))
+        more = _uncertainty(self.omega, (self.omega == 0) | self.undecided, whole, np.ones(len(whole)))
+        return self._replace(uncertainty=self.uncertainty + more)
+
+    @property
+    def doubt(self) -> str:
+        """Warning about frequencies that rounding leaves open; empty where there are none."""
+        elastic = self.omega > 0
+        loose = self.uncertainty > _LOOSE * np.where(elastic, self.omega, np.inf)
+        if self.undecided.any():
+            numbers, most = np.flatnonzero(self.undecided) + 1, self.uncertainty[self.undecided].max()
+            what = f"nothing tells {_numbered(numbers)} from rigid-body motion"
+            said = f"{what}: rounding of the stiffness leaves frequencies open by {most:.2g} rad/s"
+        elif loose.any():
+            numbers = np.flatnonzero(loose) + 1
+            part = 100 * float((self.uncertainty[loose] / self.omega[loose]).max())
+            said = (
+                f"rounding of the stiffness leaves the frequency of {_numbered(numbers)} open by {part:.2g} %"
+            )
+        else:
+            return ""
+        return f"{said}; use fewer, longer elements, or constraints in place of nearly rigid ones"
+
+    def first(self, count: int) -> Modes:
+        """Return the lowest modes only."""
+        return self._replace(
+            omega=self.omega[:count],
+            damping=self.damping[:count],
+            shapes=self.shapes[:, :count],
+            residuals=self.residuals[:count],
+            uncertainty=self.uncertainty[:count],
+            undecided=self.undecided[:count],
+            rigid=min(self.rigid, count),
+        )
+
+
+def finished(
+    pencil: Pencil, C: Matrix, square: Array, shapes: Array, *, massless: int, counted: float, method: str
+) -> Modes:
+    """Return modes from scaled eigenpairs: sorted, normed and checked.
+
+    Parameters
+    ----------
+    pencil
+        The scaled stiffness and mass.
+    C
+        Damping, not scaled.
+    square, shapes
+        Eigenvalues and scaled eigenvectors of unit modal mass.
+    massless, counted, method
+        As of `Modes`; `counted` is an eigenvalue here.
+
+    Raises
+    ------
+    Singular
+        If the stiffness is indefinite beyond rounding, so that a frequency is imaginary.
+    NumericalError
+        If a residual is too large.
+    """
+    order = np.argsort(square, kind="stable")
+    square, shapes = square[order], shapes[:, order]
+    stiffness, size = absolute(pencil.K), np.abs(shapes)
+    Kx, Mx, parts = times(pencil.K, shapes), times(pencil.M, shapes), times(stiffness, size)
+    # The strain energy of the shape itself: its rounding is that of its parts, not of the highest mode.
+    strain, whole = np.einsum("im,im->m", shapes, Kx), np.einsum("im,im->m", size, parts)
+    # Forces and energies that are rounding of the shape count as zero.
+    blur = pencil.size * _UNIT * size.max(axis=0, initial=0.0)
+    row = times(stiffness, np.ones(pencil.size))
+    free = np.abs(strain) <= row.sum() * blur**2
+    strain, square = np.where(free, 0.0, strain), np.where(free, 0.0, square)
+    inertia = np.abs(square) * times(absolute(pencil.M), size)
+    sizes = np.linalg.norm(parts + inertia, axis=0)  # 0 for a mass that nothing holds
+    excess = np.maximum(np.abs(Kx - square * Mx) - np.where(free, np.outer(row, blur), 0.0), 0.0)
+    residuals = np.linalg.norm(excess, axis=0) / np.where(sizes > 0, sizes, 1.0)
+    square, rigid, undecided = _refined(pencil, square, shapes, whole, _rigid(strain, whole))
+    order = np.argsort(square, kind="stable")
+    shapes, residuals, whole = shapes[:, order], residuals[order], whole[order]
+    square, rigid, undecided = square[order], rigid[order], undecided[order]
+    if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:
+        raise NumericalError(
+            f"the modes have residuals of {worst:.1g} (found by {method})",
+            remedy="Use another backend; check the units of the matrices.",
+        )
+    moving = np.einsum("im,im->m", np.abs(shapes), times(absolute(pencil.M), np.abs(shapes)))
+    shapes = pencil.scale[:, None] * shapes
+    # The largest component is positive: the first of those as large but for rounding.
+    size = np.abs(shapes)
+    largest = (size >= (1 - 1e-6) * size.max(axis=0, initial=0.0)).argmax(axis=0)
+    shapes = shapes * np.where(np.take_along_axis(shapes, largest[None], axis=0) < 0, -1.0, 1.0)
+    omega = np.sqrt(square)
+    dissipation = np.einsum("im,im->m", shapes, times(C, shapes))
+    damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
+    return Modes(
+        omega, damping, shapes, residuals, int(rigid.sum()), massless,
+        float(np.sqrt(counted)), method, _uncertainty(omega, rigid | undecided, whole, moving), undecided,
+    )  # fmt: skip
+
+
+def _uncertainty(omega: Array, open_to_zero: NDArray[np.bool_], whole: Array, moving: Array) -> Array:
+    """Return how far entries rounded by half a unit in the last place move the frequencies.
+
+    Parameters
+    ----------
+    omega, open_to_zero
+        The frequencies, and which of them may be zero.
+    whole, moving
+        Strain and kinetic energies of the shapes of unit modal mass, summed without signs.
+    """
+    moved = _UNIT * whole  # that part of the energies of a shape's parts moves omega^2
+    elastic = moved / np.where(open_to_zero, 1.0, omega) + _UNIT * np.maximum(moving, 1.0) * omega
+    return np.where(open_to_zero, np.sqrt(moved), elastic)
+
+
+def _refined(
+    pencil: Pencil, square: Array, shapes: Array, whole: Array, still: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return eigenvalues, of soft motions by exact sums of energy; and the rigid and undecided ones.
+
+    Parameters
+    ----------
+    pencil, square, shapes
+        As of `finished`, ascending.
+    whole
+        The parts that each strain energy is a sum of, without their signs.
+    still
+        Which modes have a strain energy that is rounding: rigid-body motions if the elastic modes are far, or
+        if nothing at all holds them (an eigenvalue of 0).
+    """
+    better, may_be = np.where(still, 0.0, square), _ROUNDING * whole
+    elastic = float(square[~still].min()) if not still.all() else 0.0
+    doubtful = still & (square != 0) & (elastic < _APART**2 * may_be)
+    soft = np.flatnonzero(doubtful | (~still & (square > 0) & (square < _SOFT * whole)))
+    if not len(soft):
+        return better, still, doubtful
+    strain = StrainEnergy(pencil.K)
+    for mode in soft:
+        shape = shapes[:, mode]
+        energy = strain.energy(shape) / float(shape @ times(pencil.M, shape))
+        better[mode] = energy if energy > (_EXACT * whole[mode] if doubtful[mode] else 0.0) else better[mode]
+    undecided = doubtful & (better > 0)
+    return better, still & ~undecided, undecided
+
+
+def _numbered(numbers: NDArray[np.intp]) -> str:
+    """Name modes by their numbers, which follow each other."""
+    first, last = int(numbers[0]), int(numbers[-1])
+    return f"mode {first}" if first == last else f"modes {first} to {last}"
+
+
+def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:
+    """Return the rigid-body modes: their strain energy is rounding of its terms.
+
+    A stiffness that was rounded (printed with few digits) shows the size of its rounding in energies below
+    zero; modes with an energy of that size are rigid too.
+    """
+    energy = square / np.where(parts > 0, parts, 1.0)
+    lowest = -float(energy.min(initial=0.0))
+    if lowest > _INDEFINITE:
+        raise Singular(
+            f"the stiffness matrix is indefinite (omega^2 = {square[energy.argmin()]:.3g})",
+            remedy="The structure has no natural frequency there; check signs and units of the stiffness.",
+        )
+    return np.asarray((energy <= max(_ROUNDING, 10 * lowest)) | (parts == 0))
+
+
+@guarded("the modes of the structure")
+def modes(
+    M: Matrix,
+    C: Matrix,
+    K: Matrix,
+    count: int | None = None,
+    below: float | None = None,
+    backend: str = "auto",
+    *,
+    proof: bool = True,
+) -> Modes:
+    """Solve ``K phi = omega^2 M phi``, all of it or the lowest part, with no mode missed.
+
+    The damping ratio of a mode is ``phi^T C phi / (2 omega)``, the diagonal of the modal damping matrix;
+    it is the exact one where damping is proportional.
+
+    Parameters
+    ----------
+    M, C, K
+        Mass (positive semidefinite), damping and stiffness (positive semidefinite) (n x n), dense or sparse.
+        Directions without mass follow the others; they have no modes of their own.
+    count
+        How many modes, the lowest; rigid-body modes included.
+    below
+        Or all modes below this frequency, rad/s; with both, as many of those as `count`. With neither,
+        all modes.
+    backend
+        ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by SuperLU;
+        ``dense``; or a factorisation backend: ``splu``, ``cholespy``, ``pardiso``.
+    proof
+        Whether sparse modes asked for by their number are proved complete by a count of pivots, which
+        takes one factorisation more.
+
+    Raises
+    ------
+    Singular
+        If the stiffness is indefinite beyond rounding, or a motion has neither inertia nor stiffness.
+    UsageError
+        If more modes are asked for than there are with finite frequencies, the mass is indefinite, or the
+        backend does not exist or is not installed.
+    NumericalError
+        If residuals are too large or modes stay missing.
+    """
+    if count is not None and count < 1:
+        raise UsageError("the number of modes must be 1 or more", names=("modes",))
+    if below is not None and not 0 < below < np.inf:
+        raise UsageError("modes are asked for below a frequency, which must be positive", names=("below",))
+    if backend == "auto":
+        backend = solver_for(K.shape[0], count, below)
+    if backend != "dense":
+        return _lowest_sparse(M, C, K, count, below, backend, proof)
+    from dynid.structure.modes.dense import eigenpairs
+
+    pencil = scaled(as_array(K), as_array(M))
+    square, shapes, massless = eigenpairs(pencil)
+    if count is not None and count > len(square):
+        raise too_many(count, len(square))
+    found = finished(pencil, C, square, shapes, massless=massless, counted=np.inf, method="dense matrices")
+    kept = len(square) if below is None else int(np.count_nonzero(found.omega < below))
+    return found.first(kept if count is None else min(count, kept))
+
+
+def solver_for(size: int, count: int | None, below: float | None) -> str:
+    """Return the backend that is chosen by size, and by how many modes are asked for."""
+    if size <= _SMALL:
+        return "dense"
+    few = count is not None and count <= size // _PART
+    if few or (size > _LARGE and (count or below)):
+        return BACKEND.value
+    if size > _LARGE:
+        raise UsageError(
+            f"all modes of {size} DOFs are asked for",
+            remedy=f"Give their number, or a frequency below which they are; all are computed of up to "
+            f"{_LARGE} DOFs.",
+            names=("modes",),
+        )
+    return BACKEND.value if below is not None else "dense"
+
+
+def _lowest_sparse(
+    M: Matrix, C: Matrix, K: Matrix, count: int | None, below: float | None, backend: str, proof: bool
+) -> Modes:
+    from scipy.sparse import csc_array
+
+    from dynid.structure.modes.sparse import SparseSpectrum
+
+    pencil = scaled(csc_array(K), csc_array(M))
+    spectrum = SparseSpectrum(pencil, backend)
+    if below is not None:
+        square, shapes, counted = spectrum.below(below**2)
+    elif count is not None:
+        square, shapes, counted = spectrum.lowest(count, proof=proof)
+    else:
+        raise UsageError(
+            f"the backend {backend} computes the lowest modes: their number or a limit must be given",
+            remedy="Use the backend dense for all modes.",
+        )
+    method = f"shift-invert Lanczos, {backend}"
+    massless = len(pencil.without_mass)
+    found = finished(pencil, C, square, shapes, massless=massless, counted=counted, method=method)
+    return found if count is None else found.first(min(count, len(square)))

@@ -1,0 +1,255 @@
+"""Static and dynamic condensation: the slaves follow the masters without inertia, or as at one frequency.
+
+Sources: R. J. Guyan, AIAA J. 3 (1965) 380; B. Irons, AIAA J. 3 (1965) 961–962 (static); A. Y. T. Leung,
+*Int. J. Numer. Methods Eng.* 12 (1978) 1705–1715 (dynamic).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dynid.errors import Singular, UsageError
+from dynid.lti.floating import guarded
+from dynid.number_format import frequency_text
+from dynid.structure.matrices import Array, Label, Matrix, is_sparse
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes.strain_energy import StrainEnergy
+from dynid.structure.reduction.masters import Indices, Masters, masters_alone, with_known_joints
+from dynid.structure.reduction.mode_selection import Interest
+from dynid.structure.reduction.reduction import StructuralReduction, projected
+
+SLAVES = "the slaves' stiffness"
+"""Name of the matrix that static methods invert."""
+FREE = "the slaves move freely while the masters are held: they do not follow statically"
+REMEDY = "Make a DOF of the part that moves a master; unknown joints do not hold it here."
+
+
+# Condition of the scaled matrix beyond which fewer than two digits of a solution are left.
+_WORST = 1e14
+# Condition beyond which solutions are refined with residuals in twice the working precision.
+_DOUBLED = 1e6
+_REFINEMENTS = 5
+
+
+class Partition(NamedTuple):
+    """Masters (m) and slaves (s) of a structure, by index."""
+
+    model: StructuralModel
+    masters: Indices
+    slaves: Indices
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """Labels of the masters."""
+        return tuple(self.model.dofs[k] for k in self.masters)
+
+    def coupling(self, matrix: Matrix) -> Array:
+        """Return the slaves' rows at the masters' columns (s x m), dense."""
+        block = matrix[:, self.masters][self.slaves]
+        return block if isinstance(block, np.ndarray) else block.toarray()
+
+    def inner(self, matrix: Matrix) -> Matrix:
+        """Return the slaves' rows at the slaves' columns (s x s)."""
+        rows: Any = matrix[:, self.slaves]
+        block: Matrix = rows[self.slaves]
+        return block
+
+    def basis(self, slaves: Array, modes: Array | None = None) -> Array:
+        """Return T (n x (m + k)), unit at the masters, from rows of slaves (s x m) and modes (s x k)."""
+        m = len(self.masters)
+        T = np.zeros((self.model.size, m + (0 if modes is None else modes.shape[1])))
+        T[self.masters, np.arange(m)] = 1.0
+        T[self.slaves, :m] = slaves
+        if modes is not None:
+            T[self.slaves, m:] = modes
+        return T
+
+
+def partition(model: StructuralModel, masters: Indices) -> Partition:
+    """Cut a structure at its masters."""
+    return Partition(model, masters, np.setdiff1d(np.arange(model.size), masters))
+
+
+class CheckedSolver(NamedTuple):
+    """A solver with a matrix, and the condition of that matrix scaled to a unit diagonal."""
+
+    solve: Callable[[Array], Array]
+    condition: float
+
+    def __call__(self, right: Array) -> Array:
+        """Solve for right-hand sides (s x columns)."""
+        return self.solve(right)
+
+
+def solver(matrix: Matrix, what: str, remedy: str, size: Array | None = None) -> CheckedSolver:
+    """Factorise a symmetric matrix; return a solver that checks every solution.
+
+    Parameters
+    ----------
+    matrix
+        The matrix (s x s), dense or sparse; it is scaled to a diagonal of about 1, or by `size`, with powers
+        of two, which round nothing.
+    what
+        The clause that names the fault if it is singular.
+    remedy
+        The remedy then.
+    size
+        The sizes of its diagonal entries (s), where these are differences.
+
+    Raises
+    ------
+    Singular
+        If it is singular to working precision.
+    """
+    if not matrix.shape[0]:
+        return CheckedSolver(lambda right: right, 1.0)
+    size = np.abs(np.asarray(matrix.diagonal())) if size is None else size
+    scale = np.exp2(np.round(-0.5 * np.log2(np.where(size > 0, size, 1.0))))
+    factorised = _sparse if is_sparse(matrix) else _dense_factors
+    try:
+        solve, condition = factorised(matrix, scale)
+    except Singular:
+        condition = np.inf
+    if not condition < _WORST:
+        raise Singular(f"{what} (condition {condition:.2g})", remedy=remedy, names=("masters",))
+    return CheckedSolver(lambda right: np.asarray(scale[:, None] * solve(scale[:, None] * right)), condition)
+
+
+def _dense_factors(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]:
+    """Return a solver with the scaled matrix, and its condition (1-norm, estimated).
+
+    A norm below 1 is what differences have left of entries of size 1: it counts as 1.
+    """
+    from scipy.linalg import lapack, lu_solve
+
+    scaled = matrix * scale * scale[:, None]
+    factor, pivots, info = lapack.dgetrf(scaled)
+    size = np.abs(scaled).sum(axis=0).max()
+    reciprocal = lapack.dgecon(factor, size)[0] * min(size, 1.0) if info == 0 else 0.0
+    condition = 1 / reciprocal if reciprocal else np.inf
+
+    def solve(b: Array) -> Array:
+        x = lu_solve((factor, pivots), b)
+        if condition < _DOUBLED:
+            return np.asarray(x + lu_solve((factor, pivots), b - scaled @ x))
+        exact = StrainEnergy(scaled)
+        for _ in range(_REFINEMENTS):
+            step = lu_solve((factor, pivots), exact.residual(x, b))
+            x = x + step
+            if np.all(np.abs(step) <= np.finfo(float).eps * np.abs(x).max(axis=0, initial=0.0)):
+                break
+        return np.asarray(x)
+
+    return solve, condition
+
+
+def _sparse(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]:
+    from scipy.sparse import csc_array, diags_array
+    from scipy.sparse.linalg import LinearOperator, onenormest
+
+    from dynid.structure.factorisation import factorise
+
+    D = diags_array(scale)
+    factor = factorise(csc_array(D @ matrix @ D))
+    inverse = LinearOperator(matrix.shape, matvec=factor.solve, rmatvec=factor.solve, dtype=np.float64)
+    return factor.solve, float(onenormest(inverse)) * max(factor.size, 1.0)
+
+
+@dataclass(frozen=True)
+class Guyan:
+    """Static condensation: slaves follow the masters without inertia, ``x_s = -K_ss^-1 K_sm x_m``.
+
+    Exact at rest, for loads on the masters. Joints that are known are part of the stiffness, others are not;
+    for joints between masters this makes no difference.
+
+    Parameters
+    ----------
+    masters
+        Labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads.
+    interest
+        Purpose of the model.
+    """
+
+    masters: Sequence[Label] | Masters | None = None
+    interest: Interest = field(default_factory=Interest)
+
+    @guarded("the static condensation")
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
+        """Reduce a structure.
+
+        Raises
+        ------
+        UsageError
+            If masters do not exist or stand twice.
+        Singular
+            If the slaves are not held by the masters.
+        """
+        cut = partition(model, masters_alone(model, self.masters, self.interest))
+        static, condition = constraint_modes(cut)
+        return StructuralReduction(
+            projected(model, cut.basis(static), cut.labels), cut.labels, condition=condition, inverted=SLAVES
+        )
+
+
+def constraint_modes(cut: Partition) -> tuple[Array, float]:
+    """Return the constraint modes, the slaves' static motion (s x m), and their condition."""
+    K = with_known_joints(cut.model)[2]
+    solve = solver(cut.inner(K), FREE, REMEDY)
+    return -solve(cut.coupling(K)), solve.condition
+
+
+@dataclass(frozen=True)
+class Dynamic:
+    """Slaves follow the masters as they do at one frequency, ``-(K - w^2 M)_ss^-1 (K - w^2 M)_sm``.
+
+    Exact at that frequency for loads on the masters, without damping; at 0 it is static condensation.
+
+    Parameters
+    ----------
+    frequency
+        The frequency, rad/s. Absent: the middle of the band of interest.
+    masters, interest
+        As of `Guyan`.
+    """
+
+    frequency: float | None = None
+    masters: Sequence[Label] | Masters | None = None
+    interest: Interest = field(default_factory=Interest)
+
+    @guarded("the dynamic condensation")
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
+        """Reduce a structure.
+
+        Raises
+        ------
+        UsageError
+            If masters do not exist or stand twice, or no frequency is known.
+        Singular
+            If the frequency is a natural one of the structure with its masters held.
+        """
+        omega = self.frequency
+        if omega is None and self.interest.band is not None:
+            omega = self.interest.band / 2
+        if omega is None or not (math.isfinite(omega) and omega >= 0):
+            raise UsageError(
+                "dynamic condensation needs the frequency that it is exact at",
+                remedy="Give `frequency: OMEGA` in rad/s, not negative.",
+                names=("frequency",),
+            )
+        cut = partition(model, masters_alone(model, self.masters, self.interest))
+        M, _, K = with_known_joints(model)
+        Z: Any = K - omega**2 * M
+        solve = solver(
+            cut.inner(Z),
+            f"the slaves resonate at {frequency_text(omega, 6)} while the masters are held: they do not "
+            "follow",
+            "Condense at another frequency, or take more masters.",
+            (np.abs(K.diagonal()) + omega**2 * np.abs(M.diagonal()))[cut.slaves],
+        )
+        small = projected(model, cut.basis(-solve(cut.coupling(Z))), cut.labels)
+        return StructuralReduction(small, cut.labels, condition=solve.condition, inverted=SLAVES)

@@ -1,0 +1,294 @@
+"""Frequency response functions read from text, HDF5, MATLAB and Universal File Format 58."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.tables.hdf5 import complex_datasets, present
+from dynid.tables.matlab import complex_columns
+from dynid.tables.read import existing, file_format
+from dynid.tables.table import DataFile
+from dynid.tables.text import complex_number, read_text
+from dynid.tables.universal_file import UniversalFunction, read_functions
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+ColumnName: TypeAlias = str | int
+
+#: Names of a column of frequencies; a unit may stand behind it in brackets.
+_FREQUENCY = ("omega", "frequency", "freq", "w", "f")
+#: Where responses and their frequencies are looked for in HDF5 when a scene names none.
+_MEASURED = ("measured", "response", "identification/measurement/measured")
+#: Function types of a data set 58: frequency response, coherence; and its quantities by their numbers.
+_FRF, _COHERENCE = 4, 6
+#: Up to which part lines may differ: in text a Universal File has six digits of their distance.
+_DIGITS = 1e-5
+_QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration"}
+
+
+class ResponseLayout(NamedTuple):
+    """The columns of a file of frequency responses, by name or by number from 1.
+
+    `columns` are the responses, complex or as pairs [real, imaginary]; `frequency` is the column of the
+    lines; `deviation` and `coherence` have one column for each response. None: see `read_responses`.
+    """
+
+    columns: Sequence[ColumnName | list[ColumnName]] | None = None
+    frequency: ColumnName | None = None
+    deviation: Sequence[ColumnName] | None = None
+    coherence: Sequence[ColumnName] | None = None
+
+
+class MeasuredResponses(NamedTuple):
+    """Frequency responses read from a file.
+
+    `omega` (L) as in the file, `values` (L x columns), `deviation` and `coherence` (alike) if asked for;
+    what `quantities` the file says they are (empty: it does not), and whether its frequencies are in Hz.
+    """
+
+    omega: Array
+    values: ComplexArray
+    deviation: Array | None = None
+    coherence: Array | None = None
+    quantities: Sequence[str] = ()
+    in_hertz: bool = False
+
+    @property
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Arrays with one column for each channel, by name."""
+        every = {"values": self.values, "deviation": self.deviation, "coherence": self.coherence}
+        return {name: part for name, part in every.items() if part is not None}
+
+    def at(self, lines: NDArray[np.bool_]) -> MeasuredResponses:
+        """Return some of the lines."""
+        return self._replace(
+            omega=self.omega[lines],
+            values=self.values[lines],
+            deviation=None if self.deviation is None else self.deviation[lines],
+            coherence=None if self.coherence is None else self.coherence[lines],
+        )
+
+
+def read_responses(path: Path, given: ResponseLayout, place: str) -> MeasuredResponses:
+    """Read frequency response functions.
+
+    Parameters
+    ----------
+    path
+        A text file with one line a row, an HDF5 or MATLAB file, or a Universal File of data sets 58. Complex
+        numbers are columns of such (in text ``1.5-2e-3j``), or pairs of columns.
+    given
+        What the scene says of it.
+    place
+        The dotted place of the file in the scene, for errors.
+
+    Raises
+    ------
+    FileError
+        Where the file cannot be read, a column is missing, or numbers make no sense.
+    """
+    file = existing(path, place)
+    if file_format(path) == "uff":
+        found = _universal(file, given)
+    else:
+        formats: dict[str, type[_ResponseFile]] = {"hdf5": _Hdf5Responses, "matlab": _MatlabResponses}
+        table = formats.get(file_format(path), _TextResponses)(file)
+        omega = _real(file, table.frequency(given.frequency), "the frequencies", "frequency")[:, 0]
+        deviation, coherence = (
+            _real(file, np.column_stack([table.column(column, name) for column in columns]), name, name)
+            if columns
+            else None
+            for name, columns in (("deviation", given.deviation), ("coherence", given.coherence))
+        )
+        found = MeasuredResponses(omega, _paired(table, given.columns), deviation, coherence)
+    # Refuse lines and numbers that make no sense.
+    if not np.isfinite(found.omega).all() or np.any(found.omega < 0) or np.any(np.diff(found.omega) <= 0):
+        file.refuse("has frequencies that are missing, negative, or do not increase", key="frequency")
+    if np.isinf(found.values).any():
+        line = int(np.argwhere(np.isinf(found.values))[0, 0])
+        file.refuse(f"line {line + 1}: the response is infinite", "Leave a line out, or write nan.")
+    if any(len(part) != len(found.omega) for part in found.columns.values()):
+        file.refuse("has columns of different lengths", key="columns")
+    if found.coherence is not None and np.any((found.coherence <= 0) | (found.coherence > 1)):
+        file.refuse("has a coherence that is not above 0 and at most 1", key="coherence")
+    return found
+
+
+def _real(file: DataFile, values: NDArray[Any], what: str, key: str) -> Array:
+    if np.iscomplexobj(values) and np.any(np.nan_to_num(values.imag)):
+        file.refuse(f"{what} must be real", key=key)
+    return np.asarray(values.real, dtype=float)
+
+
+def _paired(table: _ResponseFile, columns: Sequence[ColumnName | list[ColumnName]] | None) -> ComplexArray:
+    """Return the columns of responses; those that are named in pairs are real and imaginary parts."""
+    if columns is None:
+        return np.asarray(table.every(), dtype=complex)
+    parts = []
+    for column in columns:
+        if isinstance(column, list):
+            real, imaginary = (
+                _real(table.file, table.column(name, "columns"), f"'{name}'", "columns") for name in column
+            )
+            parts.append(real + 1j * imaginary)
+        else:
+            parts.append(table.column(column, "columns"))
+    if len({len(part) for part in parts}) > 1:
+        table.file.refuse("has columns of different lengths", key="columns")
+    return np.concatenate(parts, axis=1).astype(complex)
+
+
+def _is_frequency(name: str) -> bool:
+    return re.sub(r"[\[(].*", "", name).strip().lower() in _FREQUENCY
+
+
+class _ResponseFile(ABC):
+    """Columns of a file of one format (L x columns)."""
+
+    def __init__(self, file: DataFile) -> None:
+        self.file = file
+
+    @abstractmethod
+    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
+        """Return the lines: the column that is named, else one with a known name."""
+
+    @abstractmethod
+    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
+        """Return what is named: one column or several; `key` is what names it in the scene."""
+
+    @abstractmethod
+    def every(self) -> NDArray[Any]:
+        """Return all responses, where none are named."""
+
+
+class _TextResponses(_ResponseFile):
+    """Columns of a text file."""
+
+    def __init__(self, file: DataFile) -> None:
+        super().__init__(file)
+        self.table = read_text(file, number=complex_number)
+        self.at = next((k for k, name in enumerate(self.table.names) if _is_frequency(name)), 0)
+
+    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
+        """Return the lines; without a name and a header the first column."""
+        if name is None and self.table.names and not _is_frequency(self.table.names[self.at]):
+            known = ", ".join(self.table.names)
+            self.file.refuse(f"has no column of frequencies; it has {known}", "Say which: frequency: NAME.")
+        self.at = self.at if name is None else self.table.find(name, "frequency")
+        return self.table.values[:, [self.at]]
+
+    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
+        """Return a column."""
+        return self.table.values[:, [self.table.find(name, key)]]
+
+    def every(self) -> NDArray[Any]:
+        """Return all columns but the frequencies: complex ones, or real and imaginary parts by turns."""
+        others = [k for k in range(self.table.values.shape[1]) if k != self.at]
+        values = self.table.values[:, others]
+        if np.any(np.nan_to_num(values.imag)):
+            return values
+        if len(others) % 2:
+            self.file.refuse(
+                f"has {len(others)} columns of real numbers beside the frequencies",
+                "Real and imaginary parts stand by turns; or name the pairs: columns: [[REAL, IMAGINARY]].",
+                key="columns",
+            )
+        return np.asarray(values[:, ::2] + 1j * values[:, 1::2])
+
+
+class _Hdf5Responses(_ResponseFile):
+    """Datasets of an HDF5 file."""
+
+    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
+        """Return the lines: the dataset that is named, else one of the known names beside the responses."""
+        if name is not None:
+            return self._read([str(name)], "frequency")
+        at = next(iter(present(self.file, _MEASURED)), "")
+        folder = at.rpartition("/")[0]
+        beside = [f"{folder}/{known}".lstrip("/") for known in _FREQUENCY]
+        return self._read([*beside, *_FREQUENCY], "frequency")
+
+    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
+        """Return a dataset: one column or several."""
+        return self._read([str(name)], key)
+
+    def every(self) -> NDArray[Any]:
+        """Return the dataset of the measured responses."""
+        return self._read(_MEASURED, "columns")
+
+    def _read(self, names: Sequence[str], key: str) -> NDArray[Any]:
+        """Return the first of these datasets that is there, as columns."""
+        name = next(iter(present(self.file, names)), names[0])
+        return complex_datasets(self.file, name, key)
+
+
+class _MatlabResponses(_ResponseFile):
+    """Variables of a MATLAB file."""
+
+    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
+        """Return the lines: the variable that is named, else one of the known names."""
+        return complex_columns(self.file, _FREQUENCY if name is None else [str(name)], "frequency")
+
+    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
+        """Return a variable: one column or several."""
+        return complex_columns(self.file, [str(name)], key)
+
+    def every(self) -> NDArray[Any]:
+        """Refuse: variables have no order."""
+        self.file.refuse("has variables; none of them is known to be a response", "Name them: columns: […].")
+
+
+def _universal(file: DataFile, given: ResponseLayout) -> MeasuredResponses:
+    """Read the functions of a Universal File that are frequency responses, and coherences if asked for."""
+    every = read_functions(file)
+    found = _chosen(file, every, _FRF, "frequency response", given.columns, "columns")
+    lines = found[0].x
+    coherence = None
+    parts = list(found)
+    if given.coherence:
+        parts += (several := _chosen(file, every, _COHERENCE, "coherence", given.coherence, "coherence"))
+        coherence = np.column_stack([function.values.real for function in several])
+    if given.deviation:
+        file.refuse("holds functions, no deviations", "Give their coherence.", key="deviation")
+    for function in parts:
+        if function.x.shape != lines.shape or not np.allclose(function.x, lines, rtol=_DIGITS, atol=0):
+            file.refuse(
+                f"the function {function.name} has other lines than the first",
+                "Put responses at different lines into files of their own.",
+            )
+    values = np.column_stack([function.values for function in found]).astype(complex)
+    quantities = [_QUANTITIES.get(function.ordinate, "") for function in found]
+    return MeasuredResponses(lines, values, None, coherence, quantities, in_hertz=True)
+
+
+def _chosen(
+    file: DataFile,
+    every: Sequence[UniversalFunction],
+    kind: int,
+    what: str,
+    wanted: Sequence[Any] | None,
+    key: str,
+) -> list[UniversalFunction]:
+    """Return the functions of a type that are named, or numbered among their like; absent: all."""
+    known = [function for function in every if function.kind == kind]
+    if not known:
+        file.refuse(f"holds no {what}", f"Data sets 58 of function type {kind} are read.")
+    chosen = []
+    for name in range(1, len(known) + 1) if wanted is None else wanted:
+        if isinstance(name, list):
+            file.refuse("holds complex functions, no pairs of columns", key=key)
+        named = [function for function in known if function.name == name]
+        if isinstance(name, int) and 1 <= name <= len(known):
+            named = [known[name - 1]]
+        if len(named) != 1:
+            has = f"{len(named) or 'no'} {what} '{name}'"
+            file.refuse(f"has {has}; there are {len(known)}", "Give its number among them.", key=key)
+        chosen += named
+    return chosen

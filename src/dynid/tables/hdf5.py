@@ -1,0 +1,150 @@
+"""Tables in HDF5 files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynid.errors import DynidError
+from dynid.hdf5 import Refused, check_stored, inside, open_hdf5
+from dynid.suggestions import did_you_mean
+from dynid.tables.table import TIME, DataFile, DataTable, are_numbers
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+#: Where the columns are looked for when a scene names none.
+_MEASURED = ("measured", "identification/measurement/measured")
+
+
+def read_datasets(
+    file: DataFile,
+    columns: Sequence[str | int] | None,
+    single: bool = False,
+    time: str | None = None,
+    rows: int | None = None,
+) -> DataTable:
+    """Read datasets as one table: those that are named, else the columns of the measured ones.
+
+    `time` is the dataset of the times; absent: `time` or `t` beside the first one. Of longer ones `rows` are
+    read.
+    """
+    with _opened(file) as store:
+        named = columns is not None and not are_numbers(columns)
+        if columns is not None and named:
+            names = [str(name) for name in columns]
+        elif single and columns is None:
+            names = [_only_dataset(file, store)]
+        else:
+            names = [next((name for name in _MEASURED if inside(store, name) is not None), _MEASURED[0])]
+        key = "column" if single else "columns"
+        lengths = {len(_found(file, store, name, key, "iuf")) for name in names}
+        parts = [np.asarray(_numbers(file, store, name, key, rows=rows), dtype=float) for name in names]
+        if (
+            len(lengths) > 1
+            or any(len(part) != len(parts[0]) for part in parts)
+            or (len(parts) > 1 and any(part.ndim != 1 for part in parts))
+        ):
+            file.refuse(f"has no columns of one length in {', '.join(names)}", key=key)
+        if single and (named or columns is None) and parts[0][:1].size > 1:
+            file.refuse(f"has {parts[0].shape[1]} columns in '{names[0]}'", "Give a number.", key=key)
+        values = np.column_stack(parts)
+        times = _times(file, store, names, lengths.pop(), time, rows)
+        return DataTable(file, [], values, None, *times)
+
+
+@contextmanager
+def _opened(file: DataFile) -> Iterator[Any]:
+    """Open a file, and say of this file whatever goes wrong with reading it."""
+    try:
+        with open_hdf5(file.path) as store:
+            yield store
+    except Refused as error:
+        file.refuse(str(error), colon=True)
+    except DynidError:
+        raise
+    except Exception as error:  # a damaged file makes h5py raise nearly anything
+        file.refuse(f"cannot be read as HDF5: {' '.join(str(error).split())}")
+
+
+def _only_dataset(file: DataFile, store: Any) -> str:
+    known = [name for name in _numeric(store) if name not in TIME]
+    if len(known) != 1:
+        named = f": {', '.join(known)}" if known else ""
+        file.refuse(
+            f"has {len(known) or 'no'} datasets of numbers beside the time{named}",
+            "Say which one drives: column: NAME.",
+            key="column",
+        )
+    return known[0]
+
+
+def _numeric(group: Any, kinds: str = "iuf") -> list[str]:
+    return [name for name in group if _is_table(_unless_elsewhere(group, name), kinds)]
+
+
+def _unless_elsewhere(group: Any, name: str) -> Any:
+    """Return a member of a group, None where it is in another file."""
+    try:
+        return inside(group, name)
+    except Refused:
+        return None
+
+
+def _is_table(item: Any, kinds: str) -> bool:
+    import h5py
+
+    return isinstance(item, h5py.Dataset) and item.dtype.kind in kinds and item.ndim in (1, 2)
+
+
+def _times(
+    file: DataFile, store: Any, names: Sequence[str], length: int, time: str | None, rows: int | None
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Return the times beside the data, and what they are rounded by."""
+    if time is not None and _found(file, store, time, "time", "iuf").shape != (length,):
+        file.refuse(f"has {length} rows of data, but another number of times in '{time}'", key="time")
+    folder = names[0].rpartition("/")[0]
+    for name in [f"{folder}/{known}".lstrip("/") for known in TIME] if time is None else [time]:
+        beside = _unless_elsewhere(store, name)
+        if _is_table(beside, "iuf") and beside.shape == (length,):
+            check_stored(beside)
+            stored = beside[:rows]
+            times = np.asarray(stored, dtype=float)
+            coarse = float(np.finfo(stored.dtype).eps) if stored.dtype.kind == "f" else 0.0
+            return times, np.abs(np.nan_to_num(times, posinf=0, neginf=0)) * coarse
+    return None, None
+
+
+def present(file: DataFile, names: Sequence[str]) -> list[str]:
+    """Return which of these names a file has."""
+    with _opened(file) as store:
+        return [name for name in names if inside(store, name) is not None]
+
+
+def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
+    """Return a dataset of real or complex numbers as columns."""
+    with _opened(file) as store:
+        found = _numbers(file, store, name, key, "iufc")
+    return found.reshape(len(found), -1)
+
+
+def _numbers(
+    file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf", rows: int | None = None
+) -> NDArray[Any]:
+    """Return the first rows of a dataset of one or two axes, of numbers of these NumPy kinds; absent: all."""
+    found = _found(file, store, name, key, kinds)
+    check_stored(found)
+    return np.asarray(found[:rows])
+
+
+def _found(file: DataFile, store: Any, name: str, key: str, kinds: str) -> Any:
+    """Return a dataset of one or two axes, of numbers of these NumPy kinds, unread."""
+    found = inside(store, name)
+    if not _is_table(found, kinds):
+        known = _numeric(store, kinds)
+        hint = did_you_mean(name, known) or (f"; it has {', '.join(known)}" if known else "")
+        file.refuse(f"has no dataset of numbers '{name}'{hint}", key=key)
+    return found

@@ -1,0 +1,163 @@
+"""Tables in text files: one row a line, separated by commas, semicolons, tabs or spaces."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dynid.tables.table import DataFile, DataTable, printed_resolution, time_column
+
+_MISSING = ("", "nan", "na", "n/a")
+_DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
+ACCEPTED = "A missing sample is an empty field, nan, NA or n/a; decimals take a point."
+
+
+def read_text(
+    file: DataFile, time: str | int | None = None, number: Callable[[str], float | complex] | None = None
+) -> DataTable:
+    """Read all columns of a text file; `time` is the column of the times where its name does not tell.
+
+    `number` reads what a field says; absent: a real number.
+    """
+    rows = _lines(file)
+    separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
+    first = [field.strip() for field in _split(rows[0][1], separator)]
+    has_header = _are_names(first)
+    body = rows[has_header:]
+    if not body:
+        file.refuse("holds names but no data")
+    if not has_header and len(first) == 1 and rows[0][0] > 1:
+        _refuse_leading_gap(file, rows[0][0])
+    fields = [_row(file, number, line, separator, len(first)) for number, line in body]
+    if len(first) > 1 and not first[-1] and all(not row[-1].strip() for row in fields):
+        first, fields = first[:-1], [row[:-1] for row in fields]  # every line ends with the separator
+    lines = [number for number, _ in body]
+    values = np.array(
+        [_numbers(file, at, row, number or _number) for at, row in zip(lines, fields, strict=True)],
+        dtype=float if number is None else complex,
+    ).reshape(len(fields), len(first))
+    names = first if has_header else []
+    timed = time_column(names) if time is None else DataTable(file, names, values).find(time, "time")
+    if timed is None or number is not None:
+        return DataTable(file, names, values, lines)
+    times = values[:, timed]
+    written = [row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
+    return DataTable(file, names, values, lines, times, printed_resolution(written), timed)
+
+
+def _are_names(fields: Sequence[str]) -> bool:
+    """Tell whether a first line names columns.
+
+    No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
+    """
+    leading = next((field for field in fields if field), "")
+    return (
+        not _reads(_number, leading)
+        and not re.match(r"[-+.,]*\d", leading)
+        and not any(re.fullmatch(_DECIMAL, field) for field in fields)
+    )
+
+
+def _lines(file: DataFile) -> list[tuple[int, str]]:
+    """Return the lines from the first row to the last that is not empty, with their numbers."""
+    try:
+        text = file.path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        file.refuse("is not a text in UTF-8", "Tables are text in UTF-8, or HDF5 (.h5).")
+    except OSError as error:
+        file.refuse(f"cannot be read: {error.strerror}")
+    rows = [
+        (number, line) for number, line in enumerate(text.split("\n"), 1) if not line.lstrip().startswith("#")
+    ]
+    filled = [k for k, (_, line) in enumerate(rows) if line.strip(" \t")]
+    if not filled:
+        file.refuse("holds no data")
+    return rows[filled[0] : filled[-1] + 1]
+
+
+def _refuse_leading_gap(file: DataFile, first: int) -> None:
+    """Refuse empty lines before a lone column without a header: samples may be missing there, or not."""
+    with file.path.open(encoding="utf-8-sig") as lines:
+        for number, line in zip(range(1, first), lines, strict=False):
+            if not line.strip():
+                file.refuse(
+                    "an empty line before the first sample",
+                    "Drop it, or write nan for a sample.",
+                    line=number,
+                )
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    if separator is not None and '"' in line:
+        return [
+            field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        ]
+    fields = line.split(separator)
+    return [field.strip().strip('"') for field in fields] if '"' in line else fields
+
+
+def _row(file: DataFile, number: int, line: str, separator: str | None, count: int) -> list[str]:
+    if not line.strip(" \t" if separator != "\t" else " "):
+        if count > 1:
+            file.refuse(
+                "an empty line among the rows", "Drop it; a missing sample keeps its row.", line=number
+            )
+        return [""]
+    fields = _split(line, separator)
+    if len(fields) != count:
+        more = "A number has no comma in it; decimals take a point." if separator == "," else ""
+        file.refuse(
+            f"{len(fields)} field{'s' * (len(fields) != 1)} where the first row has {count}",
+            more,
+            line=number,
+        )
+    return fields
+
+
+def _numbers(
+    file: DataFile, at: int, fields: list[str], number: Callable[[str], float | complex]
+) -> list[float | complex]:
+    try:
+        return [number(field) for field in fields]
+    except ValueError:
+        wrong = next(field.strip() for field in fields if not _reads(number, field))
+        file.refuse(f"'{wrong[:40]}' is not a number", ACCEPTED, line=at)
+
+
+def _reads(number: Callable[[str], float | complex], field: str) -> bool:
+    try:
+        number(field)
+    except ValueError:
+        return False
+    return True
+
+
+def complex_number(field: str) -> complex:
+    """Read a real number, or a complex one as ``1.5-2e-3j`` or ``(1.5-2e-3i)``.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    bare = field.strip().strip("()")
+    if bare[-1:] not in ("i", "j"):
+        return complex(_number(field))
+    if "_" in bare:
+        raise ValueError(field)
+    return complex(bare.replace(" ", "")[:-1] + "j")
+
+
+def _number(field: str) -> float:
+    try:
+        number = float(field)
+    except ValueError:
+        if field.strip().lower() in _MISSING:
+            return float("nan")
+        raise
+    if "_" in field:  # digits in groups are Python's
+        raise ValueError(field)
+    return number

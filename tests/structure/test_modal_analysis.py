@@ -1,0 +1,107 @@
+"""Massless DOFs and rigid-body motions, counted and named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dynid.structure.assembly import PointMass, Support
+from dynid.structure.beam import beam
+from dynid.structure.frame import Member, frame
+from dynid.structure.imported import imported
+from dynid.structure.joints import Joint
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.modal_analysis import modal_analysis, rigid_names, summarise
+from dynid.structure.readers.read import MatrixFile
+
+FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
+needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
+
+
+@pytest.mark.parametrize(
+    ("supports", "names"),
+    [
+        ([], ("translation w", "rotation")),
+        ([Support(1, ("w",))], ("rotation",)),
+        ([Support(1, ("theta",))], ("translation w",)),
+        ([Support(3, ("w", "theta"))], ()),
+    ],
+)
+def test_free_beams(supports, names):
+    assert summarise(beam(5, 2.0, 3.0, 0.7, supports=supports)).rigid == names
+
+
+def test_a_long_free_beam_is_sparse_and_says_the_same():
+    about = summarise(beam(300, 2.0, 3.0, 0.7))
+    assert (about.size, about.sparse, about.massless) == (602, True, ())
+    assert about.rigid == ("translation w", "rotation")
+
+
+def test_a_free_frame_and_one_that_swings():
+    members = [Member((1, 2), 1e6, 1e2, 1.0, 2), Member((2, 3), 1e6, 1e2, 1.0, 2)]
+    corners = [(0.0, 0.0), (0.0, 2.0), (1.5, 2.0)]
+    free = summarise(frame(corners, members))
+    assert free.rigid == ("translation u", "translation w", "rotation")
+    assert summarise(frame(corners, members, supports=[Support(1, ("u", "w"))])).rigid == ("rotation",)
+    rail = summarise(frame(corners, members, supports=[Support(1, ("w", "theta"))]))
+    assert rail.rigid == ("translation u",)
+
+
+def test_a_mechanism_is_named_by_what_moves():
+    """Three rods in a row, hinged to each other and to ground: nothing holds the middle sideways."""
+    rods = [Member((k, k + 1), 1e4, 1.0, 1.0, 1, (1, 2)) for k in (1, 2, 3)]
+    ends = [Support(1, ("u", "w")), Support(4, ("u", "w"))]
+    model = frame([(0, 0), (1, 0), (2, 0), (3, 0)], rods, supports=ends)
+    uniform, other = summarise(model).rigid
+    assert uniform == "translation w"
+    assert sorted(other.removeprefix("mechanism of ").split(", ")) == ["w_2", "w_3"]
+
+
+def test_free_chains():
+    assert summarise(lumped([1, 2, 3], [Link((1, 2), 1e3), Link((2, 3), 1e3)])).rigid == ("translation",)
+    joint = [Joint("j", (1,), 5.0)]
+    assert summarise(lumped([1, 2, 3], [Link((1, 2), 1e3), Link((2, 3), 1e3)], joint)).rigid == ()
+    apart = summarise(lumped([1, 2, 3], [Link((1, 2), 1e3)])).rigid
+    assert apart[0] == "translation"
+    assert apart[1].startswith("mechanism of ")
+
+
+def test_massless_dofs_are_named():
+    model = beam(2, 1.0, 1.0, 0.0, supports=[Support(1, ("w", "theta"))], masses=[PointMass(3, 1.0)])
+    about = summarise(model)
+    assert about.massless == ("w_2", "theta_2", "theta_3")
+    assert about.rigid == ()
+
+
+def test_no_motion_has_no_name():
+    assert rigid_names((1, 2), np.zeros((2, 0))) == ()
+
+
+def test_modes_as_a_result():
+    model = beam(8, 1.0, 1.0, 1.0)
+    result = modal_analysis(model, count=4)
+    assert result["structure/modes/name"].data.tolist() == ["translation w", "rotation", "", ""]
+    assert result["structure/modes/omega"].data[2] == pytest.approx(4.730040744862704**2, rel=1e-4)
+    shape = result["structure/modes/shape"].data
+    np.testing.assert_allclose(shape.T @ model.M @ shape, np.eye(4), atol=1e-9)
+    assert result.value("structure/modes/rigid") == 2
+
+
+@needs_data
+def test_the_abaqus_block_has_three_translations_and_three_rotations():
+    model = imported(MatrixFile(FE / "blockC3D8_MASS1.mtx"), MatrixFile(FE / "blockC3D8_STIF1.mtx"))
+    result = modal_analysis(model, count=10)
+    assert result["structure/modes/name"].data.tolist() == [
+        "translation x", "translation y", "translation z", "rotation 1", "rotation 2", "rotation 3",
+        "", "", "", "",
+    ]  # fmt: skip
+    omega = result["structure/modes/omega"].data
+    assert np.all(omega[:6] == 0)
+    assert np.all(omega[6:] > 0)
+
+
+@needs_data
+def test_the_harwell_boeing_frames_have_massless_rotations():
+    about = summarise(imported(MatrixFile(FE / "bcsstm01.mtx"), MatrixFile(FE / "bcsstk01.mtx")))
+    assert len(about.massless) == 24
+    assert about.rigid == ()

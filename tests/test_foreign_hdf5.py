@@ -1,0 +1,149 @@
+"""HDF5 files that claim much, or lead elsewhere: refused before anything is read."""
+
+import resource
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from dynid.errors import FileError
+from dynid.hdf5 import Refused, check_stored, inside
+from dynid.store import read_result
+from dynid.structure.readers.read import matrix_file, read_matrix
+from dynid.tables.read import read_columns, read_signal
+
+
+def refused(call, match):
+    began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(FileError, match=match):
+        call()
+    assert time.process_time() - began < 5
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
+
+
+CLAIMS = {
+    "shape": {"shape": (300_000_000, 1), "chunks": (300_000_000, 1)},
+    "chunk": {"shape": (800, 1), "chunks": (300_000_000, 1), "maxshape": (None, 1)},
+    "rows": {"shape": (2**40, 2), "chunks": (100, 2)},
+}
+
+
+# To fill the others would take what reading them must not.
+@pytest.mark.parametrize(
+    ("claim", "filled"), [("shape", False), ("chunk", False), ("rows", False), ("rows", True)]
+)
+def test_a_record_that_claims_more_than_it_holds(tmp_path, claim, filled):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        made = file.create_dataset("measured", dtype="f8", compression="gzip", **CLAIMS[claim])
+        file.create_dataset("time", data=np.arange(800.0))
+        if filled:
+            made[:100] = np.random.default_rng(3).normal(size=(100, 2))
+    claimed = r"'measured' (claims|is stored in chunks of) [\d,]+ bytes"
+    refused(lambda: read_columns(tmp_path / "r.h5", None, rows=800), claimed)
+    refused(lambda: read_columns(tmp_path / "r.h5", ["measured"], step=0.1), claimed)
+    refused(lambda: read_signal(tmp_path / "r.h5", "measured"), claimed)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_matrix_that_claims_more_than_it_holds(tmp_path, sparse):
+    with h5py.File(tmp_path / "k.h5", "w") as file:
+        if sparse:
+            group = file.create_group("K")
+            group.attrs["shape"] = (3, 3)
+            group["indices"], group["indptr"] = np.zeros(3, int), np.array([0, 1, 2, 3])
+            group.create_dataset("data", (100_000_000,), "f8", chunks=(100_000_000,))
+        else:
+            file.create_dataset("K", (15_000, 15_000), "f8", chunks=(15_000, 15_000))
+    refused(lambda: read_matrix(matrix_file(tmp_path, "k.h5"), "stiffness"), "claims|is stored in chunks of")
+
+
+def test_only_the_rows_that_are_needed_are_read(tmp_path, monkeypatch):
+    values = np.random.default_rng(4).normal(size=(5000, 2))
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file.create_dataset("measured", data=values, chunks=(500, 2), compression="gzip")
+        file.create_dataset("time", data=0.01 * np.arange(5000))
+    asked, original = [], h5py.Dataset.__getitem__
+
+    def spied(self, place, **more):
+        found = original(self, place, **more)
+        asked.append((self.name, np.shape(found)))
+        return found
+
+    # The trial reads in a copy of the process, whose requests are not seen here.
+    monkeypatch.setattr(h5py.Dataset, "__getitem__", spied)
+    found = read_columns(tmp_path / "r.h5", None, step=0.01, rows=700)
+    assert np.array_equal(found, values[:700])
+    assert set(asked) == {("/measured", (700, 2)), ("/time", (700,))}
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """A file whose datasets are all in another one, by every way that HDF5 has."""
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["measured"] = np.ones((50, 2))
+        file["K"] = np.eye(3)
+    (tmp_path / "raw.bin").write_bytes(np.ones(50).tobytes())
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file["link"] = h5py.ExternalLink("other.h5", "measured")
+        file["K"] = h5py.ExternalLink("other.h5", "K")
+        file["soft"] = h5py.SoftLink("/link")
+        file["folder"] = h5py.ExternalLink("other.h5", "/")
+        layout = h5py.VirtualLayout((50,), "f8")
+        layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "measured", (50, 2))[:, 0]
+        file.create_virtual_dataset("virtual", layout)
+        file.create_dataset("raw", (50,), "f8", external=[(str(tmp_path / "raw.bin"), 0, 400)])
+        file["circle"] = h5py.SoftLink("/round")
+        file["round"] = h5py.SoftLink("/circle")
+        file["own"] = np.arange(50.0)
+        file["alias"] = h5py.SoftLink("/own")
+    return tmp_path / "r.h5"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("link", "'link' is a link to another file, 'other.h5'; name that file instead"),
+        ("soft", "'soft' is a link to another file, 'other.h5'"),
+        ("folder/measured", "'folder/measured' is a link to another file"),
+        ("virtual", "'virtual' is put together from other files"),
+        ("raw", "the values of 'raw' are in another file"),
+        ("circle", "the links to 'circle' go in a circle"),
+    ],
+)
+def test_what_is_in_other_files_is_refused(elsewhere, name, said):
+    with pytest.raises(FileError, match=said):
+        read_columns(elsewhere, [name])
+    with pytest.raises(FileError, match=said):
+        read_signal(elsewhere, name)
+
+
+def test_what_is_in_the_file_itself_is_read_and_nothing_else_is_opened(elsewhere):
+    (elsewhere.parent / "other.h5").unlink()
+    (elsewhere.parent / "raw.bin").unlink()
+    assert np.array_equal(read_columns(elsewhere, ["alias"])[:, 0], np.arange(50.0))
+    with pytest.raises(
+        FileError, match=r"has 4 datasets of numbers beside the time: alias, own, raw, virtual"
+    ):
+        read_signal(elsewhere, None)
+    with pytest.raises(FileError):
+        read_matrix(matrix_file(elsewhere.parent, "r.h5", "K"), "stiffness")
+    with h5py.File(elsewhere) as file:
+        assert inside(file, "nothing/at/all") is None
+        assert inside(file["/"], "./alias").name == "/own"
+        with pytest.raises(Refused):
+            check_stored(file["virtual"])
+
+
+def test_a_result_whose_arrays_are_elsewhere_is_refused(tmp_path):
+    import dynid
+    from dynid.store import write_result
+    from tests.cli.conftest import SMALL
+
+    (tmp_path / "small.yaml").write_text(SMALL)
+    write_result(dynid.run(tmp_path / "small.yaml"), tmp_path / "s.h5")
+    (tmp_path / "raw.bin").write_bytes(bytes(400))
+    with h5py.File(tmp_path / "s.h5", "a") as file:
+        file.create_dataset("extra", (50,), "f8", external=[(str(tmp_path / "raw.bin"), 0, 400)])
+    with pytest.raises(FileError, match="the values of 'extra' are in another file"):
+        read_result(tmp_path / "s.h5")

@@ -1,0 +1,196 @@
+"""The layers of the packages: each imports only layers below its own, function-level imports included."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import dynid
+
+ROOT = Path(dynid.__file__).parent
+
+# From the lowest up; a package may import every layer below its own, and none beside it.
+LAYERS = [
+    {"_version", "errors", "suggestions", "number_format", "file_access", "hdf5"}
+    | {"result", "model_scope", "defaults", "progress"},
+    {"lti"},
+    {"bondgraph", "structure"},
+    {"identification"},
+    {"tables"},
+    {"scene"},
+    {"store", "checks", "templates", "topics"},
+    {"study"},
+    {"bench"},
+    {"report"},
+    {"builders", "cli", "__init__"},
+    {"__main__"},
+]
+# Imports allowed within a layer; imports forbidden although the layer is lower.
+WITHIN = {
+    ("model_scope", "result"),
+    ("result", "errors"),
+    ("result", "suggestions"),
+    ("file_access", "errors"),
+    ("hdf5", "errors"),
+    ("__init__", "_version"),
+    ("__init__", "builders"),
+}
+FORBIDDEN = {
+    ("identification", "bondgraph"),
+    *(("store", package) for package in ("lti", "bondgraph", "structure", "identification", "scene")),
+    *(("checks", package) for package in ("lti", "bondgraph", "structure", "identification")),
+    *(("cli", package) for package in ("lti", "bondgraph", "structure", "identification")),
+    *(("study", package) for package in ("lti", "bondgraph", "structure", "identification")),
+}
+# The checks use one module of the scenes: the text with positions, for messages.
+SUGGESTIONS = "dynid.scene.yaml.source"
+
+# The packages that may import a library, and what for.
+LIBRARIES = {
+    "click": {"cli"},  # commands
+    "rich": {"cli"},  # tables on the screen
+    "h5py": {"hdf5", "store", "tables.hdf5", "structure.readers.binary"},  # results; users' data
+    "yaml": {"scene"},
+    "pydantic": {"scene"},
+    "pydantic_core": {"scene"},
+    "sympy": {"bondgraph", "bench"},  # formulas
+    "flint": {"lti", "bondgraph", "bench"},  # exact numbers
+    "control": {"result", "bench"},  # state equations for users; a peer
+    "xarray": {"result"},
+    "typst": {"report.formats"},
+    "matplotlib": set(),  # figures are written as SVG
+    "numba": {"lti", "identification", "bondgraph.program.doubled"},
+}
+
+
+def imports_of(path):
+    """Yield every module that a file imports, wherever in it; a name imported from a package as a module."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute"
+            if node.module == "dynid":
+                yield from (f"dynid.{alias.name}" for alias in node.names)
+            else:
+                yield str(node.module)
+
+
+def module_of(path):
+    """Return the dotted name of a file, such as `tables.hdf5`."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)
+
+
+MODULES = {module_of(path): sorted(set(imports_of(path))) for path in sorted(ROOT.rglob("*.py"))}
+EDGES = [
+    (module, name)
+    for module, names in MODULES.items()
+    for name in names
+    if name == "dynid" or name.startswith("dynid.")
+]
+
+
+def package_of(name):
+    return name.removeprefix("dynid.").partition(".")[0]
+
+
+def layer_of(package):
+    return next((number for number, layer in enumerate(LAYERS) if package in layer), None)
+
+
+def test_every_package_has_its_layer():
+    assert {package_of(module) for module in MODULES} <= set().union(*LAYERS)
+
+
+@pytest.mark.parametrize("package", sorted({package_of(module) for module in MODULES}))
+def test_a_package_imports_only_layers_below(package):
+    for module, name in EDGES:
+        other = package_of(name)
+        if package_of(module) != package or other == package or (package, other) in WITHIN:
+            continue
+        assert layer_of(other) is not None, f"{module} imports {name}"
+        assert layer_of(other) < layer_of(package), f"{module} imports {name}, which is in no lower layer"
+        assert (package, other) not in FORBIDDEN, f"{module} imports {name}"
+
+
+def test_checks_use_one_module_of_the_scenes():
+    known = {name for module, name in EDGES if package_of(module) == "checks" and package_of(name) == "scene"}
+    assert known <= {SUGGESTIONS}
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_library_is_imported_only_where_it_belongs(library):
+    users = {
+        module for module, names in MODULES.items() for name in names if name.partition(".")[0] == library
+    }
+    allowed = LIBRARIES[library]
+    assert {user for user in users if user not in allowed and package_of(user) not in allowed} == set()
+
+
+def test_packages_import_each_other_in_no_circle():
+    below = {package_of(module): set() for module in MODULES}
+    for module, name in EDGES:
+        below[package_of(module)].add(package_of(name))
+    order = []
+    while ready := [
+        package
+        for package, needs in below.items()
+        if needs - {package} <= set(order) and package not in order
+    ]:
+        order += ready
+    assert sorted(order) == sorted(below)
+
+
+def modules_imported(path):
+    """Yield the modules of dynid that a file imports anywhere, for types too; a name may be a module."""
+    names = {name: f"dynid.{name}" if name != "__init__" else "dynid" for name in MODULES}
+    known = set(names.values())
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in known)
+        elif isinstance(node, ast.ImportFrom) and node.module in known:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in known else node.module
+
+
+def circles(graph):
+    """Return the strongly connected components of more than one module (Tarjan)."""
+    index, low, stack, found = {}, {}, [], []
+
+    def visit(module):
+        index[module] = low[module] = len(index)
+        stack.append(module)
+        for other in graph[module]:
+            if other not in index:
+                visit(other)
+            if other in stack:
+                low[module] = min(low[module], low[other])
+        if low[module] == index[module]:
+            place = stack.index(module)
+            component = stack[place:]
+            del stack[place:]
+            if len(component) > 1:
+                found.append(frozenset(component))
+
+    for module in graph:
+        if module not in index:
+            visit(module)
+    return set(found)
+
+
+#: Circles of imports that remain; this list may only shrink.
+KNOWN_CIRCLES = [
+    {"dynid.cli.report", "dynid.cli.run"},
+    {"dynid.study.scheduler", "dynid.study.running", "dynid.study.watch"},
+]
+
+
+def test_modules_import_each_other_in_no_circle():
+    graph = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        module = "dynid" if module_of(path) == "__init__" else f"dynid.{module_of(path)}"
+        graph[module] = sorted(set(modules_imported(path)) - {module})
+    new = [sorted(circle) for circle in circles(graph) if not any(circle <= known for known in KNOWN_CIRCLES)]
+    assert new == []
