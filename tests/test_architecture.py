@@ -25,7 +25,8 @@ def test_the_page_names_every_package_and_no_other():
 def test_what_the_page_names_exists():
     folders = re.findall(r"`([a-z_]+/(?:\w+/)*)`", PAGE.read_text())
     for path in [*(path for path, _ in named(PAGE)), *folders]:
-        assert place(path).exists(), path
+        found = place(path)  # a folder emptied of its modules may still hold their bytecode
+        assert found.is_file() or any(found.rglob("*.py")), path
 
 
 def test_the_picture_has_the_packages_and_imports_of_now():

@@ -78,10 +78,12 @@ class Fault:
 
     def __str__(self) -> str:
         # One printable line, whatever text of the user it repeats.
-        message = "".join(
-            letter if letter.isprintable() else letter.encode("unicode_escape").decode()
-            for letter in self.message
-        )
+        message = self.message
+        if not message.isprintable():
+            message = "".join(
+                letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+                for letter in message
+            )
         return f"{self.file}:{self.line}:{self.column}: {message}"
 
 

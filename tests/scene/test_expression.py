@@ -213,3 +213,11 @@ def test_all_faulty_parameters_are_told_and_only_they():
 def test_a_parameter_downstream_of_a_cycle_is_not_blamed():
     _, faults = resolve_parameters({"a": "b", "b": "a", "user": "a + 1"})
     assert faults.keys() == {"a", "b"}
+
+
+def test_a_long_cycle_is_shortened_in_the_message_of_each_parameter():
+    _, faults = resolve_parameters({f"p{k}": f"p{(k + 1) % 2000}" for k in range(2000)})
+    assert len(faults) == 2000
+    assert faults["p7"] == (
+        "'p7' is defined by itself: p0 -> p1 -> p2 -> p3 -> (1994 more) -> p1998 -> p1999 -> p0"
+    )

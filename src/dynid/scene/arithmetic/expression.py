@@ -146,8 +146,10 @@ def resolve_parameters(raw: Mapping[str, Any]) -> tuple[dict[str, Number], dict[
         name: expressions[name].names for name in expressions if name not in values and name not in faults
     }
     for cycle in _cycles(waiting):
-        chain = " -> ".join([*cycle, cycle[0]])
-        faults |= {name: f"'{name}' is defined by itself: {chain}" for name in cycle}
+        chain = [*cycle, cycle[0]]
+        if len(chain) > 8:  # each message repeats the cycle; in full, they would grow with its square
+            chain[4:-3] = [f"({len(chain) - 7} more)"]
+        faults |= {name: f"'{name}' is defined by itself: {' -> '.join(chain)}" for name in cycle}
     return values, faults
 
 
