@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import dynid
-from dynid.report.formats import as_file
+from dynid.report.figure import as_file
 from dynid.report.plot import Annotation, Curve, Markers, PlotAxis, Subplot, chart, series_class
 from dynid.result import Result
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import dynid
 from dynid.report import Figure, figures
-from dynid.report.formats import as_file
+from dynid.report.figure import as_file
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"

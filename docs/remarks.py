@@ -6,7 +6,7 @@ import numpy as np
 
 import dynid
 from dynid.errors import NumericalError
-from dynid.report.formats import as_file
+from dynid.report.figure import as_file
 from dynid.report.plot import Curve, Markers, PlotAxis, ReferenceLine, Subplot, chart
 
 HERE = Path(__file__).parent

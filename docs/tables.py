@@ -6,7 +6,7 @@ import numpy as np
 
 import dynid
 from dynid.errors import NumericalError
-from dynid.report.formats import as_file
+from dynid.report.figure import as_file
 from dynid.report.plot import Band, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
 from dynid.scene.kinds.structures import build_structure
 from dynid.structure.response import Channel, frequency_response

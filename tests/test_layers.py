@@ -57,7 +57,7 @@ LIBRARIES = {
     "flint": {"lti", "bondgraph", "bench"},  # exact numbers
     "control": {"result", "bench"},  # state equations for users; a peer
     "xarray": {"result"},
-    "typst": {"report.formats"},
+    "typst": {"report.figure"},
     "matplotlib": set(),  # figures are written as SVG
     "numba": {"lti", "identification", "bondgraph.program.doubled"},
 }

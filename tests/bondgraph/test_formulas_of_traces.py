@@ -18,8 +18,7 @@ from dynid.bondgraph.decomposition.graph_bisection import BondOnLoop
 from dynid.bondgraph.graph import Bond
 from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
-from dynid.report.drawing.graph import DrawnGraph
-from dynid.report.drawing.reduction_strip import reduction_strip
+from dynid.report.drawing.bond_graph import DrawnGraph, reduction_strip
 from tests.bondgraph.graphs import build, parse, port
 from tests.bondgraph.random_graphs import driven_ring, random_graph
 from tests.bondgraph.tableau import transfer_at

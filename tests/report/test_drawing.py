@@ -14,7 +14,7 @@ import dynid
 from dynid.bondgraph.causality.scap import assign_causality
 from dynid.bondgraph.graph import spread_domains
 from dynid.report import figures
-from dynid.report.drawing.graph import DrawnGraph, drawn_graph, sketch_of
+from dynid.report.drawing.bond_graph import DrawnGraph, drawn_graph, sketch_of
 from dynid.report.drawing.layout import lay_out
 from dynid.report.drawing.planar_embedding import PlanarEmbedding
 from tests.bondgraph.graphs import ISOLATOR, build, chain, parse, port

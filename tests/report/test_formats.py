@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.report import figures
-from dynid.report.formats import as_file, standalone
+from dynid.report.figure import as_file, standalone
 from tests.report.pages import result_of
 
 

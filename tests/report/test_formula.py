@@ -5,7 +5,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.report.formula import typeset
+from dynid.report.notation import typeset
 
 
 def said(formula):

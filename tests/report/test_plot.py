@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.report.figure import table_of
-from dynid.report.labels import labelled, unit
+from dynid.report.notation import labelled, unit
 from dynid.report.plot import (
     Band,
     Bars,
@@ -25,8 +25,8 @@ from dynid.report.plot import (
     series_class,
 )
 from dynid.report.plot.chart import parallel_coordinates
-from dynid.report.plot.decimation import by_column, decimated, runs, straightened
-from dynid.report.style import SMALL, text_width
+from dynid.report.plot.layers import by_column, decimated, runs, straightened
+from dynid.report.svg import SMALL, text_width
 
 SVG = "{http://www.w3.org/2000/svg}"
 finite = st.floats(-1e12, 1e12, allow_subnormal=False)

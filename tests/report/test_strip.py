@@ -12,10 +12,9 @@ import pytest
 import dynid
 from dynid.errors import Singular
 from dynid.report import figures
-from dynid.report.drawing.graph import DrawnGraph
+from dynid.report.drawing.bond_graph import DrawnGraph, reduction_strip
 from dynid.report.drawing.layout import lay_out
 from dynid.report.drawing.prototype import prototype_picture, prototype_sketch
-from dynid.report.drawing.reduction_strip import reduction_strip
 from tests.bondgraph.graphs import ISOLATOR, build, parse, port, reduced
 from tests.bondgraph.random_graphs import random_graph
 from tests.report.geometry import crossings, ends, overlaps

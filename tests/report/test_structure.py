@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.report.drawing.structure import figures
-from dynid.report.style import SIZE, SMALL, text_width
+from dynid.report.svg import SIZE, SMALL, text_width
 from dynid.result import Result
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.report.labels import short
-from dynid.report.style import COLOURS, SERIES, css, resolved, text_width
-from dynid.report.svg import Svg, number
+from dynid.report.notation import short
+from dynid.report.svg import COLOURS, SERIES, Svg, css, number, resolved, text_width
 
 NAMESPACE = "{http://www.w3.org/2000/svg}"
 

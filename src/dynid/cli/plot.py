@@ -67,7 +67,7 @@ def _chosen(every: list[Figure], names: tuple[str, ...]) -> list[Figure]:
 
 def _write(figure: Figure, target: Path, form: str) -> None:
     from dynid.file_access import replace_file
-    from dynid.report.formats import as_file
+    from dynid.report.figure import as_file
 
     content = as_file(figure.svg, form)
     try:

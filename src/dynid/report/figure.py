@@ -1,13 +1,17 @@
-"""Figures of a result: a name, a title, and a picture with caption and table that is drawn on demand."""
+"""Figures of a result: a name, a title, and a picture that is drawn on demand; as SVG, PNG and PDF files."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from dynid.errors import UsageError
+from dynid.report.svg import COLOURS, resolved
 
 CellValue = str | bool | int | float | complex
 
@@ -107,3 +111,60 @@ def table_of(columns: Mapping[str, ArrayLike], most: int = MOST_ROWS) -> FigureT
     cells = ((list(map(str, v)) if v.dtype.kind == "O" else v.tolist()) for v in (a[shown] for a in arrays))
     note = f"{len(shown)} of {count:,} rows, evenly spaced; the file has all" if len(shown) < count else ""
     return FigureTable(tuple(columns), tuple(zip(*cells, strict=True)), note)
+
+
+#: Pixels of a PNG per inch; the unit of a figure is 1/96 inch.
+_PPI = 192
+_HEAD = re.compile(r'<svg\b[^>]*\bviewBox="([^"]*)"[^>]*>')
+#: A page of the size of the figure, without a date, so that equal figures are equal bytes.
+_PAGE = b"""#set document(date: none)
+#set page(width: auto, height: auto, margin: 0pt, fill: white)
+#image(bytes(sys.inputs.svg), format: "svg")
+"""
+
+
+def as_file(svg: str, form: str) -> bytes:
+    """Return a figure as the content of a file.
+
+    Parameters
+    ----------
+    svg
+        The figure.
+    form
+        ``svg``, ``png`` or ``pdf``.
+
+    Returns
+    -------
+    bytes
+        In light colours on white. PNG and PDF use the fonts of the machine.
+
+    Raises
+    ------
+    UsageError
+        Where typst, which writes PNG and PDF, is not installed.
+    """
+    alone = standalone(svg)
+    if form == "svg":
+        return alone.encode()
+    try:
+        import typst
+    except ImportError:
+        problem = f"figures as {form.upper()} need the package typst"
+        raise UsageError(problem, remedy="Install it with: pip install 'dynid[figures]'") from None
+    inputs = {"svg": alone}
+    if form == "pdf":
+        return bytes(typst.compile(_PAGE, format="pdf", sys_inputs=inputs))
+    return bytes(typst.compile(_PAGE, format="png", ppi=_PPI, sys_inputs=inputs))
+
+
+def standalone(svg: str) -> str:
+    """Return a figure as an SVG document with an XML declaration, on white, without CSS variables."""
+    plain = resolved(svg).lstrip()
+    head = _HEAD.match(plain)
+    if head is None:
+        raise ValueError("a figure starts with <svg …> and has a viewBox")
+    x, y, width, height = head[1].split()
+    paper = COLOURS["paper"][0]
+    ground = f'<rect x="{x}" y="{y}" width="{width}" height="{height}" fill="{paper}"/>'
+    end = head.end()
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{plain[:end]}{ground}{plain[end:]}'

@@ -57,8 +57,10 @@ _DRAWING, _DIAGRAMS = "dynid.report.drawing", "dynid.report.diagrams"
 
 #: In the order in which a page shows them.
 FAMILIES: tuple[FigureFamily, ...] = (
-    FigureFamily(f"{_DRAWING}.graph:figures", kinds=("bond-graph",), scene=True),
-    FigureFamily(f"{_DRAWING}.reduction_strip:figures", paths=("bond_graph/reduction/steps",), scene=True),
+    FigureFamily(f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph",), scene=True),
+    FigureFamily(
+        f"{_DRAWING}.bond_graph:reduction_strips", paths=("bond_graph/reduction/steps",), scene=True
+    ),
     FigureFamily(
         f"{_DRAWING}.prototype:prototypes", paths=("bond_graph/reduction/prototype", "bond_graph/port/")
     ),
@@ -70,13 +72,13 @@ FAMILIES: tuple[FigureFamily, ...] = (
         f"{_DIAGRAMS}.responses:time_responses",
         paths=("bond_graph/time_response/", "structure/time_response/"),
     ),
-    FigureFamily(f"{_DIAGRAMS}.estimates:figures", paths=("identification/parameters/",)),
+    FigureFamily(f"{_DIAGRAMS}.identification:figures", paths=("identification/parameters/",)),
     FigureFamily(
-        f"{_DIAGRAMS}.prediction:figures",
+        f"{_DIAGRAMS}.identification:predictions",
         paths=("identification/measurement/", "identification/diagnostics/"),
     ),
     FigureFamily(
-        f"{_DIAGRAMS}.estimates:histories",
+        f"{_DIAGRAMS}.identification:histories",
         paths=("identification/history/", "identification/first_pass/", "identification/states/"),
     ),
     FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),

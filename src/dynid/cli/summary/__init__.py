@@ -6,8 +6,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from dynid.cli.summary.need import need_lines
-from dynid.report.content import method
-from dynid.report.content.common import doubts
+from dynid.report.content import doubts, method
 from dynid.scene.kind import KINDS, resolve
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ def _headline(title: str, method: str, note: str) -> str:
 
 def contents(result: Result) -> str:
     """Return the arrays of a result with their axes, types and units, one a line."""
-    from dynid.report.content.common import array_rows
+    from dynid.report.content import array_rows
 
     width = max((len(path) for path in result), default=0)
     return "\n".join(

@@ -1,14 +1,23 @@
-"""Content of the report of a result: sections of definitions, tables, statements and formulas."""
+"""Content of the report of a result: sections of definitions, tables, statements and formulas.
+
+Every kind of result has a module with the sections of its own; those of several kinds are here: responses,
+expectations, model scope, undecided verdicts, alternatives.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Any
 
-from dynid.report.content.blocks import Content, Section
-from dynid.report.content.common import accuracy, doubtful, expectations, need, responses
+from dynid.number_format import counted, memory_text, span_text, time_text
+from dynid.report.content.blocks import Content, ReportSection, Statement, TextTable, more
+from dynid.report.scenes import frequency_span, peak_responses, plain_data
 from dynid.result import Result
 from dynid.scene.kind import KINDS, resolve
 
+#: Most channels and outputs that are listed.
+_MOST = 30
 #: Content of results that are of no kind of scene.
 _OTHERS = {
     "plan": "dynid.report.content.plan",
@@ -27,7 +36,7 @@ def content(result: Result) -> Content:
     module = _module(result)
     if module is None:
         return Content(result.kind)
-    sections: list[Section] = [
+    sections: list[ReportSection] = [
         *module.sections(result),
         *responses(result),
         *doubtful(result),
@@ -42,3 +51,152 @@ def method(result: Result) -> str:
     """Return the kind of analysis and its method; of an unknown kind, its name."""
     module = _module(result)
     return result.kind if module is None else str(module.method(result))
+
+
+def doubts(result: Result) -> list[str]:
+    """Return the warnings of verdicts that round-off leaves undecided, each once."""
+    texts = (str(attrs["doubt"]) for attrs in result.group_attrs.values() if "doubt" in attrs)
+    return list(dict.fromkeys(f"warning: {sentence}" for sentence in texts))
+
+
+def doubtful(result: Result) -> Iterator[ReportSection]:
+    """Yield the verdicts that round-off leaves undecided."""
+    if found := doubts(result):
+        statements = tuple(Statement(text[0].upper() + text[1:], "bad") for text in found)
+        yield ReportSection("Undecided verdicts", statements)
+
+
+def responses(result: Result) -> Iterator[ReportSection]:
+    """Yield the peaks of frequency responses and the ranges of time responses."""
+    for base in ("bond_graph", "structure"):
+        group = f"{base}/frequency_response"
+        if f"{group}/omega" in result:
+            top = peak_responses(result, group)
+            outputs, inputs = (result[f"{group}/{axis}"].data for axis in ("output", "input"))
+            channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
+            rows = []
+            for k, m in channels[:_MOST]:
+                size = f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
+                rows.append((f"{outputs[k]} over {inputs[m]}", size, f"{top.at[k, m]:.4g}"))
+            low, high, unit = frequency_span(result, group)
+            count = counted(len(result[f"{group}/omega"].data), "frequency")
+            heads = ("", "largest magnitude", f"at, {unit}")
+            table = TextTable(heads, tuple(rows), caption=f"{count}, {span_text(low, high)} {unit}")
+            yield ReportSection("Frequency response", (table, *more(len(channels), _MOST, "channel")))
+        group = f"{base}/time_response"
+        if f"{group}/time" in result:
+            time, response = result[f"{group}/time"].data, result[f"{group}/response"].data
+            ranges = tuple(
+                (str(output), *(f"{value:.4g}" for value in (column.min(), column.max(), column[-1])))
+                for output, column in zip(result[f"{group}/output"].data[:_MOST], response.T, strict=False)
+            )
+            caption = f"{counted(len(time), 'instant')}, to {time[-1]:.4g} s"
+            note = result.group_attrs.get(group, {}).get("note")
+            yield ReportSection(
+                "Time response",
+                (
+                    TextTable(("", "least", "largest", "final"), ranges, caption=caption),
+                    *([Statement(f"{note}.")] if note else []),
+                    *more(response.shape[1], _MOST, "output"),
+                ),
+            )
+
+
+def expectations(result: Result) -> Iterator[ReportSection]:
+    """Yield the expectations of the scene, checked again; nothing where its scene cannot be read."""
+    text = str(result.attrs.get("scene", ""))
+    if "expect" not in text or result.attrs.get("status") == "interrupted":
+        return
+    items = plain_data(text).get("expect")
+    expected = [i for i in (items if isinstance(items, list) else []) if isinstance(i, dict) and "path" in i]
+    if not expected:
+        return
+    from dynid.checks import check_expectations
+
+    outcomes = check_expectations(result, expected)
+    met = sum(outcome.passed for outcome in outcomes)
+    tone = "good" if met == len(outcomes) else "bad"
+    summary = Statement(f"{met} of {counted(len(outcomes), 'expectation')} met", tone)
+    rows = tuple(
+        (one.path, one.expected, one.found, "met" if one.passed else f"not met: {one.message}")
+        for one in outcomes
+    )
+    failed = frozenset(place for place, one in enumerate(outcomes) if not one.passed)
+    yield ReportSection(
+        "Expectations", (summary, TextTable(("array", "expected", "found", ""), rows, failed))
+    )
+
+
+def need(result: Result) -> Iterator[ReportSection]:
+    """Yield the parts of the scene that the model includes and omits, with the reasons."""
+    group = next((path.rpartition("/")[0] for path in result if path.endswith("/need/part")), None)
+    if group is None:
+        return
+    columns = ("part", "kept", "left_out", "left_out_names", "why")
+    rows = tuple(
+        (str(part), f"{int(kept):,}", f"{int(left):,}", str(names) if len(str(names)) < 200 else "", str(why))
+        for part, kept, left, names, why in zip(
+            *(result[f"{group}/{column}"].data for column in columns), strict=True
+        )
+    )
+    yield ReportSection("Model scope", (TextTable(("", "included", "omitted", "", "reason"), rows),))
+
+
+def accuracy(result: Result) -> Iterator[ReportSection]:
+    """Yield the alternatives of every choice of method, with their times and errors."""
+    about = result.group_attrs.get("accuracy")
+    if about is None:
+        return
+    aspects = dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/"))
+    for aspect in aspects:
+        attrs = result.group_attrs[f"accuracy/{aspect}"]
+        reference = f", against {attrs['reference']}" if attrs.get("reference") else ""
+        rows, marked = _accuracy_rows(result, f"accuracy/{aspect}")
+        heads = ("", str(attrs["size"]), "time", "memory", "error", "error/bound", "")
+        yield ReportSection(
+            f"Alternatives: {aspect.replace('_', ' ')}",
+            (
+                Statement(f"{attrs['title']}: {attrs['because']}"),
+                TextTable(heads, rows, marked),
+                Statement(f"Error: {attrs['measure']}{reference}. Median of {about['repeats']}."),
+            ),
+        )
+
+
+def _accuracy_rows(result: Result, group: str) -> tuple[tuple[tuple[str, ...], ...], frozenset[int]]:
+    """Return a row for every alternative and size, and the indices of the chosen ones."""
+    rows: list[tuple[str, ...]] = []
+    marked = set()
+
+    def entry(path: str, k: int) -> float:
+        return float(result[path].data[k]) if path in result else math.nan
+
+    def number(value: float, form: str) -> str:
+        return format(value, form) if math.isfinite(value) else "–"
+
+    names = [str(name) for name in result[f"{group}/alternative"].data]
+    for name, status in zip(names, result[f"{group}/status"].data, strict=True):
+        own = f"{group}/{name}"
+        for k in range(len(result[f"{own}/size"].data) if f"{own}/size" in result else 0):
+            size, time, memory, error, bound = (
+                entry(f"{own}/{key}", k) for key in ("size", "time", "memory", "error", "bound")
+            )
+            if entry(f"{own}/chosen", k):
+                marked.add(len(rows))
+            cost = (f"{int(size):,}", time_text(time), memory_text(memory))
+            errors = (number(error, ".1e"), number(error / bound if bound > 0 else math.nan, ".2g"))
+            rows.append((name, *cost, *errors, "Pareto-optimal" if entry(f"{own}/pareto", k) else ""))
+        if status != "done":
+            rows.append((name, "", "", "", "", "", str(status)))
+    return tuple(rows), frozenset(marked)
+
+
+def array_rows(result: Result) -> list[tuple[str, str, str, str]]:
+    """Return path, type, axes and units of every array, sorted by path."""
+    rows = []
+    for path, variable in sorted(result.items()):
+        axes = " x ".join(f"{dim} {size}" for dim, size in zip(variable.dims, variable.shape, strict=True))
+        dtype = variable.dtype
+        kind = "table" if dtype.names else "text" if dtype.kind == "O" else dtype.name
+        rows.append((path, kind, axes, variable.units))
+    return rows

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from dynid.number_format import memory_text, time_text
-from dynid.report.content.blocks import Section, Statement, TextTable
+from dynid.report.content.blocks import ReportSection, Statement, TextTable
 from dynid.result import Result
 
 _REMARKS = {
@@ -26,7 +26,7 @@ def method(result: Result) -> str:
     return f"median {clock}times; {_SIGNS}"
 
 
-def sections(result: Result) -> Iterator[Section]:
+def sections(result: Result) -> Iterator[ReportSection]:
     """Yield a section for each benchmark."""
     for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result if path.startswith("bench/")):
         about = result.group_attrs[group]
@@ -50,7 +50,7 @@ def sections(result: Result) -> Iterator[Section]:
             for term, text in remarks(result, group)
         )
         table = TextTable(heads, rows, marked, str(about["title"]))
-        yield Section(group.partition("/")[2], (table, Statement(f"{_SIGNS}."), *statements))
+        yield ReportSection(group.partition("/")[2], (table, Statement(f"{_SIGNS}."), *statements))
 
 
 class BenchmarkRow(NamedTuple):

@@ -57,7 +57,7 @@ Block = DefinitionList | TextTable | Statement | NumberedList
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """Blocks under a heading."""
 
     title: str
@@ -77,7 +77,7 @@ class Content:
     """
 
     method: str
-    sections: tuple[Section, ...] = field(default=())
+    sections: tuple[ReportSection, ...] = field(default=())
 
 
 def definitions(*items: tuple[str, str | Iterable[str]]) -> DefinitionList:

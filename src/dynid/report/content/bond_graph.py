@@ -11,7 +11,7 @@ from dynid.report.content.blocks import (
     Block,
     DefinitionList,
     NumberedList,
-    Section,
+    ReportSection,
     Statement,
     definitions,
     joined,
@@ -35,41 +35,38 @@ def method(result: Result) -> str:
     return f"bond graph · {engine} engine" if engine else "bond graph"
 
 
-def sections(result: Result) -> Iterator[Section]:
+def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a bond graph."""
     if "bond_graph/warnings" in result:
         warnings = map(str, result["bond_graph/warnings"].data)
-        yield Section(
+        yield ReportSection(
             "Warnings", tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings)
         )
     yield from channel_sections(result)
     if items := list(port_items(result, _LONGEST)):
-        yield Section(f"Port {result.group_attrs[PORT]['bond']}", (definitions(*items),))
+        yield ReportSection(f"Port {result.group_attrs[PORT]['bond']}", (definitions(*items),))
     if f"{_REDUCTION}/output" in result:
-        yield Section("Reduction", tuple(_reduction(result)))
+        yield ReportSection("Reduction", tuple(_reduction(result)))
     if f"{_CAUSALITY}/bonds" in result:
-        yield Section("Causality", tuple(_causality(result)))
+        yield ReportSection("Causality", tuple(_causality(result)))
     group = "bond_graph/state_space"
     names = (name for name in ("definitions", "equations", "output_equations") if f"{group}/{name}" in result)
     lines = [str(line) for name in names for line in result[f"{group}/{name}"].data]
     if lines:
-        yield Section("State equations", (_formulas(lines[:_STEPS]), *more(len(lines), _STEPS, "line")))
-    yield Section("Graph", tuple(_graph(result)))
+        yield ReportSection("State equations", (_formulas(lines[:_STEPS]), *more(len(lines), _STEPS, "line")))
+    about, graph = result.group_attrs.get("bond_graph", {}), list[Block]()
+    if "nodes" in about:
+        size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
+        graph.append(definitions(("size", size), ("engine", str(about.get("engine_reason", "")))))
+    if about.get("engine", "exact") != "exact":
+        graph.append(Statement(str(about.get("engine_limits", ""))))
+    if about.get("reading") == "binary":
+        graph.append(Statement("Every value is read as the double nearest to it (reading: binary)."))
+    yield ReportSection("Graph", tuple(graph))
 
 
 def _formulas(lines: list[str]) -> NumberedList:
     return NumberedList(tuple(line if len(line) < _LONGEST else f"{line[:_LONGEST]}…" for line in lines))
-
-
-def _graph(result: Result) -> Iterator[Block]:
-    about = result.group_attrs.get("bond_graph", {})
-    if "nodes" in about:
-        size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
-        yield definitions(("size", size), ("engine", str(about.get("engine_reason", ""))))
-    if about.get("engine", "exact") != "exact":
-        yield Statement(str(about.get("engine_limits", "")))
-    if about.get("reading") == "binary":
-        yield Statement("Every value is read as the double nearest to it (reading: binary).")
 
 
 def _reduction(result: Result) -> Iterator[Block]:
@@ -129,35 +126,7 @@ def port_items(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, .
     yield "type", (str(result.value(f"{PORT}/type")),)
     for side in ("source", "load"):
         yield side, tuple(_side(result, side, longest))
-    yield from _dynamics(result, longest)
-    yield "at rest", tuple(_operating_points(result))
-
-
-def _side(result: Result, side: str, longest: int) -> Iterator[str]:
-    """Yield the nodes of a side, its equivalent source, and its form if it is an ideal source."""
-    group = f"{PORT}/{side}"
-    attrs = result.group_attrs[group]
-    yield str(attrs["nodes"])
-    exact = [
-        path[len(group) + 1 : -len("/exact")]
-        for path in result
-        if path.startswith(f"{group}/") and path.endswith("/exact")
-    ]
-    form = "Z_eq" if "Z_eq" in exact else "Y_eq"
-    letter = "e" if form == "Z_eq" else "f"
-    for name in [form, *(name for name in exact if name.startswith(f"{letter}_eq/"))]:
-        if name in exact:
-            formula = str(result.group_attrs.get(f"{group}/{name}", {}).get("symbolic", ""))
-            formula = formula or str(result.value(f"{group}/{name}/exact"))
-            variable, _, source = name.partition("/")
-            driven = f" of {source}" if source else ""
-            yield f"{variable}{driven} = {formula if len(formula) <= longest else '(in the file)'}"
-    if str(attrs["form"]).startswith("an ideal"):
-        yield str(attrs["form"])
-
-
-def _dynamics(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield the paper's equations of the dynamics, the response they refer to, and the natural modes."""
+    # The dynamics, the response they refer to, and the natural modes.
     hertz = in_hertz(result)
     for name in ("zero dynamics", "pole dynamics"):
         group = f"{PORT}/{name.replace(' ', '_')}"
@@ -184,6 +153,30 @@ def _dynamics(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, ..
             "and the natural modes are the roots of the determinant of the whole"
         )
         yield "loop", (text,)
+    yield "at rest", tuple(_operating_points(result))
+
+
+def _side(result: Result, side: str, longest: int) -> Iterator[str]:
+    """Yield the nodes of a side, its equivalent source, and its form if it is an ideal source."""
+    group = f"{PORT}/{side}"
+    attrs = result.group_attrs[group]
+    yield str(attrs["nodes"])
+    exact = [
+        path[len(group) + 1 : -len("/exact")]
+        for path in result
+        if path.startswith(f"{group}/") and path.endswith("/exact")
+    ]
+    form = "Z_eq" if "Z_eq" in exact else "Y_eq"
+    letter = "e" if form == "Z_eq" else "f"
+    for name in [form, *(name for name in exact if name.startswith(f"{letter}_eq/"))]:
+        if name in exact:
+            formula = str(result.group_attrs.get(f"{group}/{name}", {}).get("symbolic", ""))
+            formula = formula or str(result.value(f"{group}/{name}/exact"))
+            variable, _, source = name.partition("/")
+            driven = f" of {source}" if source else ""
+            yield f"{variable}{driven} = {formula if len(formula) <= longest else '(in the file)'}"
+    if str(attrs["form"]).startswith("an ideal"):
+        yield str(attrs["form"])
 
 
 def _operating_points(result: Result) -> Iterator[str]:

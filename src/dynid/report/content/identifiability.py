@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid.defaults import CALIBRATION
 from dynid.number_format import quantity, time_text
-from dynid.report.content.blocks import Section, Statement, TextTable, more
+from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
@@ -32,7 +32,7 @@ def bound_text(value: float) -> str:
     return f"{100 * value:.2g} %" if value < 1 else f"{100 * value:.3g} %"
 
 
-def identifiability_sections(result: Result) -> Iterator[Section]:
+def identifiability_sections(result: Result) -> Iterator[ReportSection]:
     """Yield bounds with collinear parameters, and the sensitivities of the modes to the parameters."""
     if f"{GROUP}/relative_bound" not in result:
         return
@@ -40,13 +40,13 @@ def identifiability_sections(result: Result) -> Iterator[Section]:
     heads = ("", "value", "bound", *(["bound, initial state known"] if found.of_time else []))
     table = TextTable(heads, found.rows, caption=f"Cramér–Rao bound at the {''.join(found.where)}")
     faults = (Statement(text, "bad") for text in collinear_groups(result))
-    yield Section("Identifiability", (table, *faults))
+    yield ReportSection("Identifiability", (table, *faults))
     columns, rows = modal_shifts(result)
     caption = (
         "Change of a mode's frequency by 1 % of a stiffness, and of its damping ratio by 1 % of a damping"
     )
     modes = TextTable(columns, tuple(rows[:_MODES]), caption=caption)
-    yield Section("Parameters and modes", (modes, *more(len(rows), _MODES, "mode")))
+    yield ReportSection("Parameters and modes", (modes, *more(len(rows), _MODES, "mode")))
 
 
 class BoundTable(NamedTuple):
@@ -210,7 +210,7 @@ def _percent(part: float) -> str:
     return f"{100 * part:+.2g} %" if abs(part) < 1 else f"{100 * part:+.0f} %"
 
 
-def calibration_sections(result: Result) -> Iterator[Section]:
+def calibration_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the effects of every gain error and of the delay on every estimate."""
     found = calibration_effects(result)
     if found is None or not found.changes:
@@ -228,7 +228,7 @@ def calibration_sections(result: Result) -> Iterator[Section]:
     caption = (
         "First-order changes of the estimates if a load, or the record of a sensor, is larger by this part"
     )
-    yield Section(
+    yield ReportSection(
         "Calibration errors",
         (
             *(Statement(f"{text[0].upper()}{text[1:]}.") for text in calibration_sentences(result)),

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.defaults import SIGNAL
 from dynid.number_format import counted, percent, quantity, span_text, with_error
-from dynid.report.content.blocks import Section, Statement, TextTable, more
+from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -44,7 +44,7 @@ def method(result: Result) -> str:
     return f"identification · {how[str(attrs['estimator'])]}"
 
 
-def sections(result: Result) -> Iterator[Section]:
+def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of an identification, or of the responses of a structure."""
     if f"{_PARAMETERS}/name" in result:
         good = not is_rejected(result)
@@ -55,7 +55,7 @@ def sections(result: Result) -> Iterator[Section]:
             tone = "bad" if bad else "good" if white and place == 0 else ""
             statements.append(Statement(_capitalized(sentence), tone))
         columns, rows = parameter_table(result)
-        yield Section(
+        yield ReportSection(
             "Parameters",
             (
                 Statement(f"{record_summary(result)}."),
@@ -90,7 +90,7 @@ def sections(result: Result) -> Iterator[Section]:
     if massless:
         shown = ", ".join(map(str, massless[:_SHOWN]))
         remark = [Statement(f"{len(massless)} massless: {shown}{', …' if len(massless) > _SHOWN else ''}")]
-    yield Section("Modes", (table, *more(count, _MOST_MODES, "mode"), *remark))
+    yield ReportSection("Modes", (table, *more(count, _MOST_MODES, "mode"), *remark))
 
 
 def _capitalized(sentence: str) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from dynid.number_format import counted, span_text
-from dynid.report.content.blocks import Block, Section, Statement, TextTable
+from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable
 from dynid.report.content.identifiability import bound_text, calibration_sections, identifiability_sections
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -20,7 +20,7 @@ def method(result: Result) -> str:  # noqa: ARG001 - every kind has one
     return "plan · D-optimal, greedy with exchange"
 
 
-def sections(result: Result) -> Iterator[Section]:
+def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a plan."""
     group = "plan/sensors"
     get = {name: result[f"{group}/{name}"].data for name in ("choice", "bound", "gain")}
@@ -33,12 +33,12 @@ def sections(result: Result) -> Iterator[Section]:
     count = f"best {len(get['choice'])} of {counted(len(result[f'{group}/candidate'].data), 'sensor')}"
     heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
     table = TextTable(heads, tuple(rows), caption=f"{count}, the most informative first")
-    yield Section("Sensors", (table, _efficiency(result, group, "sensors")))
+    yield ReportSection("Sensors", (table, _efficiency(result, group, "sensors")))
     if "plan/excitation/choice" in result:
-        yield Section("Excitation", tuple(_excitation(result)))
+        yield ReportSection("Excitation", tuple(_excitation(result)))
     else:
         text = "The structure is excited by a prescribed motion: forces in its place are not ranked."
-        yield Section("Excitation", (Statement(text),))
+        yield ReportSection("Excitation", (Statement(text),))
     yield from identifiability_sections(result)
     yield from calibration_sections(result)
 

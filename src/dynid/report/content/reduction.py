@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.number_format import counted, quantity
-from dynid.report.content.blocks import Section, Statement, TextTable
+from dynid.report.content.blocks import ReportSection, Statement, TextTable
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 from dynid.scene.frequency_unit import FrequencyUnit
@@ -23,12 +23,14 @@ def method(result: Result) -> str:
     return f"reduction · {counted(len(_names(result)), 'method')}"
 
 
-def sections(result: Result) -> Iterator[Section]:
+def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of the methods."""
     columns, rows = method_table(result)
     size = counted(len(result["reduction/dof"].data), "DOF")
     statements = (Statement(sentence) for sentence in remarks(result))
-    yield Section("Methods", (TextTable(columns, tuple(rows), frozenset({0}), f"of {size}"), *statements))
+    yield ReportSection(
+        "Methods", (TextTable(columns, tuple(rows), frozenset({0}), f"of {size}"), *statements)
+    )
 
 
 def method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

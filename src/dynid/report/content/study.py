@@ -9,11 +9,10 @@ import numpy as np
 from dynid.checks.comparison import word
 from dynid.checks.expectations import expected_words
 from dynid.number_format import counted, quantity
-from dynid.report.content.blocks import Block, Section, Statement, TextTable, definitions, more
+from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
 from dynid.report.scenes import plain_data
 from dynid.result import Result
 from dynid.study.analysis.failures import Failure, failures
-from dynid.study.analysis.influence import Indices
 from dynid.study.analysis.moments import statistics
 from dynid.study.analysis.ranking import Influences
 from dynid.study.analysis.table import Column, StudyTable
@@ -38,34 +37,28 @@ def method(result: Result) -> str:
     return f"study · {counted(result['study/sample'].shape[0], 'sample')}"
 
 
-def sections(result: Result) -> Iterator[Section]:
+def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a study."""
     table = StudyTable(result)
     shown, hidden = shown_numbers(table)
-    yield Section("Samples", tuple(_samples(table)))
+    status = Statement(status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
+    inputs = tuple((name, range_text(column)) for name, column in table.inputs.items())
+    samples: list[Block] = [status, TextTable(("input", "range"), inputs)]
+    if len(table.pending):
+        samples.insert(1, Statement("Interrupted: run the study again to continue.", "bad"))
+    if found := failures(table):
+        rows = tuple((f"{len(one.samples):,}", one.error, first_samples(one)) for one in found[:_REASONS])
+        samples.append(TextTable(("samples", "failed with", "numbers"), rows, caption="Reasons of failures"))
+        samples += more(len(found), _REASONS, "reason")
+    yield ReportSection("Samples", tuple(samples))
     if blocks := list(_statistics(table, shown, hidden)):
-        yield Section("Statistics", tuple(blocks))
-    if rows := tuple(met_expectations(table)):
-        yield Section(
-            "Expectations of the scene", (TextTable(("", "share of the samples that meet it"), rows),)
-        )
+        yield ReportSection("Statistics", tuple(blocks))
+    if met := tuple(met_expectations(table)):
+        shares = TextTable(("", "share of the samples that meet it"), met)
+        yield ReportSection("Expectations of the scene", (shares,))
     items, notes = variance_sources(table, shown, _RANKED)
     if items:
-        yield Section("Sources of the variance", (definitions(*items), *map(Statement, notes)))
-
-
-def _samples(table: StudyTable) -> Iterator[Block]:
-    """Yield the status of the samples, the ranges of the inputs, and the reasons of failures."""
-    yield Statement(status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
-    if len(table.pending):
-        yield Statement("Interrupted: run the study again to continue.", "bad")
-    inputs = tuple((name, range_text(column)) for name, column in table.inputs.items())
-    yield TextTable(("input", "range"), inputs)
-    found = failures(table)
-    rows = tuple((f"{len(one.samples):,}", one.error, first_samples(one)) for one in found[:_REASONS])
-    if rows:
-        yield TextTable(("samples", "failed with", "numbers"), rows, caption="Reasons of failures")
-        yield from more(len(found), _REASONS, "reason")
+        yield ReportSection("Sources of the variance", (definitions(*items), *map(Statement, notes)))
 
 
 def status_text(table: StudyTable) -> str:
@@ -125,36 +118,32 @@ def variance_sources(
     influences = Influences(table)
     rows: list[tuple[str, str]] = []
     estimator, seen = "", np.empty(0)
+    factors = short_paths(influences.factors)
     for path, column in shown:
         indices = influences.of(column.values) if len(rows) < most else None
         # The magnitudes of a conjugate pair are the same.
         if indices is None or np.array_equal(column.values, seen, equal_nan=True):
             continue
         estimator, seen = indices.estimator, column.values
-        parts = ", ".join(_contributions(influences, indices, column)) or "no input alone"
-        rows.append((display_name(table, path, column), parts))
+        largest = indices.first if indices.total is None else np.maximum(indices.first, indices.total)
+        parts = []
+        for place in np.argsort(-largest, kind="stable")[:_FACTORS]:
+            first, error = indices.first[place], indices.first_error[place]
+            if not largest[place] > max(_LEAST, 2 * error if indices.total is None else 0):
+                continue
+            direction = influences.direction(int(place), column.values)
+            arrow = "" if not abs(direction) > 0.3 else " ↑" if direction > 0 else " ↓"
+            total = "" if indices.total is None else f" (in all {_percent(indices.total[place])} %)"
+            within = f" ± {float(f'{100 * error:.1g}'):g}" if error > _EXACT else ""
+            parts.append(f"{factors[place]}{arrow} {_percent(first)}{within} %{total}")
+        rows.append((display_name(table, path, column), ", ".join(parts) or "no input alone"))
     if not rows:
         return [], []
     notes = [f"{estimator}; ± is the standard error"]
     if influences.correlated is not None:
-        first, second, value = influences.correlated
-        notes.append(f"{first} and {second} are correlated ({value:.2g}): their parts overlap")
+        one, other, value = influences.correlated
+        notes.append(f"{one} and {other} are correlated ({value:.2g}): their parts overlap")
     return rows, notes
-
-
-def _contributions(influences: Influences, indices: Indices, column: Column) -> Iterator[str]:
-    """Yield the contributions of inputs to the variance of a number, the largest first."""
-    names = short_paths(influences.factors)
-    largest = indices.first if indices.total is None else np.maximum(indices.first, indices.total)
-    for place in np.argsort(-largest, kind="stable")[:_FACTORS]:
-        first, error = indices.first[place], indices.first_error[place]
-        if not largest[place] > max(_LEAST, 2 * error if indices.total is None else 0):
-            continue
-        direction = influences.direction(int(place), column.values)
-        arrow = "" if not abs(direction) > 0.3 else " ↑" if direction > 0 else " ↓"
-        total = "" if indices.total is None else f" (in all {_percent(indices.total[place])} %)"
-        within = f" ± {float(f'{100 * error:.1g}'):g}" if error > _EXACT else ""
-        yield f"{names[place]}{arrow} {_percent(first)}{within} %{total}"
 
 
 def _percent(share: float) -> str:

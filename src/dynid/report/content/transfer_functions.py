@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.number_format import MOST_ROOTS, limit, root_text, roots_text
-from dynid.report.content.blocks import Block, Section, TextTable, definitions, more
+from dynid.report.content.blocks import Block, ReportSection, TextTable, definitions, more
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
@@ -92,16 +92,16 @@ def _polynomial(coefficients: NDArray[Any]) -> str:
     return "".join(terms)
 
 
-def channel_sections(result: Result) -> Iterator[Section]:
+def channel_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the common poles of all channels, the first channels in full, and a table of the others."""
     every = channels(result)
     common = len(every) > 1 and same_poles(result, every)
     if common:
-        yield Section("Every channel", (definitions(*_poles(result, *every[0])),))
+        yield ReportSection("Every channel", (definitions(*_poles(result, *every[0])),))
     for output, source in every[:_FULL]:
         items = list(_channel_items(result, output, source, poles=not common))
         sensitivities = _sensitivities(result, f"bond_graph/sensitivities/{output}/{source}")
-        yield Section(f"{output} / {source}", (definitions(*items), *sensitivities))
+        yield ReportSection(f"{output} / {source}", (definitions(*items), *sensitivities))
     if len(every) > _FULL:
         rows = []
         for output, source in every[_FULL:][:_ROWS]:
@@ -114,7 +114,7 @@ def channel_sections(result: Result) -> Iterator[Section]:
             verdicts = (str(get[name] or "").partition(":")[0] for name in ("zero_stability", "stability"))
             rows.append((f"{output} / {source}", *numbers, *verdicts))
         table = TextTable(("", *_NUMBERS.values(), "zeros", "poles"), tuple(rows))
-        yield Section("Further channels", (table, *more(len(every) - _FULL, _ROWS, "channel")))
+        yield ReportSection("Further channels", (table, *more(len(every) - _FULL, _ROWS, "channel")))
 
 
 def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> Iterator[Definition]:

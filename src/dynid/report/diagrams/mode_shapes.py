@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from dynid.report.drawing.structure_scene import StructureGeometry, geometry_of
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.labels import short
+from dynid.report.notation import short
 from dynid.report.scenes import frequency_unit, scene_of
-from dynid.report.style import TITLE
-from dynid.report.svg import Point, Svg, path_of
+from dynid.report.svg import TITLE, Point, Svg, path_of
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -56,7 +55,14 @@ def _picture(result: Result, geometry: StructureGeometry, name: str, title: str,
     svg = Svg(name, title)
     svg.text(_PAD, _PAD + TITLE, title, "title", anchor="start")
     if animated:
-        svg.raw(_animation(svg.name, count))
+        swing, rules = f"{svg.name}-swing", list[str]()
+        rules.append(f"@keyframes {swing} {{ from {{ d: var(--there) }} to {{ d: var(--back) }} }}")
+        for mode in range(count):
+            seconds = f"{1.6 / (1 + 0.35 * mode):.2f}"
+            rules.append(f".{swing}{mode} {{ animation: {swing} {seconds}s ease-in-out infinite alternate }}")
+        still = f"{{ {', '.join(f'.{swing}{mode}' for mode in range(count))} {{ animation: none }} }}"
+        rules += [f"@media (prefers-reduced-motion: reduce) {still}", f"@media print {still}"]
+        svg.raw("<style>\n" + "\n".join(rules) + "\n</style>")
     for mode in range(count):
         row, column = divmod(mode, ROW)
         x, y = _PAD + side + column * (_WIDTH + apart), _PAD + TITLE + 22 + row * row_height
@@ -137,17 +143,3 @@ def _member_lines(
         rest.append(start + np.outer(t, end - start))
         by.append(np.outer(stretch, along) + np.outer(bend, across))
     return np.concatenate(rest), np.concatenate(by)
-
-
-def _animation(name: str, count: int) -> str:
-    """Return the style sheet that animates the shapes."""
-    rules = [f"@keyframes {name}-swing {{ from {{ d: var(--there) }} to {{ d: var(--back) }} }}"]
-    for mode in range(count):
-        seconds = f"{1.6 / (1 + 0.35 * mode):.2f}"
-        rules.append(
-            f".{name}-swing{mode} {{ animation: {name}-swing {seconds}s ease-in-out infinite alternate }}"
-        )
-    names = ", ".join(f".{name}-swing{mode}" for mode in range(count))
-    rules.append(f"@media (prefers-reduced-motion: reduce) {{ {names} {{ animation: none }} }}")
-    rules.append(f"@media print {{ {names} {{ animation: none }} }}")
-    return "<style>\n" + "\n".join(rules) + "\n</style>"

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.report.diagrams.responses import frequencies
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
-from dynid.report.labels import short, texts
+from dynid.report.notation import short, texts
 from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced
-from dynid.report.labels import short
+from dynid.report.notation import short
 from dynid.report.plot import (
     Annotation,
     Curve,
@@ -127,7 +127,18 @@ def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) 
         for what, values, bounds in kinds
     ]
     every = np.concatenate([values for _, values, _ in within] or [np.zeros(0, complex)])
-    layers: list[Layer] = [*_damping_grid(reach)] if every.size and (every.real < 0).any() else []
+    layers = list[Layer]()
+    if every.size and (every.real < 0).any():
+        for zeta in _DAMPING:  # lines of constant damping ratio
+            ray = reach * complex(-zeta, math.sqrt(1 - zeta * zeta))
+            end, at = 4 * ray, 1.08 * ray
+            line = [end.real, 0, end.real], [end.imag, 0, -end.imag]
+            layers.append(Curve(*line, "", "grid dashed", spans=False))
+            layers.append(Annotation(at.real, at.imag, f"ζ {zeta:g}", "small muted", "end", (-3.0, 3.0)))
+        half_turn = np.exp(1j * np.linspace(0.5 * np.pi, 1.5 * np.pi, 61))
+        for share in (0.25, 0.5, 0.75, 1.0):  # circles of constant natural frequency
+            circle = share * reach * half_turn
+            layers.append(Curve(circle.real, circle.imag, "", "grid", spans=False))
     layers += [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
     margin = 0.06 * reach
     turn = np.exp(1j * np.linspace(0, 2 * np.pi, 73))
@@ -155,19 +166,6 @@ def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) 
     across = PlotAxis(_AXES[0], low=float(space.real.min()), high=float(space.real.max()))
     up = PlotAxis(_AXES[1], low=float(space.imag.min()), high=float(space.imag.max()))
     return Subplot(across, up, layers, title, square=True)
-
-
-def _damping_grid(reach: float) -> Iterator[Layer]:
-    """Yield lines of constant damping ratio and circles of constant natural frequency, left of the axis."""
-    for zeta in _DAMPING:
-        end = 4 * reach * complex(-zeta, math.sqrt(1 - zeta * zeta))
-        yield Curve([end.real, 0, end.real], [end.imag, 0, -end.imag], "", "grid dashed", spans=False)
-        at = 1.08 * reach * complex(-zeta, math.sqrt(1 - zeta * zeta))
-        yield Annotation(at.real, at.imag, f"ζ {zeta:g}", "small muted", "end", (-3.0, 3.0))
-    turn = np.exp(1j * np.linspace(0.5 * np.pi, 1.5 * np.pi, 61))
-    for share in (0.25, 0.5, 0.75, 1.0):
-        circle = share * reach * turn
-        yield Curve(circle.real, circle.imag, "", "grid", spans=False)
 
 
 def root_loci(result: Result) -> Iterator[Figure]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.report.diagrams.responses import frequencies
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
-from dynid.report.labels import labelled, short, texts
+from dynid.report.notation import labelled, short, texts
 from dynid.report.plot import (
     Curve,
     Layer,

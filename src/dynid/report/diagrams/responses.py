@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.report.figure import Figure, Picture, table_of
-from dynid.report.labels import in_decibels, labelled, short
+from dynid.report.notation import in_decibels, labelled, short
 from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
 from dynid.report.scenes import in_hertz, peak_responses
 from dynid.result import common_unit
@@ -90,7 +90,7 @@ def figures(result: Result) -> Iterator[Figure]:
     """Yield the Bode and Nyquist diagrams of every group of responses, and the impedances at the port."""
     for group in ("bond_graph/frequency_response", "structure/frequency_response"):
         if f"{group}/response" in result:
-            yield from _responses(result, group)
+            yield from _bode_and_nyquist(result, group)
     group = "bond_graph/port/frequency_response"
     if f"{group}/omega" in result:
         at = frequencies(result, f"{group}/omega")
@@ -106,7 +106,7 @@ def figures(result: Result) -> Iterator[Figure]:
             yield Figure("port-impedances", title, draw)
 
 
-def _responses(result: Result, group: str) -> Iterator[Figure]:
+def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
     """Yield the Bode diagrams, in parts of at most `CURVES` curves, and the Nyquist diagram."""
     at = frequencies(result, f"{group}/omega")
     response = result[f"{group}/response"]

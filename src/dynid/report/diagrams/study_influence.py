@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.report.diagrams.study_samples import StudyNumbers
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.labels import short
+from dynid.report.notation import short
 from dynid.report.plot import Bars, Layer, PlotAxis, ReferenceLine, Subplot, chart, series_class
 from dynid.study.analysis.ranking import Influences
 from dynid.study.analysis.tornado import tornado

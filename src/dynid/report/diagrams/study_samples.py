@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
-from dynid.report.labels import labelled, short
+from dynid.report.notation import labelled, short
 from dynid.report.plot import (
     Bars,
     Curve,
@@ -190,7 +190,13 @@ def _scatter(numbers: Sequence[StudyVariable]) -> Picture:
                 thick = float(edges[1] - edges[0]) * 0.9
                 layers = [Bars((edges[1:] + edges[:-1]) / 2, bottoms, tops, "", "s1", thick)]
             else:
-                layers = [_cloud(across.values, down.values)]
+                x, y = scatter(across.values, down.values, most=10**9)
+                if len(x) <= POINTS:
+                    layers = [Markers(x, y, "", "s1", "o", 1.6)]
+                else:  # a two-dimensional histogram
+                    cells, *bins = np.histogram2d(x, y, bins=BINS)
+                    filled = np.where(cells > 0, np.sqrt(cells), np.nan).T
+                    layers = [Heatmap(filled, 0.0, float(np.nanmax(filled)), edges=(bins[0], bins[1]))]
             row.append(Subplot(x_axis, y_axis, layers, height=size))
         rows.append(row)
     count = len(_complete(numbers))
@@ -199,20 +205,10 @@ def _scatter(numbers: Sequence[StudyVariable]) -> Picture:
         f"Pairwise scatter plots, with the rank correlations above the diagonal; {count:,} samples.{binned}"
     )
     svg = chart("scatter", "Scatter matrix", rows, about, width=max(760.0, 160.0 * len(numbers)))
-    cells: tuple[tuple[CellValue, ...], ...] = tuple(
+    table: tuple[tuple[CellValue, ...], ...] = tuple(
         (number.label, *map(float, ranks[k])) for k, number in enumerate(numbers)
     )
-    return Picture(svg, about, FigureTable(("rank correlation", *(n.label for n in numbers)), cells))
-
-
-def _cloud(x: np.ndarray, y: np.ndarray) -> Layer:
-    """Return samples as points, or as a two-dimensional histogram of many."""
-    x, y = scatter(x, y, most=10**9)
-    if len(x) <= POINTS:
-        return Markers(x, y, "", "s1", "o", 1.6)
-    counts, across, up = np.histogram2d(x, y, bins=BINS)
-    filled = np.where(counts > 0, np.sqrt(counts), np.nan).T
-    return Heatmap(filled, 0.0, float(np.nanmax(filled)), edges=(across, up))
+    return Picture(svg, about, FigureTable(("rank correlation", *(n.label for n in numbers)), table))
 
 
 def _histogram(values: Floats, most: int) -> tuple[NDArray[np.intp], Floats]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.labels import short
+from dynid.report.notation import short
 from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
 
 if TYPE_CHECKING:

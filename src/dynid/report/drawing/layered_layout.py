@@ -175,6 +175,7 @@ class _LayoutBuilder:
         self.sketch, self.ties = sketch, ties
 
     def layout(self) -> LayeredLayout:
+        """Return the layout; the spine of a tree is a path, that of a graph with loops its core."""
         degree = {name: len(near) for name, near in self.ties.items()}
         leaves = [name for name, count in degree.items() if count < 2]
         for name in leaves:  # which grows while leaves are removed
@@ -185,10 +186,8 @@ class _LayoutBuilder:
                     leaves.append(other)
         gone = set(leaves)
         core = [name for name in self.ties if name not in gone]
-        return self._of_loops(core) if core else self._of_tree()
-
-    def _of_tree(self) -> LayeredLayout:
-        """Return the layout whose spine is a path."""
+        if core:
+            return self._of_loops(core)
         cut, source = self.sketch.cut, self.sketch.source
         if cut is not None and cut[0] in self.ties:
             path = [*self._longest_path(cut[0], cut[1])[::-1], *self._longest_path(cut[1], cut[0])]

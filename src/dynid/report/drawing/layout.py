@@ -255,7 +255,14 @@ class _PartLayout:
                 before = route[place - 1] if place else None
                 after = route[place + 1] if place + 1 < len(route) else None
                 points += self._passing(waypoint, before, after, columns[waypoint.column][1])
-            self.routes[index] = _straightened(points)
+            # Without points on straight lines, and without steps below half a pixel.
+            kept: list[Point] = []
+            for x, height in points:
+                y = kept[-1][1] if kept and abs(kept[-1][1] - height) < 0.5 else height
+                if len(kept) > 1 and kept[-2][1] == kept[-1][1] == y:
+                    kept.pop()
+                kept.append((x, y))
+            self.routes[index] = kept
 
     def _column_places(self, trees: dict[str, list[TreeLayout]]) -> list[tuple[float, tuple[float, float]]]:
         """Return the x of every column, and its left and right edge, so that bonds between them fit."""
@@ -264,8 +271,14 @@ class _PartLayout:
             left, right = 0.0, 0.0
             for item in column:
                 a, b = (-item.across, item.across)
-                if item.name is not None:
-                    a, b = self._extent(item.name, trees[item.name])
+                if item.name is not None:  # a node with its trees
+                    half = self.size(item.name)[0] / 2
+                    west, east = self.spine.ports[item.name]
+                    subtrees = [
+                        (x, self.size(name)[0] / 2) for tree in trees[item.name] for name, x in tree.x.items()
+                    ]
+                    a = min([-half - (RUN if west else 0), *(x - reach for x, reach in subtrees)]) - GAP / 2
+                    b = max([half + (RUN if east else 0), *(x + reach for x, reach in subtrees)]) + GAP / 2
                 left, right = min(left, a), max(right, b)
             lefts.append(left)
             rights.append(right)
@@ -279,18 +292,6 @@ class _PartLayout:
             x = x + channels[place - 1] + rights[place - 1] - lefts[place] if place else -lefts[0]
             places.append((x, (x + lefts[place], x + rights[place])))
         return places
-
-    def _extent(self, name: str, trees: list[TreeLayout]) -> tuple[float, float]:
-        """Return the extent of a node and its trees to the left and to the right."""
-        half = self.size(name)[0] / 2
-        west, east = self.spine.ports[name]
-        left, right = [-half - (RUN if west else 0)], [half + (RUN if east else 0)]
-        for tree in trees:
-            for other, x in tree.x.items():
-                reach = self.size(other)[0] / 2
-                left.append(x - reach)
-                right.append(x + reach)
-        return min(left) - GAP / 2, max(right) + GAP / 2
 
     def _levels(self, tree: TreeLayout) -> list[tuple[float, float]]:
         """Return the distance of every level from the node, and its height."""
@@ -349,14 +350,3 @@ class _PartLayout:
         elif come == go:  # a crossing at which the bond turns back
             points.append(((edges[0] + edges[1]) / 2, here.item.y))
         return points if go is None else [*points, (edges[go], here.y_out)]
-
-
-def _straightened(points: Iterable[Point]) -> list[Point]:
-    """Return a route without points on straight lines and without steps below half a pixel."""
-    kept: list[Point] = []
-    for x, height in points:
-        y = kept[-1][1] if kept and abs(kept[-1][1] - height) < 0.5 else height
-        if len(kept) > 1 and kept[-2][1] == kept[-1][1] == y:
-            kept.pop()
-        kept.append((x, y))
-    return kept

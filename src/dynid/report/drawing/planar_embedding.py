@@ -292,7 +292,18 @@ def columns_of(embedding: PlanarEmbedding, first: int, last: int) -> ColumnOrder
         matrix[places[vertex], places[vertex]], right[places[vertex]] = 1, value
     solved = np.linalg.solve(matrix, right)
     potential = {vertex: float(solved[place]) for vertex, place in places.items()}
-    below = _dual_potentials(embedding, darts, weights, potential, (first, outside))
+    # The potential of every face: across an edge it changes by the current of that edge.
+    below = [0.0] * len(embedding.faces)
+    queue = [darts[first, outside]]
+    reached = set(queue)
+    for place in queue:
+        face = embedding.faces[place]
+        for tail, head in zip(face, face[1:] + face[:1], strict=True):
+            edge, beyond = (min(tail, head), max(tail, head)), darts[head, tail]
+            if edge in weights and beyond not in reached:
+                below[beyond] = below[place] + weights[edge] * (potential[head] - potential[tail])
+                reached.add(beyond)
+                queue.append(beyond)
     height: dict[int | Edge, float] = {}
     around: dict[int, list[float]] = {}
     for (tail, head), place in darts.items():
@@ -302,29 +313,6 @@ def columns_of(embedding: PlanarEmbedding, first: int, last: int) -> ColumnOrder
     height |= {vertex: (min(near) + max(near)) / 2 for vertex, near in around.items() if vertex != outside}
     directed = [edge if potential[edge[0]] < potential[edge[1]] else edge[::-1] for edge in edges]
     return ColumnOrder(_ranks(potential, directed), height)
-
-
-def _dual_potentials(
-    embedding: PlanarEmbedding,
-    darts: dict[tuple[int, int], int],
-    weights: dict[tuple[int, int], float],
-    potential: dict[int, float],
-    start: tuple[int, int],
-) -> list[float]:
-    """Return the potential of every face; across an edge it changes by the current of that edge."""
-    below: list[float | None] = [None] * len(embedding.faces)
-    below[darts[start]] = 0.0
-    queue = [darts[start]]
-    for place in queue:
-        face, here = embedding.faces[place], below[place]
-        assert here is not None
-        for tail, head in zip(face, face[1:] + face[:1], strict=True):
-            weight = weights.get((tail, head), weights.get((head, tail)))
-            beyond = darts[head, tail]
-            if weight is not None and below[beyond] is None:
-                below[beyond] = here + weight * (potential[head] - potential[tail])
-                queue.append(beyond)
-    return [value if value is not None else 0.0 for value in below]
 
 
 def _ranks(potential: dict[int, float], directed: list[tuple[int, int]]) -> dict[int, int]:

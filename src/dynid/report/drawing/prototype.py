@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 from dynid.report.drawing.render import Panel, draw_panels
 from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.formula import draw_formula, typeset
-from dynid.report.labels import labelled, raised, short
+from dynid.report.notation import draw_formula, labelled, raised, short, typeset
 from dynid.report.plot import Curve, Markers, PlotAxis, Subplot, chart
 from dynid.report.svg import Point, Svg
 

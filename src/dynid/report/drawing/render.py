@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from dynid.report.drawing.layout import GAP, Box, GraphLayout, lay_out
-from dynid.report.drawing.sketch import COLOUR, PAD_Y, Sketch, SketchBond, SketchNode
-from dynid.report.formula import TypesetFormula, draw_formula, typeset
-from dynid.report.style import SIZE, SMALL, text_width
-from dynid.report.svg import Point, Svg, number
+from dynid.report.drawing.layout import GAP, GraphLayout, lay_out
+from dynid.report.drawing.sketch import COLOUR, PAD_Y, Sketch
+from dynid.report.notation import TypesetFormula, draw_formula, typeset
+from dynid.report.svg import SIZE, SMALL, Svg, number, text_width
 
 #: Greatest width of a drawing within a panel, px.
 WIDEST = 1340.0
@@ -52,43 +51,34 @@ def draw_sketch(
     if moved:
         svg.open(transform=f"translate({number(x)} {number(y)}) scale({number(scale)})")
     for bond, route in zip(sketch.bonds, layout.routes, strict=True):
-        _draw_bond(svg, bond, route)
+        cls = "bond mark" if bond.changed else f"bond {COLOUR.get(bond.domain, '')}".rstrip()
+        if bond.equation_only:
+            svg.line(*bond.line_on(route), cls=f"{cls} dashed")
+            continue
+        arrow, stroke = bond.half_arrow_on(route), bond.stroke_on(route)
+        svg.open(tip=f"{bond.tail} → {bond.head}")
+        svg.line(*bond.line_on(route), *(arrow[1:] if arrow else ()), cls=cls)
+        if stroke is not None:
+            svg.line(*stroke, cls=cls)
+        svg.close()
     for node in sketch.nodes:
-        _draw_node(svg, node, layout.boxes[node.key])
+        box, colour = layout.boxes[node.key], COLOUR.get(node.domain)
+        svg.open(tip=node.key)
+        size = (box.left, box.top, box.right - box.left, box.bottom - box.top)
+        svg.rect(*size, f"{colour} band" if colour else "node", rx=6)
+        if node.changed or node.role:
+            svg.rect(*size, "line mark" if node.changed else "line", rx=6)
+        centre, middle = box.centre
+        baseline = middle - node.height / 2 + PAD_Y
+        for line in node.lines:
+            cls = {"glyph": "title", "label": "strong", "note": "small muted"}[line.role]
+            svg.text(centre, baseline + line.height * 0.5 + line.size * 0.36, line.text, cls)
+            baseline += line.height
+        svg.close()
     if sketch.cut is not None:
         _draw_cut(svg, sketch, layout, sketch.cut)
     if moved:
         svg.close()
-
-
-def _draw_bond(svg: Svg, bond: SketchBond, route: Sequence[Point]) -> None:
-    cls = "bond mark" if bond.changed else f"bond {COLOUR.get(bond.domain, '')}".rstrip()
-    if bond.equation_only:
-        svg.line(*bond.line_on(route), cls=f"{cls} dashed")
-        return
-    arrow, stroke = bond.half_arrow_on(route), bond.stroke_on(route)
-    svg.open(tip=f"{bond.tail} → {bond.head}")
-    svg.line(*bond.line_on(route), *(arrow[1:] if arrow else ()), cls=cls)
-    if stroke is not None:
-        svg.line(*stroke, cls=cls)
-    svg.close()
-
-
-def _draw_node(svg: Svg, node: SketchNode, box: Box) -> None:
-    colour = COLOUR.get(node.domain)
-    cls = f"{colour} band" if colour else "node"
-    svg.open(tip=node.key)
-    size = (box.left, box.top, box.right - box.left, box.bottom - box.top)
-    svg.rect(*size, cls, rx=6)
-    if node.changed or node.role:
-        svg.rect(*size, "line mark" if node.changed else "line", rx=6)
-    x, middle = box.centre
-    y = middle - node.height / 2 + PAD_Y
-    for line in node.lines:
-        cls = {"glyph": "title", "label": "strong", "note": "small muted"}[line.role]
-        svg.text(x, y + line.height * 0.5 + line.size * 0.36, line.text, cls)
-        y += line.height
-    svg.close()
 
 
 def _draw_cut(svg: Svg, sketch: Sketch, layout: GraphLayout, cut: tuple[str, str]) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from dynid.report.style import SIZE, SMALL, TITLE, text_width
-from dynid.report.svg import Point
+from dynid.report.svg import SIZE, SMALL, TITLE, Point, text_width
 
 #: Padding around the text of a node, and the least distance of neighbouring bonds at a node, px.
 PAD_X, PAD_Y, PORT = 8.0, 5.0, 22.0
@@ -15,7 +14,7 @@ START, STROKE, BEYOND = 2.0, 4.0, 8.0
 #: Half a stroke's length; length and width of the half arrow, px.
 HALF, BARB, WING = 8.0, 11.0, 7.0
 
-#: Colour of each physical domain, one of `style.SERIES`.
+#: Colour of each physical domain, one of `svg.SERIES`.
 COLOUR = {
     "mechanical": "s1",
     "electrical": "s2",

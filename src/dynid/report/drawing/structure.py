@@ -13,26 +13,14 @@ from dynid.report.drawing.structure_scene import (
     attachments_of,
     geometry_of,
 )
-from dynid.report.drawing.symbols import (
-    clamp,
-    damper,
-    force,
-    ground,
-    guide,
-    master,
-    pin,
-    sensor,
-    spring,
-    turning_spring,
-)
 from dynid.report.figure import Figure, FigureTable, Picture
-from dynid.report.labels import short
+from dynid.report.notation import short
 from dynid.report.scenes import scene_of
-from dynid.report.style import SMALL, text_width
-from dynid.report.svg import Point, Svg
+from dynid.report.svg import SMALL, Point, Svg, text_width
 
 if TYPE_CHECKING:
     from dynid.result import Result
+
 
 #: Most masses of a chain, and most nodes, that are drawn.
 MASSES, NODES = 40, 2000
@@ -118,7 +106,16 @@ class _ChainDrawing:
         for place in range(len(self.masses)):
             self._draw_mass(place)
         for lane, tie in enumerate(self.over):
-            self._draw_bridge(tie, top - 40 - 44.0 * lane)
+            # Between masses that are not neighbours: above the chain.
+            y, places = top - 40 - 44.0 * lane, sorted(int(dof) - 1 for dof in tie.dofs)
+            left, right = self.centres[places[0]] + 10, self.centres[places[-1]] - 10
+            for place in places:
+                leg = min(max(self.centres[place], left), right)
+                self.svg.line((leg, self.y - self.half), (leg, y), cls=_line_class(tie))
+            for drawn, draw, height in ((tie.stiff, spring, y), (tie.damped, damper, y + 18)):
+                if drawn:
+                    draw(self.svg, (left, height), (right, height), _line_class(tie))
+            self.svg.text((left + right) / 2, y - 10, ", ".join(tie.texts), tie.text_class)
         return self.svg.render(x + _PAD, bottom + _PAD)
 
     def _draw_gap(self, gap: Sequence[SpringDamper], left: float, right: float, place: int) -> None:
@@ -171,18 +168,6 @@ class _ChainDrawing:
         if under:
             ground(svg, (x, low + 60), "below")
 
-    def _draw_bridge(self, tie: SpringDamper, y: float) -> None:
-        """Draw a spring and damper between masses that are not neighbours, above the chain."""
-        places = sorted(int(dof) - 1 for dof in tie.dofs)
-        left, right = self.centres[places[0]] + 10, self.centres[places[-1]] - 10
-        for place in places:
-            x = min(max(self.centres[place], left), right)
-            self.svg.line((x, self.y - self.half), (x, y), cls=_line_class(tie))
-        for drawn, draw, height in ((tie.stiff, spring, y), (tie.damped, damper, y + 18)):
-            if drawn:
-                draw(self.svg, (left, height), (right, height), _line_class(tie))
-        self.svg.text((left + right) / 2, y - 10, ", ".join(tie.texts), tie.text_class)
-
 
 def _rows(tie: SpringDamper) -> int:
     return tie.stiff + tie.damped or 1
@@ -220,8 +205,12 @@ class _FrameDrawing:
         named |= {nodes[end] for nodes in members for end in (0, -1)}
         for node, (x, y) in self.points.items():
             svg.circle(x, y, 2.5, "solid")
-            if len(self.points) <= _NUMBERED or node in named:
-                self._number(node)
+            if len(self.points) <= _NUMBERED or node in named:  # the number where nothing else is drawn
+                held = {tie.dofs[0] for tie in self.attached.springs if _node_of(tie.dofs[0]) == node}
+                off = 22 if f"theta_{node}" in held or node in supports else 15 if held else 6
+                inwards = f"u_{node}" in held and x > self.middle  # a spring to ground is on the right
+                place, anchor = (x - 6, "end") if inwards else (x + off, "start")
+                svg.text(place, y + 14, str(node), "small muted", anchor=anchor)
         for node in self.geometry.carrying:
             svg.circle(*self.points[node], 7, "solid")
         for node, fixed in supports.items():
@@ -232,15 +221,6 @@ class _FrameDrawing:
         xs, ys = zip(*self.points.values(), strict=True)
         left, right, top = min(xs) - 90, max(xs) + 90, min(ys) - 80
         return svg.render(right - left, max(ys) + 110 - top, left, top)
-
-    def _number(self, node: int) -> None:
-        """Write the number of a node where nothing else is drawn."""
-        x, y = self.points[node]
-        held = {tie.dofs[0] for tie in self.attached.springs if _node_of(tie.dofs[0]) == node}
-        off = 22 if f"theta_{node}" in held or node in self.geometry.supports else 15 if held else 6
-        inwards = f"u_{node}" in held and x > self.middle  # a spring to ground is on the right
-        place, anchor = (x - 6, "end") if inwards else (x + off, "start")
-        self.svg.text(place, y + 14, str(node), "small muted", anchor=anchor)
 
     def _draw_support(self, node: int, fixed: Sequence[str]) -> None:
         """Draw a clamp, a guide or a pin; the ground of a clamp is below a member that rises steeply."""
@@ -329,3 +309,93 @@ class _FrameDrawing:
 def _node_of(label: Label) -> int:
     """Return the node of a DOF: 4 of w_4."""
     return int(str(label).rpartition("_")[2])
+
+
+_WIND, _TURNS = 6.0, 5
+
+
+def spring(svg: Svg, start: Point, end: Point, cls: str = "line") -> None:
+    """Draw a spring between two points."""
+    points = [_offset(start, end, 0, 0), _offset(start, end, 0.2, 0)]
+    for turn in range(2 * _TURNS):
+        side = _WIND if turn % 2 else -_WIND
+        points.append(_offset(start, end, 0.2 + 0.6 * (turn + 0.5) / (2 * _TURNS), side))
+    svg.line(*points, _offset(start, end, 0.8, 0), _offset(start, end, 1, 0), cls=cls)
+
+
+def damper(svg: Svg, start: Point, end: Point, cls: str = "line") -> None:
+    """Draw a dashpot between two points."""
+    cup = [(0.66, -_WIND), (0.38, -_WIND), (0.38, _WIND), (0.66, _WIND)]
+    svg.line(_offset(start, end, 0, 0), _offset(start, end, 0.38, 0), cls=cls)
+    svg.line(*(_offset(start, end, *place) for place in cup), cls=cls)
+    svg.line(_offset(start, end, 0.54, -_WIND + 2), _offset(start, end, 0.54, _WIND - 2), cls=cls)
+    svg.line(_offset(start, end, 0.54, 0), _offset(start, end, 1, 0), cls=cls)
+
+
+def turning_spring(svg: Svg, x: float, y: float, cls: str = "line") -> None:
+    """Draw a rotational spring around a point: a spiral down to ground."""
+    svg.element(
+        "path", cls, d=f"M{x:.1f} {y:.1f} m-2 0 a5 5 0 1 1 7 5 a11 11 0 1 1 7 -12 a17 17 0 0 1 -10 22"
+    )
+
+
+def ground(svg: Svg, at: Point, side: str) -> None:
+    """Draw hatched ground to the `left`, to the `right` or `below` a point."""
+    x, y = at
+    reach = 16.0
+    if side == "below":
+        svg.line((x - reach, y), (x + reach, y), cls="line")
+        for step in range(5):
+            a = x - reach + 4 + 7 * step
+            svg.line((a, y), (a - 5, y + 7), cls="hair")
+        return
+    out = -6.0 if side == "left" else 6.0
+    svg.line((x, y - reach), (x, y + reach), cls="line")
+    for step in range(5):
+        b = y - reach + 2 + 7 * step
+        svg.line((x, b), (x + out, b + 6), cls="hair")
+
+
+def pin(svg: Svg, x: float, y: float) -> None:
+    """Draw a pinned support under a point."""
+    svg.polygon((x, y + 3), (x - 10, y + 19), (x + 10, y + 19), cls="line")
+    ground(svg, (x, y + 19), "below")
+
+
+def clamp(svg: Svg, x: float, y: float, side: str) -> None:
+    """Draw a clamped end at a point, with the ground to its `left`, to its `right` or `below`."""
+    ground(svg, (x, y), side)
+    svg.rect(*((x - 16, y - 2, 32, 4) if side == "below" else (x - 2, y - 16, 4, 32)), "solid")
+
+
+def guide(svg: Svg, x: float, y: float) -> None:
+    """Draw a support that fixes the rotation only: two rails."""
+    for out in (-5, 5):
+        svg.line((x + out, y - 12), (x + out, y + 12), cls="line")
+
+
+def force(svg: Svg, start: Point, end: Point) -> None:
+    """Draw a force as an arrow."""
+    svg.line(start, end, cls="bond s2")
+    left, right = (_offset(end, start, 0, 0, along=9, across=across) for across in (4, -4))
+    svg.polygon(end, left, right, cls="s2 dot")
+
+
+def sensor(svg: Svg, x: float, y: float) -> None:
+    """Draw a sensor: a triangle that points down at its node."""
+    svg.polygon((x, y), (x - 6, y - 10), (x + 6, y - 10), cls="s3 dot")
+
+
+def master(svg: Svg, x: float, y: float) -> None:
+    """Draw the mark of a master DOF of a reduction."""
+    svg.rect(x - 4, y - 4, 8, 8, "s1 dot")
+
+
+def _offset(
+    start: Point, end: Point, part: float, aside: float, *, along: float = 0.0, across: float = 0.0
+) -> Point:
+    """Return the point at a part of a line and an offset aside, or at px along and across it."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    length = max((dx * dx + dy * dy) ** 0.5, 1e-9)
+    way, off = part * length + along, aside + across
+    return start[0] + (dx * way - dy * off) / length, start[1] + (dy * way + dx * off) / length

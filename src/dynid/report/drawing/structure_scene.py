@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
-from dynid.report.labels import short
+from dynid.report.notation import short
 from dynid.report.scenes import listed, readable
 from dynid.report.svg import Point
 from dynid.scene.schema.dof_labels import beam_labels, frame_labels
@@ -72,25 +72,25 @@ def geometry_of(scene: PlainScene) -> StructureGeometry | None:
             supports: dict[int, tuple[str, ...]] = {}
             for support in listed(part.get("supports")):
                 supports[support["node"]] = (*supports.get(support["node"], ()), *support["fix"])
-            points, members, labels = (_beam if kind == "beam" else _frame)(scene, part, supports)
+            held = [(along, node) for node, fixed in supports.items() for along in fixed]
+            if kind == "beam":
+                size, count = part["length"], part["elements"]
+                per_element = isinstance(size, list)
+                steps = map(scene.number, size) if per_element else [scene.number(size) / count] * count
+                ends = accumulate(steps, initial=0.0)
+                points = {node: (x, 0.0) for node, x in enumerate(ends, 1)}
+                members, labels = [list(points)], list[Label](beam_labels(count, held))
+            else:
+                points, members, labels = _frame(scene, part, held)
             carrying = [mass["node"] for mass in listed(part.get("masses"))]
             return StructureGeometry(points, labels, (), members, supports, carrying)
     return None
 
 
-_Geometry = tuple[dict[int, Point], list[list[int]], Sequence[Label]]
+_Geometry = tuple[dict[int, Point], list[list[int]], list[Label]]
 
 
-def _beam(scene: PlainScene, part: dict[str, Any], supports: Mapping[int, Sequence[str]]) -> _Geometry:
-    """Return points, the one member, and labels of a beam."""
-    given, count = part["length"], part["elements"]
-    lengths = map(scene.number, given) if isinstance(given, list) else [scene.number(given) / count] * count
-    points = {node: (place, 0.0) for node, place in enumerate(accumulate(lengths, initial=0.0), 1)}
-    held = ((along, node) for node, fixed in supports.items() for along in fixed)
-    return points, [list(points)], beam_labels(count, held)
-
-
-def _frame(scene: PlainScene, part: dict[str, Any], supports: Mapping[int, Sequence[str]]) -> _Geometry:
+def _frame(scene: PlainScene, part: dict[str, Any], held: Iterable[tuple[str, int]]) -> _Geometry:
     """Return points, members and labels of a frame; inner nodes of members follow the given ones."""
     points = {n: (scene.number(x), scene.number(y)) for n, (x, y) in enumerate(part["nodes"], 1)}
     given, members = len(points), []
@@ -102,11 +102,10 @@ def _frame(scene: PlainScene, part: dict[str, Any], supports: Mapping[int, Seque
             share = step / count
             points[node] = (x + share * (x2 - x), y + share * (y2 - y))
         members.append([start, *inner, end])
-    held = ((along, node) for node, fixed in supports.items() for along in fixed)
     ends = ((m["nodes"], m.get("hinges", ()), m.get("elements", 1)) for m in part["members"])
     turning = {mass["node"] for mass in listed(part.get("masses")) if scene.number(mass.get("J") or 0)}
     turning |= {spring["node"] for spring in listed(part.get("springs")) if spring["direction"] == "theta"}
-    return points, members, frame_labels(given, ends, held, turning)
+    return points, members, list(frame_labels(given, ends, held, turning))
 
 
 @dataclass(frozen=True)
@@ -180,24 +179,23 @@ def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
             for channel in [*(listed(record.get("channels")) or shared), *listed(data.get("outputs"))]
             for dof in channel.get("dofs") or [channel["dof"]]
         ]
+        # Links, springs to ground, then joints.
+        structure = data["structure"]
+        ties = [
+            _spring(scene, link, link["dofs"])
+            for link in listed((structure.get("lumped") or {}).get("links"))
+        ]
+        for kind in ("beam", "frame"):
+            for item in listed((structure.get(kind) or {}).get("springs")):
+                ties.append(_spring(scene, item, [f"{item['direction']}_{item['node']}"]))
+        for name, joint in (data.get("joints") or {}).items():
+            ties.append(_spring(scene, joint, joint["dofs"], str(name)))
         return Attachments(
-            tuple(replace(s, dofs=tuple(map(named, s.dofs))) for s in _springs(scene)),
+            tuple(replace(tie, dofs=tuple(map(named, tie.dofs))) for tie in ties),
             tuple(dict.fromkeys(map(named, driven))),
             tuple(dict.fromkeys(sensors)),
             tuple(dict.fromkeys(map(named, masters))),
         )
-
-
-def _springs(scene: PlainScene) -> Iterator[SpringDamper]:
-    """Yield links, springs to ground, then joints."""
-    structure = scene.data["structure"]
-    for link in listed((structure.get("lumped") or {}).get("links")):
-        yield _spring(scene, link, link["dofs"])
-    for kind in ("beam", "frame"):
-        for item in listed((structure.get(kind) or {}).get("springs")):
-            yield _spring(scene, item, [f"{item['direction']}_{item['node']}"])
-    for name, joint in (scene.data.get("joints") or {}).items():
-        yield _spring(scene, joint, joint["dofs"], str(name))
 
 
 def _spring(scene: PlainScene, tie: dict[str, Any], dofs: Sequence[Label], joint: str = "") -> SpringDamper:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from hashlib import sha256
 from importlib.resources import files
 from string import Template
@@ -16,13 +16,12 @@ from string import Template
 from dynid._version import __version__
 from dynid.errors import DynidError
 from dynid.progress import tracked
-from dynid.report.content import content
-from dynid.report.content.blocks import Block, DefinitionList, NumberedList, Section, Statement
-from dynid.report.content.common import array_rows
+from dynid.report.content import array_rows, content
+from dynid.report.content.blocks import Block, DefinitionList, NumberedList, Statement
 from dynid.report.figure import Figure
 from dynid.report.page.html import Markup, figure_table, formula, grid, join, scrolling, tag, text
 from dynid.report.registry import figures
-from dynid.report.style import css
+from dynid.report.svg import css
 from dynid.result import Result
 
 _TOOLS = (("in", "+", "Zoom in"), ("out", "−", "Zoom out"), ("all", "Whole", "Show the whole figure"))
@@ -55,8 +54,27 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     found = content(result)
     scripts = ["samples.js"] if result.kind == "study" else []
     scripts += ["watch.js"] if live is not None else []
-    first = tag("p", note, class_="note") if note else ""
-    parts = list(_parts(result, join(first, *map(_section, found.sections))))
+    sections = (
+        tag("section", tag("h3", section.title), *(_block(b, section.title) for b in section.blocks))
+        for section in found.sections
+    )
+    parts: list[PagePart] = []
+    if answer := join(tag("p", note, class_="note") if note else "", *sections):
+        parts.append(("Answer", answer))
+    if drawn := [_figure(figure) for figure in tracked(figures(result), "figure")]:
+        parts.append(("Figures", join(*drawn)))
+    if result.kind == "study":
+        from dynid.report.page.samples import samples
+
+        parts.append(("Samples", samples(result)))
+    if result.attrs.get("scene"):
+        lines = str(result.attrs["scene"]).splitlines()
+        numbered = join(*(tag("span", f"{line}\n", class_="line") for line in lines[:_LINES]))
+        left = len(lines) - _LINES
+        more = tag("p", f"… {left:,} more lines in the file", class_="quiet") if left > 0 else ""
+        scene = scrolling(tag("pre", tag("code", numbered), class_="scene"), "Scene")
+        parts.append(("Scene", join(scene, more)))
+    parts.append(("Provenance", _provenance(result)))
     return document(result.title or "A result of dynid", found.method, parts, scripts, live)
 
 
@@ -131,29 +149,6 @@ def document(
     )
 
 
-def _parts(result: Result, sections: Markup) -> Iterator[PagePart]:
-    """Yield the parts of a page: content, figures, samples of a study, scene, provenance."""
-    if sections:
-        yield "Answer", sections
-    drawn = [_figure(figure) for figure in tracked(figures(result), "figure")]
-    if drawn:
-        yield "Figures", join(*drawn)
-    if result.kind == "study":
-        from dynid.report.page.samples import samples
-
-        yield "Samples", samples(result)
-    if result.attrs.get("scene"):
-        yield "Scene", _scene(str(result.attrs["scene"]))
-    known = {name: str(value) for name, value in result.attrs.items() if name not in ("scene", "status")}
-    names = [name for name in _FIRST if name in known] + sorted(known.keys() - set(_FIRST))
-    items = (join(tag("dt", name.replace("_", " ")), tag("dd", known[name])) for name in names)
-    yield "Provenance", join(tag("dl", *items), _arrays(result))
-
-
-def _section(section: Section) -> Markup:
-    return tag("section", tag("h3", section.title), *(_block(b, section.title) for b in section.blocks))
-
-
 def _block(block: Block, title: str) -> Markup:
     """Return a block; in tables, columns of numbers are aligned to the right."""
     if isinstance(block, DefinitionList):
@@ -207,22 +202,16 @@ def _figure(figure: Figure) -> Markup:
     )
 
 
-def _scene(source: str) -> Markup:
-    """Return the text of the scene with line numbers."""
-    lines = source.splitlines()
-    shown = lines[:_LINES]
-    body = join(*(tag("span", f"{line}\n", class_="line") for line in shown))
-    left = len(lines) - len(shown)
-    more = tag("p", f"… {left:,} more lines in the file", class_="quiet") if left else Markup("")
-    return join(scrolling(tag("pre", tag("code", body), class_="scene"), "Scene"), more)
-
-
-def _arrays(result: Result) -> Markup:
-    """Return the list of all arrays, folded."""
+def _provenance(result: Result) -> Markup:
+    """Return the attributes of a result and the list of all its arrays, folded."""
+    known = {name: str(value) for name, value in result.attrs.items() if name not in ("scene", "status")}
+    names = [name for name in _FIRST if name in known] + sorted(known.keys() - set(_FIRST))
+    items = (join(tag("dt", name.replace("_", " ")), tag("dd", known[name])) for name in names)
     rows = array_rows(result)
     body = join(*(tag("tr", *(tag("td", value) for value in row)) for row in rows[:_ARRAYS]))
     more = f", of which the first {_ARRAYS} are listed" if len(rows) > _ARRAYS else ""
     table = grid(("path", "type", "axes", "units"), body, (False,) * 4)
     count = tag("span", f"({len(rows):,}{more})", class_="quiet")
     inside = scrolling(table, "Arrays of the file")
-    return tag("details", tag("summary", "Arrays of the file ", count), inside, class_="table")
+    arrays = tag("details", tag("summary", "Arrays of the file ", count), inside, class_="table")
+    return join(tag("dl", *items), arrays)

@@ -7,9 +7,9 @@ and `data-y` (`lin` or `log`, then the values at the two ends), `data-x-label`, 
 """
 
 from dynid.report.plot.axis import PlotAxis
-from dynid.report.plot.chart import chart, parallel_coordinates
+from dynid.report.plot.chart import Subplot, chart, parallel_coordinates
 from dynid.report.plot.heatmap import Heatmap, Matrix, matrix_picture
-from dynid.report.plot.subplot import (
+from dynid.report.plot.layers import (
     Annotation,
     Band,
     Bars,
@@ -18,7 +18,6 @@ from dynid.report.plot.subplot import (
     LegendEntry,
     Markers,
     ReferenceLine,
-    Subplot,
     series_class,
 )
 

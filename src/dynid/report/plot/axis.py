@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.report.labels import raised, short
-from dynid.report.style import SMALL, text_width
+from dynid.report.notation import raised, short
+from dynid.report.svg import SMALL, text_width
 
 Floats = NDArray[np.float64]
 
@@ -189,8 +189,17 @@ def _logarithmic(scale: Scale, count: int) -> Ticks:
     low, high = math.log10(scale.low), math.log10(scale.high)
     first, last = math.ceil(low - 1e-9), math.floor(high + 1e-9)
     decades = last - first + 1
-    if decades < 2 or high - low < 2.2:
-        return _within_decades(scale, count)
+    if decades < 2 or high - low < 2.2:  # ticks at 1, 2, 5 of each decade, or those of a linear axis
+        around = range(math.floor(low), math.ceil(high) + 1)
+        for factors in ((1, 2, 3, 4, 5, 6, 8), (1, 2, 5), (1, 3), (1,)):
+            values = tuple(
+                k * 10.0**p for p in around for k in factors if scale.low <= k * 10.0**p <= scale.high
+            )
+            if 2 <= len(values) <= count:
+                between = (k * 10.0**p for p in around for k in range(1, 10))
+                minor = [value for value in between if scale.low <= value <= scale.high]
+                return Ticks(values, tuple(short(value, 2) for value in values), tuple(minor))
+        return _linear(replace(scale, log=False), count, 0.0)
     step = max(1, math.ceil(decades / count))
     powers = range(first + (-first) % step, last + 1, step)
     plain = first >= -3 and last <= 4
@@ -200,27 +209,10 @@ def _logarithmic(scale: Scale, count: int) -> Ticks:
         else f"10{raised(power)}"
         for power in powers
     )
-    minor: list[float] = []
+    minor = []
     if step > 1:
         minor = [10.0**power for power in range(first, last + 1) if power not in powers]
     elif decades <= 5:
         minor = [k * 10.0**p for p in range(first - 1, last + 1) for k in range(2, 10)]
     inside = tuple(value for value in minor if scale.low <= value <= scale.high)
     return Ticks(tuple(10.0**power for power in powers), labels, inside)
-
-
-def _within_decades(scale: Scale, count: int) -> Ticks:
-    """Return ticks at 1, 2, 5 of each decade; below a factor of about 3, those of a linear axis."""
-    low, high = math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high))
-    for factors in ((1, 2, 3, 4, 5, 6, 8), (1, 2, 5), (1, 3), (1,)):
-        values = tuple(
-            k * 10.0**p
-            for p in range(low, high + 1)
-            for k in factors
-            if scale.low <= k * 10.0**p <= scale.high
-        )
-        if 2 <= len(values) <= count:
-            between = (k * 10.0**p for p in range(low, high + 1) for k in range(1, 10))
-            minor = tuple(value for value in between if scale.low <= value <= scale.high)
-            return Ticks(values, tuple(short(value, 2) for value in values), minor)
-    return _linear(replace(scale, log=False), count, 0.0)

@@ -1,19 +1,26 @@
-"""Charts: subplots in rows and columns under one legend, and parallel coordinates."""
+"""Charts: subplots in rows and columns under one legend, and parallel coordinates.
+
+A subplot has two axes and the layers between them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.report.labels import raised
-from dynid.report.plot.axis import PlotAxis, shortened
-from dynid.report.plot.subplot import BELOW, LABEL, LegendEntry, Subplot, fitted, symbol_class, symbol_path
-from dynid.report.style import SIZE, SMALL, TITLE, text_width
-from dynid.report.svg import Svg, path_of
+from dynid.report.notation import raised
+from dynid.report.plot.axis import PlotAxis, Scale, Ticks, shortened
+from dynid.report.plot.layers import Layer, LegendEntry, PlotArea, symbol_class, symbol_path
+from dynid.report.svg import SIZE, SMALL, TITLE, Svg, path_of, text_width
 
+#: Space for the ticks of an axis and for its label, px.
+BELOW, LABEL, GAP = 18.0, 18.0, 7.0
+#: Length by which the label of an axis may exceed it, px, both ends together.
+_BESIDE = 24.0
 #: Width of a figure and height of a plot area, px.
 WIDTH, HEIGHT = 760.0, 250.0
 _PAD, _BETWEEN, _KEY, _ROW = 12.0, 16.0, 26.0, 20.0
@@ -21,6 +28,145 @@ _PAD, _BETWEEN, _KEY, _ROW = 12.0, 16.0, 26.0, 20.0
 _PARALLEL_PAD, _PARALLEL_HEIGHT, _APART = 16.0, 280.0, 110.0
 #: Colours of samples in parallel coordinates, from the lowest values on the last axis to the highest.
 _HUES = ("s1", "s6", "s3", "s5", "s2")
+
+
+@dataclass(frozen=True)
+class Subplot:
+    """Two axes and the layers between them.
+
+    Parameters
+    ----------
+    x, y
+        The axes.
+    layers
+        The layers, the lowest first.
+    title
+        The text above it.
+    height
+        Height of the plot area, px; absent: that of the chart.
+    square
+        True if equal differences have equal lengths on both axes.
+    weight
+        Share of a row's width, relative to its other subplots.
+    """
+
+    x: PlotAxis
+    y: PlotAxis
+    layers: Sequence[Layer] = field(default=())
+    title: str = ""
+    height: float | None = None
+    square: bool = False
+    weight: float = 1.0
+
+    @property
+    def scales(self) -> tuple[Scale, Scale]:
+        """The scales that contain all layers."""
+        across = (values for layer in self.layers for values in layer.extent()[0])
+        up = (values for layer in self.layers for values in layer.extent()[1])
+        return self.x.scale(across), self.y.scale(up)
+
+    def margin(self, height: float) -> float:
+        """Return the width of the upright axis with its label, px."""
+        ticks = self.y.ticks(self.scales[1], height, upright=True)
+        return ticks.width + GAP + (LABEL if self.y.label else 0.0) + 4
+
+    def area(self, left: float, top: float, width: float, height: float) -> PlotArea:
+        """Return the area of its data at a place and of a size."""
+        x, y = self.scales
+        if self.square:  # widen one of the scales
+            across, up, aspect = x.high - x.low, y.high - y.low, width / height
+            scale, span = (x, up * aspect) if across < up * aspect else (y, across / aspect)
+            middle = (scale.low + scale.high) / 2
+            widened = replace(scale, low=middle - span / 2, high=middle + span / 2)
+            x, y = (widened, y) if scale is x else (x, widened)
+        return PlotArea(left, top, width, height, x, y)
+
+    def draw(self, svg: Svg, area: PlotArea, *, margin: float, labelled: bool = True) -> None:
+        """Draw it into an area with a margin to its left; unlabelled if the subplot below has the same x."""
+        across = self.x.ticks(area.x, area.width, upright=False)
+        up = self.y.ticks(area.y, area.height, upright=True)
+        box = " ".join(f"{value:.6g}" for value in (area.left, area.top, area.width, area.height))
+        svg.open(
+            "plot",
+            data_box=box,
+            data_x=str(area.x),
+            data_y=str(area.y),
+            data_x_label=self.x.label,
+            data_y_label=self.y.label,
+        )
+        if all(layer.gridded for layer in self.layers):
+            right, bottom = area.left + area.width, area.top + area.height
+            pieces = []
+            if not self.x.names:
+                at = np.round(area.at_x((*across.values, *across.minor)), 1)
+                pieces += [f"M{x:.6g} {area.top:.6g}V{bottom:.6g}" for x in at]
+            if not self.y.names:
+                at = np.round(area.at_y((*up.values, *up.minor)), 1)
+                pieces += [f"M{area.left:.6g} {y:.6g}H{right:.6g}" for y in at]
+            if pieces:
+                svg.element("path", "grid", d="".join(pieces))
+        clip = svg.id()
+        svg.open("", clip_path=f"url(#{clip})")
+        svg.raw(f'<clipPath id="{clip}">')
+        svg.rect(area.left - 1, area.top - 1, area.width + 2, area.height + 2, "")
+        svg.raw("</clipPath>")
+        for layer in self.layers:
+            layer.draw(svg, area)
+        svg.close()
+        svg.rect(area.left, area.top, area.width, area.height, "frame")
+        bottom = area.top + area.height
+        if labelled:
+            for x, text in zip(np.round(area.at_x(across.values), 1), across.labels, strict=True):
+                svg.text(float(x), bottom + SMALL + 4, text, "small tick")
+        for y, text in zip(np.round(area.at_y(up.values), 1), up.labels, strict=True):
+            svg.text(area.left - GAP, float(y) + 0.35 * SMALL, text, "small tick", anchor="end")
+        below, beside = _with_power(self.x.label, across), _with_power(self.y.label, up)
+        if below and labelled:
+            text, cls = fitted_label(below, area.width + _BESIDE)
+            svg.text(area.left + area.width / 2, bottom + BELOW + SMALL + 5, text, cls)
+        if beside:
+            text, cls = fitted_label(beside, area.height + 6)
+            x, y = area.left - margin + LABEL - 4, area.top + area.height / 2
+            svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
+        if self.title:
+            svg.text(area.left + area.width / 2, area.top - 7, self.title, "strong")
+        svg.close()
+
+
+def _with_power(label: str, ticks: Ticks) -> str:
+    """Return the label of an axis with the power of ten of its ticks before the units.
+
+    An axis without a label belongs to a grid of subplots, whose edge has both.
+    """
+    if not (ticks.power and label):
+        return label
+    power = f"10{raised(ticks.power)}"
+    head, bracket, unit = label.rpartition(" (")
+    return f"{head} ({power} {unit}" if bracket and unit.endswith(")") else f"{label} ({power})"
+
+
+def fitted_label(text: str, space: float) -> tuple[str, str]:
+    """Return the label of an axis and its classes: small, then shortened in its middle, where space is short.
+
+    Labels mostly differ at their ends: a name first, an entry and the units last.
+    """
+    if text_width(text, SIZE) <= space:
+        return text, "label"
+    kept = len(text)
+    shown = text
+    while kept > 2 and text_width(shown, SMALL) > space:
+        kept -= 1
+        shown = f"{text[: kept // 3]}…{text[len(text) - (kept - kept // 3) :]}"
+    return shown, "label small"
+
+
+def fitted(text: str, space: float) -> str:
+    """Return a text, cut off with an ellipsis where it is wider than its space, px."""
+    if text_width(text, SIZE) <= space:
+        return text
+    while len(text) > 1 and text_width(f"{text}…", SIZE) > space:
+        text = text[:-1]
+    return f"{text}…"
 
 
 class _ColumnPlace(NamedTuple):

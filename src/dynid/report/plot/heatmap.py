@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.report.figure import CellValue, FigureTable, Picture
-from dynid.report.labels import short
+from dynid.report.notation import short
 from dynid.report.plot.axis import PlotAxis
-from dynid.report.plot.chart import chart
-from dynid.report.plot.subplot import Extent, LegendEntry, PlotArea, Subplot
-from dynid.report.style import SMALL, text_width
-from dynid.report.svg import Svg, plain
+from dynid.report.plot.chart import Subplot, chart
+from dynid.report.plot.layers import Extent, LegendEntry, PlotArea
+from dynid.report.svg import SMALL, Svg, plain, text_width
 
 #: Greatest opacity of a cell with a text in it, and of one without.
 WRITTEN, BLANK = 0.55, 0.95

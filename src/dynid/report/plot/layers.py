@@ -1,24 +1,17 @@
-"""Subplots: two axes with layers of curves, bands, markers, bars, reference lines and annotations."""
+"""Layers of plots: curves, bands, markers, bars, reference lines and annotations; decimation of polylines."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.report.labels import raised
-from dynid.report.plot.axis import PlotAxis, Scale, Ticks
-from dynid.report.plot.decimation import decimated, runs
-from dynid.report.style import SERIES, SIZE, SMALL, text_width
-from dynid.report.svg import Point, Svg, path_of, plain
-
-#: Space for the ticks of an axis and for its label, px.
-BELOW, LABEL, GAP = 18.0, 18.0, 7.0
-#: Length by which the label of an axis may exceed it, px, both ends together.
-_BESIDE = 24.0
+from dynid.report.plot.axis import Scale
+from dynid.report.svg import SERIES, SMALL, Point, Svg, path_of, plain, text_width
 
 Extent = tuple[Sequence[ArrayLike], Sequence[ArrayLike]]
 
@@ -325,143 +318,88 @@ def _rounded(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[Point]:
     return list(zip(np.round(x, 1).tolist(), np.round(y, 1).tolist(), strict=True))
 
 
-@dataclass(frozen=True)
-class Subplot:
-    """Two axes and the layers between them.
+Floats = NDArray[np.float64]
+
+#: Greatest distance from the line between its neighbours, px, at which a point is dropped.
+NEAR = 0.08
+
+
+def runs(x: Floats, y: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Yield the runs of finite points of a line."""
+    known = np.isfinite(x) & np.isfinite(y)
+    edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        yield x[start:stop], y[start:stop]
+
+
+def by_column(x: Floats, y: Floats) -> NDArray[np.intp]:
+    """Return the indices of the first, lowest, highest and last point of each pixel column.
 
     Parameters
     ----------
     x, y
-        The axes.
-    layers
-        The layers, the lowest first.
-    title
-        The text above it.
-    height
-        Height of the plot area, px; absent: that of the chart.
-    square
-        True if equal differences have equal lengths on both axes.
-    weight
-        Share of a row's width, relative to its other subplots.
+        Positions in px, x not decreasing.
+
+    Notes
+    -----
+    The picture stays the same to the pixel (M4, Jugel et al. 2014).
     """
-
-    x: PlotAxis
-    y: PlotAxis
-    layers: Sequence[Layer] = field(default=())
-    title: str = ""
-    height: float | None = None
-    square: bool = False
-    weight: float = 1.0
-
-    @property
-    def scales(self) -> tuple[Scale, Scale]:
-        """The scales that contain all layers."""
-        across = (values for layer in self.layers for values in layer.extent()[0])
-        up = (values for layer in self.layers for values in layer.extent()[1])
-        return self.x.scale(across), self.y.scale(up)
-
-    def margin(self, height: float) -> float:
-        """Return the width of the upright axis with its label, px."""
-        ticks = self.y.ticks(self.scales[1], height, upright=True)
-        return ticks.width + GAP + (LABEL if self.y.label else 0.0) + 4
-
-    def area(self, left: float, top: float, width: float, height: float) -> PlotArea:
-        """Return the area of its data at a place and of a size."""
-        x, y = self.scales
-        if self.square:  # widen one of the scales
-            across, up, aspect = x.high - x.low, y.high - y.low, width / height
-            scale, span = (x, up * aspect) if across < up * aspect else (y, across / aspect)
-            middle = (scale.low + scale.high) / 2
-            widened = replace(scale, low=middle - span / 2, high=middle + span / 2)
-            x, y = (widened, y) if scale is x else (x, widened)
-        return PlotArea(left, top, width, height, x, y)
-
-    def draw(self, svg: Svg, area: PlotArea, *, margin: float, labelled: bool = True) -> None:
-        """Draw it into an area with a margin to its left; unlabelled if the subplot below has the same x."""
-        across = self.x.ticks(area.x, area.width, upright=False)
-        up = self.y.ticks(area.y, area.height, upright=True)
-        box = " ".join(f"{value:.6g}" for value in (area.left, area.top, area.width, area.height))
-        svg.open(
-            "plot",
-            data_box=box,
-            data_x=str(area.x),
-            data_y=str(area.y),
-            data_x_label=self.x.label,
-            data_y_label=self.y.label,
-        )
-        if all(layer.gridded for layer in self.layers):
-            self._draw_grid(svg, area, across, up)
-        clip = svg.id()
-        svg.open("", clip_path=f"url(#{clip})")
-        svg.raw(f'<clipPath id="{clip}">')
-        svg.rect(area.left - 1, area.top - 1, area.width + 2, area.height + 2, "")
-        svg.raw("</clipPath>")
-        for layer in self.layers:
-            layer.draw(svg, area)
-        svg.close()
-        svg.rect(area.left, area.top, area.width, area.height, "frame")
-        bottom = area.top + area.height
-        if labelled:
-            for x, text in zip(np.round(area.at_x(across.values), 1), across.labels, strict=True):
-                svg.text(float(x), bottom + SMALL + 4, text, "small tick")
-        for y, text in zip(np.round(area.at_y(up.values), 1), up.labels, strict=True):
-            svg.text(area.left - GAP, float(y) + 0.35 * SMALL, text, "small tick", anchor="end")
-        below, beside = _with_power(self.x.label, across), _with_power(self.y.label, up)
-        if below and labelled:
-            text, cls = fitted_label(below, area.width + _BESIDE)
-            svg.text(area.left + area.width / 2, bottom + BELOW + SMALL + 5, text, cls)
-        if beside:
-            text, cls = fitted_label(beside, area.height + 6)
-            x, y = area.left - margin + LABEL - 4, area.top + area.height / 2
-            svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
-        if self.title:
-            svg.text(area.left + area.width / 2, area.top - 7, self.title, "strong")
-        svg.close()
-
-    def _draw_grid(self, svg: Svg, area: PlotArea, across: Ticks, up: Ticks) -> None:
-        right, bottom = area.left + area.width, area.top + area.height
-        pieces = []
-        if not self.x.names:
-            for x in np.round(area.at_x((*across.values, *across.minor)), 1):
-                pieces.append(f"M{x:.6g} {area.top:.6g}V{bottom:.6g}")
-        if not self.y.names:
-            for y in np.round(area.at_y((*up.values, *up.minor)), 1):
-                pieces.append(f"M{area.left:.6g} {y:.6g}H{right:.6g}")
-        if pieces:
-            svg.element("path", "grid", d="".join(pieces))
+    columns = np.floor(x).astype(np.int64)
+    starts = np.flatnonzero(np.diff(columns, prepend=columns[0] - 1))
+    if 4 * len(starts) >= len(x):
+        return np.arange(len(x))
+    stops = np.append(starts[1:], len(x))
+    owner = np.repeat(np.arange(len(starts)), stops - starts)
+    kept = np.zeros(len(x), dtype=bool)
+    kept[starts] = kept[stops - 1] = True
+    for extreme in (np.minimum, np.maximum):
+        hits = np.flatnonzero(y == extreme.reduceat(y, starts)[owner])
+        kept[hits[_firsts(owner[hits])]] = True
+    return np.flatnonzero(kept)
 
 
-def _with_power(label: str, ticks: Ticks) -> str:
-    """Return the label of an axis with the power of ten of its ticks before the units.
+def _firsts(ascending: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the index of the first occurrence of each value of an ascending array."""
+    return np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
 
-    An axis without a label belongs to a grid of subplots, whose edge has both.
+
+def straightened(x: Floats, y: Floats, near: float = NEAR) -> NDArray[np.intp]:
+    """Return the indices of the points that remain when those on straight stretches are dropped.
+
+    Extremes of y and the ends always remain; no dropped point is further than `near` from the line.
     """
-    if not (ticks.power and label):
-        return label
-    power = f"10{raised(ticks.power)}"
-    head, bracket, unit = label.rpartition(" (")
-    return f"{head} ({power} {unit}" if bracket and unit.endswith(")") else f"{label} ({power})"
+    count = len(x)
+    if count < 3:
+        return np.arange(count)
+    # The directions from a point that remains within `near` of all later points form a cone.
+    kept, xs, ys = [0], x.tolist(), y.tolist()
+    at_x, at_y, before = xs[0], ys[0], ys[0]
+    low, high = -math.inf, math.inf
+    for place in range(1, count - 1):
+        here, after = ys[place], ys[place + 1]
+        dx, dy, ahead = xs[place] - at_x, here - at_y, xs[place + 1] - at_x
+        if dx > 0:
+            low = max(low, (dy - near) / dx)
+            high = min(high, (dy + near) / dx)
+        turns = dy != 0 and (here - before) * (after - here) <= 0
+        slope = (after - at_y) / ahead if ahead > 0 else math.inf
+        if turns or dx <= 0 or not low <= slope <= high:
+            kept.append(place)
+            at_x, at_y, low, high = xs[place], here, -math.inf, math.inf
+        before = here
+    return np.array([*kept, count - 1])
 
 
-def fitted_label(text: str, space: float) -> tuple[str, str]:
-    """Return the label of an axis and its classes: small, then shortened in its middle, where space is short.
-
-    Labels mostly differ at their ends: a name first, an entry and the units last.
-    """
-    if text_width(text, SIZE) <= space:
-        return text, "label"
-    kept = len(text)
-    shown = text
-    while kept > 2 and text_width(shown, SMALL) > space:
-        kept -= 1
-        shown = f"{text[: kept // 3]}…{text[len(text) - (kept - kept // 3) :]}"
-    return shown, "label small"
-
-
-def fitted(text: str, space: float) -> str:
-    """Return a text, cut off with an ellipsis where it is wider than its space, px."""
-    if text_width(text, SIZE) <= space:
-        return text
-    while len(text) > 1 and text_width(f"{text}…", SIZE) > space:
-        text = text[:-1]
-    return f"{text}…"
+def decimated(x: Floats, y: Floats, near: float = NEAR) -> tuple[Floats, Floats]:
+    """Return the decimated points of a line, px; one that goes back in x keeps a point every 0.5 px."""
+    if len(x) > 2 and np.all(np.diff(x) >= 0):
+        kept = by_column(x, y)
+        x, y = x[kept], y[kept]
+        kept = straightened(x, y, near)
+        return x[kept], y[kept]
+    moved = np.hypot(np.diff(x), np.diff(y))
+    place = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / 0.5).astype(np.int64)
+    kept = _firsts(place)
+    if kept[-1] != len(x) - 1:
+        kept = np.append(kept, len(x) - 1)
+    return x[kept], y[kept]

@@ -1,46 +1,191 @@
-"""Reduction strip: one drawing of the graph for every step of its reduction (Park & Kim, Figs. 6 to 8)."""
+"""Bond graph of a result as a drawing, and its reduction strip, one drawing for every step.
+
+The bond graph has causal strokes, values, domains and the source-load cut. The reduction strip shows the
+graph that is left after every step (Park & Kim, Figs. 6 to 8).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, cast
 
-from dynid.bondgraph.causality.scap import run_scap
+from dynid.bondgraph.causality.scap import assign_causality, run_scap
 from dynid.bondgraph.causality.strokes import Strokes
-from dynid.bondgraph.graph import ONE_PORTS, SOURCES, Port
+from dynid.bondgraph.graph import (
+    JUNCTIONS,
+    ONE_PORTS,
+    SOURCES,
+    TWO_PORTS,
+    Bond,
+    BondGraph,
+    GraphUnits,
+    Node,
+    Port,
+)
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.program import Operation, Register
 from dynid.bondgraph.reduction.snapshots import Snapshot, snapshots
 from dynid.number_format import counted
-from dynid.report.drawing.graph import DrawnGraph, drawn_graph, sketch_node, sketch_of
-from dynid.report.drawing.render import Panel, draw_panels
-from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine
+from dynid.report.drawing.render import Panel, draw_panels, render_sketch
+from dynid.report.drawing.sketch import ELEMENT_UNITS, Sketch, SketchBond, SketchNode, TextLine
 from dynid.report.figure import Figure, FigureTable, Picture
-from dynid.report.style import SMALL
-from dynid.report.svg import Svg
+from dynid.report.notation import short
+from dynid.report.scenes import readable, scene_of
+from dynid.report.svg import SMALL, Svg
+from dynid.scene.schema.raw import chain_ends
 
 if TYPE_CHECKING:
+    from dynid.bondgraph.graph import NodeType, Quantity
     from dynid.result import Result
+
+
+#: Most nodes of a graph that is drawn; a larger drawing is unreadable.
+LARGEST = 300
+
+
+@dataclass(frozen=True)
+class DrawnGraph:
+    """The bond graph of a result with the request of its analysis.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    inputs, outputs
+        Sources that are inputs, and requested variables.
+    port
+        The bond of the source-load decomposition, if any, from the source side to the load side.
+    domains
+        The physical domain of every node that has one.
+    """
+
+    graph: BondGraph
+    inputs: tuple[str, ...]
+    outputs: tuple[Port, ...]
+    port: Bond | None
+    domains: dict[str, str]
+
+
+def drawn_graph(result: Result) -> DrawnGraph:
+    """Return the graph of a result, read from its scene.
+
+    Raises
+    ------
+    UsageError
+        Where the result does not hold its scene, or the scene cannot be read.
+    """
+    scene = scene_of(result)
+    with readable():
+        analysis = scene.data["analysis"]
+        nodes = []
+        for name, raw in scene.data["graph"]["nodes"].items():
+            given = raw if isinstance(raw, dict) else {"type": raw}
+            kind, value = cast("NodeType", str(given["type"])), given.get("value")
+            exact, formula = (None, None) if value is None else (scene.exact(value), scene.expression(value))
+            nodes.append(Node(str(name), kind, exact, formula, str(given.get("domain") or "")))
+        chains = map(chain_ends, scene.data["graph"]["bonds"])
+        graph = BondGraph(nodes, [Bond(*ends) for chain in chains for ends in pairwise(chain)])
+        if analysis.get("reading") == "binary":
+            graph = graph.rounded()
+        sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
+        outputs = []
+        for text in analysis["outputs"]:
+            node, _, quantity = text.rpartition(".")
+            outputs.append(Port(node, cast("Quantity", quantity)))
+        port = analysis.get("port")
+        return DrawnGraph(
+            graph,
+            tuple(map(str, analysis.get("inputs") or sources)),
+            tuple(outputs),
+            None if port is None else Bond(*chain_ends(port)),
+            GraphUnits(graph).domains,
+        )
+
+
+def figures(result: Result) -> Iterator[Figure]:
+    """Yield the drawing of a result's bond graph."""
+    drawn = drawn_graph(result)
+    if len(drawn.graph.nodes) <= LARGEST:
+        yield Figure("bond-graph", "Bond graph", lambda: _graph_picture(result.title, drawn))
+
+
+def _graph_picture(title: str, drawn: DrawnGraph) -> Picture:
+    sketch, graph = sketch_of(drawn), drawn.graph
+    about = f"{title}: bond graph of {len(graph.nodes)} nodes and {len(graph.bonds)} bonds"
+    strokes = {(bond.tail, bond.head): bond.stroke for bond in sketch.bonds}
+    rows = [
+        (bond.tail, bond.head, {"tail": bond.tail, "head": bond.head}[strokes[bond.tail, bond.head]])
+        for bond in graph.bonds
+    ]
+    caption = (
+        "Power is positive along the half arrows. The causal stroke of a bond is at the end that receives "
+        "the effort and determines the flow."
+    )
+    table = FigureTable(("from", "to", "effort is imposed on"), tuple(rows))
+    return Picture(render_sketch("bond-graph", f"Bond graph of {title}", about, sketch), caption, table)
+
+
+def sketch_of(drawn: DrawnGraph) -> Sketch:
+    """Return the sketch of a graph; a bond has the domain of its end that is no two-port."""
+    graph, domains = drawn.graph, drawn.domains
+    outputs: dict[str, list[str]] = {}
+    for port in drawn.outputs:
+        outputs.setdefault(port.node, []).append(port.quantity)
+    nodes = tuple(
+        sketch_node(node, domains.get(name, ""), name in drawn.inputs, outputs.get(name, ()))
+        for name, node in graph.nodes.items()
+    )
+    bonds = []
+    for bond in assign_causality(graph).bonds:
+        plain = [end for end in (bond.tail, bond.head) if graph.nodes[end].type not in TWO_PORTS]
+        domain = next((domains[end] for end in plain if end in domains), "")
+        bonds.append(SketchBond(bond.tail, bond.head, bond.stroke, domain))
+    source = next((name for name in drawn.inputs if graph.bonds_of(name)), None)
+    cut = (drawn.port.tail, drawn.port.head) if drawn.port is not None else None
+    return Sketch(nodes, tuple(bonds), source, next(iter(outputs), None), cut)
+
+
+def sketch_node(node: Node, domain: str, is_input: bool, outputs: Iterable[str]) -> SketchNode:
+    """Return a node of a graph with its name, its value with unit, and its quantities that are outputs."""
+    notes = []
+    if node.value is not None:
+        number = short(float(node.value))
+        if node.type in TWO_PORTS:
+            notes.append(f"{'n' if node.type == 'TF' else 'r'} = {number}")
+        else:
+            notes.append(f"{number} {ELEMENT_UNITS.get(domain, {}).get(node.type, '')}".rstrip())
+    quantities = ", ".join(outputs)
+    notes += ["input"] if is_input else []
+    notes += [f"output {quantities}"] if quantities else []
+    head: Sequence[TextLine]
+    if node.type in JUNCTIONS:
+        head = (TextLine(node.type, "glyph"), TextLine(node.name, "note"))
+    else:
+        head = (TextLine(f"{node.type} : {node.name}"),)
+    role = "both" if is_input and quantities else "input" if is_input else "output" if quantities else ""
+    return SketchNode(node.name, (*head, *(TextLine(note, "note") for note in notes)), domain, role)
+
 
 #: Most steps of a reduction that is drawn.
 LONGEST = 60
 _DASHED = "couplings that are not bonds: the entries k between two junctions, defined by the equations"
 
 
-def figures(result: Result) -> Iterator[Figure]:
+def reduction_strips(result: Result) -> Iterator[Figure]:
     """Yield the reduction strip of every output."""
     drawn = drawn_graph(result)
     steps = result["bond_graph/reduction/steps"].data
     for port in drawn.outputs:
         rows = [row for row in steps if row["output"] == str(port)]
         if 0 < len(rows) <= LONGEST:
-            draw = partial(_picture, drawn, port, rows)
+            draw = partial(_strip_picture, drawn, port, rows)
             yield Figure(f"reduction-{port}", f"Reduction to {port}, step by step", draw)
 
 
-def _picture(drawn: DrawnGraph, port: Port, rows: list[dict[str, str]]) -> Picture:
+def _strip_picture(drawn: DrawnGraph, port: Port, rows: list[dict[str, str]]) -> Picture:
     sketches = reduction_strip(drawn, port)
     title = f"Reduction to {port} in {counted(len(rows), 'step')}"
     name = f"reduction-{port}"
@@ -130,8 +275,16 @@ class _SnapshotSketch:
             lines = (TextLine(state.kind, "glyph"), TextLine(", ".join(state.nodes) or name, "note"))
             self._add(SketchNode(name, lines, found.pop() if len(found) == 1 else ""), state.kind)
         for tie in self.shot.links:
-            ends = (tie.head, tie.tail) if self._is_negative(tie.forward) else (tie.tail, tie.head)
-            self._add_coupling(*ends, tie.two_port, tie.drawn)
+            tail, head = (tie.head, tie.tail) if self._is_negative(tie.forward) else (tie.tail, tie.head)
+            two_port, domains = tie.two_port, [self.nodes[end].domain for end in (tail, head)]
+            if two_port is None:
+                domain = domains[0] or domains[1]
+                self.bonds.append(SketchBond(tail, head, domain=domain, equation_only=not tie.drawn))
+                continue
+            node = self.drawn.graph.nodes[two_port]
+            self._add(sketch_node(node, self.drawn.domains.get(two_port, ""), False, ()), node.type)
+            self.bonds.append(SketchBond(tail, two_port, domain=domains[0]))
+            self.bonds.append(SketchBond(two_port, head, domain=domains[1]))
         for name in self.shot.junctions:
             self._add_sources(name)
             self._add_terms(name)
@@ -141,7 +294,7 @@ class _SnapshotSketch:
             at_head = run_scap(strokes, one_ports).strokes.at_head
             ends_of = ("" if value is None else "head" if value else "tail" for value in at_head)
             self.bonds = [replace(b, stroke=end) for b, end in zip(self.bonds, ends_of, strict=True)]
-        self._name_by_causality(self.bonds)
+        self._name_by_causality()
         fresh = {key for key in self.nodes if self.before and key not in self.before}
         touched = set(self.shot.changed) or set(self.shot.step.nodes if self.shot.step else ())
         marked = fresh or touched
@@ -157,19 +310,6 @@ class _SnapshotSketch:
 
     def _add(self, node: SketchNode, kind: str) -> None:
         self.nodes[node.key], self.kinds[node.key] = node, kind
-
-    def _add_coupling(self, tail: str, head: str, two_port: str | None, drawn: bool) -> None:
-        """Add a bond between two junctions, through its two-port if it has one."""
-        if two_port is None:
-            domain = self.nodes[tail].domain or self.nodes[head].domain
-            self.bonds.append(SketchBond(tail, head, domain=domain, equation_only=not drawn))
-            return
-        node = self.drawn.graph.nodes[two_port]
-        self._add(sketch_node(node, self.drawn.domains.get(two_port, ""), False, ()), node.type)
-        self.bonds += [
-            SketchBond(tail, two_port, domain=self.nodes[tail].domain),
-            SketchBond(two_port, head, domain=self.nodes[head].domain),
-        ]
 
     def _add_sources(self, name: str) -> None:
         """Add the sources that drive a junction."""
@@ -208,13 +348,13 @@ class _SnapshotSketch:
                 self._add(node, "R")
             self.bonds.append(SketchBond(name, node.key, domain=domain))
 
-    def _name_by_causality(self, bonds: Iterable[SketchBond]) -> None:
+    def _name_by_causality(self) -> None:
         """Name immittances that steps created by their strokes: one that determines effort is an impedance.
 
         On a 1-junction the program has impedances, on a 0-junction admittances; under the opposite causality
         the inverse is named, as in the equations of the steps.
         """
-        for bond in bonds:
+        for bond in self.bonds:
             register = self.reduced.get(bond.head)
             impedance = bond.stroke == "tail"
             if register is None or not bond.stroke or impedance is (self.kinds[bond.tail] == "1"):
