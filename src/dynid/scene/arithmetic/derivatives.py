@@ -1,4 +1,4 @@
-"""Derivatives of expressions by the parameters of a scene, exact as long as the expressions are."""
+"""Derivatives of expressions by the parameters of a scene, exact where the expressions are."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Dual:
 
 
 def independent_parameters(raw: Mapping[str, Any]) -> dict[str, Dual]:
-    """Give every parameter as a function of those that are numbers of their own.
+    """Return every parameter with its derivatives by the independent ones, which are plain numbers.
 
     Parameters
     ----------

@@ -1,13 +1,16 @@
-"""Safe arithmetic: expressions of numbers and names, exact as long as they can be.
+"""Arithmetic expressions of numbers and names: their grammar, their values, and parameters by name.
 
-Nothing is ever executed. What a text is allowed to say is decided in `grammar`; what numbers do is in
-`numbers`; an expression can as well be folded over any other kind of number, such as polynomials.
+Nothing is ever executed: a text is cut into tokens, parsed, and checked node by node. Its operations on
+numbers are in `numbers`; an expression can also be folded over another kind of number, such as polynomials.
 """
 
 from __future__ import annotations
 
 import ast
+import keyword
 import math
+import re
+import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -15,15 +18,7 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, TypeVar
 
-from dynid.scene.arithmetic.grammar import (
-    FUNCTIONS,
-    ExpressionError,
-    column_of,
-    literal_of,
-    name_problem,
-    operation_of,
-    parse_arithmetic,
-)
+from dynid.errors import UsageError
 from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
 from dynid.suggestions import did_you_mean
 
@@ -39,6 +34,193 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+
+MAX_LENGTH = 1000
+MAX_PARENTHESES = 100
+
+# How many arguments each function takes; min and max take more, too.
+FUNCTIONS = {"sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "abs": 1, "min": 2, "max": 2}
+_ALLOWED = f"an expression is numbers, names, + - * / ** ( ), pi, and {' '.join(FUNCTIONS)}"
+
+_BLANKS = str.maketrans("\t\n\r\f", "    ")
+_TOKEN = re.compile(
+    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|\*\*|[-+*/(),]|\s+"
+)
+_BINARY: dict[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Pow: "**",
+}
+_UNARY: dict[type[ast.unaryop], str] = {ast.UAdd: "pos", ast.USub: "neg"}
+
+
+class ExpressionError(UsageError):
+    """An expression that is not arithmetic, or has no value.
+
+    Parameters
+    ----------
+    sentence
+        What is wrong.
+    text
+        The expression.
+    column
+        Where in it, from 1.
+    """
+
+    def __init__(self, sentence: str, text: str, column: int) -> None:
+        shown = text if len(text) <= 60 else f"{text[:57]}…"
+        super().__init__(f"{sentence} (at character {column} of '{shown}')")
+        self.sentence = sentence
+        self.column = column
+
+
+def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
+    """Return the checked nodes of the syntax tree of a text in the order of evaluation, the root last.
+
+    Raises
+    ------
+    ExpressionError
+        When the text is anything but arithmetic on numbers and names.
+    """
+    if len(text) > MAX_LENGTH:
+        raise ExpressionError(f"an expression has at most {MAX_LENGTH} characters", text, MAX_LENGTH + 1)
+    if not text.strip():
+        raise ExpressionError("an expression is missing", text, 1)
+    _check_tokens(text)
+    try:
+        # On one line and in parentheses blanks mean nothing; places come out shifted by one.
+        tree = ast.parse(f"({text.translate(_BLANKS)})", mode="eval").body
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        column = min(max((getattr(error, "offset", None) or 2) - 1, 1), len(text))
+        raise ExpressionError(
+            "this is not arithmetic; an operand or operator is missing", text, column
+        ) from None
+    # Check every node, and list operands before operations; on a stack, so that depth needs no recursion.
+    order: list[ast.expr] = []
+    stack = [tree]
+    while stack:
+        node = stack.pop()
+        problem = _node_problem(node)
+        if problem:
+            raise ExpressionError(problem, text, column_of(text, node))
+        order.append(node)
+        if isinstance(node, ast.BinOp):
+            stack += [node.left, node.right]
+        elif isinstance(node, ast.UnaryOp):
+            stack.append(node.operand)
+        elif isinstance(node, ast.Call):
+            stack += node.args
+    return tuple(reversed(order))
+
+
+def column_of(text: str, node: ast.expr) -> int:
+    """Return the column of a node in its expression, from 1."""
+    before = f"({text})".encode()[: node.col_offset]
+    return max(len(before.decode()), 1)
+
+
+def operation_of(node: ast.expr) -> tuple[str, int]:
+    """Return the operation of a checked node that is neither number nor name, and its operand count."""
+    if isinstance(node, ast.BinOp):
+        return _BINARY[type(node.op)], 2
+    if isinstance(node, ast.UnaryOp):
+        return _UNARY[type(node.op)], 1
+    assert isinstance(node, ast.Call)
+    assert isinstance(node.func, ast.Name)
+    return node.func.id, len(node.args)
+
+
+def literal_of(node: ast.Constant) -> Fraction:
+    """Return the exact value of a checked literal, as the decimal it is written as."""
+    return Fraction(repr(node.value))
+
+
+def name_problem(name: str) -> str:
+    """Return why a word cannot name a parameter; empty where it can."""
+    if keyword.iskeyword(name):
+        return f"'{name}' is a reserved word; use another name, such as '{name}_0'"
+    if not name.isidentifier():
+        return f"'{name}' cannot be a name; use letters, digits and _, beginning with a letter"
+    if name in FUNCTIONS or name == "pi":
+        return f"'{name}' is the name of a {'constant' if name == 'pi' else 'function'}; use another"
+    return _spelling_problem(name)
+
+
+def _spelling_problem(name: str) -> str:
+    if name.startswith("__"):
+        return f"'{name}' begins with two underscores; use another name"
+    usual = unicodedata.normalize("NFKC", name)
+    return "" if usual == name else f"'{name}' has a character that looks like another; write '{usual}'"
+
+
+def _check_tokens(text: str) -> None:
+    opened: list[int] = []
+    position, number = 0, ""
+    while position < len(text):
+        column = position + 1
+        match = _TOKEN.match(text, position)
+        if match is None:
+            character = text[position]
+            sentence = f"'{character}' has no meaning here; {_ALLOWED}"
+            if character == "^":
+                sentence = "'^' is not a power; write **"
+            raise ExpressionError(sentence, text, column)
+        token = match.group()
+        if number and (match["name"] or match["number"]):
+            sentence = (
+                f"'{number}{token}' is neither a number nor a name; a product is written {number}*{token}"
+            )
+            raise ExpressionError(sentence, text, column - len(number))
+        if match["name"]:
+            problem = f"'{token}' has no meaning here; {_ALLOWED}" if keyword.iskeyword(token) else ""
+            if problem := problem or _spelling_problem(token):
+                raise ExpressionError(problem, text, column)
+        if token == "(":
+            opened.append(column)
+            if len(opened) > MAX_PARENTHESES:
+                raise ExpressionError(f"more than {MAX_PARENTHESES} nested parentheses", text, column)
+        elif token == ")":
+            if not opened:
+                raise ExpressionError("this parenthesis closes nothing", text, column)
+            opened.pop()
+        number = match["number"] or ""
+        position = match.end()
+    if opened:
+        sentence = "this parenthesis is not closed; between { } an expression with a comma stands in quotes"
+        raise ExpressionError(sentence, text, opened[-1])
+
+
+def _node_problem(node: ast.expr) -> str:
+    if isinstance(node, ast.Constant):
+        finite = isinstance(node.value, int) or (isinstance(node.value, float) and math.isfinite(node.value))
+        return "" if finite else "the number is too large for double precision"
+    if isinstance(node, ast.Name):
+        return f"'{node.id}' is a function; write {node.id}(…)" if node.id in FUNCTIONS else ""
+    if isinstance(node, ast.Call):
+        if not isinstance(node.func, ast.Name):
+            return "a product needs a *; only functions stand before a parenthesis"
+        name, count = node.func.id, len(node.args)
+        if name not in FUNCTIONS:
+            hint = did_you_mean(name, FUNCTIONS)
+            return f"no function '{name}'{hint or '; a product needs a *'}"
+        if any(isinstance(argument, ast.Starred) for argument in node.args):
+            return f"{name} takes numbers, without *"
+        if count == FUNCTIONS[name] or (FUNCTIONS[name] == 2 and count > 2):
+            return ""
+        return (
+            f"{name} takes {'one argument' if FUNCTIONS[name] == 1 else 'two arguments or more'}, not {count}"
+        )
+    if isinstance(node, ast.BinOp):
+        return (
+            "" if type(node.op) in _BINARY else "this operator has no meaning here; a quotient is written /"
+        )
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
+        return ""
+    if isinstance(node, ast.Tuple) and node.elts:
+        return "a comma has no meaning here; decimals stand behind a point"
+    return f"this has no meaning here; {_ALLOWED}"
 
 
 @dataclass(frozen=True)
@@ -68,9 +250,9 @@ class Expression:
         Parameters
         ----------
         leaf
-            Gives the value of a literal (a `Fraction`) or of a name (a `str`; `pi` is one).
+            Returns the value of a literal (a `Fraction`) or of a name (a `str`; `pi` is one).
         apply
-            Gives the value of an operation (`+ - * / **`, `neg`, `pos`, or a function's name). What it
+            Returns the value of an operation (`+ - * / **`, `neg`, `pos`, or a function's name). What it
             raises as `OutOfRangeError` becomes an `ExpressionError` with the place.
         """
         stack: list[T] = []
@@ -88,7 +270,7 @@ class Expression:
         return stack[0]
 
     def evaluate(self, env: Mapping[str, Number]) -> Number:
-        """Give the value: a `Fraction` where only exact operations are involved, else a float.
+        """Return the value: a `Fraction` where only exact operations are involved, else a float.
 
         Raises
         ------
@@ -109,7 +291,7 @@ class Expression:
 
 
 def parse(text: str) -> Expression:
-    """Read an arithmetic expression.
+    """Return the expression that a text holds.
 
     Raises
     ------
@@ -120,7 +302,7 @@ def parse(text: str) -> Expression:
 
 
 def resolve_parameters(raw: Mapping[str, Any]) -> tuple[dict[str, Number], dict[str, str]]:
-    """Give every parameter its value; they may refer to each other in any order.
+    """Return the values of parameters, which may refer to each other in any order.
 
     Parameters
     ----------
@@ -138,7 +320,18 @@ def resolve_parameters(raw: Mapping[str, Any]) -> tuple[dict[str, Number], dict[
     values: dict[str, Number] = {}
     for name, value in raw.items():
         try:
-            _read_parameter(name, value, raw, values, expressions)
+            problem = f"{name} cannot be a name; it is not a word"
+            if problem := name_problem(name) if isinstance(name, str) else problem:
+                raise OutOfRangeError(problem)
+            if isinstance(value, str):
+                expression = parse(value)
+                for unknown in sorted(used for used in expression.names if used not in raw):
+                    raise OutOfRangeError(f"no parameter '{unknown}'{did_you_mean(unknown, map(str, raw))}")
+                expressions[name] = expression
+            elif value is None or isinstance(value, list | dict):
+                raise OutOfRangeError("a parameter is a number or an expression")
+            else:
+                values[name] = to_fraction(value)
         except (ExpressionError, OutOfRangeError) as error:
             faults[str(name)] = str(error)
     _evaluate_in_order(expressions, values, faults)
@@ -151,27 +344,6 @@ def resolve_parameters(raw: Mapping[str, Any]) -> tuple[dict[str, Number], dict[
             chain[4:-3] = [f"({len(chain) - 7} more)"]
         faults |= {name: f"'{name}' is defined by itself: {' -> '.join(chain)}" for name in cycle}
     return values, faults
-
-
-def _read_parameter(
-    name: Any,
-    value: Any,
-    raw: Mapping[str, Any],
-    values: dict[str, Number],
-    expressions: dict[str, Expression],
-) -> None:
-    problem = name_problem(name) if isinstance(name, str) else f"{name} cannot be a name; it is not a word"
-    if problem:
-        raise OutOfRangeError(problem)
-    if not isinstance(value, str):
-        if value is None or isinstance(value, list | dict):
-            raise OutOfRangeError("a parameter is a number or an expression")
-        values[name] = to_fraction(value)
-        return
-    expression = parse(value)
-    for unknown in sorted(used for used in expression.names if used not in raw):
-        raise OutOfRangeError(f"no parameter '{unknown}'{did_you_mean(unknown, map(str, raw))}")
-    expressions[name] = expression
 
 
 def _evaluate_in_order(
@@ -197,7 +369,7 @@ def _evaluate_in_order(
 
 
 def _cycles(waiting: Mapping[str, Iterable[str]]) -> list[list[str]]:
-    """Find definitions that wait for each other, by following from each the first one it waits for."""
+    """Return the cycles of definitions, following from each the first one that it refers to."""
     following = {
         name: min((other for other in needs if other in waiting), default="")
         for name, needs in waiting.items()

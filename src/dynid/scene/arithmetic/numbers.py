@@ -1,4 +1,4 @@
-"""Real arithmetic that stays exact as long as it can, and ends at once where it cannot."""
+"""Real arithmetic on fractions and floats: exact where the operation is, and of bounded size."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ Number = Fraction | float
 
 
 class OutOfRangeError(ArithmeticError):
-    """An operation without a finite real value of reasonable size; says why in one sentence."""
+    """An operation has no finite real value of reasonable size; the message is one sentence."""
 
 
 def to_fraction(value: float | Fraction, reading: Literal["decimal", "binary"] = "decimal") -> Fraction:
-    """Give a number exactly.
+    """Return a number as a fraction.
 
     Parameters
     ----------
     value
         A finite number.
     reading
-        What a float means: the shortest decimal that prints it (0.1 is 1/10), or its binary value.
+        How a float is read: as the shortest decimal that prints it (0.1 is 1/10), or as its binary value.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def to_fraction(value: float | Fraction, reading: Literal["decimal", "binary"] =
 
 
 def as_number(value: object) -> Number:
-    """Check that a value is a finite real number, and give it as a `Fraction` or a float."""
+    """Return a value as a `Fraction` or a float, checked to be a finite real number."""
     if isinstance(value, bool) or not isinstance(value, int | float | Fraction):
         raise OutOfRangeError(
             f"{str(value).lower() if isinstance(value, bool) else repr(value)} is not a number"
@@ -48,7 +48,7 @@ def as_number(value: object) -> Number:
 
 
 def apply(operation: str, operands: list[Number]) -> Number:
-    """Apply an operation or function of expressions to numbers.
+    """Return the result of an operation or function of expressions on numbers.
 
     Raises
     ------

@@ -1,13 +1,15 @@
 """Samples of a bond graph that differ in numbers, run together.
 
-What they share is read, checked, planned and multiplied out once. A sample with something of its own (a value
-of zero, a text where the others have numbers, roots that meet, a fault) is run alone.
+What they share is read, checked, planned and expanded once. A sample that differs in more (a value of zero,
+a text where the others have numbers, coinciding roots, a fault) is run alone.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
 from graphlib import TopologicalSorter
@@ -19,8 +21,7 @@ from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError
 from dynid.result import Variable
 from dynid.scene.arithmetic.expression import Expression, parse
-from dynid.scene.arithmetic.numbers import Number, to_fraction
-from dynid.scene.arithmetic.samples import SampleColumn, evaluate, numbers
+from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
 from dynid.scene.collect import gather
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 Overrides = Sequence[Mapping[str, Any]]
 Path = tuple[str, ...]
+SampleColumn = list[Number | None]
+"""One value a sample; None where it has none: run alone, the sample reports why."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ def batched(
 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
-    """Say why samples that differ at these paths are not run together; nothing where they are."""
+    """Return why samples that differ at these paths are not run together; empty where they are."""
     for path in paths:
         if _place(template, path) is None:
             return f"{path} is no parameter, no value of an element and no stored energy"
@@ -83,7 +86,7 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
 
 @lru_cache(maxsize=4)
 def _planned(family: _BatchKey) -> _GraphBatch | None:
-    """Plan a family of samples, once a process; None where it cannot be run together."""
+    """Return the plan of a batch, made once a process; None where it cannot be run together."""
     places = [_place(family.scene, path) for path in family.paths]
     if None in places:
         return None
@@ -102,7 +105,7 @@ class _NotShared(Exception):
 
 
 def _place(scene: Scene, path: str) -> Path | None:
-    """Return what a path names: a parameter, the value of an element, or the energy that it stores."""
+    """Return what a path refers to: a parameter, the value of an element, or its stored energy."""
     model = cast("BondGraphScene", scene.model)
     match path.split("."):
         case ["parameters", name] if name in model.parameters:
@@ -122,7 +125,7 @@ class _GraphBatch:
     scene
         The scene.
     places
-        What each path that varies names.
+        The quantity that each varied path refers to.
     wanted
         The arrays to compute.
     """
@@ -131,7 +134,13 @@ class _GraphBatch:
         model = cast("BondGraphScene", scene.model)
         graph, analysis = question(scene)
         varied = {name for kind, name in places.values() if kind == "parameter"}
-        self._expressions = _dependents(scene.source.data.get("parameters") or {}, varied)
+        self._expressions: dict[str, Expression] = {}  # of dependent parameters, each after those it needs
+        raw = scene.source.data.get("parameters") or {}
+        texts = {str(name): parse(text) for name, text in raw.items() if isinstance(text, str)}
+        order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
+        for name in order.static_order():
+            if name not in varied and texts[name].names & {*varied, *self._expressions}:
+                self._expressions[name] = texts[name]
         varied |= self._expressions.keys()
         grids = [model.analysis.frequency, model.analysis.time]
         if not shared(wanted, analysis) or any(varied & names for names in map(_named_in, grids)):
@@ -148,7 +157,7 @@ class _GraphBatch:
         )
 
     def run(self, overrides: Overrides) -> list[Mapping[str, Variable] | None]:
-        """Return what is wanted of every sample; None for one that is to be run alone."""
+        """Return the arrays of every sample; None for one that is to be run alone."""
         parameters, values, stored = self._quantities(overrides)
         columns = [*parameters.values(), *values.values(), *stored.values()]
         failed = {k for column in columns for k, value in enumerate(column) if value is None}
@@ -161,13 +170,13 @@ class _GraphBatch:
         return found
 
     def _quantities(self, overrides: Overrides) -> tuple[dict[str, list[Any]], ...]:
-        """Return what varies, one a sample: parameters, values of elements, stored energies (both exact)."""
+        """Return varied parameters, values of elements and stored energies (both exact), one a sample."""
         known: dict[str, Number | SampleColumn] = dict(self._fixed)
         parameters: dict[str, SampleColumn] = {}
         values: dict[str, list[Fraction | None]] = {}
         stored: dict[str, list[Fraction | None]] = {}
         for path, (kind, name) in self._places.items():
-            column = numbers([one[path] for one in overrides])
+            column = _numbers([one[path] for one in overrides])
             match kind:
                 case "parameter":
                     known[name] = parameters[name] = column
@@ -176,52 +185,90 @@ class _GraphBatch:
                 case _:
                     stored[name] = _exact(column)
         for name, expression in self._expressions.items():
-            known[name] = parameters[name] = evaluate(expression, known, len(overrides))
+            known[name] = parameters[name] = _evaluate(expression, known, len(overrides))
         for name, expression in self._values.items():
             if name not in values:
-                values[name] = _exact(evaluate(expression, known, len(overrides)), binary=self._binary)
+                values[name] = _exact(_evaluate(expression, known, len(overrides)), binary=self._binary)
         for name, expression in self._stored.items():
             if name not in stored:
-                stored[name] = _exact(evaluate(expression, known, len(overrides)))
+                stored[name] = _exact(_evaluate(expression, known, len(overrides)))
         return parameters, values, stored
 
 
+def _numbers(raw: Sequence[Any]) -> SampleColumn:
+    """Return the values of samples as the decimals they are written as."""
+    column: SampleColumn = []
+    for value in raw:
+        if type(value) is float and math.isfinite(value):  # the quick way to the same fraction
+            column.append(Fraction(*Decimal(repr(value)).as_integer_ratio()))
+            continue
+        try:
+            column.append(to_fraction(value))
+        except OutOfRangeError:
+            column.append(None)
+    return column
+
+
+def _evaluate(expression: Expression, known: Mapping[str, Number | SampleColumn], count: int) -> SampleColumn:
+    """Return the values of an expression, one a sample: the very numbers of each sample alone.
+
+    Parameters
+    ----------
+    expression
+        The expression.
+    known
+        For every name in it a value, or one a sample.
+    count
+        The number of samples.
+    """
+
+    def leaf(item: Fraction | str) -> Number | SampleColumn:
+        if isinstance(item, Fraction):
+            return item
+        return math.pi if item == "pi" else known[item]
+
+    def operate(operation: str, operands: list[Number | SampleColumn]) -> Number | SampleColumn:
+        if not any(isinstance(operand, list) for operand in operands):
+            return apply(operation, operands)  # type: ignore[arg-type]
+        columns = [operand if isinstance(operand, list) else [operand] * count for operand in operands]
+        results: SampleColumn = []
+        for row in zip(*columns, strict=True):
+            try:
+                results.append(None if any(value is None for value in row) else apply(operation, list(row)))  # type: ignore[arg-type]
+            except OutOfRangeError:
+                results.append(None)
+        return results
+
+    found = expression.fold(leaf, operate)
+    return found if isinstance(found, list) else [found] * count
+
+
 def _slots(quantities: Mapping[str, Quantity | None], varied: Collection[str]) -> dict[str, Expression]:
-    """Return the expressions that depend on what varies."""
+    """Return the expressions that depend on varied parameters."""
     given = {name: quantity.expression for name, quantity in quantities.items() if quantity is not None}
     return {name: text for name, text in given.items() if text is not None and text.names & set(varied)}
 
 
-def _dependents(raw: Mapping[Any, Any], varied: Collection[str]) -> dict[str, Expression]:
-    """Return the parameters that depend on others that vary, each after those that it depends on."""
-    texts = {str(name): parse(text) for name, text in raw.items() if isinstance(text, str)}
-    order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
-    found: dict[str, Expression] = {}
-    for name in order.static_order():
-        if name not in varied and texts[name].names & {*varied, *found}:
-            found[name] = texts[name]
-    return found
-
-
 def _exact(column: SampleColumn, *, binary: bool = False) -> list[Fraction | None]:
-    """Return values exactly; None for what double precision would turn into zero or infinity."""
-    return [None if value is None else _in_range(value, binary=binary) for value in column]
-
-
-def _in_range(value: Number, *, binary: bool) -> Fraction | None:
-    try:
-        rounded = float(value)
-    except OverflowError:
-        return None
-    if rounded == 0 != value:
-        return None
-    if binary:
-        return Fraction(rounded)
-    return value if isinstance(value, Fraction) else to_fraction(value)
+    """Return values as fractions; None for those that double precision would turn into zero or infinity."""
+    exact: list[Fraction | None] = []
+    for value in column:
+        try:
+            rounded = 0.0 if value is None else float(value)
+        except OverflowError:
+            exact.append(None)
+            continue
+        if value is None or rounded == 0 != value:
+            exact.append(None)
+        elif binary:
+            exact.append(Fraction(rounded))
+        else:
+            exact.append(value if isinstance(value, Fraction) else to_fraction(value))
+    return exact
 
 
 def _named_in(part: Any) -> set[str]:
-    """Return the names in the quantities of a part of a scene, however deep."""
+    """Return the names in the quantities of a part of a scene at any depth."""
     if isinstance(part, Quantity):
         return set(part.expression.names) if part.expression is not None else set()
     if isinstance(part, list | tuple):

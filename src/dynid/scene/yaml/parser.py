@@ -1,21 +1,33 @@
-"""YAML text to plain data with the place of every key and value; syntax errors in plain words.
+"""Parser of scene files: YAML text to plain data with the place of every key and value.
 
-The data are built from the parser's events, without recursion and without any constructor: texts,
-numbers, Booleans, nulls, lists and mappings, by the YAML 1.2 core schema, and nothing else.
+The data are built from the events of PyYAML, without recursion and without any constructor: texts,
+numbers, Booleans, nulls, lists and mappings, by the YAML 1.2 core schema, and nothing else. PyYAML's own
+rules for scalars are those of YAML 1.1, where `1e3` is a text, `on` is true and `12:30` is 750.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any, NamedTuple, NoReturn
 
 import yaml
 
 from dynid.errors import Fault
-from dynid.scene.yaml.scalars import CORE, UNSTORABLE, resolve_plain, resolve_tagged, shorten, tag_message
 
 Place = tuple[int, int]
+
+MAX_DIGITS = 400
+CORE = "tag:yaml.org,2002:"
+UNSTORABLE = re.compile("[\0\ud800-\udfff]")
+
+_NULL = frozenset({"", "~", "null", "Null", "NULL"})
+_BOOL = {word: word.lower() == "true" for word in ("true", "True", "TRUE", "false", "False", "FALSE")}
+_INT = re.compile(r"(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)\Z")
+_FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?\Z")
+_INF = re.compile(r"[-+]?\.(?:inf|Inf|INF)\Z")
+_NAN = frozenset({".nan", ".NaN", ".NAN"})
 
 _PLAIN_WORDS = {
     "mapping values are not allowed": "a ':' is not expected here; check the indentation, "
@@ -35,8 +47,67 @@ _PLAIN_WORDS = {
 }
 
 
+def resolve_plain(text: str) -> str | int | float | bool | None:
+    """Return the value of an unquoted scalar by the core schema of YAML 1.2.
+
+    Raises
+    ------
+    ValueError
+        When a number is too long, or too large for double precision.
+    """
+    if text in _NULL:
+        return None
+    if text in _BOOL:
+        return _BOOL[text]
+    if _INT.match(text):
+        # The length is checked before the conversion, whose cost grows with its square.
+        number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)) if len(text) <= 2 * MAX_DIGITS else None
+        if number is None or abs(number) >= 10**MAX_DIGITS:
+            raise ValueError(f"{shorten(text)} has more than {MAX_DIGITS} digits")
+        return number
+    if _FLOAT.match(text):
+        value = float(text)
+        if value in (float("inf"), float("-inf")):
+            raise ValueError(f"{shorten(text)} is too large for a number in double precision")
+        return value
+    if _INF.match(text):
+        return float("-inf" if text[0] == "-" else "inf")
+    return float("nan") if text in _NAN else text
+
+
+def shorten(text: str) -> str:
+    """Return a quoted text, cut to a length that fits a message."""
+    return text if len(text) <= 40 else f"{text[:20]}…"
+
+
+def resolve_tagged(text: str, tag: str) -> Any:
+    """Return the value of a scalar with a core tag (`!!int`, `!!float`, `!!bool`, `!!null`).
+
+    Raises
+    ------
+    ValueError
+        When the tag is another, or the text is not of that type.
+    """
+    value = resolve_plain(text)
+    kind = tag.removeprefix(CORE)
+    if kind == "float" and type(value) is int:
+        return resolve_plain(f"{value}.0")
+    expected = {"int": int, "float": float, "bool": bool, "null": type(None)}.get(kind)
+    if expected is None:
+        raise ValueError(tag_message(tag))
+    if type(value) is not expected:
+        raise ValueError(f"'{shorten(text)}' is not of the type {kind} that its tag says")
+    return value
+
+
+def tag_message(tag: str) -> str:
+    """Return the message that a tag is not allowed."""
+    shown = tag.replace(CORE, "!!")
+    return f"the tag {shorten(shown)} is not allowed; a scene is plain texts, numbers, lists and mappings"
+
+
 def place_of(text: str, index: int) -> Place:
-    """Give the line and column (from 1) of a character of a text."""
+    """Return the line and column (from 1) of a character of a text."""
     before = text[:index]
     line = len(re.findall(r"\r\n?|\n", before)) + 1
     return line, index - max(before.rfind("\n"), before.rfind("\r"))
@@ -81,11 +152,11 @@ class Positions(NamedTuple):
 
 
 class _StopError(Exception):
-    """The text cannot be followed any further; the faults say why."""
+    """Parsing ends here; the faults say why."""
 
 
 class _OpenCollection:
-    """A list or mapping that is still open; a `path` of None means that it will be dropped."""
+    """A list or mapping that is still open; a `path` of None means that it is discarded."""
 
     __slots__ = ("anchor", "container", "height", "key", "key_place", "path", "seen", "start")
 
@@ -106,7 +177,7 @@ class _OpenCollection:
 
 
 _AWAITED = object()  # the mapping's next node is a key
-_DROPPED = object()  # the key was at fault: its value is read and forgotten
+_DROPPED = object()  # the key was at fault: its value is read and discarded
 
 
 def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[Fault]]:
@@ -117,12 +188,12 @@ def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[F
     text
         The document.
     file
-        The name its faults and marks bear.
+        The name of the file in faults and places.
 
     Returns
     -------
     tuple
-        The plain data, the place of every path in it, and the faults; the data are only sound when
+        The plain data, the place of every path in it, and the faults; the data are valid only where
         there are none.
     """
     builder = _TreeBuilder(file)
@@ -153,11 +224,10 @@ class _TreeBuilder:
             self._stop(
                 (1, 1), f"the text is longer than {MAX_CHARACTERS // 2**20} MiB; put large data in files"
             )
-        found = list(_untypable(text))
-        for index, character in found:
-            self._fault(
-                place_of(text, index), f"the character U+{ord(character):04X} does not belong in a scene"
-            )
+        found = list(islice(_UNTYPABLE.finditer(text), 10))
+        for match in found:
+            character = f"the character U+{ord(match.group()):04X} does not belong in a scene"
+            self._fault(place_of(text, match.start()), character)
         if found:
             raise _StopError
 
@@ -273,7 +343,7 @@ class _TreeBuilder:
             frame.key = key
 
     def _locate(self, place: Place) -> Path | None:
-        """Give the path of the value that begins here, and note its place."""
+        """Return the path of the value that begins here, and record its place."""
         path: Path | None = ()
         key_place = place
         if self._stack:
@@ -298,10 +368,3 @@ class _TreeBuilder:
         if frame.key is not _DROPPED:
             frame.container[frame.key] = value
         frame.key = _AWAITED
-
-
-def _untypable(text: str) -> Iterator[tuple[int, str]]:
-    for count, match in enumerate(_UNTYPABLE.finditer(text)):
-        if count == 10:
-            return
-        yield match.start(), match.group()

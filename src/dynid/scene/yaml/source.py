@@ -10,8 +10,16 @@ from pathlib import Path as FilePath
 from typing import Any
 
 from dynid.errors import Fault, FileError, SceneError
-from dynid.scene.yaml.parser import MAX_CHARACTERS, Key, Path, Place, Positions, parse_yaml, place_of
-from dynid.scene.yaml.scalars import resolve_plain
+from dynid.scene.yaml.parser import (
+    MAX_CHARACTERS,
+    Key,
+    Path,
+    Place,
+    Positions,
+    parse_yaml,
+    place_of,
+    resolve_plain,
+)
 from dynid.scene.yaml.writer import dump
 from dynid.suggestions import did_you_mean
 
@@ -44,18 +52,18 @@ class Source:
     overridden: bool = False
 
     def fault(self, path: Iterable[Key], message: str, key: bool = False) -> Fault:
-        """Locate a fault at a value, or at its key; a missing path is placed where it would belong."""
+        """Return a fault at a value, or at its key; that of a missing path is where it would belong."""
         parts = tuple(path)
         full = len(parts)
         while parts and parts not in self.marks:
             parts = parts[:-1]
         marks = self.marks.get(parts, Positions(_START, _START, self.file))
-        # What is missing from a mapping is missed at the mapping's name rather than in its first entry.
+        # What a mapping lacks is reported at its name rather than at its first entry.
         place = marks.key if key or len(parts) < full else marks.value
         return Fault(marks.file, *place, message)
 
     def resolved_text(self) -> str:
-        """Give the text as run: as written, or written anew when values were overridden."""
+        """Return the text as run: as written, or serialized again where values were overridden."""
         return dump(self.data) if self.overridden else self.text
 
 
@@ -204,7 +212,15 @@ def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], 
         child = holder.get(key) if isinstance(holder, dict) else holder[key]
         child = {} if child is None else child
         if not isinstance(child, dict | list):
-            raise SceneError([Fault(origin, 1, 1, _blocked(child, path, parts[0], source.data))])
+            kind = (
+                "a text" if isinstance(child, str) else "a Boolean" if isinstance(child, bool) else "a number"
+            )
+            name = ".".join(map(str, path)) or "the scene"
+            message = f"{name} is {kind}, not a mapping; it has no '{parts[0]}'"
+            if path and isinstance(holder, dict):
+                others = [str(other) for other, value in holder.items() if isinstance(value, dict)]
+                message += did_you_mean(str(key), others)
+            raise SceneError([Fault(origin, 1, 1, message)])
         holder[key] = holder = child.copy()
         key, parts = _next_key(holder, parts, path, origin)
         path = (*path, key)
@@ -239,18 +255,3 @@ def _as_key(word: str) -> Key:
     except ValueError:
         return word
     return value if type(value) is int else word
-
-
-def _blocked(child: Any, path: Path, below: str, data: Any) -> str:
-    if not path:
-        return f"the scene is {_kind(child)}, not a mapping; it has no '{below}'"
-    siblings: Any = data
-    for key in path[:-1]:
-        siblings = siblings[key]
-    pairs = siblings.items() if isinstance(siblings, dict) else ()
-    hint = did_you_mean(str(path[-1]), [str(key) for key, value in pairs if isinstance(value, dict)])
-    return f"{'.'.join(map(str, path))} is {_kind(child)}, not a mapping; it has no '{below}'{hint}"
-
-
-def _kind(value: Any) -> str:
-    return "a text" if isinstance(value, str) else "a Boolean" if isinstance(value, bool) else "a number"
