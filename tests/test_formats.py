@@ -4,7 +4,7 @@ import h5py
 import pytest
 
 import dynid
-import dynid.scene.formats
+import dynid.scene.load
 import dynid.store.reader
 from dynid.errors import FileError, SceneError
 from dynid.result import Result
@@ -24,7 +24,7 @@ def test_a_scene_of_an_older_format_is_read_and_kept_as_written(tmp_path, monkey
     def rename(data):
         return {("graph" if key == "bondgraph" else key): value for key, value in data.items()}
 
-    monkeypatch.setitem(dynid.scene.formats.STEPS, 0, rename)
+    monkeypatch.setitem(dynid.scene.load.STEPS, 0, rename)
     scene = tmp_path / "old.yaml"
     scene.write_text(SCENE.format(number=0, key="bondgraph"))
     result = dynid.run(scene)

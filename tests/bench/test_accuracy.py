@@ -207,7 +207,7 @@ def test_bases_and_solvers_are_measured_by_the_full_structure():
     [
         (
             "{alternatives: {engin: all}}",
-            "15:27: 'engin' is nothing that is chosen; a scene of kind bond-graph chooses engine, propagation"
+            "15:27: 'engin' is no choice of a run; a scene of kind bond-graph chooses engine, propagation"
             "; did you mean 'engine'?",
         ),
         (

@@ -130,7 +130,7 @@ def test_an_initial_motion_of_the_reduced_model_is_the_nearest_one():
     ("right", "wrong", "fault"),
     [
         ("modes: {count: 8}", "masters: [1, 16]", "9:47: there is no DOF 16; the structure has 15"),
-        ("modes: {count: 8}", "masters: [1, 6, 6]", "9:43: DOF 6 stands twice"),
+        ("modes: {count: 8}", "masters: [1, 6, 6]", "9:43: DOF 6 is listed twice"),
         ("joint-aware", "joint-awair", "9:21: 'method' cannot be 'joint-awair'; it is one of serep, guyan,"),
         ("modes: {count", "mods: {count", "9:34: 'mods' is not a key of reduction; did you mean 'modes'?"),
     ],

@@ -9,7 +9,7 @@ import pytest
 
 from dynid.scene.kinds.bond_graph import build_graph
 from dynid.scene.kinds.signals import angular_frequencies
-from dynid.scene.schema.graph_checks import domain_faults
+from dynid.scene.schema.bond_graph import domain_faults
 from dynid.scene.yaml.source import parse_source
 from tests.scene.written import check, faults_of
 

@@ -96,11 +96,11 @@ FIRST = "{method: serep, masters: [1, 3, 5], modes: [1, 2, 3]}"
 @pytest.mark.parametrize(
     ("wrong", "fault"),
     [
-        ("{method: serep, masters: [1, 3, 3], modes: [1]}", "11:30: DOF 3 stands twice"),
+        ("{method: serep, masters: [1, 3, 3], modes: [1]}", "11:30: DOF 3 is listed twice"),
         ("{method: serep, masters: [1, 9], modes: [1]}", "11:34: there is no DOF 9; the structure has 5"),
-        ("{method: serep, masters: [1, 3], modes: [1, 1]}", "11:45: mode 1 stands twice"),
+        ("{method: serep, masters: [1, 3], modes: [1, 1]}", "11:45: mode 1 is listed twice"),
         ("{method: serep, masters: [1, 3], modes: [0, 1]}", "11:46: this entry must be at least 1, not 0"),
-        ("{method: serep, masters: [1], modes: [1, 2]}", "11:5: 2 modes are more than 1 master can tell"),
+        ("{method: serep, masters: [1], modes: [1, 2]}", "11:5: 2 modes are more than 1 master can"),
         ("{method: joint-aware, masters: {count: 2}, modes: {count: 3}}", "11:5: 3 modes are more than 2"),
         ("{method: serep, masters: [1], modes: {count: 0}}", "11:5: at least one mode is needed"),
         ("{method: serep, modes: {count: 2, below: 3}}", "11:28: modes are given by their 'count', or as"),

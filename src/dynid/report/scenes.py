@@ -85,7 +85,7 @@ def plain_data(text: str) -> dict[str, Any]:
     if not text:
         return {}
     from dynid.errors import SceneError
-    from dynid.scene.formats import as_current
+    from dynid.scene.load import as_current
     from dynid.scene.yaml.source import parse_source
 
     try:

@@ -25,13 +25,13 @@ Expected = Sequence[Mapping[str, Any]]
 
 
 class Judge(Protocol):
-    """Tells of each expectation whether results meet it; the checks stand a floor above."""
+    """Test of results against the expectations of a scene; the checks are in a higher layer."""
 
     def one(self, result: Result, expected: Expected) -> tuple[bool, ...]:
-        """Judge one result."""
+        """Return True for each expectation that a result meets."""
 
     def many(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
-        """Judge samples side by side (sample x expectation)."""
+        """Return the same for samples side by side (sample x expectation)."""
 
 
 def run_batch(
@@ -50,13 +50,13 @@ def run_batch(
     overrides
         For each sample its values by dotted path, as `--set` takes them.
     collect
-        What to gather from each result: paths, groups, or patterns with `*`; empty: every number under
+        The arrays to gather from each result: paths, groups, or patterns with `*`; empty: every number under
         `properties` and `parameters`.
     judge
-        Says which expectations of the scene a result meets; absent: nobody asks.
+        Test of results against the expectations of the scene; absent: they are not tested.
     of
-        How many samples there are in all, of which these are some: what is worth its preparation depends on
-        that, and not on what happens to be run together.
+        The number of samples of the whole study, of which these are some: whether a preparation pays off
+        depends on that, and not on the samples that happen to be run together.
 
     Returns
     -------
@@ -76,9 +76,9 @@ def _together(
     judge: Judge | None,
     of: int,
 ) -> SampleOutcomes | None:
-    """Run samples by the batched route of their kind; None where there is none for them.
+    """Return the outcomes of samples run together by their kind; None where it cannot.
 
-    Those that it leaves out are pending.
+    Samples that are to be run alone are pending.
     """
     together = KINDS[template.kind].load("batch")
     varied = {path.partition(".")[0] for one in overrides for path in one}
@@ -99,14 +99,14 @@ def _together(
 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:
-    """Say why samples are run one by one; nothing where they are run together.
+    """Return why samples are run one by one; empty where they are run together.
 
     Parameters
     ----------
     template, collect, of
         As of `run_batch`.
     paths
-        What the samples differ in.
+        The dotted paths of the values in which the samples differ.
     """
     if any(path.partition(".")[0] == "expect" for path in paths):
         return "what is expected varies"
@@ -127,7 +127,14 @@ def run_alone(
         met = judge.one(result, _expected(scene)) if judge is not None and scene.model.expect else ()
         return SampleOutcome(gather(result, collect), expectations=met)
     except SceneError as error:
-        return failed(template, "; ".join(_said(template, fault) for fault in error.faults), 2)
+        # Each fault stands at the value that was set, or at its line of the scene.
+        said = "; ".join(
+            f"{fault.file}:{fault.line}: {fault.message}"
+            if fault.file == template.source.file
+            else f"{fault.file}: {fault.message}"
+            for fault in error.faults
+        )
+        return failed(template, said, 2)
     except DynidError as error:
         return failed(template, str(error), error.exit_code)
     except MemoryError:
@@ -135,20 +142,14 @@ def run_alone(
     except OSError as error:
         said = f"{error.filename or 'a file'} cannot be read or written: {error.strerror or error}"
         return failed(template, said, 4)
-    except Exception as error:  # one sample in an unforeseen state is no reason to lose the others
+    except Exception as error:  # an unforeseen fault of one sample must not lose the others
         said = " ".join(f"{type(error).__name__} {error}".split())
         return failed(template, f"this is a fault of dynid itself ({said}). Please report it", 3)
 
 
 def failed(template: Scene, error: str, exit_code: int) -> SampleOutcome:
-    """Return the outcome of a sample that failed, in the same words wherever it ran."""
+    """Return the outcome of a failed sample, with the same message wherever it ran."""
     return SampleOutcome(error=error.replace(f"{template.folder}/", ""), exit_code=exit_code)
-
-
-def _said(template: Scene, fault: Any) -> str:
-    """Word a fault of a sample: at the value that was set, or at its line of the scene."""
-    written = fault.file == template.source.file
-    return f"{fault.file}:{fault.line}: {fault.message}" if written else f"{fault.file}: {fault.message}"
 
 
 def _expected(scene: Scene) -> list[dict[str, Any]]:

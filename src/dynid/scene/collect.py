@@ -1,4 +1,4 @@
-"""The arrays that `collect` names: picked from a result, or the only ones that a result keeps."""
+"""The arrays that `collect` names: taken from a result, or the only ones that a result keeps."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from dynid.errors import UsageError
 from dynid.result import Result, Scalar, Variable
 from dynid.suggestions import did_you_mean_path
 
-#: In `collect`: every number under `properties` and `parameters`; what an empty `collect` stands for.
+#: In `collect`: every number under `properties` and `parameters`; the meaning of an empty `collect`.
 NUMBERS = ""
-#: The groups that these stand in.
+#: The groups of these.
 GATHERED_ANYWAY = frozenset({"properties", "parameters"})
 
 
 def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str, Variable]:
-    """Pick what is collected from a result, with the coordinates of its axes.
+    """Return the arrays that `collect` names in a result, with the coordinates of their axes.
 
     Parameters
     ----------
@@ -35,7 +35,15 @@ def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str
     """
     chosen = dict.fromkeys(selected_paths(result, collect))
     for path in list(chosen):
-        chosen.update(dict.fromkeys(_coordinates(result, path)))
+        for dim in result[path].dims:  # its coordinate is in the same group, or in the nearest one above
+            group = path
+            while group:
+                group = group.rpartition("/")[0]
+                coordinate = f"{group}/{dim}" if group else dim
+                if coordinate in result:
+                    if result[coordinate].dims == (dim,):
+                        chosen[coordinate] = None
+                    break
     return {path: result[path] for path in chosen}
 
 
@@ -64,21 +72,8 @@ def selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) -> 
         yield from below
 
 
-def _coordinates(result: Mapping[str, Variable], path: str) -> Iterator[str]:
-    """Yield the coordinates of an array's axes: in its own group, or in the nearest one above."""
-    for dim in result[path].dims:
-        group = path
-        while group:
-            group = group.rpartition("/")[0]
-            coordinate = f"{group}/{dim}" if group else dim
-            if coordinate in result:
-                if result[coordinate].dims == (dim,):
-                    yield coordinate
-                break
-
-
 class CollectedResult(Result):
-    """A result that keeps what `collect` may name, and the coordinates there are.
+    """A result that keeps the arrays that `collect` may name, and all coordinates.
 
     Parameters
     ----------
@@ -93,48 +88,47 @@ class CollectedResult(Result):
         self._collect = tuple(path.strip("/") for path in collect)
 
     def wants(self, path: str) -> bool:
-        """Tell whether an array is kept."""
+        """Return True if an array is kept."""
         return _named(self._collect, path)
 
     def wants_below(self, group: str) -> bool:
-        """Tell whether anything in a group may be kept."""
+        """Return True if anything in a group may be kept."""
         return _reached(self._collect, group)
 
     def add(
         self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
     ) -> None:
-        """Store one array under `path` if it is wanted, or is a coordinate."""
+        """Store an array under `path` if it is collected, or is a coordinate."""
         if dims == (path.rpartition("/")[2],) or self.wants(path):
             super().add(path, data, dims, units, **attrs)
 
     def put(self, path: str, variable: Variable) -> None:
-        """Store a variable as it is under `path` if it is wanted, or is a coordinate."""
+        """Store a variable under `path` if it is collected, or is a coordinate."""
         if variable.dims == (path.rpartition("/")[2],) or self.wants(path):
             super().put(path, variable)
 
 
 @lru_cache(maxsize=4096)  # thousands of samples ask the same
 def _named(collect: tuple[str, ...], path: str) -> bool:
-    """Tell whether any entry of `collect` may name an array."""
-    return any(_names(wanted, path) for wanted in collect)
+    """Return True if an entry of `collect` may name an array."""
+    if NUMBERS in collect and not GATHERED_ANYWAY.isdisjoint(path.split("/")):
+        return True
+    return any(
+        path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
+        for wanted in collect
+        if wanted != NUMBERS
+    )
 
 
 @lru_cache(maxsize=4096)
 def _reached(collect: tuple[str, ...], group: str) -> bool:
-    """Tell whether any entry of `collect` may name something in a group."""
-    return any(_reaches(wanted, group) for wanted in collect)
-
-
-def _names(wanted: str, path: str) -> bool:
-    """Tell whether an entry of `collect` may name an array."""
-    if wanted == NUMBERS:
-        return not GATHERED_ANYWAY.isdisjoint(path.split("/"))
-    return path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
-
-
-def _reaches(wanted: str, group: str) -> bool:
-    """Tell whether an entry of `collect` may name something in a group."""
-    if wanted == NUMBERS:
-        return not GATHERED_ANYWAY.isdisjoint(group.split("/"))
-    fixed = min((wanted.partition(sign)[0] for sign in "*?["), key=len)
-    return f"{group}/".startswith(fixed) or fixed.startswith(f"{group}/")
+    """Return True if an entry of `collect` may name something in a group."""
+    for wanted in collect:
+        if wanted == NUMBERS:
+            if not GATHERED_ANYWAY.isdisjoint(group.split("/")):
+                return True
+            continue
+        fixed = min((wanted.partition(sign)[0] for sign in "*?["), key=len)
+        if f"{group}/".startswith(fixed) or fixed.startswith(f"{group}/"):
+            return True
+    return False

@@ -1,9 +1,9 @@
-"""The files that a scene names, which of them are not there, and the same scene in another folder."""
+"""The files that a scene names, those that are missing, and their names in another folder."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def file_places(data: Any) -> Iterator[KeyPath]:
-    """Yield the places in a scene's data where the name of a file stands."""
+    """Yield the paths in the data of a scene that hold the name of a file."""
     from dynid.scene.schema.references import FILE, references
 
     kind = KINDS.get(data.get("kind"))
@@ -40,7 +40,7 @@ def missing_files(scene: Scene) -> list[Fault]:
 
 
 def _missing(scene: Scene, elsewhere: Sequence[KeyPath]) -> list[Fault]:
-    """Return what is missing of a scene, but for places that something else sets."""
+    """Return the missing files of a scene, except at paths that something else sets."""
     unread = KINDS[scene.kind].load("unread")
     data, passed = scene.source.data, [*(unread(scene) if unread else ()), *elsewhere]
     places = [place for place in file_places(data) if not _is_below(place, passed)]
@@ -53,7 +53,7 @@ def _is_below(place: KeyPath, parts: Iterable[KeyPath]) -> bool:
 
 
 def _why_not(folder: Path, data: Any, place: KeyPath) -> str:
-    """Say why the file that a place names cannot be read, in the words of a run; nothing where it can."""
+    """Return why the file at a path cannot be read, in the words of a run; empty where it can."""
     name = data
     for key in place:
         name = name[key]
@@ -63,7 +63,7 @@ def _why_not(folder: Path, data: Any, place: KeyPath) -> str:
 
 
 def _missing_in_study(scene: Scene) -> list[Fault]:
-    """Return what is missing in the scene that a study varies, and of what the study sets in it."""
+    """Return the missing files of the scene that a study varies, and of the values that the study sets."""
     from dynid.scene.kinds.study import base_scene, study_model
     from dynid.scene.schema.study import Listed, paths_of
 
@@ -74,19 +74,14 @@ def _missing_in_study(scene: Scene) -> list[Fault]:
         for number, value in enumerate(factor.values if isinstance(factor, Listed) else []):
             if isinstance(value, str | list | dict):
                 values = [value] if len(paths_of(key)) == 1 else value
-                message = _missing_if_set(base, dict(zip(paths_of(key), values, strict=True)))
+                source = set_values(base.source, dict(zip(paths_of(key), values, strict=True)))
+                parts = [path_of(source, path) for path in paths_of(key)]
+                places = (place for place in file_places(source.data) if _is_below(place, parts))
+                message = next(filter(None, (_why_not(base.folder, source.data, p) for p in places)), "")
                 listed = ("vary", key, "values", number)
                 place = listed if listed in scene.source.marks else ("vary", key, number)
                 faults += [scene.source.fault(place, message)] if message else []
     return faults
-
-
-def _missing_if_set(base: Scene, values: Mapping[str, Any]) -> str:
-    """Say which file is missing of those that values name; nothing where none is."""
-    source = set_values(base.source, values)
-    parts = [path_of(source, path) for path in values]
-    places = (place for place in file_places(source.data) if _is_below(place, parts))
-    return next(filter(None, (_why_not(base.folder, source.data, place) for place in places)), "")
 
 
 def moved(name: str, folder: Path, target: Path) -> str:
@@ -95,9 +90,9 @@ def moved(name: str, folder: Path, target: Path) -> str:
     Parameters
     ----------
     name
-        As the scene has it.
+        The name in the scene.
     folder, target
-        Where the scene is, and where it goes.
+        The present folder of the scene, and the other one.
     """
     if Path(name).is_absolute():
         return name

@@ -1,4 +1,4 @@
-"""The unit that a scene gives its frequencies in: its answers are in the same."""
+"""The unit of the frequencies of a scene, in which its results are shown, too."""
 
 from __future__ import annotations
 
@@ -43,15 +43,11 @@ def _units(data: Any, block: str) -> Iterator[tuple[str, str]]:
     """Yield the blocks that have a unit of frequencies, or are axes, with it."""
     if isinstance(data, dict):
         unit = data.get("unit")
-        if unit in ("Hz", "rad/s") or (block in _AXES and not _holds_axes(data)):
+        holds_axes = "simulate" in data or "file" in data  # or a file that says its unit itself
+        if unit in ("Hz", "rad/s") or (block in _AXES and not holds_axes):
             yield block, unit or "rad/s"
         for key, value in data.items():
             yield from _units(value, str(key))
     elif isinstance(data, list):
         for item in data:
             yield from _units(item, block)
-
-
-def _holds_axes(data: dict[Any, Any]) -> bool:
-    """Tell whether a block only holds axes, or a file that says its unit itself."""
-    return "simulate" in data or "file" in data

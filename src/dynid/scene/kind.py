@@ -1,4 +1,4 @@
-"""The kinds of scenes: each is one object that names all that differs between kinds."""
+"""The kinds of scenes: each is one object that refers to all that differs between kinds."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Kind:
     prepare
         Function of a scene; yields the steps of its run that come before any computation.
     check
-        Function of a source and its names; returns the faults that concern several keys at once.
+        Function of a source and its names; returns the faults that concern several keys.
     check_valid
-        Function of a valid scene; raises what is wrong with it and the scenes that it names.
+        Function of a valid scene; raises the faults of it and of the scenes that it names.
     unread
         Function of a valid scene; yields the keys whose files a run does not read.
     batch
@@ -86,7 +86,7 @@ _KINDS = (
         run="dynid.scene.kinds.bond_graph:run",
         explain="dynid.scene.explanations.bond_graph:explain",
         prepare="dynid.scene.kinds.bond_graph:preparation_steps",
-        check="dynid.scene.schema.graph_checks:bond_graph_faults",
+        check="dynid.scene.schema.bond_graph:bond_graph_faults",
         unread="dynid.scene.kinds.bond_graph:unread_files",
         batch="dynid.scene.kinds.bond_graph_samples",
         content="dynid.report.content.bond_graph",
@@ -100,7 +100,7 @@ _KINDS = (
         run="dynid.scene.kinds.identification:run",
         explain="dynid.scene.explanations.identification:explain",
         prepare="dynid.scene.kinds.identification:preparation_steps",
-        check="dynid.scene.schema.structure_checks:identification_faults",
+        check="dynid.scene.schema.identification:identification_faults",
         unread="dynid.scene.kinds.identification:unread_files",
         batch="dynid.scene.kinds.identification_samples",
         content="dynid.report.content.identification",
@@ -114,7 +114,7 @@ _KINDS = (
         run="dynid.scene.kinds.reduction:run",
         explain="dynid.scene.explanations.reduction:explain",
         prepare="dynid.scene.kinds.reduction:preparation_steps",
-        check="dynid.scene.schema.structure_checks:reduction_faults",
+        check="dynid.scene.schema.reduction:reduction_faults",
         content="dynid.report.content.reduction",
         summary="dynid.cli.summary.reduction",
         alternatives="dynid.bench.scenes.reduction:ASPECTS",

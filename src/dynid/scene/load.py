@@ -1,21 +1,30 @@
-"""Scenes: read, checked as a whole, ready to run."""
+"""Scenes: read, brought to the current format, and checked as a whole.
+
+Every format ever released is read, each by one step to the next. Today there is one. A second one comes with
+the step `STEPS[1]` from the data of the first.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import DynidError, Fault, FileError, SceneError
-from dynid.scene.formats import as_current
 from dynid.scene.kind import KINDS
 from dynid.scene.yaml.source import Source, apply_overrides, read_source
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.scene.schema.base import SceneModel
+
+#: The format that the schema describes.
+CURRENT = 1
+
+#: For an older format: the function that returns its data in the next one, without changing them in place.
+STEPS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
 
 @dataclass(frozen=True)
@@ -49,27 +58,46 @@ class Scene:
         return Path(self.source.file).parent
 
     def locate(self, error: DynidError) -> Fault:
-        """Place an error of a run at the first of its names that the scene knows."""
+        """Return an error of a run as a fault at the first of its names that the scene has."""
         for name in error.names:
-            path = self._find(name)
+            joint, _, part = name.rpartition(".")
+            key = int(name) if name.isdecimal() else name
+            candidates: tuple[tuple[Any, ...], ...] = (
+                *(("graph", "nodes", name), ("graph", "nodes", key), ("joints", joint, part)),
+                *(("joints", name), ("parameters", name), (name,)),
+                *(("measurement", name), ("measurement", "simulate", name)),
+            )
+            path = next((path for path in candidates if path in self.source.marks), None)
+            if path is None:
+                dotted = tuple(int(part) if part.isdecimal() else part for part in name.split("."))
+                path = dotted if dotted[0] in self.source.data else None
             if path is not None:
                 return self.source.fault(path, str(error), key=True)
         return Fault(self.source.file, 1, 1, str(error))
 
-    def _find(self, name: str) -> tuple[Any, ...] | None:
-        joint, _, part = name.rpartition(".")
-        key = int(name) if name.isdecimal() else name
-        candidates = [
-            ("graph", "nodes", name),
-            ("graph", "nodes", key),
-            ("joints", joint, part),
-            ("joints", name),
-        ]
-        candidates += [("parameters", name), (name,)]
-        candidates += [("measurement", name), ("measurement", "simulate", name)]
-        found = next((path for path in candidates if path in self.source.marks), None)
-        place = tuple(int(part) if part.isdecimal() else part for part in name.split("."))
-        return place if found is None and place[0] in self.source.data else found
+
+def as_current(source: Source) -> Source:
+    """Return a scene of any known format as one of the current format.
+
+    Its text stays as written: a result keeps it, and it is read again. Faults are reported at the
+    places of that text.
+
+    Raises
+    ------
+    SceneError
+        Where the format is newer than this dynid.
+    """
+    number = source.data.get("dynid") if isinstance(source.data, dict) else None
+    if not isinstance(number, int) or isinstance(number, bool):
+        return source  # the schema says what is wrong
+    if number > CURRENT:
+        message = f"the scene has format {number}; this dynid reads formats up to {CURRENT}: update dynid"
+        raise SceneError([source.fault(("dynid",), message)])
+    data = source.data
+    while number < CURRENT and number in STEPS:
+        number += 1
+        data = {**STEPS[number - 1](data), "dynid": number}
+    return source if data is source.data else replace(source, data=data)
 
 
 def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Scene:
@@ -90,15 +118,10 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
         With all faults of the scene.
     """
     source, assignments = read_source(path), list(overrides)
-    _check_assignments(source, assignments)
-    return check_source(apply_overrides(source, assignments))
-
-
-def _check_assignments(source: Source, assignments: Iterable[str]) -> None:
-    """Refuse to set a parameter, or a part of a joint, that the scene does not have: nothing would use it."""
     paths = [assignment.partition("=")[0].strip() for assignment in assignments]
     data = source.data if isinstance(source.data, dict) else {}
     faults = []
+    # A parameter, or a part of a joint, that the scene does not have is refused: nothing would use it.
     for path in paths:
         holder, _, name = path.partition(".")
         known = [str(key) for key in data[holder]] if isinstance(data.get(holder), dict) else None
@@ -113,6 +136,7 @@ def _check_assignments(source: Source, assignments: Iterable[str]) -> None:
             faults.append((path, f"the scene has no joint '{joint}'{did_you_mean(joint, known)}"))
     if faults:
         raise SceneError(Fault(f"--set {path}", 1, 1, message) for path, message in faults)
+    return check_source(apply_overrides(source, assignments))
 
 
 def check_source(source: Source) -> Scene:
@@ -159,7 +183,7 @@ def check_source(source: Source) -> Scene:
 
 
 def _model_of(source: Source) -> type[SceneModel]:
-    """Return the model of the scene's kind; without one nothing else can be checked."""
+    """Return the model of the kind of a scene, without which nothing else can be checked."""
     data = source.data
     if not isinstance(data, dict):
         raise SceneError([source.fault((), "a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'")])

@@ -22,14 +22,13 @@ class SampleOutcome:
     Parameters
     ----------
     values
-        What was collected, by its path in the result, with the coordinates of its axes; empty where the
-        sample failed.
+        The collected arrays by path, with the coordinates of their axes; empty where the sample failed.
     error
         Why it failed; empty where it did not.
     exit_code
-        What `dynid run` would have ended with: 0, 2 (the scene), 3 (numerics) or 4 (a file).
+        The exit code of `dynid run`: 0, 2 (the scene), 3 (numerics) or 4 (a file).
     expectations
-        Whether each `expect` of the scene is met.
+        True for each `expect` of the scene that is met.
     """
 
     values: Mapping[str, Variable] = field(default_factory=dict)
@@ -40,18 +39,18 @@ class SampleOutcome:
 
 @dataclass(frozen=True, eq=False)
 class SampleBlock:
-    """Samples that gave the same arrays, of the same shapes; or that failed.
+    """Samples with the same arrays, of the same shapes; or failed ones.
 
     Parameters
     ----------
     rows
-        Which of all samples they are, ascending.
+        Their rows among all samples, ascending.
     values
-        What they gave, by path: arrays with the samples along their first axis.
+        Their arrays by path, with the samples along the first axis.
     errors, exit_codes
-        Why each failed; of samples that did not, none.
+        Message and exit code of each failed sample; empty where none failed.
     met
-        Whether each meets each expectation (sample x expectation).
+        True where a sample meets an expectation (sample x expectation).
     """
 
     rows: Indices
@@ -64,27 +63,35 @@ class SampleBlock:
         return len(self.rows)
 
     def result(self, place: int, kind: str = "", title: str = "") -> Result:
-        """Return the values of one of these samples."""
+        """Return the arrays of one of these samples."""
         result = Result(kind, title)
         for path, variable in self.values.items():
             result.put(path, row_of(variable, place))
         return result
 
     def taken(self, places: Indices, rows: Indices) -> SampleBlock:
-        """Return some of these samples, under other numbers."""
+        """Return some of these samples, under other row numbers."""
         whole = len(places) == len(self.rows) and bool(np.all(places == np.arange(len(places))))
         if whole:
             return replace(self, rows=rows)
+        values = {}
+        for path, variable in self.values.items():
+            data = variable.data
+            if is_shared(data):  # a row that all samples share stays one row in memory
+                some = np.broadcast_to(data[:1], (len(places), *data.shape[1:]))
+            else:
+                some = data[places]
+            values[path] = Variable(variable.dims, some, variable.units, variable.attrs)
         return SampleBlock(
             rows,
-            {path: _rows(variable, places) for path, variable in self.values.items()},
+            values,
             self.met[places],
             tuple(self.errors[place] for place in places) if self.errors else (),
             tuple(self.exit_codes[place] for place in places) if self.errors else (),
         )
 
     def outcome(self, place: int) -> SampleOutcome:
-        """Return one of them by itself."""
+        """Return the outcome of one of these samples."""
         met = tuple(self.met[place].tolist())
         if self.errors:
             return SampleOutcome(error=self.errors[place], exit_code=self.exit_codes[place], expectations=met)
@@ -92,20 +99,13 @@ class SampleBlock:
 
 
 def row_of(variable: Variable, place: int) -> Variable:
-    """Return what one sample has of an array with the samples along its first axis."""
+    """Return the part of one sample of an array with the samples along its first axis."""
     data = np.array(variable.data[place], dtype=variable.data.dtype)
     return Variable(variable.dims[1:], data, variable.units, variable.attrs)
 
 
-def _rows(variable: Variable, places: Indices) -> Variable:
-    data = variable.data
-    # What all samples share stays in one place.
-    some = np.broadcast_to(data[:1], (len(places), *data.shape[1:])) if is_shared(data) else data[places]
-    return Variable(variable.dims, some, variable.units, variable.attrs)
-
-
 def is_shared(data: NDArray[Any]) -> bool:
-    """Tell whether the rows of an array are one row that they share."""
+    """Return True if all rows of an array share one row in memory."""
     return data.strides[0] == 0 and len(data) > 0
 
 
@@ -117,7 +117,7 @@ class SampleOutcomes(Sequence[SampleOutcome]):
     blocks
         The samples; one that is in none of them is pending.
     count
-        How many there are.
+        The number of samples.
     """
 
     def __init__(self, blocks: Sequence[SampleBlock], count: int) -> None:
@@ -125,7 +125,7 @@ class SampleOutcomes(Sequence[SampleOutcome]):
 
     @classmethod
     def of(cls, outcomes: Iterable[SampleOutcome | None]) -> SampleOutcomes:
-        """Put outcomes side by side; None is a pending one."""
+        """Return outcomes side by side; None is a pending one."""
         groups: dict[Any, list[tuple[int, SampleOutcome]]] = {}
         count = 0
         for outcome in outcomes:
@@ -166,14 +166,14 @@ class SampleOutcomes(Sequence[SampleOutcome]):
         return rows
 
     def completed(self, outcomes: Sequence[SampleOutcome]) -> SampleOutcomes:
-        """Return the same with what became of its pending samples, in order."""
+        """Return the same with the outcomes of its pending samples, in order."""
         if not outcomes:
             return self
         rows, rest = np.array(self.pending, dtype=np.intp), SampleOutcomes.of(outcomes)
         return SampleOutcomes([*self.blocks, *rest.picked(np.arange(len(rows)), rows)], self._count)
 
     def picked(self, places: Indices, rows: Indices) -> Iterator[SampleBlock]:
-        """Yield some of the samples, each in the row that it shall have."""
+        """Yield some of the samples, each under its given row."""
         holders, within = self._index
         holders, within = holders[places], within[places]
         for holder in np.unique(holders[holders >= 0]):
@@ -186,14 +186,14 @@ class SampleOutcomes(Sequence[SampleOutcome]):
         return self.picked(places, places)
 
     def with_expectations(self, judged: Callable[[SampleBlock], NDArray[np.bool_]]) -> SampleOutcomes:
-        """Return the same with what is said of the expectations of samples that did not fail."""
+        """Return the same with tested expectations of the samples that did not fail."""
         return SampleOutcomes(
             [block if block.errors else replace(block, met=judged(block)) for block in self.blocks],
             self._count,
         )
 
     def with_values(self, kept: Callable[[SampleBlock], Iterable[str]]) -> SampleOutcomes:
-        """Return the same with some of the values of each block only."""
+        """Return the same with some of the arrays of each block only."""
         return SampleOutcomes(
             [
                 replace(block, values={path: block.values[path] for path in kept(block)})
@@ -204,7 +204,7 @@ class SampleOutcomes(Sequence[SampleOutcome]):
 
     @cached_property
     def _index(self) -> tuple[Indices, Indices]:
-        """The block of every sample, -1 for none, and its place there."""
+        """The block of every sample, -1 for none, and its index there."""
         holders, places = np.full(self._count, -1, dtype=np.intp), np.zeros(self._count, dtype=np.intp)
         for number, block in enumerate(self.blocks):
             holders[block.rows], places[block.rows] = number, np.arange(len(block))
@@ -212,41 +212,36 @@ class SampleOutcomes(Sequence[SampleOutcome]):
 
 
 def _form(outcome: SampleOutcome) -> Any:
-    """Return what outcomes must have in common to stand side by side."""
+    """Return the key that outcomes must share to be in one block."""
     if outcome.error:
         return len(outcome.expectations)
-    arrays = [
-        (path, one.dims, one.data.dtype, one.data.shape, one.units, tuple(_form_of(one.attrs)))
-        for path, one in outcome.values.items()
-    ]
+    arrays = []
+    for path, one in outcome.values.items():
+        # true, 1 and 1.0 are equal, and not the same.
+        attrs = tuple((name, type(value), value) for name, value in one.attrs.items())
+        arrays.append((path, one.dims, one.data.dtype, one.data.shape, one.units, attrs))
     return (len(outcome.expectations), *arrays)
 
 
-def _form_of(attrs: Mapping[str, Any]) -> Iterator[Any]:
-    # true, 1 and 1.0 are equal, and not the same.
-    return ((name, type(value), value) for name, value in attrs.items())
-
-
 def _block(group: Sequence[tuple[int, SampleOutcome]]) -> SampleBlock:
+    """Return outcomes of one form side by side."""
     rows, outcomes = (list(part) for part in zip(*group, strict=True))
     one: SampleOutcome = outcomes[0]
-    values = {path: _side_by_side(path, variable, outcomes) for path, variable in one.values.items()}
-    met = np.array([outcome.expectations for outcome in outcomes], dtype=bool)
     failed = bool(one.error)
+    values = {}
+    for path, variable in () if failed else one.values.items():
+        parts = [outcome.values[path].data for outcome in outcomes]
+        data: NDArray[Any]
+        if all(part is variable.data for part in parts):
+            data = np.broadcast_to(variable.data, (len(parts), *variable.data.shape))
+        else:
+            data = np.stack(parts)
+        values[path] = Variable(("sample", *variable.dims), data, variable.units, variable.attrs)
+    met = np.array([outcome.expectations for outcome in outcomes], dtype=bool)
     return SampleBlock(
         np.array(rows, dtype=np.intp),
-        {} if failed else values,
+        values,
         met.reshape(len(rows), len(one.expectations)),
         tuple(outcome.error for outcome in outcomes) if failed else (),
         tuple(outcome.exit_code for outcome in outcomes) if failed else (),
     )
-
-
-def _side_by_side(path: str, one: Variable, outcomes: Sequence[SampleOutcome]) -> Variable:
-    parts = [outcome.values[path].data for outcome in outcomes]
-    data: NDArray[Any]
-    if all(part is one.data for part in parts):
-        data = np.broadcast_to(one.data, (len(parts), *one.data.shape))
-    else:
-        data = np.stack(parts)
-    return Variable(("sample", *one.dims), data, one.units, one.attrs)

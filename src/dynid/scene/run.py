@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.scene.load import Scene
 
-#: A step of a run: builds or reads something, and raises what is wrong with it.
+#: A step of a run: builds or reads something, or raises its error.
 PreparationStep = Callable[[], Any]
 
 
@@ -51,7 +51,7 @@ def _seeds(data: dict[str, Any]) -> Iterator[int]:
 
 
 def preparation_errors(scene: Scene) -> list[DynidError]:
-    """Return the errors that a run of a valid scene meets before it computes anything, in its order.
+    """Return the errors of a run of a valid scene before any computation, in its order.
 
     The run's own steps are taken, so messages are those of the run: files are read, structures and graphs
     built, signals and records made, sources of a graph tested for contradictions. A study has no steps

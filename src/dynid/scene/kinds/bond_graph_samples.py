@@ -234,7 +234,7 @@ def _evaluate(expression: Expression, known: Mapping[str, Number | SampleColumn]
         results: SampleColumn = []
         for row in zip(*columns, strict=True):
             try:
-                results.append(None if any(value is None for value in row) else apply(operation, list(row)))  # type: ignore[arg-type]
+                results.append(None if any(value is None for value in row) else apply(operation, list(row)))
             except OutOfRangeError:
                 results.append(None)
         return results

@@ -20,7 +20,7 @@ _METHODS = (
 _SOLVERS = ("dense", "splu", "cholespy", "pardiso")
 _HOLDS = ("spline", "linear", "zero")
 
-#: For every kind of scene what is chosen in it, the quickest to try first, and among which alternatives.
+#: The choices in every kind of scene, the quickest to try first, and their alternatives.
 ASPECTS: dict[str, dict[str, tuple[str, ...]]] = {
     "bond-graph": {"engine": ("exact", "float", "symbolic"), "propagation": ("exact", *_HOLDS)},
     "identification": {
@@ -44,18 +44,30 @@ class AccuracyModel(Section):
 
 
 def aspects_of(data: dict[str, Any]) -> list[str]:
-    """Return what is chosen in a scene, as its plain data say; what is not as it should be counts as nothing.
+    """Return the aspects in which a scene chooses between alternatives; invalid parts count as missing.
 
     Parameters
     ----------
     data
-        The scene, of a kind in which something is chosen.
+        The scene as plain data, of a kind with alternatives.
     """
-    return [name for name in ASPECTS[data["kind"]] if _PRESENT[name](data)]
+    analysis, is_reduction = mapping(data, "analysis"), data["kind"] == "reduction"
+    results, measured = analysis.get("results"), bool(mapping(data, "measurement"))
+    simulated = [mapping(record, "simulate").get("model") for record in _records(data)]
+    present = {
+        "engine": not isinstance(results, list)
+        or any(name in _ENGINE for name in results if isinstance(name, str)),
+        "propagation": _is_propagated(data),
+        "estimator": measured,
+        "basis": is_reduction or (measured and "reduced" not in simulated),
+        "hold": measured and _has_sampled_forces(data),
+        "modes": is_reduction or "modes" in analysis,
+    }
+    return [name for name in ASPECTS[data["kind"]] if present[name]]
 
 
 def accuracy_faults(source: Source) -> list[Fault]:
-    """Check that the alternatives are such, and that the scene has what they are alternatives for."""
+    """Return the faults of the alternatives: unknown ones, and choices that the scene does not make."""
     kind, given = source.data.get("kind"), mapping(mapping_of(source.data.get("accuracy")), "alternatives")
     if not given or not isinstance(kind, str) or kind not in ASPECTS:
         return []
@@ -64,7 +76,7 @@ def accuracy_faults(source: Source) -> list[Fault]:
         path = ("accuracy", "alternatives", aspect)
         if aspect not in known:
             options = f"a scene of kind {kind} chooses {', '.join(known)}"
-            message = f"'{aspect}' is nothing that is chosen; {options}{did_you_mean(str(aspect), known)}"
+            message = f"'{aspect}' is no choice of a run; {options}{did_you_mean(str(aspect), known)}"
             faults.append(source.fault(path, message, key=True))
         elif aspect not in there:
             faults.append(source.fault(path, f"nothing in this scene is {_MISSING[aspect]}", key=True))
@@ -85,12 +97,8 @@ _MISSING = {
 }
 
 
-def _has_engine(data: dict[str, Any]) -> bool:
-    results = mapping(data, "analysis").get("results")
-    return not isinstance(results, list) or any(name in _ENGINE for name in results if isinstance(name, str))
-
-
 def _is_propagated(data: dict[str, Any]) -> bool:
+    """Return True if a time response is computed from signals that are more than an impulse."""
     analysis = mapping(data, "analysis")
     results = analysis.get("results")
     if "time" not in analysis or (isinstance(results, list) and "time_response" not in results):
@@ -103,44 +111,17 @@ def _is_propagated(data: dict[str, Any]) -> bool:
     return any(signal.get("kind") != "impulse" for _, signal in given)
 
 
-def _is_measured(data: dict[str, Any]) -> bool:
-    return bool(mapping(data, "measurement"))
-
-
 def _records(data: dict[str, Any]) -> Iterable[dict[str, Any]]:
     measurement = mapping(data, "measurement")
     each = listing(measurement, "records") or [{}]
     yield from ({**measurement, **mapping_of(record)} for record in each)
 
 
-def _has_basis(data: dict[str, Any]) -> bool:
-    if data.get("kind") == "reduction":
-        return True
-    simulated = [mapping(record, "simulate").get("model") for record in _records(data)]
-    return _is_measured(data) and "reduced" not in simulated
-
-
-def _is_held(data: dict[str, Any]) -> bool:
-    """Tell whether an estimator knows a force by samples: random ones, and files beside measured records."""
-    if not _is_measured(data):
-        return False
+def _has_sampled_forces(data: dict[str, Any]) -> bool:
+    """Return True if an estimator has samples of a force: random ones, and files beside measured records."""
     for record in _records(data):
         known = ("random",) if "simulate" in record else ("random", "file")
         given = record.get("excitation", data.get("excitation"))
         if any(signal.get("kind") in known for _, signal in signals((), given)):
             return True
     return False
-
-
-def _has_modes(data: dict[str, Any]) -> bool:
-    return data.get("kind") == "reduction" or "modes" in mapping(data, "analysis")
-
-
-_PRESENT = {
-    "engine": _has_engine,
-    "propagation": _is_propagated,
-    "estimator": _is_measured,
-    "basis": _has_basis,
-    "hold": _is_held,
-    "modes": _has_modes,
-}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -28,6 +29,20 @@ class Section(BaseModel):
         arbitrary_types_allowed=True,
         populate_by_name=True,
     )
+
+
+def once(what: str = "") -> AfterValidator:
+    """Return the check that a list has no entry twice; `what` is the noun for one, absent: it is quoted."""
+
+    def check(listed: list[Any]) -> list[Any]:
+        for place, item in enumerate(listed):
+            if item in listed[:place]:
+                named = f"{what} {item}" if isinstance(item, int | str) else what
+                named = named if what else f"'{item}'"
+                raise fault(f"{named} is listed twice")
+        return listed
+
+    return AfterValidator(check)
 
 
 class FrequencyGrid(Section):

@@ -1,8 +1,9 @@
-"""Scenes of kind `bond-graph`."""
+"""Scenes of kind `bond-graph`: the model of their keys, and checks of several keys together."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
@@ -16,13 +17,28 @@ from pydantic import (
     model_validator,
 )
 
-from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, VALUED, Bond, Port, port_fault
+from dynid.bondgraph.decomposition.graph_bisection import bond_fault, loop_fault
+from dynid.bondgraph.graph import (
+    NODE_TYPES,
+    ONE_PORTS,
+    QUANTITIES,
+    SOURCES,
+    TWO_PORTS,
+    VALUED,
+    Bond,
+    Port,
+    graph_faults,
+    port_fault,
+)
 from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
+from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import FrequencyGrid, SceneModel, Section
-from dynid.scene.schema.quantities import Value, fault, names_of
-from dynid.scene.schema.raw import chain_ends
-from dynid.scene.schema.signals import TimeGrid
+from dynid.scene.schema.base import FrequencyGrid, SceneModel, Section, once
+from dynid.scene.schema.quantities import SceneNames, Value, fault, names_of
+from dynid.scene.schema.raw import chain_ends, listing, mapping, node_types, written_key
+from dynid.scene.schema.references import sections
+from dynid.scene.schema.signals import SignalPart, TimeGrid
+from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 
 #: Physical domains; `mechanical` is translation.
@@ -136,16 +152,7 @@ def _link(raw: Any, info: ValidationInfo) -> Bond:
     return Bond(*ends)
 
 
-def _listed_once(listed: list[Any]) -> list[Any]:
-    names = [str(item) for item in listed]
-    twice = [name for place, name in enumerate(names) if name in names[:place]]
-    if twice:
-        raise fault(f"'{twice[0]}' is listed twice")
-    return listed
-
-
 _TEXT = WithJsonSchema({"type": "string"})
-_ONCE = AfterValidator(_listed_once)
 
 
 class GraphModel(Section):
@@ -168,8 +175,8 @@ class SymbolicModel(Section):
 class AnalysisModel(Section):
     """Requested results and the engine that computes them."""
 
-    inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], _ONCE] | None = None
-    outputs: Annotated[list[Annotated[Port, PlainValidator(_port), _TEXT]], _ONCE] = Field(min_length=1)
+    inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], once()] | None = None
+    outputs: Annotated[list[Annotated[Port, PlainValidator(_port), _TEXT]], once()] = Field(min_length=1)
     results: list[ResultName] | None = None
     port: Annotated[Bond, PlainValidator(_link), _TEXT] | None = None
     frequency: FrequencyGrid | None = None
@@ -209,3 +216,142 @@ class BondGraphScene(SceneModel):
     graph: GraphModel
     analysis: AnalysisModel
     initial: dict[str, InitialModel] = {}
+
+
+def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:  # noqa: ARG001
+    """Return the faults of bonds, stored energy, signals, port, engine and domains of a bond graph."""
+    faults = [*_bond_faults(source), *_initial_faults(source), *_driving_faults(source)]
+    analysis = mapping(source.data, "analysis")
+    results = listing(analysis, "results")
+    for place, name in enumerate(results if analysis.get("engine") == "symbolic" else []):
+        if isinstance(name, str) and name in NUMERIC:
+            message = f"'{name}' needs numbers, and the symbolic engine has formulas alone"
+            faults.append(source.fault(("analysis", "results", place), f"{message}; write 'engine: auto'"))
+    asks_for_it = any(did_you_mean(str(name), ["transfer_function"]) for name in results)
+    if analysis.get("symbolic") is not None and results and not asks_for_it:
+        message = "formulas are of the transfer function; 'results' does not list 'transfer_function'"
+        faults.append(source.fault(("analysis", "symbolic"), message, key=True))
+    return [*faults, *domain_faults(source)]
+
+
+def _bond_faults(source: Source) -> list[Fault]:
+    """Return the faults of the numbers of bonds at the nodes, and of the port at which the graph is cut.
+
+    A bond that cannot be read is reported at its own place. A node that may only lack that bond is not
+    reported as well; one that has too many already is.
+    """
+    nodes = mapping(mapping(source.data, "graph"), "nodes")
+    types = node_types(source.data)
+    bonds, places, complete = _readable_bonds(source, types)
+    faults = []
+    for found in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
+        if found.bond is not None:
+            faults.append(source.fault(("graph", "bonds", places[found.bond]), found.message))
+        elif found.node is not None and bonds:
+            ins, outs = (sum(found.node == bond[end] for bond in bonds) for end in (1, 0))
+            crowded = ins + outs > 1 if types[found.node] in ONE_PORTS else max(ins, outs) > 1
+            if complete or crowded:
+                path = ("graph", "nodes", written_key(nodes, found.node))
+                faults.append(source.fault(path, found.message, key=True))
+    text = mapping(source.data, "analysis").get("port")
+    ends = chain_ends(text) if isinstance(text, str) else []
+    # A port with other faults is reported by its own key, or by the faults of the bonds.
+    if len(ends) == 2 and all(end in types for end in ends) and complete:
+        problem = bond_fault(types, bonds, Bond(*ends)) or loop_fault(types, bonds, Bond(*ends))
+        faults += [source.fault(("analysis", "port"), problem)] if problem else []
+    return faults
+
+
+def _readable_bonds(source: Source, types: Mapping[str, str]) -> tuple[list[Bond], list[int], bool]:
+    """Return the bonds that can be read, the entry of each in the scene, and True if they are all."""
+    bonds, places, complete = [], [], True
+    for index, text in enumerate(listing(mapping(source.data, "graph"), "bonds")):
+        ends = chain_ends(text) if isinstance(text, str) else []
+        read = bool(ends) and all(end in types for end in ends)
+        complete = complete and read and all(a != b for a, b in pairwise(ends))
+        if read:
+            bonds += [Bond(tail, head) for tail, head in pairwise(ends)]
+            places += [index] * (len(ends) - 1)
+    return bonds, places, complete
+
+
+def domain_faults(source: Source) -> list[Fault]:
+    """Return the pairs of nodes of two domains that have no TF or GY between them, as faults."""
+    nodes = mapping(mapping(source.data, "graph"), "nodes")
+    types = node_types(source.data)
+    given = {
+        str(name): node["domain"]
+        for name, node in nodes.items()
+        if isinstance(node, dict) and isinstance(node.get("domain"), str)
+    }
+    near: dict[str, list[str]] = {name: [] for name in types}
+    for bond in _readable_bonds(source, types)[0]:
+        if not {types[bond.tail], types[bond.head]} & TWO_PORTS:
+            near[bond.tail].append(bond.head)
+            near[bond.head].append(bond.tail)
+    faults, seen = [], set[str]()
+    for first, domain in given.items():
+        reached = [] if first in seen else [first]
+        seen.add(first)
+        for name in reached:
+            if given.get(name, domain) != domain:
+                message = (
+                    f"'{first}' is {domain} and '{name}' {given[name]}, but no TF or GY stands between them"
+                )
+                faults.append(source.fault(("graph", "nodes", written_key(nodes, name), "domain"), message))
+            following = [other for other in dict.fromkeys(near[name]) if other not in seen]
+            seen.update(following)
+            reached += following
+    return faults
+
+
+def _initial_faults(source: Source) -> list[Fault]:
+    """Return the faults of stored energy: its nodes, its variables, and results that do not show it."""
+    initial = mapping(source.data, "initial")
+    types, faults = node_types(source.data), []
+    for name, given in initial.items():
+        kind, path = types.get(str(name)), ("initial", name)
+        if kind is None and types:
+            faults.append(source.fault(path, f"no node '{name}'{did_you_mean(str(name), types)}", key=True))
+        elif kind not in NODE_TYPES:
+            continue  # reported where the node stands
+        elif kind not in ("I", "C"):
+            faults.append(
+                source.fault(path, f"'{name}' is {kind} and stores no energy; only I and C do", key=True)
+            )
+        elif isinstance(given, dict):
+            own, other = ("f", "e") if kind == "I" else ("e", "f")
+            if other in given or given.get(own) is None:
+                message = (
+                    f"the energy of {kind} '{name}' is given by its {'flow f' if own == 'f' else 'effort e'}"
+                )
+                faults.append(source.fault(path, message))
+    analysis = source.data.get("analysis", {})
+    if not initial or not isinstance(analysis, dict) or "port" in analysis:
+        return faults
+    results, showing = analysis.get("results"), ("time_response", "transfer_function")
+    if isinstance(results, list) and not any(did_you_mean(str(name), showing) for name in results):
+        message = "the initial state shows in a time response, a transfer function or at a port only; "
+        message += "'results' lists neither 'time_response' nor 'transfer_function'"
+        faults.append(source.fault(("initial",), message, key=True))
+    return faults
+
+
+def _driving_faults(source: Source) -> list[Fault]:
+    """Return the faults of the signals of a time response, which drive inputs."""
+    inputs = [str(name) for name in listing(mapping(source.data, "analysis"), "inputs")]
+    inputs = inputs or [name for name, kind in node_types(source.data).items() if kind in SOURCES]
+    faults = []
+    for path, signal in sections(BondGraphScene, source.data, SignalPart):
+        name = signal.get("source")
+        if isinstance(name, str) and name not in inputs:
+            faults.append(
+                source.fault((*path, "source"), f"'{name}' is not an input{did_you_mean(name, inputs)}")
+            )
+        if "dof" in signal:
+            faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))
+        for key in ("motion", "base"):
+            if key in signal:
+                message = f"'{key}' belongs to structures; a flow source prescribes a motion"
+                faults.append(source.fault((*path, key), message, key=True))
+    return faults

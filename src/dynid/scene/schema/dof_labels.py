@@ -1,4 +1,4 @@
-"""The free degrees of freedom of beams and frames: node by node, without those that are held."""
+"""Labels of the free degrees of freedom of beams and frames, node by node."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def beam_labels(elements: int, fixed: Iterable[Freedom]) -> list[int | str]:
     elements
         The number of its elements, in a row.
     fixed
-        What its supports hold.
+        The degrees of freedom that its supports fix.
     """
     return _free(elements + 1, ("w", "theta"), set(fixed))
 
@@ -32,13 +32,13 @@ def frame_labels(
     Parameters
     ----------
     nodes
-        How many nodes are given.
+        The number of given nodes.
     members
         Of each: its two nodes, which ends are hinged (1, 2), and its number of elements.
     fixed
-        What the supports hold.
+        The degrees of freedom that the supports fix.
     turning
-        The nodes that turn with what is there besides members: rotary inertias, and springs against turning.
+        The nodes with a rotary inertia or a rotational spring, which rotate even between hinges.
     """
     carried, inner = set(turning), 0
     for ends, hinges, elements in members:

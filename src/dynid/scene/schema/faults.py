@@ -1,10 +1,10 @@
-"""Validation errors as located faults in plain words."""
+"""Validation errors of pydantic as located faults in plain words."""
 
 from __future__ import annotations
 
 import types
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -28,13 +28,13 @@ _WANTED = {
     "model_attributes_type": "a mapping",
 }
 _BOUNDS = {"greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:,.12g}"}
-#: What tells the members of a union apart that are no models of their own.
+#: Tags that distinguish the members of a union that are not models.
 _FORMS = ("list", "mapping")
 _ENDS = {"too_short": "least", "too_long": "most"}
 
 
 def located_faults(source: Source, model: type[BaseModel], error: ValidationError) -> list[Fault]:
-    """Turn the errors of a validation into faults of the scene, each at its line and column.
+    """Return the errors of a validation as faults of the scene, each at its line and column.
 
     Parameters
     ----------
@@ -43,22 +43,33 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
     model
         The model it was validated against.
     error
-        What the validation found.
+        The errors of the validation.
     """
     errors: list[dict[str, Any]] = [dict(item) for item in error.errors(include_url=False)]
-    strange: dict[tuple[Any, ...], list[str]] = defaultdict(list)  # of each mapping
+    unknown: dict[tuple[Any, ...], list[str]] = defaultdict(list)  # of each mapping
     for item in errors:
         if item["type"] == "extra_forbidden":
-            strange[tuple(item["loc"][:-1])].append(str(item["loc"][-1]))
+            unknown[tuple(item["loc"][:-1])].append(str(item["loc"][-1]))
     places: dict[tuple[Any, ...], list[dict[str, Any]]] = defaultdict(list)
     for item in errors:
-        if not _is_misspelt(item, strange):
+        *holder, key = item["loc"] or ("",)
+        # A missing key that is there under a similar name is reported as unknown already.
+        similar = (other for other in unknown.get(tuple(holder), ()) if did_you_mean(other, [key]))
+        if item["type"] != "missing" or not any(similar):
             places[data_path(source.data, item["loc"])].append(item)
-    return [_fault(source, model, item) for items in places.values() for item in _one_of_a_union(items)]
+    faults = []
+    for items in places.values():
+        # The errors of the members of a union become one: the value must be one type or another.
+        wanted = dict.fromkeys(_WANTED[item["type"]] for item in items if item["type"] in _WANTED)
+        others = [item for item in items if item["type"] not in _WANTED]
+        faults += [
+            _fault(source, model, item) for item in others or [{**items[0], "wanted": " or ".join(wanted)}]
+        ]
+    return faults
 
 
 def without_unknown_keys(data: Any, error: ValidationError) -> Any:
-    """Return a scene's data less the keys that it does not have, so that what else is wrong shows as well."""
+    """Return the data of a scene without unknown keys, so that its other faults are found as well."""
     unknown = {
         _unknown_key(data, item["loc"]) for item in error.errors() if item["type"] == "extra_forbidden"
     }
@@ -71,23 +82,6 @@ def without_unknown_keys(data: Any, error: ValidationError) -> Any:
         return [kept(value, (*path, at)) for at, value in enumerate(part)] if isinstance(part, list) else part
 
     return kept(data, ())
-
-
-def _one_of_a_union(errors: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Join what every member of a union says of one value: it must be one type or another."""
-    wanted = [_WANTED[item["type"]] for item in errors if item["type"] in _WANTED]
-    others = [item for item in errors if item["type"] not in _WANTED]
-    if others or not errors:
-        return others
-    return [{**errors[0], "wanted": " or ".join(dict.fromkeys(wanted))}]
-
-
-def _is_misspelt(error: dict[str, Any], strange: Mapping[tuple[Any, ...], list[str]]) -> bool:
-    """Tell whether a missing key is there under a similar name, which is reported already."""
-    if error["type"] != "missing":
-        return False
-    *holder, key = error["loc"]
-    return any(did_you_mean(other, [key]) for other in strange.get(tuple(holder), ()))
 
 
 def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:
@@ -142,7 +136,7 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
 
 
 def _tag(error: dict[str, Any]) -> str:
-    """Return the key that tells the members of a union apart."""
+    """Return the key that distinguishes the members of a union."""
     return str(error["ctx"]["discriminator"]).strip("'")
 
 
@@ -158,12 +152,14 @@ def _shown(given: Any) -> str:
 
 
 def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the part of a validation's location that exists in the data (it names union members too)."""
+    """Return the part of the location of an error that exists in the data (it names union members too)."""
     path: list[Any] = []
     for part in loc:
         if isinstance(data, dict):
-            found = part if part in data else _as_int_key(data, part)
-            if found is None:
+            found = part
+            if part not in data and isinstance(part, str) and part.isdecimal():
+                found = int(part)
+            if found not in data:
                 continue
             path.append(found)
             data = data[found]
@@ -174,14 +170,10 @@ def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _unknown_key(data: Any, loc: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return where a key is that its mapping does not have; a member of a union may bear another's name."""
+    """Return the path of an unknown key; a union member in its location may have the name of another key."""
     without = (loc[:place] + loc[place + 1 :] for place in range(len(loc) - 1))
     paths = [data_path(data, some) for some in (loc, *without)]
     return next((path for path in paths if path[-1:] == loc[-1:]), paths[0])
-
-
-def _as_int_key(data: dict[Any, Any], part: Any) -> int | None:
-    return int(part) if isinstance(part, str) and part.isdecimal() and int(part) in data else None
 
 
 def _dotted(path: Iterable[Any]) -> str:
@@ -189,7 +181,7 @@ def _dotted(path: Iterable[Any]) -> str:
 
 
 def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
-    """Follow a validation's location through the models to the one whose key it names."""
+    """Return the model at the location of an error, whose key it names."""
     current: Any = model
     for part in loc:
         options = list(_unwrapped(current))
@@ -225,7 +217,7 @@ def _is_model(option: Any) -> bool:
 
 
 def _is_tagged(option: type[BaseModel], tag: Any) -> bool:
-    """Tell whether a model is the member of a discriminated union that this tag selects."""
+    """Return True if a model is the member of a discriminated union that this tag selects."""
     fields = (option.model_fields.get(key) for key in ("kind", "method"))
     annotations = (field.annotation for field in fields if field is not None)
     return any(get_origin(one) is Literal and tag in get_args(one) for one in annotations)

@@ -1,22 +1,27 @@
-"""Scenes of kind `identification`."""
+"""Scenes of kind `identification`: the model of their keys, and checks of several keys together."""
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from dynid.defaults import ESTIMATOR
+from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, SceneModel, Section
 from dynid.scene.schema.joints import JointModel
-from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel
-from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
-from dynid.scene.schema.reduction import ReductionModel
-from dynid.scene.schema.signals import Signals, TimeGrid
+from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
+from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
+from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, mapping_of
+from dynid.scene.schema.reduction import ReductionModel, structure_faults
+from dynid.scene.schema.references import sections
+from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid
 from dynid.scene.schema.structure import StructureModel
+from dynid.scene.yaml.source import Source
+from dynid.suggestions import did_you_mean
 
-#: Which method an option belongs to.
+#: The method that an option belongs to.
 _OPTIONS = {
     "passes": "filter",
     "iterations": "output-error",
@@ -151,8 +156,11 @@ class IdentificationScene(SceneModel):
             raise fault("the record is to be simulated with the reduced model, but there is no 'reduction'")
         if len(models) > 1:
             raise fault("all records are simulated with one 'model': full or reduced")
-        self._check_frf()
         frf = self.measurement and self.measurement.frf
+        if frf and self.excitation:
+            raise fault("frequency responses are of unit forces; an 'excitation' says nothing beside 'frf'")
+        if frf and self.estimator.method not in ("auto", "output-error"):
+            raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'frf'")
         responds = self.analysis and (self.analysis.frequency or self.analysis.time)
         if self.analysis and responds and not self.analysis.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
@@ -160,11 +168,59 @@ class IdentificationScene(SceneModel):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
         return self
 
-    def _check_frf(self) -> None:
-        """Refuse what has no meaning where frequency responses are measured."""
-        if self.measurement is None or self.measurement.frf is None:
-            return
-        if self.excitation:
-            raise fault("frequency responses are of unit forces; an 'excitation' says nothing beside 'frf'")
-        if self.estimator.method not in ("auto", "output-error"):
-            raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'frf'")
+
+def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
+    """Return the faults of nodes, DOFs, loads, channels, unknowns and the initial motion."""
+    data, model = source.data, IdentificationScene
+    faults = structure_faults(source, model, names)
+    for path, signal in sections(model, data, SignalPart):
+        if "base" in signal and ("dof" in signal or "motion" in signal):
+            faults.append(source.fault((*path, "base"), "the base moves, or a 'dof' does", key=True))
+        if "dof" not in signal and "base" not in signal:
+            faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
+        if "source" in signal:
+            message = "a structure has DOFs, not sources; write 'dof'"
+            faults.append(source.fault((*path, "source"), message, key=True))
+    records = list(sections(model, data, RecordModel))
+    faults += [
+        source.fault((*path, "channels", place), "this channel is listed twice")
+        for path, record in records
+        for place, channel in enumerate(listing(record, "channels"))
+        if isinstance(channel, dict) and channel in listing(record, "channels")[:place]
+    ]
+    simulated = any("simulate" in record for _, record in records)
+    responses = any("simulate" in mapping(record, "frf") for _, record in records)
+    faults += _unknown_faults(source, simulated=simulated or responses)
+    analysis = data.get("analysis", {})
+    shown = (
+        simulated
+        or not isinstance(analysis, dict)
+        or any(did_you_mean(str(key), ["time"]) for key in analysis)
+    )
+    if mapping(data, "initial") and not shown:
+        message = "the initial state shows in a time response or a simulated record only; "
+        message += "it needs the block 'analysis.time'"
+        faults.append(source.fault(("initial",), message, key=True))
+    return faults
+
+
+def _unknown_faults(source: Source, *, simulated: bool) -> list[Fault]:
+    """Return the faults of a measurement without unknowns, or simulated without their true values."""
+    if not mapping(source.data, "measurement"):
+        return []
+    joints = source.data.get("joints", {})
+    given: dict[tuple[Any, ...], Any] = {
+        ("joints", name, letter): joint[letter]
+        for name, joint in mapping_of(joints).items()
+        for letter in ("k", "c")
+        if letter in mapping_of(joint)
+    }
+    unknowns = {path: value for path, value in given.items() if "start" in mapping_of(value)}
+    known = all(not isinstance(value, dict) or {*value} <= {"value", "matrix"} for value in given.values())
+    if not unknowns and known and is_mapping_of_mappings(joints):
+        message = "there is nothing to identify: no joint parameter has a 'start'"
+        return [source.fault(("measurement",), message, key=True)]
+    allowed = {"start", "value", "matrix", "min", "max", "prior"}  # another key may be 'true', misspelt
+    message = "a simulated measurement needs the 'true' value of this parameter"
+    lacking = [path for path, value in unknowns.items() if simulated and value.keys() <= allowed]
+    return [source.fault(path, message, key=True) for path in lacking]

@@ -11,7 +11,7 @@ from dynid.scene.schema.base import Section
 
 
 def scene_schema(model: type[Section]) -> dict[str, Any]:
-    """Return the JSON Schema of scenes of a kind, in the words of draft 7, every key described.
+    """Return the JSON Schema (draft 7) of scenes of a kind, with a description of every key.
 
     Parameters
     ----------
@@ -23,12 +23,18 @@ def scene_schema(model: type[Section]) -> dict[str, Any]:
     for name, part in {**schema.get("$defs", {}), model.__name__: schema}.items():
         for whole in (part, *part.get("anyOf", ())):
             for key, wanted in whole.get("properties", {}).items():
-                whole["properties"][key] = _described(wanted, sentence(classes[name], key))
+                text = sentence(classes[name], key)
+                form, default = wanted.get("description", ""), wanted.get("default")
+                if isinstance(default, dict) and default.keys() == {"value", "expression"}:
+                    wanted["default"] = default["value"]  # a quantity, as a scene writes it
+                if "$ref" in wanted:  # draft 7 ignores all keys beside a reference
+                    wanted["allOf"] = [{"$ref": wanted.pop("$ref")}]
+                wanted["description"] = f"{text.removesuffix('.')} ({form})." if form else text
     return schema
 
 
 def sentence(part: type[Section], key: str) -> str:
-    """Return what a key of a part means, as its class says it, or one that this is derived from."""
+    """Return the description of a key of a section, which a base class may hold."""
     return next(texts[key] for base in part.__mro__ if key in (texts := _texts().get(base.__name__, {})))
 
 
@@ -39,18 +45,6 @@ def _texts() -> dict[str, dict[str, str]]:
     text = resources.files(__package__).joinpath("descriptions.yaml").read_text(encoding="utf-8")
     found: dict[str, dict[str, str]] = yaml.safe_load(text)
     return found
-
-
-def _described(wanted: dict[str, Any], text: str) -> dict[str, Any]:
-    """Describe a key; what it says of its form already stands behind; draft 7 wants a reference alone."""
-    form, default = wanted.get("description", ""), wanted.get("default")
-    if isinstance(default, dict) and default.keys() == {"value", "expression"}:
-        wanted = {**wanted, "default": default["value"]}  # a quantity, as a scene writes it
-    said = f"{text.removesuffix('.')} ({form})." if form else text
-    if "$ref" in wanted:
-        others = {name: value for name, value in wanted.items() if name != "$ref"}
-        return {"allOf": [{"$ref": wanted["$ref"]}], **others, "description": said}
-    return {**wanted, "description": said}
 
 
 def _parts(part: type[Section]) -> Iterator[type[Section]]:

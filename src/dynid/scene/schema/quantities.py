@@ -76,7 +76,9 @@ def names_of(info: ValidationInfo) -> SceneNames:
 def resolve(raw: Any, info: ValidationInfo) -> Quantity:
     """Resolve a quantity: a number, a parameter's name, or an expression of both."""
     if isinstance(raw, bool) or not isinstance(raw, int | float | str):
-        raise fault(f"{_kind(raw)} where a number, a parameter or an expression belongs")
+        kinds = {bool: "true or false", dict: "a mapping", list: "a list", type(None): "nothing"}
+        found = next((word for kind, word in kinds.items() if isinstance(raw, kind)), repr(raw))
+        raise fault(f"{found} where a number, a parameter or an expression belongs")
     if isinstance(raw, int | float):
         if isinstance(raw, float) and not math.isfinite(raw):
             raise fault(f"{raw} is not a finite number")
@@ -89,25 +91,20 @@ def resolve(raw: Any, info: ValidationInfo) -> Quantity:
             known = [*names.parameters, *names.faulty]
             raise fault("; ".join(f"no parameter '{name}'{did_you_mean(name, known)}" for name in unknown))
         if unknown or expression.names & names.faulty:
-            return Quantity(Fraction(1))  # reported where it is defined; any value lets the checks go on
+            return Quantity(Fraction(1))  # reported where it is defined; with any value the other checks run
         return _in_range(Quantity(expression.evaluate(names.parameters), expression))
     except ExpressionError as error:
         raise fault(str(error)) from None
 
 
 def _in_range(quantity: Quantity) -> Quantity:
-    """Refuse what double precision would turn into infinity or zero: an exact value knows no such limits."""
+    """Return a quantity, checked not to become infinity or zero in double precision."""
     try:
         if float(quantity) == 0 != quantity.value:
             raise fault("the value is too close to zero for double precision")
     except OverflowError:
         raise fault("the value is too large for double precision") from None
     return quantity
-
-
-def _kind(raw: Any) -> str:
-    kinds = {bool: "true or false", dict: "a mapping", list: "a list", type(None): "nothing"}
-    return next((word for kind, word in kinds.items() if isinstance(raw, kind)), f"{raw!r}")
 
 
 def _where(condition: Callable[[Number], bool], message: str) -> Callable[[Any, ValidationInfo], Quantity]:

@@ -1,4 +1,4 @@
-"""Reductions of structures in scenes of any kind, and scenes of kind `reduction`."""
+"""Reductions of structures in scenes of any kind; scenes of kind `reduction` and their checks."""
 
 from __future__ import annotations
 
@@ -6,29 +6,21 @@ import math
 from collections import Counter
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, model_validator
 
 from dynid.defaults import MASTERS
+from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section
-from dynid.scene.schema.joints import JointModel
+from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, once
+from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.measurement import OutputModel
-from dynid.scene.schema.quantities import NotNegative, Positive, fault
+from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, fault
+from dynid.scene.schema.raw import listing, mapping, mapping_of
+from dynid.scene.schema.references import dof_faults, node_faults, sections
 from dynid.scene.schema.structure import StructureModel
+from dynid.scene.yaml.source import Source
 
 Unit = Literal["rad/s", "Hz"]
-
-
-def once(what: str) -> AfterValidator:
-    """Check that a list names nothing twice."""
-
-    def check(listed: list[Any]) -> list[Any]:
-        twice = next((item for place, item in enumerate(listed) if item in listed[:place]), None)
-        if twice is not None:
-            raise fault(f"{what}{f' {twice}' if isinstance(twice, int | str) else ''} stands twice")
-        return listed
-
-    return AfterValidator(check)
 
 
 def _form(raw: Any) -> str:
@@ -99,7 +91,7 @@ class _OnModes(_Mastered, _Modal):
         masters, modes = _count(self.masters), _count(self.modes)
         if masters is not None and modes is not None and modes > masters:
             raise fault(
-                f"{modes} modes are more than {masters} master{'s' * (masters != 1)} can tell apart; "
+                f"{modes} modes are more than {masters} master{'s' * (masters != 1)} can distinguish; "
                 "take fewer modes or more masters"
             )
         if modes == 0:
@@ -182,7 +174,7 @@ def in_radians(value: float, unit: Unit) -> float:
 
 
 def result_names(methods: list[str]) -> list[str]:
-    """Return the names of reductions in a result: their methods, numbered where one stands again."""
+    """Return the names of reductions in a result: their methods, numbered from the second on."""
     seen: Counter[str] = Counter()
     names = []
     for method in methods:
@@ -209,3 +201,29 @@ class ReductionScene(SceneModel):
         if self.frequency is None and (self.inputs or self.outputs):
             raise fault("'inputs' and 'outputs' are of frequency responses; these need the block 'frequency'")
         return self
+
+
+def reduction_faults(source: Source, names: SceneNames) -> list[Fault]:
+    """Return the faults of nodes and DOFs, and of unknown joints: reductions are compared at known ones."""
+    message = "the joints of a comparison are known: give a 'value', or the number alone"
+    unknown = [
+        source.fault((*path, "start"), message, key=True)
+        for path, parameter in sections(ReductionScene, source.data, ParameterModel)
+        if "start" in parameter
+    ]
+    return structure_faults(source, ReductionScene, names) + unknown
+
+
+def structure_faults(source: Source, model: type[BaseModel], names: SceneNames) -> list[Fault]:
+    """Return the faults of all nodes and DOFs that a scene names and its structure lacks."""
+    given = mapping_of(source.data).get("structure")
+    labels: list[int | str] | None
+    try:
+        structure = StructureModel.model_validate(given, context=names)
+    except ValidationError:
+        faults, labels = [], list(range(1, 1 + len(listing(mapping(given, "lumped"), "masses"))))
+    else:
+        wrong = [*node_faults(StructureModel, given, structure.nodes), *structure.faults()]
+        faults = [source.fault(("structure", *path), message) for path, message in wrong]
+        labels = structure.labels()
+    return dof_faults(source, model, labels) if labels and not faults else faults

@@ -1,4 +1,4 @@
-"""References in scenes: names of DOFs, nodes and files, found and checked by the types of their fields.
+"""References in scenes to DOFs, nodes and files, found and checked by the types of their fields.
 
 A field that names something is annotated with a `Reference`, such as `DOF`. One walk along the types of a
 scene's model finds all references in the plain data of a scene, also where other keys are at fault.
@@ -26,7 +26,7 @@ Path = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Reference:
-    """Annotation of a field that names something; `to` says what."""
+    """Annotation of a field that refers to a DOF, a node or a file; `to` is the noun for it."""
 
     to: str
 
@@ -49,7 +49,7 @@ class Occurrence(NamedTuple):
 
 @dataclass(frozen=True)
 class _Shape:
-    """A type, reduced to what the walk needs: its references, models, and the shapes within."""
+    """A type reduced to its references, its models, and the shapes within, as the walk needs them."""
 
     references: frozenset[Reference] = frozenset()
     models: frozenset[type[BaseModel]] = frozenset()
@@ -130,7 +130,7 @@ def references(model: type[BaseModel], data: Any, to: Reference) -> Iterator[Occ
     data
         The data.
     to
-        What is referred to, such as `DOF`.
+        The kind of reference, such as `DOF`.
     """
     for shape, found in _walk(_model_shape(model), data, ()):
         if to in shape.references and not isinstance(found.value, dict | list):
@@ -145,7 +145,7 @@ def sections(model: type[BaseModel], data: Any, of: type[BaseModel]) -> Iterator
 
 
 def dof_faults(source: Source, model: type[BaseModel], labels: Sequence[int | str]) -> list[Fault]:
-    """Check that every DOF that a scene names is one of its structure.
+    """Return the faults of DOFs that a scene names and its structure lacks.
 
     Parameters
     ----------
@@ -176,19 +176,19 @@ def dof_faults(source: Source, model: type[BaseModel], labels: Sequence[int | st
 
 
 def node_faults(model: type[BaseModel], data: Any, count: int) -> Iterator[tuple[Path, str]]:
-    """Yield the references to nodes of a beam or frame that it does not have, each with a message."""
+    """Yield the references to nodes that a beam or frame lacks, each with a message."""
     for path, node, _ in references(model, data, NODE):
         if isinstance(node, int) and node > count:
             yield path, f"there is no node {node}; there are {count}"
 
 
 def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
-    """Resolve the parameters and list the nodes of a scene.
+    """Return the values of the parameters and the types of the nodes of a scene.
 
     Returns
     -------
     SceneNames, list of Fault
-        The names, and what is wrong with the parameters.
+        The names, and the faults of the parameters.
     """
     raw = mapping(source.data, "parameters")
     complete = isinstance(source.data.get("parameters", {}), dict)

@@ -21,7 +21,7 @@ from dynid.scene.schema.base import FilePath, SceneModel, Section
 from dynid.scene.schema.quantities import Positive, Value, fault
 from dynid.suggestions import did_you_mean
 
-#: More would not fit into one file, nor into the memory that holds their plan.
+#: More would not fit into one file, nor their plan into memory.
 MAX_SAMPLES = 10_000_000
 
 
@@ -35,7 +35,7 @@ Plain = Annotated[Any, PlainValidator(_is_plain), WithJsonSchema({"description":
 
 
 def _or_bare(schema: dict[str, Any]) -> None:
-    """Tell editors that a list may stand without the word `values`."""
+    """Allow a list without the key `values` in a JSON Schema."""
     whole = dict(schema)
     schema.clear()
     schema["anyOf"] = [whole, {"type": "array", "minItems": 1}]
@@ -96,7 +96,7 @@ class Uniform(_Distribution):
 class Normal(_Distribution):
     """Gaussian, or with a Gaussian logarithm; mean and standard deviation are those of the value itself.
 
-    `low` and `high` cut it off: what is beyond is not drawn.
+    It is truncated at `low` and `high`.
     """
 
     distribution: Literal["normal", "lognormal"]
@@ -142,14 +142,14 @@ _FORMS = {
 
 
 def _form_of(raw: Any) -> str:
-    """Tell which form of a factor a mapping has, by its keys."""
+    """Return the form of a factor, which its keys determine."""
     if isinstance(raw, dict) and "distribution" in raw:
         return _FORMS[raw["distribution"]]
     return "range" if isinstance(raw, dict) and {"start", "stop", "scale"} & raw.keys() else "values"
 
 
 def _as_mapping(raw: Any) -> Any:
-    """Take a bare list for its values, and refuse what has no form."""
+    """Return a factor as a mapping: a bare list is its values."""
     if isinstance(raw, list):
         return {"values": raw}
     if not isinstance(raw, dict):
@@ -205,12 +205,12 @@ class StudyScene(SceneModel):
 
 
 def paths_of(key: str) -> tuple[str, ...]:
-    """Return the dotted paths that a key of `vary` stands for: one, or several with commas between."""
+    """Return the dotted paths in a key of `vary`: one, or several separated by commas."""
     return tuple(path.strip() for path in key.split(","))
 
 
 def names_of_factor(key: str, factor: StudyFactor) -> tuple[str, ...]:
-    """Return the names by which expressions know what a key of `vary` stands for."""
+    """Return the names of the values of a key of `vary` in expressions."""
     paths = paths_of(key)
     if factor.name is not None:
         return paths_of(factor.name)
@@ -218,9 +218,9 @@ def names_of_factor(key: str, factor: StudyFactor) -> tuple[str, ...]:
 
 
 def known_names(model: StudyScene, parameters: Iterable[object]) -> dict[str, str]:
-    """Return what the names in `derive` stand for: what is varied or derived, by path, and parameters.
+    """Return the paths that the names in `derive` refer to: varied and derived values, and parameters.
 
-    A name that two paths share stands for neither.
+    A name that two paths share refers to neither.
     """
     pairs = [
         (name, path)
@@ -234,12 +234,12 @@ def known_names(model: StudyScene, parameters: Iterable[object]) -> dict[str, st
 
 
 def grid_length(factor: StudyFactor) -> int | None:
-    """Return how many values a factor has on a grid; None where it does not say."""
+    """Return the number of values of a factor on a grid; None where it is not given."""
     return len(factor.values) if isinstance(factor, Listed) else factor.points
 
 
 def grid_groups(model: StudyScene) -> list[list[str]]:
-    """Return the keys of `vary` that go together, in the order of the first of each group."""
+    """Return the groups of keys of `vary` that vary together, in the order of their first keys."""
     groups, done = [], set()
     for key in model.vary:
         if key not in done:
@@ -250,7 +250,7 @@ def grid_groups(model: StudyScene) -> list[list[str]]:
 
 
 def grid_size(model: StudyScene) -> int:
-    """Return how many samples a grid has."""
+    """Return the number of samples of a grid."""
     count = 1
     for group in grid_groups(model):
         count *= grid_length(model.vary[group[0]]) or 1 if group[0] in model.vary else 1
