@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 
 import dynid
-from dynid.cli.citation import citation
+from dynid.cli import citation
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

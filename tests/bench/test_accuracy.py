@@ -9,7 +9,7 @@ import dynid
 from dynid.bench.scenes.measure import add_accuracy
 from dynid.bench.scenes.worker import aspect_of
 from dynid.checks import compare
-from dynid.cli.summary.accuracy import accuracy_lines
+from dynid.cli.summary.bench import accuracy_lines
 from dynid.errors import SceneError
 from dynid.report.content import content
 from dynid.report.content.blocks import TextTable

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.request import RESULTS
-from dynid.cli.summary.explanation import seconds_text, size_text
+from dynid.cli.check import seconds_text, size_text
 from dynid.identification.kernels import VARIABLE
 from dynid.scene.explanations.explanation import explain, peak_megabytes
 from dynid.scene.load import check_source, load_scene

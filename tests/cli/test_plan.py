@@ -39,7 +39,7 @@ def test_a_plan_is_a_screen_and_on_request_a_file(dynid, folder):
     assert not list(folder.glob("*.h5"))
     for said in (
         "Three masses",
-        "what the record can tell",
+        "identifiability from the record",
         "best 1 of 9 sensors",
         "now: 1.velocity",
         "best 2 sines of",
@@ -83,7 +83,7 @@ def test_a_run_tells_its_identifiability_where_asked(dynid):
     assert not [path for path in read_result("s.h5") if "identifiability" in path]
     code, out, _ = dynid("run", write(SCENE + "identifiability: true\n"))
     assert code == 0
-    assert "what the record can tell" in out
+    assert "identifiability from the record" in out
     result = read_result("s.h5")
     np.testing.assert_allclose(
         result["identification/identifiability/bound"].data,

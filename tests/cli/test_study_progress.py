@@ -5,19 +5,19 @@ import sys
 
 import pytest
 
-from dynid.cli.study_progress import Rate, duration, showing, words
+from dynid.cli.progress import Rate, duration, progress_text, showing_study
 from dynid.study.running import Progress
 
 
 def test_the_rate_is_that_of_the_last_minute():
     rate = Rate()
     assert rate.per_second == 0
-    rate.see(0.0, 0)
+    rate.add(0.0, 0)
     assert rate.per_second == 0
-    rate.see(10.0, 50)
+    rate.add(10.0, 50)
     assert rate.per_second == 5
     for second in range(20, 200, 10):
-        rate.see(float(second), 50 + second)
+        rate.add(float(second), 50 + second)
     assert rate.per_second == 1
 
 
@@ -31,9 +31,9 @@ def test_a_duration_is_said_as_long_as_it_is(seconds, said):
 
 def test_what_is_left_is_told_as_soon_as_there_is_a_rate():
     progress = Progress(100, 20, 3, 0)
-    assert words(progress, 0.0) == "20 of 100 samples, 3 failed"
-    assert words(progress, 2.5) == "20 of 100 samples, 3 failed, 2.5 a second, 32 s left"
-    assert words(Progress(100, 100, 0, 0), 2.5) == "100 of 100 samples"
+    assert progress_text(progress, 0.0) == "20 of 100 samples, 3 failed"
+    assert progress_text(progress, 2.5) == "20 of 100 samples, 3 failed, 2.5 a second, 32 s left"
+    assert progress_text(Progress(100, 100, 0, 0), 2.5) == "100 of 100 samples"
 
 
 def test_a_terminal_has_a_bar_and_a_file_has_lines(monkeypatch):
@@ -41,11 +41,11 @@ def test_a_terminal_has_a_bar_and_a_file_has_lines(monkeypatch):
         stream = io.StringIO()
         stream.isatty = lambda terminal=terminal: terminal
         monkeypatch.setattr(sys, "stderr", stream)
-        with showing(quiet=False) as report:
+        with showing_study(quiet=False) as report:
             for finished in (0, 50, 100):
                 report(Progress(100, finished, 1, 0))
         lines = stream.getvalue().splitlines()
         assert any("100 of 100 samples, 1 failed" in line for line in lines)
         assert (len(lines) == 2) != terminal  # the first and the last: the one between is too soon
-    with showing(quiet=True) as report:
+    with showing_study(quiet=True) as report:
         assert report is None

@@ -93,7 +93,7 @@ def test_an_interrupted_study_can_be_shown(dynid, tmp_path):
     code, out, _ = dynid("show", tmp_path / "s.h5")
     assert code == 0
     assert "2 done · 2 pending" in out
-    assert "run the study again to go on" in out
+    assert "run the study again to resume it" in out
 
 
 def test_a_study_of_which_all_failed_has_a_screen(dynid, tmp_path):

@@ -150,7 +150,7 @@ def test_of_a_study_so_many_samples_are_shown_as_a_short_wait_allows(
     Watch("study.yaml", (), "live.h5", board).show()
     assert (board.now.fault, board.now.version) == ("", looks)
     assert said in board.now.page
-    assert ("A first look" in board.now.page) == bool(said)
+    assert ("Preview" in board.now.page) == bool(said)
     assert 'id="figure-course"' in board.now.page
     shown = open_result(folder / "live.h5")["study/samples/parameters.m"].data
     assert len(shown) == min(points, 50)

@@ -1,4 +1,4 @@
-"""The command line: one thin function a command, loaded only when it is called."""
+"""Command line: one thin function per command, imported when it is called."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ import click
 from dynid._version import __version__
 from dynid.cli.output import guarded
 
-#: Command: where it is, and what `dynid --help` says about it (so that help loads none of them).
+#: The commands: function and one line of `dynid --help`, which imports none of them.
 COMMANDS = {
     "run": ("dynid.cli.run:run", "Run one scene and write one HDF5 file."),
-    "check": ("dynid.cli.check:check", "Check scenes; with --explain, tell what a run does and costs."),
-    "study": ("dynid.cli.study:study", "Run a parameter study, or go on with one."),
-    "study-merge": ("dynid.cli.study:study_merge", "Put the shards of a study into one file."),
+    "check": ("dynid.cli.check:check", "Check scenes; with --explain, report method and cost of a run."),
+    "study": ("dynid.cli.study:study", "Run or resume a parameter study."),
+    "study-merge": ("dynid.cli.study:study_merge", "Merge the shards of a study into one file."),
     "study-worst": ("dynid.cli.study:study_worst", "Write the scene of a study's worst sample."),
-    "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by the bound they give."),
-    "show": ("dynid.cli.show:show", "Print a summary of a result."),
-    "report": ("dynid.cli.report:report", "Write one HTML page of a result."),
-    "plot": ("dynid.cli.plot:plot", "Write the figures of a result as files."),
-    "watch": ("dynid.cli.watch:watch", "Run a scene whenever it changes, with a live page."),
-    "export": ("dynid.cli.export:export", "Write a result for other tools: CSV, Parquet, JSON, .mat, .mtx."),
-    "compare": ("dynid.cli.compare:compare", "List the differences between two results."),
+    "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by Cramér–Rao bounds."),
+    "show": ("dynid.cli.results:show", "Print a summary of a result."),
+    "report": ("dynid.cli.results:report", "Write one HTML page of a result."),
+    "plot": ("dynid.cli.results:plot", "Write the figures of a result as SVG, PNG or PDF."),
+    "watch": ("dynid.cli.watch:watch", "Rerun a scene on every change, with a live page."),
+    "export": ("dynid.cli.export:export", "Export a result as CSV, Parquet, JSON, .mat or .mtx."),
+    "compare": ("dynid.cli.results:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),
-    "schema": ("dynid.cli.schema:schema", "Print the JSON Schema of scenes."),
-    "bench": ("dynid.cli.bench:bench", "Measure speed against error, now."),
-    "help": ("dynid.cli.help:help_", "Explain a topic at length."),
+    "schema": ("dynid.cli.help:schema", "Print the JSON Schema of scenes."),
+    "bench": ("dynid.cli.bench:bench", "Measure the speed and the error of the algorithms."),
+    "help": ("dynid.cli.help:help_", "Print the manual page of a topic."),
 }
 
-#: The commands as `dynid --help` lists them: by what one is about to do.
+#: The commands in groups, as `dynid --help` lists them.
 GROUPS = {
     "Run": ("new", "check", "run", "plan"),
     "Studies": ("study", "study-merge", "study-worst"),
@@ -42,11 +42,34 @@ GROUPS = {
 }
 
 
+#: BibTeX entries of this software and of the papers that it implements.
+_CITATION = """\
+@software{{dynid,
+  title   = {{dynid: bond graphs in the frequency domain, and joint identification on reduced
+             finite-element models}},
+  author  = {{{{The dynid founders}}}},
+  version = {{{version}}}
+}}
+
+@article{{park1997,
+  title  = {{Understanding of Dynamic System Properties in the Frequency Domain Using Bond Graphs}},
+  author = {{Park, Jeon Soo and Kim, Jong Shik}},
+  year   = {{1997}}
+}}
+
+@article{{yang1997,
+  title  = {{A Study on Improving the Accuracy of Finite Element Modeling Using System Identification
+            Technique}},
+  author = {{Yang, Kyung-Taek}},
+  year   = {{1997}}
+}}"""
+
+
 class LazyGroup(click.Group):
-    """A group that imports a command when it is used."""
+    """Group of commands, each imported when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Return the names of the commands, in the order of use."""
+        """Return the names of the commands, in the order of `dynid --help`."""
         return [name for names in GROUPS.values() for name in names]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
@@ -60,7 +83,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, and suggest one where there is none."""
+        """Find the command; suggest the nearest name for an unknown one."""
         if args and args[0].startswith("-"):
             ctx.fail(f"No such option '{args[0]}'")
         if args and args[0] not in COMMANDS:
@@ -77,6 +100,17 @@ class LazyGroup(click.Group):
                 formatter.write_dl([(name.ljust(width), COMMANDS[name][1]) for name in names])
 
 
+def citation() -> str:
+    """Return BibTeX entries of this version and of the papers that it implements."""
+    return _CITATION.format(version=__version__)
+
+
+def _cite(context: click.Context, _option: click.Parameter, asked: bool) -> None:
+    if asked:
+        click.echo(citation())
+        context.exit()
+
+
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="dynid", message="%(prog)s %(version)s")
 @click.option(
@@ -84,33 +118,25 @@ class LazyGroup(click.Group):
     is_flag=True,
     expose_value=False,
     is_eager=True,
-    callback=lambda context, _option, asked: _cite(context, asked),
+    callback=_cite,
     help="Show how to cite dynid, and exit.",
 )
 def cli() -> None:
     """Bond graphs in the frequency domain, and joint identification on reduced FE models.
 
-    One YAML scene in, one HDF5 file out. Start with: dynid new bond-graph, then dynid run bond-graph.yaml.
-    At length: dynid help
+    Each run reads one YAML scene and writes one HDF5 file. To start: dynid new bond-graph, then
+    dynid run bond-graph.yaml. Manual: dynid help
     """
-
-
-def _cite(context: click.Context, asked: bool) -> None:
-    if asked:
-        from dynid.cli.citation import citation
-
-        click.echo(citation())
-        context.exit()
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 expectation failed, 2 usage or scene, 3 numerics, 4 files."""
-    # Threads cut sums up, and rounding with them: a scene gives the same bytes on any number of cores.
+    # Sums over threads depend on their number; with one, a scene gives the same bytes on every machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without ω still gets the rest
-    # pydantic looks for plugins in all that is installed: as long as it takes to check a scene, for nothing.
+            stream.reconfigure(errors="replace")  # for terminals that cannot print ω
+    # The search of pydantic for plugins in all installed packages takes as long as checking a scene.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     with guarded():
         sys.exit(_exit_code(args))
@@ -136,10 +162,10 @@ def _exit_code(args: list[str] | None) -> int:
         click.echo("this needs more memory than there is; ask for fewer points, samples or results", err=True)
         return 3
     except SystemExit:
-        return 4  # click's way to say that the reader of our output has left, who needs no message
+        return 4  # click exits so when the reader of a pipe has closed it
     except OSError as error:
-        said = f"{error.filename or 'the output'} cannot be read or written: {error.strerror or error}"
-        click.echo(said, err=True)
+        file = error.filename or "the output"
+        click.echo(f"{file} cannot be read or written: {error.strerror or error}", err=True)
         return 4
     except Exception as error:
         click.echo(_unforeseen(error), err=True)
@@ -148,7 +174,7 @@ def _exit_code(args: list[str] | None) -> int:
 
 
 def _unforeseen(error: Exception) -> str:
-    """Say where an error came from that nobody thought of; with DYNID_TRACEBACK set, let it through."""
+    """Return the report of an unexpected error and its place; raise it if DYNID_TRACEBACK is set."""
     if os.environ.get("DYNID_TRACEBACK"):
         raise error
     places = []
@@ -157,5 +183,5 @@ def _unforeseen(error: Exception) -> str:
         places.append((str(trace.tb_frame.f_globals.get("__name__")), trace.tb_lineno))
         trace = trace.tb_next
     module, line = next(place for place in reversed(places) if place[0].startswith("dynid"))
-    said = " ".join(f"{type(error).__name__} {error}".split())
-    return f"this is a fault of dynid itself ({said}, {module}:{line}). Please report it, with the scene."
+    cause = " ".join(f"{type(error).__name__} {error}".split())
+    return f"this is a fault of dynid itself ({cause}, {module}:{line}). Please report it, with the scene."

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
 
-from dynid.cli.completion import among
+from dynid.cli.arguments import among, refuse_unknown
 from dynid.cli.progress import showing
 from dynid.errors import UsageError
 
@@ -24,15 +24,19 @@ def _benchmarks() -> Iterable[str]:
 @click.option("-o", "--output", type=click.Path(), help="Write the figures to this HDF5 file.")
 @click.option("--report", type=click.Path(), help="Write the tables and work-precision plots to this page.")
 @click.option(
-    "--size", "sizes", multiple=True, metavar="NAME=N,N", help="Sizes of a benchmark instead of its own."
+    "--size",
+    "sizes",
+    multiple=True,
+    metavar="NAME=N,N",
+    help="Sizes of a benchmark instead of the default ones.",
 )
 @click.option(
     "--clock",
     type=click.Choice(["wall", "processor"]),
     default="wall",
-    help="What time is; other work on the machine changes processor time little.",
+    help="The time to measure; processor time depends little on other work of the machine.",
 )
-@click.option("--full", is_flag=True, help="Larger sizes too, however long they take.")
+@click.option("--full", is_flag=True, help="Run larger sizes, too, without a time limit.")
 @click.option("--list", "listing", is_flag=True, help="List the benchmarks.")
 def bench(
     names: tuple[str, ...],
@@ -43,12 +47,12 @@ def bench(
     full: bool,
     listing: bool,
 ) -> int:
-    """Measure speed against error, now, on this machine.
+    """Measure the speed and the error of the algorithms on this machine.
 
-    Each NAME runs its alternatives on the same work in one go: median time, peak memory, and error against an
-    exact or high-precision reference; what no other beats in both time and error is marked. Without a NAME
-    all of them run, for at most three minutes: what does not fit is left out, and named. With --full, or with
-    sizes of your own, they take the time they need.
+    Each benchmark NAME runs its alternatives on the same problem: median time, peak memory, and error against
+    an exact or high-precision reference; the Pareto-optimal ones are marked. Without NAME all benchmarks
+    run, for at most three minutes; those that do not fit are left out and listed. With --full, or with sizes
+    of your own, they take the time they need.
 
     \b
     Examples:
@@ -63,10 +67,20 @@ def bench(
         for name in BENCHMARKS:
             click.echo(f"  {name:{width}}  {benchmark(name).title}")
         return 0
-    chosen = [_known(name, BENCHMARKS) for name in names] or list(BENCHMARKS)
-    own, seconds = _sizes(sizes, BENCHMARKS), math.inf if full or sizes else DEFAULT_RUN
-    with showing() as tell:
-        result = run_benchmarks(dict.fromkeys(chosen), own, tell, full=full, clock=clock, seconds=seconds)
+    own_sizes: dict[str, list[int]] = {}
+    for text in sizes:
+        name, _, numbers = text.partition("=")
+        parts = numbers.split(",")
+        if not all(part.strip().isdecimal() and 0 < int(part) <= 10**9 for part in parts):
+            raise UsageError(f"--size {text}: sizes are whole numbers", remedy="Write NAME=100,1000.")
+        own_sizes[name] = sorted({int(part) for part in parts})
+    for name in (*names, *own_sizes):
+        refuse_unknown(name, BENCHMARKS, "benchmark", "List them with: dynid bench --list")
+    seconds = math.inf if full or sizes else DEFAULT_RUN
+    with showing() as listener:
+        result = run_benchmarks(
+            dict.fromkeys(names or BENCHMARKS), own_sizes, listener, full=full, clock=clock, seconds=seconds
+        )
     click.echo(summary(result, ""))
     if output:
         from dynid.store import write_result
@@ -74,31 +88,8 @@ def bench(
         write_result(result, Path(output))
         click.echo(f"\n  wrote {output}")
     if report:
-        from dynid.cli.report import write_page
+        from dynid.cli.results import write_page
 
         write_page(result, report)
         click.echo(f"  wrote {report}")
     return 0
-
-
-def _known(name: str, known: Collection[str]) -> str:
-    if name not in known:
-        from dynid.suggestions import did_you_mean
-
-        raise UsageError(
-            f"there is no benchmark '{name}'{did_you_mean(name, known)}",
-            remedy="List them with: dynid bench --list",
-        )
-    return name
-
-
-def _sizes(given: tuple[str, ...], known: Collection[str]) -> dict[str, list[int]]:
-    """Read NAME=N,N."""
-    sizes: dict[str, list[int]] = {}
-    for text in given:
-        name, _, numbers = text.partition("=")
-        parts = numbers.split(",")
-        if not all(part.strip().isdecimal() and 0 < int(part) <= 10**9 for part in parts):
-            raise UsageError(f"--size {text}: sizes are whole numbers", remedy="Write NAME=100,1000.")
-        sizes[_known(name, known)] = sorted({int(part) for part in parts})
-    return sizes

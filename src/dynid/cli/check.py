@@ -1,9 +1,11 @@
-"""`dynid check`."""
+"""`dynid check`, and what `--explain` prints of a scene: method, causality, identifiability and cost."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import click
@@ -14,10 +16,13 @@ if TYPE_CHECKING:
     from dynid.scene.explanations.explanation import Explanation
     from dynid.scene.load import Scene
 
+#: A part of the work is listed if it takes longer than this, s, and more than this share of the whole.
+_LEAST, _SHARE = 0.5, 0.1
+
 
 @click.command()
 @click.argument("scenes", nargs=-1, required=True, type=click.Path())
-@click.option("--explain", "explaining", is_flag=True, help="Tell causality, identifiability and cost.")
+@click.option("--explain", "explaining", is_flag=True, help="Report causality, identifiability and cost.")
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scenes; repeatable."
 )
@@ -25,16 +30,17 @@ if TYPE_CHECKING:
 def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...], quiet: bool) -> int:
     """Read and check scenes without running them.
 
-    Prints every fault of every scene as FILE:LINE:COLUMN: message: what can be found without computing
-    anything, files of data and graphs without a solution included. Exit code as the run would have: 0: all
-    are valid; 2: some are not; 3: a graph has no solution; 4: a file could not be read.
+    Prints every fault of every scene as FILE:LINE:COLUMN: message, including data files that cannot be read
+    and graphs without a solution. The exit code is that of the run: 0: all scenes are valid; 2: some are not;
+    3: a graph has no solution; 4: a file could not be read.
 
-    Of a study, the scene that it varies is checked as well. A fault that its first sample does not share is
-    none of the study.
+    For a study, the scene that it varies is checked as well; faults that its first sample does not have are
+    ignored.
 
-    With --explain, says of each valid scene what a run would do: states and what follows from others, the
-    engine or estimator and why, what the record can tell of each parameter, what is left out, and about how
-    long it takes. Where that shows that the run will fail, it says why, and exits as the run would.
+    With --explain, reports for each valid scene what a run would do: independent and dependent states, the
+    engine or estimator and the reason for it, the identifiability of each parameter, the parts left out, and
+    the estimated time. If this shows that the run will fail, the reason is printed, and the exit code is that
+    of the run.
 
     \b
     Examples:
@@ -48,12 +54,12 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
     for name in scenes:
         try:
             scene = load_scene(name, overrides)
-            hindrances, exit_code = _hindrances(scene)
-            if hindrances:
-                click.echo("\n".join(hindrances), err=True)
+            obstacles, exit_code = _obstacles(scene)
+            if obstacles:
+                click.echo("\n".join(obstacles), err=True)
                 code = max(code, exit_code)
                 continue
-            said, exit_code = _explained(scene, quiet) if explaining else ([], 0)
+            lines, exit_code = _explained(scene, quiet) if explaining else ([], 0)
             code = max(code, exit_code)
         except SceneError as error:
             click.echo(str(error), err=True)
@@ -64,26 +70,25 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
             code = max(code, error.exit_code)
         else:
             if not quiet:
-                click.echo("\n".join([f"{name}: valid ({scene.kind}: {scene.title})", *said]))
+                click.echo("\n".join([f"{name}: valid ({scene.kind}: {scene.title})", *lines]))
     if faults:
         click.echo(f"{faults} fault{'s' if faults > 1 else ''}", err=True)
     return code
 
 
-def _hindrances(scene: Scene) -> tuple[list[str], int]:
-    """Return what keeps a valid scene from running, one by one, and the exit code of its run."""
+def _obstacles(scene: Scene) -> tuple[list[str], int]:
+    """Return the errors that prevent a valid scene from running, and the exit code of its run."""
     from dynid.scene.files import missing_files
     from dynid.scene.kinds.study import base_scene
     from dynid.scene.run import preparation_errors
 
     code = 0
     found: list[Fault] = []
-    checked = scene
-    if scene.kind == "study":
-        checked = base_scene(scene)
+    checked = base_scene(scene) if scene.kind == "study" else scene
     errors = preparation_errors(checked)
     if errors and checked is not scene:
-        errors = _of_first_sample(scene, errors)
+        shared = _problems_of_first_sample(scene)
+        errors = [error for error in errors if _problem(error) in shared]
     for error in errors:
         found += error.faults if isinstance(error, SceneError) else [checked.locate(error)]
         code = code or error.exit_code
@@ -92,8 +97,8 @@ def _hindrances(scene: Scene) -> tuple[list[str], int]:
     return list(dict.fromkeys(map(str, in_order))), code or (FileError.exit_code if missing else 0)
 
 
-def _of_first_sample(study: Scene, errors: Sequence[DynidError]) -> list[DynidError]:
-    """Return the errors of a study's scene that its first sample, with the values that it sets, has too."""
+def _problems_of_first_sample(study: Scene) -> set[str]:
+    """Return the problems that prevent the first sample of a study, with the values it sets, from running."""
     from dynid.scene.load import check_source
     from dynid.scene.run import preparation_errors
     from dynid.scene.yaml.source import set_values
@@ -102,10 +107,9 @@ def _of_first_sample(study: Scene, errors: Sequence[DynidError]) -> list[DynidEr
     plan = make_plan(study)
     try:
         sample = check_source(set_values(plan.base.source, plan.override(0)))
-    except SceneError:  # the sample is a failed row
-        return []
-    shared = {_problem(error) for error in preparation_errors(sample)}
-    return [error for error in errors if _problem(error) in shared]
+    except SceneError:  # the sample is a failed row of the study's file
+        return set()
+    return {_problem(error) for error in preparation_errors(sample)}
 
 
 def _problem(error: DynidError) -> str:
@@ -115,34 +119,90 @@ def _problem(error: DynidError) -> str:
 
 
 def _explained(scene: Scene, quiet: bool) -> tuple[list[str], int]:
-    """Return the lines that explain a valid scene, and the exit code of its run as far as that is known."""
+    """Return the lines that explain a valid scene, and the exit code of its run as far as it is known."""
     from dynid.cli.progress import showing
-    from dynid.cli.summary.explanation import explanation_lines
+    from dynid.cli.run import LocatedError
+    from dynid.scene.explanations.explanation import explain
     from dynid.scene.kinds.study import base_scene
 
     with showing(quiet):
-        explained = _explanation(scene)
+        if scene.kind == "study":
+            from dynid.study.explanation import explain_study
+            from dynid.study.plan import make_plan
+
+            explained = explain_study(make_plan(scene), f"{Path(scene.source.file).stem}.h5")
+        else:
+            try:
+                explained = explain(scene)
+            except FileError as error:
+                raise LocatedError(scene, error) from error
     lines = list(explanation_lines(explained))
-    code = 0
-    if explained.obstacle is not None and scene.kind == "study":  # a sample that fails is a row of its file
+    if explained.obstacle is None:
+        return lines, 0
+    if scene.kind == "study":  # a sample that fails is a row of its file
         place = base_scene(scene).locate(explained.obstacle)
-        lines += ["  the scene fails at its own values:", f"  {place}", ""]
-    elif explained.obstacle is not None:
-        code = explained.obstacle.exit_code
-        lines += [f"  a run will fail (exit code {code}):", f"  {scene.locate(explained.obstacle)}", ""]
-    return lines, code
+        return [*lines, "  the scene fails at its own values:", f"  {place}", ""], 0
+    code = explained.obstacle.exit_code
+    return [
+        *lines,
+        f"  a run will fail (exit code {code}):",
+        f"  {scene.locate(explained.obstacle)}",
+        "",
+    ], code
 
 
-def _explanation(scene: Scene) -> Explanation:
-    if scene.kind == "study":
-        from dynid.study.explanation import explain_study
-        from dynid.study.plan import make_plan
+def explanation_lines(explained: Explanation) -> Iterator[str]:
+    """Yield the screen of an explanation: facts, causality, identifiability and cost, one after the other."""
+    from dynid.cli.summary.causality import causality_lines
+    from dynid.cli.summary.identification import identifiability_lines
 
-        return explain_study(make_plan(scene), f"{Path(scene.source.file).stem}.h5")
-    from dynid.cli.run import LocatedError
-    from dynid.scene.explanations.explanation import explain
+    parts = [
+        [line for fact in explained.facts for line in _hanging(fact.topic, fact.text)],
+        list(causality_lines(explained.result)),
+        identifiability_lines(explained.result),
+    ]
+    if (cost := explained.cost) is not None:
+        memory, file = size_text(1e6 * cost.megabytes), size_text(1e3 * cost.kilobytes)
+        total = f"{seconds_text(cost.seconds)}, {memory} of memory; a file of about {file}"
+        large = sorted(cost.parts.items(), key=lambda part: -part[1])
+        large = [(name, each) for name, each in large if each > max(_LEAST, _SHARE * cost.seconds)]
+        shares = "; ".join(f"{name} {seconds_text(each)}" for name, each in large)
+        parts.append([*_hanging("cost", total), *(_hanging("", shares) if large else ())])
+    for part in filter(None, parts):
+        yield ""
+        yield from "\n".join(part).rstrip("\n").split("\n")
+    yield ""
 
-    try:
-        return explain(scene)
-    except FileError as error:
-        raise LocatedError(scene, error) from error
+
+def _hanging(topic: str, text: str) -> Iterator[str]:
+    first, *rest = wrap(text, 94, break_long_words=False) or [""]
+    yield f"  {topic:<10}  {first}"
+    yield from (f"{'':14}{line}" for line in rest)
+
+
+def seconds_text(seconds: float) -> str:
+    """Return an estimated duration as text."""
+    if seconds < 0.5:
+        return "well under a second"
+    if seconds < 1.5:
+        return "about a second"
+    if seconds < 90:
+        return f"about {_rounded(seconds)} s"
+    if seconds < 90 * 60:
+        return f"about {_rounded(seconds / 60)} min"
+    return f"about {_rounded(seconds / 3600)} h"
+
+
+def size_text(size: float) -> str:
+    """Return a number of bytes as text."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB")):
+        if size >= unit:
+            return f"{_rounded(size / unit)} {name}"
+    return f"{_rounded(size / 1e3)} kB"
+
+
+def _rounded(value: float) -> str:
+    """Return a number with two significant digits, or one below 10."""
+    digits = 1 if value >= 10 else 0
+    decimals = digits - math.floor(math.log10(value)) if value > 0 else 0
+    return f"{round(value, decimals):,.{max(0, decimals)}f}"

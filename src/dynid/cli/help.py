@@ -1,16 +1,25 @@
-"""`dynid help`."""
+"""`dynid help` and `dynid schema`."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import click
 
-from dynid.cli.completion import among
-from dynid.errors import UsageError
+from dynid.cli.arguments import among, refuse_unknown
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
+
+
+def _topics() -> dict[str, Traversable]:
+    """Return the texts by their topics, in alphabetical order."""
+    from importlib.resources import files
+
+    texts = [item for item in files("dynid.topics").iterdir() if item.name.endswith(".md")]
+    return {text.name.removesuffix(".md"): text for text in sorted(texts, key=lambda text: text.name)}
 
 
 def _names() -> list[str]:
@@ -22,36 +31,51 @@ def _names() -> list[str]:
 @click.command("help")
 @click.argument("topic", required=False, shell_complete=among(_names))
 def help_(topic: str | None) -> int:
-    """Explain a TOPIC at length, or a command; without one, list the topics."""
-    from dynid.cli import COMMANDS, cli
+    """Print the manual page of a TOPIC or of a command; without TOPIC, list the topics."""
+    from dynid.cli import cli
 
     topics = _topics()
     if topic is None:
         width = max(map(len, topics))
-        listed = "\n".join(f"  {name:{width}}  {_heading(text)}" for name, text in topics.items())
-        click.echo(f"dynid help TOPIC, where TOPIC is a command, or\n\n{listed}")
+        click.echo("dynid help TOPIC, where TOPIC is a command, or\n")
+        for name, text in topics.items():
+            heading = text.read_text(encoding="utf-8").partition("\n")[0]
+            click.echo(f"  {name:{width}}  {heading.lstrip('# ').strip()}")
     elif topic in topics:
         click.echo_via_pager(topics[topic].read_text(encoding="utf-8"))
-    elif topic in COMMANDS:
-        cli.main([topic, "--help"], prog_name="dynid", standalone_mode=False)
     else:
-        from dynid.suggestions import did_you_mean
-
-        names = _names()
-        raise UsageError(
-            f"no topic '{topic}'{did_you_mean(topic, names)}", remedy=f"There are {', '.join(names)}."
-        )
+        refuse_unknown(topic, _names(), "topic")
+        cli.main([topic, "--help"], prog_name="dynid", standalone_mode=False)
     return 0
 
 
-def _topics() -> dict[str, Traversable]:
-    """Return the texts by their topics, in alphabetical order."""
-    from importlib.resources import files
+def _kinds() -> Iterable[str]:
+    from dynid.scene.kind import KINDS
 
-    texts = [item for item in files("dynid.topics").iterdir() if item.name.endswith(".md")]
-    return {text.name.removesuffix(".md"): text for text in sorted(texts, key=lambda text: text.name)}
+    return KINDS
 
 
-def _heading(text: Traversable) -> str:
-    with text.open(encoding="utf-8") as lines:
-        return next(lines).lstrip("# ").strip()
+@click.command()
+@click.argument("kind", required=False, shell_complete=among(_kinds))
+def schema(kind: str | None) -> int:
+    """Print the JSON Schema of scenes: of one KIND, or of all."""
+    from dynid.scene.kind import KINDS
+
+    if kind is not None:
+        refuse_unknown(kind, KINDS, "kind")
+    click.echo(schema_text(kind))
+    return 0
+
+
+def schema_text(kind: str | None = None) -> str:
+    """Return the JSON Schema (draft 7) of the scenes of a kind, or of all kinds."""
+    from dynid.scene.kind import KINDS
+    from dynid.scene.schema.json_schema import scene_schema
+
+    schemas = [scene_schema(KINDS[name].load("model")) for name in ([kind] if kind else KINDS)]
+    if len(schemas) == 1:
+        document = schemas[0]
+    else:
+        definitions = {name: part for one in schemas for name, part in one.pop("$defs", {}).items()}
+        document = {"oneOf": schemas, "$defs": definitions}
+    return json.dumps({"$schema": "http://json-schema.org/draft-07/schema#", **document}, indent=2)

@@ -1,6 +1,6 @@
-"""Standard output and standard error without control characters of files.
+"""Standard output and standard error with control characters written as escapes.
 
-A title, a name or a path may come from anybody's file; what a terminal would obey is written as an escape.
+Titles, names and paths come from files of any origin; their control characters must not reach a terminal.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dynid.suggestions import printable
 class _Guarded:
     """A text stream that writes control characters as escapes; line feeds and tabs stay."""
 
-    #: As of a stream that needs no other encoding: `click` would write around this one.
+    #: `click` bypasses a stream whose encoding it finds unsuitable.
     encoding, errors = "utf-8", "replace"
 
     def __init__(self, stream: TextIO) -> None:
@@ -33,7 +33,7 @@ class _Guarded:
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Have all that is written to standard output and standard error guarded."""
+    """Write control characters as escapes on standard output and standard error."""
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (
         cast("TextIO", _Guarded(stream)) if stream is not None else stream for stream in before
@@ -45,6 +45,6 @@ def guarded() -> Iterator[None]:
 
 
 def terminal() -> TextIO:
-    """Return standard error for what moves the cursor; texts of files are to be made printable first."""
+    """Return the unguarded standard error, to move the cursor; texts of files must be made printable."""
     stream: Any = sys.stderr
     return cast("TextIO", stream.stream if isinstance(stream, _Guarded) else stream)

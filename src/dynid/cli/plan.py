@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting
 from dynid.errors import FileError, NumericalError, UsageError
 
 
@@ -17,13 +18,13 @@ from dynid.errors import FileError, NumericalError, UsageError
     "--sensors",
     type=click.IntRange(1, 1000),
     metavar="N",
-    help="How many sensors; default: as many as there are.",
+    help="Number of sensors; default: as many as the scene has.",
 )
 @click.option(
     "--lines",
     type=click.IntRange(1, 1000),
     metavar="N",
-    help="How many sines; default: as many as there are.",
+    help="Number of sines; default: as many as the scene has.",
 )
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
@@ -37,17 +38,17 @@ def plan(
     overrides: tuple[str, ...],
     quiet: bool,
 ) -> int:
-    """Rank sensors and excitation by the bound they give.
+    """Rank sensors and excitation by the Cramér–Rao bounds they give.
 
-    Says what the record of a scene can tell of each unknown parameter before it is taken, and which sensors
-    and which sines would tell most in its place. Nothing is identified.
+    Prints the bounds that the record of a scene gives on each unknown parameter, before it is measured, and
+    the sensors and the sines that would give the lowest bounds. Nothing is identified.
 
     \b
     Example:
       dynid plan suspension.yaml --sensors 3
     """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.progress import showing
-    from dynid.cli.run import LocatedError, refuse_missing_folders, refuse_overwriting
+    from dynid.cli.run import LocatedError
     from dynid.scene.kinds.planning import run_plan
     from dynid.scene.load import load_scene
 

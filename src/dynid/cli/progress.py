@@ -1,4 +1,4 @@
-"""Progress of a run: one line on a terminal, for work that takes more than two seconds."""
+"""Progress on standard error: one line for a run, on a terminal only; a bar or plain lines for a study."""
 
 from __future__ import annotations
 
@@ -7,32 +7,42 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import click
 
 from dynid.cli.output import terminal
+from dynid.number_format import counted
 from dynid.progress import Listener, progress_to
 from dynid.suggestions import printable
 
-# What takes less needs no line; from then on it is written anew so often, s.
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    from dynid.study.running import Notice, Progress, Report
+
+#: Duration of a run without a line, and period of its updates, s.
 _PATIENCE, _PERIOD = 2.0, 0.5
-#: Longest text of the line: what is wider than the terminal could not be wiped.
+#: Longest text of the line: a line wider than the terminal could not be erased.
 _WIDTH = 72
+#: Period of the plain lines of a study, and window of the rate that is shown, s.
+_SECONDS, _WINDOW = 10.0, 60.0
 
 
 @contextmanager
 def showing(quiet: bool = False) -> Iterator[Listener]:
-    """Show how far the work inside is; nothing where standard error is no terminal.
+    """Show the progress of the work inside the context, if standard error is a terminal.
 
     Parameters
     ----------
     quiet
-        Whether nobody wants to see it.
+        Show nothing.
 
     Yields
     ------
     Listener
-        For work that is handed a listener; all other work is heard anyway (`dynid.progress`).
+        For functions that take a listener; others report by `dynid.progress`.
     """
     if quiet or not sys.stderr.isatty():
         yield lambda _: None
@@ -46,20 +56,20 @@ def showing(quiet: bool = False) -> Iterator[Listener]:
 
 
 class _Line:
-    """A line that a thread of its own keeps up to date, since work need not report for long."""
+    """A line that a thread of its own updates, since the work may not report for long."""
 
     def __init__(self) -> None:
-        self._said = ""
+        self._text = ""
         self._began = time.monotonic()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._write, daemon=True)
         self._thread.start()
 
     def hear(self, what: str) -> None:
-        self._said = what
+        self._text = what
 
     def end(self) -> None:
-        """Wipe the line."""
+        """Erase the line."""
         self._over.set()
         self._thread.join()
 
@@ -68,6 +78,115 @@ class _Line:
             return
         while not self._over.wait(_PERIOD):
             seconds = f"{time.monotonic() - self._began:.0f} s"
-            said = printable(" · ".join(filter(None, (self._said[:_WIDTH], seconds))))
-            click.echo(f"\r\033[K{said}", file=terminal(), nl=False)
+            line = printable(" · ".join(filter(None, (self._text[:_WIDTH], seconds))))
+            click.echo(f"\r\033[K{line}", file=terminal(), nl=False)
         click.echo("\r\033[K", file=terminal(), nl=False)
+
+
+class Rate:
+    """Samples per second of a study, from the number of finished samples over the last minute."""
+
+    def __init__(self) -> None:
+        self._counts: list[tuple[float, int]] = []
+
+    def add(self, now: float, finished: int) -> None:
+        """Record the number of samples finished at a time, s."""
+        self._counts.append((now, finished))
+        while len(self._counts) > 2 and now - self._counts[1][0] > _WINDOW:
+            self._counts.pop(0)
+
+    @property
+    def per_second(self) -> float:
+        """Samples per second; 0 before two different times are known."""
+        if not self._counts:
+            return 0.0
+        (begin, first), (end, last) = self._counts[0], self._counts[-1]
+        return (last - first) / (end - begin) if end > begin else 0.0
+
+
+def progress_text(progress: Progress, rate: float) -> str:
+    """Return the progress of a study as text, with the rate (samples per second) where it is known."""
+    left = progress.total - progress.finished
+    parts = [f"{progress.finished} of {counted(progress.total, 'sample')}"]
+    if progress.failed:
+        parts.append(f"{progress.failed} failed")
+    if rate > 0 and left:
+        parts += [f"{rate:.3g} a second", f"{duration(left / rate)} left"]
+    return ", ".join(parts)
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as text, in units from seconds to hours."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
+
+
+@contextmanager
+def showing_study(quiet: bool) -> Iterator[Report | None]:
+    """Yield the function to which a study reports its progress; None for no report."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn
+        from rich.progress import Progress as Bar
+
+        console = Console(file=terminal())
+        with Bar(BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bar:
+            yield _Bar(console, bar)
+    else:
+        yield _Lines()
+
+
+class _Lines:
+    """Progress as a plain line every ten seconds, and one at the end."""
+
+    def __init__(self) -> None:
+        self._rate = Rate()
+        self._next = 0.0
+
+    def __call__(self, progress: Progress) -> None:
+        now = time.monotonic()
+        self._rate.add(now, progress.finished)
+        if now >= self._next or progress.finished == progress.total:
+            click.echo(progress_text(progress, self._rate.per_second), err=True)
+            self._next = now + _SECONDS
+
+
+class _Bar:
+    """Progress as a bar on a terminal."""
+
+    def __init__(self, console: Console, bar: Bar) -> None:
+        self.console = console
+        self._bar = bar
+        self._rate = Rate()
+        self._task = bar.add_task("", total=None)
+
+    def __call__(self, progress: Progress) -> None:
+        self._rate.add(time.monotonic(), progress.finished)
+        text = progress_text(progress, self._rate.per_second)
+        self._bar.update(self._task, total=progress.total, completed=progress.finished, description=text)
+
+
+def noticing(study: str, report: Report | None) -> Notice:
+    """Return the function that prints warnings of a study, above the bar if there is one.
+
+    Parameters
+    ----------
+    study
+        The study's file.
+    report
+        The function to which its progress is reported.
+    """
+
+    def notice(text: str) -> None:
+        line = printable(f"{study}: warning: {text}")
+        if isinstance(report, _Bar):
+            report.console.print(line, markup=False, highlight=False, soft_wrap=True)
+        else:
+            click.echo(line, err=True)
+
+    return notice

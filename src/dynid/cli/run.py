@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting
 from dynid.errors import DynidError, FileError, NumericalError, UsageError
 
 if TYPE_CHECKING:
+    from dynid.checks import CheckOutcome
     from dynid.progress import Listener
     from dynid.result import Result
     from dynid.scene.load import Scene
 
 
 class LocatedError(DynidError):
-    """An error of a run with its place in the scene."""
+    """An error of a run with its location in the scene."""
 
     def __init__(self, scene: Scene, error: DynidError) -> None:
         super().__init__(str(scene.locate(error)))
@@ -31,12 +32,12 @@ class LocatedError(DynidError):
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
-@click.option("--junit", type=click.Path(), help="Write the expectations' outcome as JUnit XML.")
+@click.option("--junit", type=click.Path(), help="Write the outcome of the expectations as JUnit XML.")
 @click.option("--report", type=click.Path(), help="Write the page of the result to this HTML file.")
 @click.option(
     "--accuracy",
     is_flag=True,
-    help="Try what else could have been chosen: what it costs, and how far off it is.",
+    help="Compare the algorithms chosen with their alternatives: cost and error.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def run(
@@ -50,8 +51,8 @@ def run(
 ) -> int:
     """Run one scene and write one HDF5 file.
 
-    The file is written whole or not at all. Exit code 1 says that an expectation of the scene failed; the
-    file is there then, for a look.
+    The file is written completely or not at all. Exit code 1: an expectation of the scene failed; the file is
+    written nevertheless.
 
     \b
     Examples:
@@ -59,7 +60,6 @@ def run(
       dynid run isolator.yaml --set parameters.b=80 -o stiff.h5
       dynid run isolator.yaml --report isolator.html
     """  # noqa: D301 - click's mark against wrapping
-    from dynid.cli.expectations import check, tell
     from dynid.cli.progress import showing
     from dynid.scene.load import load_scene
 
@@ -70,25 +70,32 @@ def run(
     refuse_missing_folders(str(target), junit, report)
     from dynid.store import write_result
 
-    with showing(quiet) as say:
-        result = compute(loaded, say, accuracy=accuracy)
-        say(f"writing {target}")
+    with showing(quiet) as listener:
+        result = compute(loaded, listener, accuracy=accuracy)
+        listener(f"writing {target}")
         write_result(result, target)
         if report:
-            from dynid.cli.report import write_page
+            from dynid.cli.results import write_page
             from dynid.store import read_result
 
             write_page(read_result(target), report)
-    outcomes = check(loaded, result, junit)
+    outcomes = checked_expectations(loaded, result, junit)
     if not quiet:
-        _show(result, time.perf_counter() - started, f"{target}{f', {report}' if report else ''}")
-    for warning in _warnings(result):
+        from dynid.cli.summary import summary
+
+        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
+        click.echo(f"\n  wrote {target}{f', {report}' if report else ''}")
+    # Scripts that do not read the screen find the warnings on standard error.
+    from dynid.report.content.identification import cautions
+
+    of_graph = result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ()
+    for warning in (*of_graph, *cautions(result)):
         click.echo(f"{scene}: warning: {warning}", err=True)
-    return tell(loaded, outcomes, quiet)
+    return report_expectations(loaded, outcomes, quiet)
 
 
-def compute(scene: Scene, say: Listener, *, accuracy: bool) -> Result:
-    """Run a scene, with the table of alternatives where it is wanted; errors are placed in the scene."""
+def compute(scene: Scene, listener: Listener, *, accuracy: bool) -> Result:
+    """Run a scene, with the table of alternatives if requested; errors are located in the scene."""
     from dynid.scene.run import run_scene
 
     try:
@@ -96,46 +103,36 @@ def compute(scene: Scene, say: Listener, *, accuracy: bool) -> Result:
         if accuracy or getattr(scene.model, "accuracy", None) is not None:
             from dynid.bench.scenes import add_accuracy
 
-            add_accuracy(result, scene, tell=say)
+            add_accuracy(result, scene, tell=listener)
         return result
     except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(scene, error) from error
 
 
-def _show(result: Result, seconds: float, files: str) -> None:
-    from dynid.cli.summary import summary
+def checked_expectations(scene: Scene, result: Result, junit: str | None) -> list[CheckOutcome]:
+    """Check a result, in memory or stored, against its scene; write a JUnit file if one is named."""
+    outcomes: list[CheckOutcome] = []
+    if scene.model.expect:
+        from dynid.checks import check_expectations
 
-    click.echo(summary(result, f"{seconds:.2g} s"))
-    click.echo(f"\n  wrote {files}")
+        outcomes = check_expectations(
+            result, [item.model_dump(exclude_none=True) for item in scene.model.expect]
+        )
+    if junit:
+        from dynid.checks import junit_xml
+        from dynid.file_access import replace_file
 
-
-def _warnings(result: Result) -> list[str]:
-    """Return the warnings of a result, which standard error shows to scripts that read no screen."""
-    from dynid.report.content.identification import cautions
-
-    of_graph = result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ()
-    return [*map(str, of_graph), *cautions(result)]
-
-
-def refuse_overwriting(scene: str, target: str, junit: str | None, report: str | None = None) -> None:
-    """Refuse to write over the scene, or one output over another."""
-    if is_same(target, scene):
-        raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
-    taken = [scene, target]
-    for file, what, option in ((junit, "JUnit file", "--junit"), (report, "page", "--report")):
-        if file and any(is_same(file, other) for other in taken):
-            raise UsageError(f"the {what} would overwrite {file}", remedy=f"Name another file with {option}.")
-        taken += [file] if file else []
+        replace_file(junit, junit_xml(outcomes, Path(scene.source.file).stem).encode())
+    return outcomes
 
 
-def refuse_missing_folders(*files: str | None) -> None:
-    """Say before the work what would come to light after it."""
-    for file in files:
-        if file is not None and not Path(file).parent.is_dir():
-            folder = Path(file).parent
-            raise FileError(f"{file} cannot be written: there is no folder {folder}", remedy="Make it first.")
-
-
-def is_same(file: str, other: str) -> bool:
-    """Tell whether two names are of the same file."""
-    return os.path.realpath(file) == os.path.realpath(other)
+def report_expectations(scene: Scene, outcomes: list[CheckOutcome], quiet: bool) -> int:
+    """Print how many expectations are met, and each failure at its place; return the exit code."""
+    met = sum(outcome.passed for outcome in outcomes)
+    if outcomes and not quiet:
+        click.echo(f"  {met} of {len(outcomes)} expectations met")
+    for index, outcome in enumerate(outcomes):
+        if not outcome.passed:
+            message = f"expectation failed: {outcome.path}: {outcome.message}"
+            click.echo(str(scene.source.fault(("expect", index), message)), err=True)
+    return 1 if met < len(outcomes) else 0

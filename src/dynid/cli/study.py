@@ -5,38 +5,35 @@ from __future__ import annotations
 import shlex
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
-from dynid.cli.foreign import reads_results
+from dynid.cli.arguments import is_same, reads_results, refuse_missing_folders, refuse_overwriting
 from dynid.errors import UsageError
 
 if TYPE_CHECKING:
-    from dynid.scene.load import Scene
     from dynid.study.analysis.worst import Direction
-    from dynid.study.executors import StudyExecutor
-    from dynid.study.plan import Plan
 
-_LONGEST = 1e6  # s that a sample may be given: more than a week
+_LONGEST = 1e6  # longest time limit of a sample, s: more than a week
 
 
 def _shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """Read I/N: the Ith of N parts, from 1."""
+    """Parse I/N: the Ith of N parts, counted from 1."""
     if value is None:
         return None
     index, slash, count = value.partition("/")
     if not (slash and index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count)):
-        said = f"'{value}' is no shard; write I/N with I from 1 to N, such as 1/4"
-        raise click.BadParameter(said, ctx, param)
+        problem = f"'{value}' is no shard; write I/N with I from 1 to N, such as 1/4"
+        raise click.BadParameter(problem, ctx, param)
     return int(index), int(count)
 
 
 def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
     if value is not None and not 0 < value <= _LONGEST:
-        said = f"{value:g} is no time limit; give seconds above 0, at most {_LONGEST:g}"
-        raise click.BadParameter(said, ctx, param)
+        problem = f"{value:g} is no time limit; give seconds above 0, at most {_LONGEST:g}"
+        raise click.BadParameter(problem, ctx, param)
     return value
 
 
@@ -49,29 +46,34 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
 @click.option(
     "--executor",
     type=click.Choice(["serial", "processes", "dask"]),
-    help="What runs samples; default processes, or dask where a scheduler is named.",
+    help="How samples are run; default processes, or dask if a scheduler is named.",
 )
 @click.option(
-    "--workers", type=click.IntRange(1, 100_000), metavar="N", help="How many processes; default one a core."
+    "--workers",
+    type=click.IntRange(1, 100_000),
+    metavar="N",
+    help="Number of processes; default one per core.",
 )
 @click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786.")
-@click.option("--scheduler-file", type=click.Path(), help="The file of a Dask scheduler's address.")
-@click.option("--shard", metavar="I/N", callback=_shard, help="Run the Ith of N parts only, for job arrays.")
+@click.option("--scheduler-file", type=click.Path(), help="The file with the address of a Dask scheduler.")
+@click.option("--shard", metavar="I/N", callback=_shard, help="Run only the Ith of N parts, for job arrays.")
 @click.option(
     "--max-failures", type=click.IntRange(0), metavar="N", help="Stop when more samples fail (exit code 3)."
 )
-@click.option("--retry-failed", is_flag=True, help="Run samples again that failed before.")
+@click.option("--retry-failed", is_flag=True, help="Run failed samples again.")
 @click.option(
     "--sample-timeout",
     type=float,
     metavar="SECONDS",
     callback=_seconds,
-    help="End a sample that takes longer; it is a failed row then.",
+    help="Abort a sample that takes longer; it becomes a failed row.",
 )
 @click.option(
-    "--force", is_flag=True, help="Discard finished samples of the file that are not of this study."
+    "--force", is_flag=True, help="Discard finished samples of the file that do not belong to this study."
 )
-@click.option("--junit", type=click.Path(), help="Write the study's expectations' outcome as JUnit XML.")
+@click.option(
+    "--junit", type=click.Path(), help="Write the outcome of the study's expectations as JUnit XML."
+)
 @click.option("--report", type=click.Path(), help="Write the page of the study to this HTML file.")
 @click.option("--dry-run", is_flag=True, help="Show the plan and its size, and run nothing.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
@@ -93,12 +95,12 @@ def study(
     dry_run: bool,
     quiet: bool,
 ) -> int:
-    """Run a parameter study and write one HDF5 file; where it was interrupted, go on.
+    """Run a parameter study and write one HDF5 file; running it again resumes an interrupted study.
 
-    Every finished sample is safe at once, in FILE.h5.journal, whatever happens next. A sample that fails is
-    a row of the file with its error, also one that exceeds --sample-timeout. A file that holds finished
-    samples of another study is not replaced without --force. Exit code 1 says that an expectation of the
-    study's statistics failed; those of the scene are counted for each sample. At length: dynid help studies
+    Every finished sample is stored at once in FILE.h5.journal, and survives a crash. A sample that fails, or
+    exceeds --sample-timeout, is a row of the file with its error. A file that holds finished samples of
+    another study is not replaced without --force. Exit code 1: an expectation of the study's statistics
+    failed; those of the scene are counted for each sample. More: dynid help studies
 
     \b
     Examples:
@@ -117,45 +119,58 @@ def study(
         )
     loaded = load_scene(study, overrides)
     plan = make_plan(loaded)
-    target = output or default_target(study, shard)
-    _refuse_outputs(plan, study, target, junit, report)
+    target = output or f"{Path(study).stem}{f'-{shard[0]}-of-{shard[1]}' if shard else ''}.h5"
+    for scene in (study, plan.base.source.file):
+        refuse_overwriting(scene, target, junit, report)
+    refuse_missing_folders(target, junit, report)
     if dry_run:
-        _show_plan(plan, target, shard)
+        from dynid.cli.summary.study import plan_lines
+        from dynid.study.execute import foreign_samples, shard_of, valid_samples
+        from dynid.study.keys import sample_keys
+
+        numbers = shard_of(plan, shard)
+        foreign = foreign_samples(target, sample_keys(plan, numbers))
+        lines = plan_lines(plan, numbers, valid_samples(plan, target, shard), target, foreign)
+        click.echo("\n".join(lines))
         return 0
+    from dynid.cli.progress import noticing, showing_study
+    from dynid.cli.run import checked_expectations, report_expectations
+    from dynid.store import open_stored
+    from dynid.store.interrupts import Terminated, terminations
+    from dynid.study.execute import run_study
     from dynid.study.executors import make_executor
 
     started = time.perf_counter()
     pool = make_executor(executor, workers, scheduler, scheduler_file, sample_timeout)
-    limits: Limits = {
-        "shard": shard,
-        "max_failures": max_failures,
-        "retry_failed": retry_failed,
-        "force": force,
-    }
-    if ended := _run(plan, target, pool, quiet, limits):
+    try:
+        with terminations(), showing_study(quiet) as listener:
+            run_study(
+                plan, target, pool, shard=shard, max_failures=max_failures, retry_failed=retry_failed,
+                force=force, report=listener, notice=noticing(plan.study.source.file, listener),
+            )  # fmt: skip
+    except KeyboardInterrupt as end:
         click.echo(f"interrupted; what is finished is safe. Go on with: {_same_command()}", err=True)
-        return ended
-    if report:
-        _write_page(target, report)
-    if not quiet:
-        _show_end(plan, target, started)
-    return 0 if part else _check(loaded, target, junit, quiet)
+        return 143 if isinstance(end, Terminated) else 130
+    with open_stored(target) as result:
+        if report:
+            from dynid.cli.results import write_page
 
+            write_page(result, report)
+        if not quiet:
+            from dynid.cli.summary import summary
+            from dynid.scene.batch import why_alone
 
-def _refuse_outputs(plan: Plan, study: str, target: str, junit: str | None, report: str | None) -> None:
-    """Refuse files that cannot be written, or that would overwrite the study or its scene."""
-    from dynid.cli.run import refuse_missing_folders, refuse_overwriting
-
-    for scene in (study, plan.base.source.file):
-        refuse_overwriting(scene, target, junit, report)
-    refuse_missing_folders(target, junit, report)
+            click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
+            if plan.size > 1 and (reason := why_alone(plan.base, plan.settings, plan.collect, plan.size)):
+                click.echo(f"\n  samples were run one by one: {reason}")
+            click.echo(f"\n  wrote {target}")
+        if part:
+            return 0
+        return report_expectations(loaded, checked_expectations(loaded, result, junit), quiet)
 
 
 def _same_command() -> str:
-    """Return this command as a shell takes it, with all that changes samples or how they are run.
-
-    What was discarded with --force is gone already.
-    """
+    """Return the command line of this call, quoted for a shell, without --force (which has been applied)."""
     context = click.get_current_context()
     words = ["dynid", "study"]
     for parameter in context.command.params:
@@ -174,89 +189,20 @@ def _same_command() -> str:
     return shlex.join(words)
 
 
-class Limits(TypedDict):
-    """Selection of samples to run, and the condition to stop."""
-
-    shard: tuple[int, int] | None
-    max_failures: int | None
-    retry_failed: bool
-    force: bool
-
-
-def _run(plan: Plan, target: str, pool: StudyExecutor, quiet: bool, limits: Limits) -> int:
-    """Run the samples; return the exit code of an interruption, or 0."""
-    from dynid.cli.study_progress import noticing, showing
-    from dynid.store.interrupts import Terminated, terminations
-    from dynid.study.execute import run_study
-
-    try:
-        with terminations(), showing(quiet) as report:
-            notice = noticing(plan.study.source.file, report)
-            run_study(plan, target, pool, report=report, notice=notice, **limits)
-    except KeyboardInterrupt as end:
-        return 143 if isinstance(end, Terminated) else 130
-    return 0
-
-
-def _check(study: Scene, target: str, junit: str | None, quiet: bool) -> int:
-    from dynid.cli.expectations import check, tell
-    from dynid.store import open_stored
-
-    with open_stored(target) as result:
-        return tell(study, check(study, result, junit), quiet)
-
-
-def _write_page(target: str, report: str) -> None:
-    from dynid.cli.report import write_page
-    from dynid.store import open_stored
-
-    with open_stored(target) as result:
-        write_page(result, report)
-
-
-def default_target(study: str, shard: tuple[int, int] | None) -> str:
-    """Return the name of the file of a study, or of a shard of it."""
-    part = f"-{shard[0]}-of-{shard[1]}" if shard else ""
-    return f"{Path(study).stem}{part}.h5"
-
-
-def _show_plan(plan: Plan, target: str, shard: tuple[int, int] | None) -> None:
-    from dynid.cli.summary.study_plan import lines
-    from dynid.study.execute import foreign_samples, shard_of, valid_samples
-    from dynid.study.keys import sample_keys
-
-    numbers = shard_of(plan, shard)
-    foreign = foreign_samples(target, sample_keys(plan, numbers))
-    click.echo("\n".join(lines(plan, numbers, valid_samples(plan, target, shard), target, foreign)))
-
-
-def _show_end(plan: Plan, target: str, started: float) -> None:
-    from dynid.cli.summary import summary
-    from dynid.scene.batch import why_alone
-    from dynid.store import open_stored
-
-    with open_stored(target) as result:
-        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
-    if plan.size > 1 and (reason := why_alone(plan.base, plan.settings, plan.collect, plan.size)):
-        click.echo(f"\n  samples were run one by one: {reason}")
-    click.echo(f"\n  wrote {target}")
-
-
 @click.command("study-merge")
 @click.argument("files", nargs=-1, required=True, type=click.Path())
 @click.option("-o", "--output", required=True, type=click.Path(), help="The HDF5 file to write.")
-@click.option("--partial", is_flag=True, help="Write the file also where samples are missing.")
+@click.option("--partial", is_flag=True, help="Write the file even if samples are missing.")
 @click.option(
-    "--force", is_flag=True, help="Discard finished samples of the output that are in none of the files."
+    "--force", is_flag=True, help="Discard finished samples of the output file that are in none of the files."
 )
 @reads_results("files")
 def study_merge(files: tuple[str, ...], output: str, partial: bool, force: bool) -> int:
-    """Put the shards of a study (dynid study --shard I/N) into one file.
+    """Merge the shards of a study (dynid study --shard I/N) into one file.
 
-    The file is the same as if the study had been run in one piece. A file that holds other finished samples
-    is not replaced without --force.
+    The file equals that of the study run in one piece. A file that holds other finished samples is not
+    replaced without --force.
     """
-    from dynid.cli.run import refuse_missing_folders
     from dynid.study.merge import merge_studies
 
     refuse_missing_folders(output)
@@ -269,18 +215,18 @@ def study_merge(files: tuple[str, ...], output: str, partial: bool, force: bool)
 @click.argument("file", type=click.Path())
 @click.argument("path")
 @click.option("-o", "--output", type=click.Path(), required=True, help="The scene to write.")
-@click.option("--max", "direction", flag_value="max", default=True, help="The largest is worst (default).")
-@click.option("--min", "direction", flag_value="min", help="The smallest is worst.")
-@click.option("--abs", "direction", flag_value="abs", help="What is farthest from 0 is worst.")
+@click.option(
+    "--max", "direction", flag_value="max", default=True, help="The largest value is worst (default)."
+)
+@click.option("--min", "direction", flag_value="min", help="The smallest value is worst.")
+@click.option("--abs", "direction", flag_value="abs", help="The largest absolute value is worst.")
 @reads_results("file")
 def study_worst(file: str, path: str, output: str, direction: Direction) -> int:
-    """Write the scene of the worst sample of a study, to be run alone.
+    """Write the scene of the worst sample of a study, to run it alone.
 
-    PATH is what is judged: a number that the study gathered, as in study/results, an array of them, or one
-    entry of it as PATH[LABEL].
+    PATH is the quantity to judge: a number that the study collected, as in study/results, an array, or one
+    entry of an array as PATH[LABEL].
     """
-    from dynid.cli.run import is_same, refuse_missing_folders
-    from dynid.errors import UsageError
     from dynid.file_access import replace_file
     from dynid.store import open_stored
     from dynid.study.worst import worst_scene

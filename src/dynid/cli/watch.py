@@ -1,4 +1,4 @@
-"""`dynid watch`: run a scene whenever a file of it changes, with a live page."""
+"""`dynid watch`: rerun a scene whenever one of its files changes, with a live page."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting
 from dynid.errors import DynidError, UsageError
 
 if TYPE_CHECKING:
@@ -22,72 +23,60 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.study.plan import Plan
 
-#: Longest text of a scene that may be the name of a file, and how deep one scene may name another.
+#: Longest text of a scene that may be the name of a file, and depth to which scenes name scenes.
 _LONGEST, _DEEPEST = 1000, 4
 
 Stamp = tuple[tuple[str, int, int, int], ...]
 
 
 def files_of(scene: str) -> list[Path]:
-    """Return the scene's file and every file that a text in it names, and so on from scenes named there.
+    """Return the scene's file and every file that a text in it names, also in scenes named there.
 
-    Whatever is no file is no matter: a scene with faults is watched too.
+    Files that cannot be read are skipped: a scene with faults is watched, too.
     """
     found: dict[Path, None] = {}
-    _gather(Path(scene), found, _DEEPEST)
+    _collect_files(Path(scene), found, _DEEPEST)
     return list(found)
 
 
-def _gather(file: Path, found: dict[Path, None], deeper: int) -> None:
-    from dynid.errors import DynidError
+def _collect_files(file: Path, found: dict[Path, None], depth: int) -> None:
     from dynid.scene.yaml.source import read_source
 
     found[file] = None
-    if not deeper:
+    if not depth:
         return
     try:
-        data = read_source(file).data
+        stack = [read_source(file).data]
     except DynidError:
         return
-    for text in _texts(data):
-        other = file.parent / text
-        if other in found or not _is_file(other):
-            continue
-        found[other] = None
-        if other.suffix in (".yaml", ".yml"):
-            _gather(other, found, deeper - 1)
-
-
-def _texts(data: Any) -> Iterator[str]:
-    stack = [data]
     while stack:
         item = stack.pop()
-        if isinstance(item, str) and 0 < len(item) <= _LONGEST:
-            yield item
-        elif isinstance(item, dict):
-            stack += item.values()
-        elif isinstance(item, list):
-            stack += item
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
+        if isinstance(item, (dict, list)):
+            stack += item.values() if isinstance(item, dict) else item
+        if not isinstance(item, str) or not 0 < len(item) <= _LONGEST:
+            continue
+        other = file.parent / item
+        try:
+            is_new = other not in found and other.is_file()
+        except (OSError, ValueError):  # no possible name of a file
+            continue
+        if is_new:
+            found[other] = None
+            if other.suffix in (".yaml", ".yml"):
+                _collect_files(other, found, depth - 1)
 
 
 def stamp(files: list[Path]) -> Stamp:
-    """Return what changes when a file is saved; what is not there has a stamp too."""
-    return tuple(_stamp(file) for file in files)
-
-
-def _stamp(file: Path) -> tuple[str, int, int, int]:
-    try:
-        status = file.stat()
-    except OSError:
-        return str(file), 0, 0, 0
-    return str(file), status.st_mtime_ns, status.st_size, status.st_ino
+    """Return name, time (ns), size and inode of each file, which change when it is saved; 0 for no file."""
+    stamps = []
+    for file in files:
+        try:
+            status = file.stat()
+        except OSError:
+            stamps.append((str(file), 0, 0, 0))
+        else:
+            stamps.append((str(file), status.st_mtime_ns, status.st_size, status.st_ino))
+    return tuple(stamps)
 
 
 @dataclass(frozen=True)
@@ -99,11 +88,11 @@ class Notice:
     page
         HTML of the last good result.
     version
-        Counts good results.
+        Number of the last good result.
     fault
-        What is wrong with the scene as it is now; empty where nothing is.
+        Faults of the scene as it is now; empty if it is valid.
     running
-        Whether it is being run.
+        The scene is being run.
     """
 
     page: str = ""
@@ -113,7 +102,7 @@ class Notice:
 
 
 class Board:
-    """Holds a notice that one thread replaces and others wait for."""
+    """Holder of a notice, which one thread replaces and others wait for."""
 
     def __init__(self) -> None:
         self._notice = Notice()
@@ -121,7 +110,7 @@ class Board:
 
     @property
     def now(self) -> Notice:
-        """The notice as it is."""
+        """The present notice."""
         return self._notice
 
     def put(self, **news: str | int | bool) -> None:
@@ -131,39 +120,44 @@ class Board:
             self._changed.notify_all()
 
     def wait(self, seen: Notice | None, seconds: float) -> Notice:
-        """Return the notice once it is another one than was seen, or after some time as it is."""
+        """Return the notice once it differs from the one seen, or after some seconds unchanged."""
         with self._changed:
             self._changed.wait_for(lambda: self._notice is not seen, seconds)
             return self._notice
 
 
-#: Samples of the first look, most of the second, and the seconds that this one may take.
+#: Samples of the first preview, most of the second, and the seconds that the second may take.
 FIRST, MOST, SECONDS = 6, 1000, 4.0
 
 
-def looks(study: Scene, target: Path) -> Iterator[str]:
-    """Run a few samples of a study into a file, then more where they are quick; tell each time which.
+def previews(study: Scene, target: Path) -> Iterator[str]:
+    """Run a few samples of a study into a file, then more if they are fast; yield a note each time.
 
     Parameters
     ----------
     study
         The study, checked.
     target
-        The file, which holds what was run whenever this yields.
+        The file, which holds the finished samples at every yield.
+
+    Yields
+    ------
+    str
+        Which samples were run; empty for all.
     """
     from dynid.study.plan import make_plan
 
     plan, started = make_plan(study), time.perf_counter()
     count = _run(plan, target, FIRST)
-    yield _said(plan, count)
+    yield _preview_note(plan, count)
     each = (time.perf_counter() - started) / count
     enough = min(plan.size, MOST, int(SECONDS / each))
     if enough >= 2 * count or count < plan.size <= enough:
-        yield _said(plan, _run(plan, target, enough))
+        yield _preview_note(plan, _run(plan, target, enough))
 
 
 def _run(plan: Plan, target: Path, most: int) -> int:
-    """Run at most so many samples, those that the file has excepted; return how many there are."""
+    """Run at most so many samples of a plan that the file does not hold; return the size of the shard."""
     from dynid.study.execute import run_study, shard_of
     from dynid.study.executors import make_executor
 
@@ -172,15 +166,13 @@ def _run(plan: Plan, target: Path, most: int) -> int:
     return len(shard_of(plan, shard))
 
 
-def _said(plan: Plan, count: int) -> str:
+def _preview_note(plan: Plan, count: int) -> str:
     if count == plan.size:
         return ""
-    return (
-        f"A first look: {count:,} of {plan.size:,} samples, evenly over the plan; dynid study runs them all."
-    )
+    return f"Preview: {count:,} of {plan.size:,} samples, evenly over the plan; dynid study runs them all."
 
 
-#: Seconds between two signs of life to a page that listens.
+#: Seconds between two comments on an idle event stream, which keep the connection open.
 _PULSE = 10.0
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -192,7 +184,7 @@ _HEADERS = {
 
 
 class Server(ThreadingHTTPServer):
-    """Serves `/`, the page, and `/events`, what becomes of it."""
+    """Server of the page at `/` and of its changes at `/events`."""
 
     daemon_threads = True
     block_on_close = False
@@ -207,11 +199,11 @@ class Server(ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_port}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Let go of whoever went away."""
+        """Ignore clients that disconnect."""
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers one request."""
+    """Handler of one request."""
 
     server: Server
     timeout = 30
@@ -219,24 +211,22 @@ class Handler(BaseHTTPRequestHandler):
     sys_version = ""
 
     def do_GET(self) -> None:
-        """Give the page, or the stream of events."""
-        # A foreign site that has its name point here comes with that name (DNS rebinding).
+        """Send the page, or the stream of events."""
+        # A foreign site whose name resolves to this machine sends that name (DNS rebinding).
         names = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}
         origin = self.headers.get("Origin")
         if self.headers.get("Host") not in names or (origin and origin not in {f"http://{n}" for n in names}):
             self._refuse(403)
         elif self.path == "/":
-            self._send(self.server.board.now.page.encode(), "text/html; charset=utf-8")
+            content = self.server.board.now.page.encode()
+            self._start(200, "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
         elif self.path == "/events":
             self._stream()
         else:
             self._refuse(404)
-
-    def _send(self, content: bytes, kind: str) -> None:
-        self._start(200, kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
 
     def _start(self, status: int, kind: str) -> None:
         self.send_response(status)
@@ -255,14 +245,14 @@ class Handler(BaseHTTPRequestHandler):
         seen: Notice | None = None
         while True:
             notice = self.server.board.wait(seen, _PULSE)
-            said = {"version": notice.version, "fault": notice.fault, "running": notice.running}
-            line = ": still here\n\n" if notice is seen else f"data: {json.dumps(said)}\n\n"
+            state = {"version": notice.version, "fault": notice.fault, "running": notice.running}
+            line = ": still here\n\n" if notice is seen else f"data: {json.dumps(state)}\n\n"
             self.wfile.write(line.encode())
             self.wfile.flush()
             seen = notice
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Keep quiet: the terminal is for the scene."""
+        """Log nothing: the terminal is for the scene."""
 
 
 @contextmanager
@@ -272,12 +262,12 @@ def serving(port: int) -> Iterator[Server]:
     Parameters
     ----------
     port
-        Of 127.0.0.1; 0: a free one.
+        Port of 127.0.0.1; 0: a free one.
 
     Raises
     ------
     UsageError
-        Where the port is taken.
+        If the port is taken.
     """
     try:
         server = Server(port)
@@ -293,65 +283,70 @@ def serving(port: int) -> Iterator[Server]:
         server.server_close()
 
 
-#: Seconds between two looks; a file counts as saved when two looks in a row see the same.
-_LOOK = 0.15
+#: Seconds between two polls; a file is saved when two polls in a row find it unchanged.
+_POLL = 0.15
 
 
 class Watch:
-    """A scene that is watched.
+    """Rerun of a scene whenever one of its files changes.
 
     Parameters
     ----------
     scene
-        Its file.
+        The scene's file.
     overrides
-        As of `--set`.
+        Values to set, PATH=VALUE.
     output
-        The HDF5 file of the last good result, if it is wanted.
+        The HDF5 file of the last good result; None for no file.
     board
-        What the page shows.
+        The notice that the page shows.
     """
 
     def __init__(self, scene: str, overrides: Sequence[str], output: str | None, board: Board) -> None:
         self.scene, self.overrides, self.output, self.board = scene, tuple(overrides), output, board
         self._files: list[Path] = []
-        board.put(page=self._waiting())
+
+        from dynid.report.page.document import document
+
+        waiting = document(Path(scene).name, "waiting for a first result", [], ["watch.js"], live=0)
+        board.put(page=waiting)
 
     def run(self) -> None:
         """Run the scene now and after every change, until interrupted."""
         while True:
             self._files = files_of(self.scene)
-            before = stamp(self._files)
+            last = before = stamp(self._files)
             self.show()
-            self._wait(before)
+            while True:  # until a file has changed, and no longer does
+                time.sleep(_POLL)
+                now = stamp(self._files)
+                if now == last and now != before:
+                    break
+                last = now
 
     def show(self) -> None:
         """Run the scene once, and show its result or its faults."""
         started = time.perf_counter()
         self.board.put(running=True)
-        fault = self._attempt()
-        self.board.put(running=False, fault=fault)
-        said = fault or f"{self.scene}: done in {time.perf_counter() - started:.2g} s"
-        click.echo(said, err=True)
-
-    def _attempt(self) -> str:
-        """Run the scene; return what is wrong, if anything is."""
+        fault = ""
         try:
             self._compute()
         except DynidError as error:
-            return str(error)
+            fault = str(error)
         except MemoryError:
-            return f"{self.scene}: this needs more memory than there is"
+            fault = f"{self.scene}: this needs more memory than there is"
         except Exception as error:
-            return f"{self.scene}: a fault of dynid itself: {type(error).__name__} {error}"
-        return ""
+            fault = f"{self.scene}: a fault of dynid itself: {type(error).__name__} {error}"
+        self.board.put(running=False, fault=fault)
+        click.echo(fault or f"{self.scene}: done in {time.perf_counter() - started:.2g} s", err=True)
 
     def _compute(self) -> None:
+        """Run the scene, or some samples of a study, and publish the result."""
         from dynid.scene.load import load_scene
 
         scene = load_scene(self.scene, self.overrides)
         if scene.kind == "study":
-            self._look_at(scene)
+            self._preview(scene)
             return
         from dynid.cli.run import compute
 
@@ -362,14 +357,14 @@ class Watch:
             write_result(result, self.output)
         self._publish(result)
 
-    def _look_at(self, study: Scene) -> None:
-        """Run some of a study's samples, and show what they tell; more of them where they are quick."""
+    def _preview(self, study: Scene) -> None:
+        """Publish the result of some samples of a study; of more samples if they are fast."""
         from dynid.file_access import replace_file
         from dynid.store import open_stored
 
         with TemporaryDirectory() as folder:
             target = Path(folder) / "study.h5"
-            for note in looks(study, target):
+            for note in previews(study, target):
                 with open_stored(target) as result:
                     self._publish(result, note)
             if self.output:
@@ -380,21 +375,6 @@ class Watch:
 
         version = self.board.now.version + 1
         self.board.put(page=page(result, live=version, note=note), version=version, fault="")
-
-    def _wait(self, before: Stamp) -> None:
-        """Return when a file has changed, and no longer does."""
-        last = before
-        while True:
-            time.sleep(_LOOK)
-            now = stamp(self._files)
-            if now == last and now != before:
-                return
-            last = now
-
-    def _waiting(self) -> str:
-        from dynid.report.page.document import document
-
-        return document(Path(self.scene).name, "waiting for a first result", [], ["watch.js"], live=0)
 
 
 @click.command()
@@ -410,20 +390,18 @@ class Watch:
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
-@click.option("-o", "--output", type=click.Path(), help="Write the last good result to this HDF5 file, too.")
+@click.option("-o", "--output", type=click.Path(), help="Also write the last good result to this HDF5 file.")
 def watch(scene: str, port: int, no_browser: bool, overrides: tuple[str, ...], output: str | None) -> int:
-    """Run a scene whenever it or a file that it reads changes, and show its page in the browser.
+    """Rerun a scene whenever it or a file that it reads changes, with a live page in the browser.
 
-    The page is served on this machine only, until Ctrl-C. A scene with faults leaves the last good result on
-    the page, with the faults and their places above it. Of a study some samples are run, evenly over its
-    plan, as many as a few seconds allow.
+    The page is served on this machine only, until Ctrl-C. While the scene has faults, the page keeps the last
+    good result and lists the faults with their places. For a study, as many samples are run as a few seconds
+    allow, evenly over its plan.
     """
-    from dynid.cli.run import refuse_missing_folders, refuse_overwriting
-
     if not Path(scene).is_file():
         from dynid.scene.yaml.source import read_source
 
-        read_source(scene)  # which says what is wrong
+        read_source(scene)  # raises the error
     if output:
         refuse_overwriting(scene, output, None)
         refuse_missing_folders(output)

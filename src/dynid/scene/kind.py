@@ -90,7 +90,7 @@ _KINDS = (
         unread="dynid.scene.kinds.bond_graph:unread_files",
         batch="dynid.scene.kinds.bond_graph_samples",
         content="dynid.report.content.bond_graph",
-        summary="dynid.cli.summary.bond_graph",
+        summary="dynid.cli.summary.bond_graph:lines",
         alternatives="dynid.bench.scenes.bond_graph:ASPECTS",
     ),
     Kind(
@@ -104,7 +104,7 @@ _KINDS = (
         unread="dynid.scene.kinds.identification:unread_files",
         batch="dynid.scene.kinds.identification_samples",
         content="dynid.report.content.identification",
-        summary="dynid.cli.summary.identification",
+        summary="dynid.cli.summary.identification:lines",
         alternatives="dynid.bench.scenes.identification:ASPECTS",
     ),
     Kind(
@@ -116,7 +116,7 @@ _KINDS = (
         prepare="dynid.scene.kinds.reduction:preparation_steps",
         check="dynid.scene.schema.reduction:reduction_faults",
         content="dynid.report.content.reduction",
-        summary="dynid.cli.summary.reduction",
+        summary="dynid.cli.summary.identification:reduction_lines",
         alternatives="dynid.bench.scenes.reduction:ASPECTS",
     ),
     Kind(
@@ -126,7 +126,7 @@ _KINDS = (
         run="dynid.scene.kinds.study:run",
         check_valid="dynid.scene.kinds.study:check_study",
         content="dynid.report.content.study",
-        summary="dynid.cli.summary.study",
+        summary="dynid.cli.summary.study:lines",
     ),
 )
 #: The kinds by their names.

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from dynid.cli.summary.need import need_lines
 from dynid.report.content import doubts, method
 from dynid.scene.kind import KINDS, resolve
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
-#: Kinds of results that are of no scene.
+#: Screens of results that have no scene.
 _OTHERS = {
-    "plan": "dynid.cli.summary.plan",
-    "bench": "dynid.cli.summary.bench",
+    "plan": "dynid.cli.summary.identification:plan_lines",
+    "bench": "dynid.cli.summary.bench:lines",
 }
-
-
-def _module(result: Result) -> Any:
-    """Return the module for results of a kind; None where the kind is unknown."""
-    kind = KINDS.get(result.kind)
-    return kind.load("summary") if kind else resolve(_OTHERS.get(result.kind, ""))
+#: Most names of a part left out that are written; further ones are counted.
+_NAMES = 6
 
 
 def summary(result: Result, note: str) -> str:
@@ -33,20 +28,21 @@ def summary(result: Result, note: str) -> str:
     result
         The result.
     note
-        What to say at the end of the headline (how long it took, or when it was made).
+        End of the headline: the duration of the run, or the time of creation.
     """
-    if _module(result) is None:
+    kind = KINDS.get(result.kind)
+    screen = kind.load("summary") if kind else resolve(_OTHERS.get(result.kind, ""))
+    if screen is None:  # of a kind that this version does not know
         return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
-    module = _module(result)
-    lines = [_headline(result.title, method(result), note), "", *module.lines(result)]
+    lines = [_headline(result.title, method(result), note), "", *screen(result)]
     while not lines[-1]:
         lines.pop()
-    if said := doubts(result):
-        lines += ["", *(f"  {line}" for sentence in said for line in wrap(sentence, 104))]
+    if warnings := doubts(result):
+        lines += ["", *(f"  {line}" for sentence in warnings for line in wrap(sentence, 104))]
     if need := need_lines(result):
         lines += ["", *need]
     if "accuracy" in result.group_attrs:
-        from dynid.cli.summary.accuracy import accuracy_lines
+        from dynid.cli.summary.bench import accuracy_lines
 
         lines += ["", *accuracy_lines(result)]
     return "\n".join(lines).rstrip("\n")
@@ -58,7 +54,7 @@ def _headline(title: str, method: str, note: str) -> str:
 
 
 def contents(result: Result) -> str:
-    """Return the arrays of a result with their axes, types and units, one a line."""
+    """Return the arrays of a result with their axes, types and units, one per line."""
     from dynid.report.content import array_rows
 
     width = max((len(path) for path in result), default=0)
@@ -66,3 +62,20 @@ def contents(result: Result) -> str:
         f"  {path:<{width}}  {kind}  {axes}  {units}".rstrip()
         for path, kind, axes, units in array_rows(result)
     )
+
+
+def need_lines(result: Result) -> list[str]:
+    """Return one sentence on the parts of the model that were left out and why; empty if not recorded."""
+    group = next((path.rpartition("/")[0] for path in result if path.endswith("/need/part")), None)
+    if group is None:
+        return []
+    columns = ("part", "kept", "left_out", "left_out_names", "why")
+    texts = []
+    for part, kept, left, names, why in zip(
+        *(result[f"{group}/{column}"].data for column in columns), strict=True
+    ):
+        if left:
+            short = names and names.count(", ") < _NAMES and part != "results"
+            texts.append(f"{left:,} of {kept + left:,} {part}{f': {names}' if short else ''} ({why})")
+    sentence = f"left out: {'; '.join(texts) or 'nothing'}"
+    return wrap(sentence, 108, initial_indent="  ", subsequent_indent="    ")

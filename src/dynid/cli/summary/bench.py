@@ -1,7 +1,8 @@
-"""The screen of benchmarks: a table each, what nothing beats marked."""
+"""Screens of benchmarks: a table for each, the Pareto-optimal alternatives marked."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from itertools import groupby
 from textwrap import wrap
@@ -12,16 +13,16 @@ from dynid.result import Result
 
 
 def lines(result: Result) -> list[str]:
-    """Return the screen, line by line."""
-    said: list[str] = []
+    """Return the screen of a benchmark result, line by line."""
+    found: list[str] = []
     for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result):
-        said += [*_table(result, group), ""]
-    about = result.group_attrs.get("bench", {})  # files of versions before know none
+        found += [*_benchmark_table(result, group), ""]
+    about = result.group_attrs.get("bench", {})  # absent in files of earlier versions
     seconds = float(about.get("seconds", 0))
-    return [*said, f"  measured in {time_text(seconds)}"] if seconds else said[:-1]
+    return [*found, f"  measured in {time_text(seconds)}"] if seconds else found[:-1]
 
 
-def _table(result: Result, group: str) -> Iterable[str]:
+def _benchmark_table(result: Result, group: str) -> Iterable[str]:
     about = result.group_attrs[group]
     yield f"  {group.partition('/')[2]}: {about['title']}"
     names = list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
@@ -33,5 +34,57 @@ def _table(result: Result, group: str) -> Iterable[str]:
             shown, chosen = f"{size:,}" if place == 0 else "", "›" if row.default else " "
             figures = f"{time_text(row.time):>10}  {memory_text(row.memory):>9}  {row.error:>8.1e}"
             yield f"    {shown:>9}  {chosen} {row.name:{width}}  {figures}{' ●' if row.best else ''}"
-    for said, text in remarks(result, group):
-        yield from wrap(f"{said}: {text}", 110, initial_indent=" " * 4, subsequent_indent=" " * 6)
+    for name, text in remarks(result, group):
+        yield from wrap(f"{name}: {text}", 110, initial_indent=" " * 4, subsequent_indent=" " * 6)
+
+
+def accuracy_lines(result: Result) -> list[str]:
+    """Return the tables of the alternatives to each choice of a scene, line by line; none if not computed."""
+    about = result.group_attrs.get("accuracy")
+    if about is None:
+        return []
+    aspects = dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/"))
+    effort = f"median of {about['repeats']}, at most {about['budget']:g} s in all"
+    tables = [line for aspect in aspects for line in _accuracy_table(result, f"accuracy/{aspect}")]
+    legend = "  → the choice · ● Pareto-optimal: nothing is both faster and more accurate"
+    return [f"  alternatives to the choices made: {effort}", *tables, "", legend]
+
+
+def _accuracy_table(result: Result, group: str) -> Iterable[str]:
+    about = result.group_attrs[group]
+    names = [str(name) for name in result[f"{group}/alternative"].data]
+    status = dict(zip(names, result[f"{group}/status"].data, strict=True))
+    width = max(map(len, names))
+    bounded = any(f"{group}/{name}/bound" in result for name in names)
+    heading = f"{about['title']}: {about['because']}"
+    yield ""
+    yield from (f"  {line}" for line in wrap(heading, 100, subsequent_indent="  "))
+    columns = f"{'':{width}}  {about['size']:>11}  {'time':>9}  {'memory':>8}  {'error':>8}"
+    yield f"      {columns}{'  error/bound' if bounded else ''}"
+    for name in names:
+        if f"{group}/{name}/size" in result:
+            yield from _accuracy_rows(result, f"{group}/{name}", f"{name:{width}}")
+        if status[name] != "done":
+            text = f"{name:{width}}  {status[name]}"
+            yield from (f"      {line}" for line in wrap(text, 96, subsequent_indent=" " * (width + 2)))
+    reference = f", against {about['reference']}" if about["reference"] else ""
+    yield f"      error: {about['measure']}{reference}"
+
+
+def _accuracy_rows(result: Result, group: str, name: str) -> Iterable[str]:
+    """Yield the measurements of one alternative, one line per size."""
+    size, time, memory, best, chosen = (
+        result[f"{group}/{column}"].data for column in ("size", "time", "memory", "pareto", "chosen")
+    )
+    error, bound = (
+        result[f"{group}/{column}"].data if f"{group}/{column}" in result else None
+        for column in ("error", "bound")
+    )
+    for k, count in enumerate(size):
+        figures = f"{time_text(float(time[k])):>9}  {memory_text(float(memory[k])):>8}"
+        off, ratio = "-" if error is None else f"{error[k]:.1e}", ""
+        if error is not None and bound is not None:
+            finite = bound[k] and not math.isinf(bound[k])
+            ratio = f"  {f'{error[k] / bound[k]:.2g}' if finite else '-':>11}"
+        mark = "→" if chosen[k] else " "
+        yield f"    {mark} {name}  {count:>11,}  {figures}  {off:>8}{ratio}{' ●' if best[k] else ''}".rstrip()

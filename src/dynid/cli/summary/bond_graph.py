@@ -1,57 +1,49 @@
-"""The screen of a bond-graph result."""
+"""Screen of a bond-graph result."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from textwrap import wrap
-from typing import Any
 
 import numpy as np
 
 from dynid.cli.summary.causality import causality_lines, equation_lines
-from dynid.cli.summary.channels import channel_lines
-from dynid.cli.summary.port import port_lines
-from dynid.cli.summary.responses import response_lines
+from dynid.cli.summary.common import response_lines
+from dynid.cli.summary.transfer_functions import channel_lines
 from dynid.number_format import MOST_ROOTS, counted
+from dynid.report.content.bond_graph import PORT, port_items
 from dynid.result import Result
 
 #: Most steps, and prototypes, that are listed.
 _MOST, _MOST_OUTPUTS = MOST_ROOTS, 6
+#: Longest formula of a port, and width of its names.
+_LONGEST, _WIDTH = 70, 16
 
 
 def lines(result: Result) -> list[str]:
     """Return the screen, line by line."""
-    need = result.group_attrs.get("bond_graph", {})
-    said = [f"  {counted(int(need['nodes']), 'node')}, {counted(int(need['bonds']), 'bond')}"]
-    said += _engine(need)
-    said += _warnings(result)
-    said += causality_lines(result)
-    said += [*_reduction(result), ""]
-    said += port_lines(result)
-    said += channel_lines(result)
-    said += equation_lines(result, "bond_graph/state_space")
-    said += response_lines(result, "bond_graph")
-    return said
-
-
-def _engine(attributes: Mapping[str, Any]) -> Iterable[str]:
-    """Say why an engine other than the exact one answered, what it cannot do, and how numbers are read."""
-    engine, reason = (str(attributes.get(name, "")) for name in ("engine", "engine_reason"))
+    about = result.group_attrs.get("bond_graph", {})
+    screen = [f"  {counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"]
+    engine, reason = (str(about.get(name, "")) for name in ("engine", "engine_reason"))
     if engine not in ("", "exact") or "decides" in reason:
-        yield f"  {engine} engine: {reason}"
+        screen.append(f"  {engine} engine: {reason}")
         if engine != "exact":
-            yield from (f"    {line}" for line in wrap(str(attributes["engine_limits"]), 100))
-    if attributes.get("reading") == "binary":
-        yield "  every value is read as the double nearest to it (reading: binary)"
-
-
-def _warnings(result: Result) -> Iterable[str]:
-    """Yield what the graph leaves undetermined although no output depends on it."""
+            screen += (f"    {line}" for line in wrap(str(about["engine_limits"]), 100))
+    if about.get("reading") == "binary":
+        screen.append("  every value is read as the double nearest to it (reading: binary)")
     for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
-        yield from wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
+        screen += wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
+    screen += causality_lines(result)
+    screen += [*_reduction(result), ""]
+    screen += _port(result)
+    screen += channel_lines(result)
+    screen += equation_lines(result, "bond_graph/state_space")
+    screen += response_lines(result, "bond_graph")
+    return screen
 
 
 def _reduction(result: Result) -> Iterable[str]:
+    """Yield the prototype of each output, and the steps of its reduction."""
     group = "bond_graph/reduction"
     if f"{group}/output" not in result:
         return
@@ -74,3 +66,22 @@ def _reduction(result: Result) -> Iterable[str]:
             yield f"    … {counted(len(own) - _MOST, 'more step')} in the file"
     if len(outputs) > _MOST_OUTPUTS:
         yield f"  … {counted(len(outputs) - _MOST_OUTPUTS, 'more output')} in the file"
+
+
+def _port(result: Result) -> Iterable[str]:
+    """Yield both sides of a port as equivalent sources, the prototype, its dynamics and operating points."""
+    items = dict(port_items(result, _LONGEST))
+    if not items:
+        return
+    yield f"  port {result.group_attrs[PORT]['bond']}: prototype {items.pop('prototype')[0]}"
+    yield from (f"      {line}" for line in wrap(items.pop("type")[0], 92))
+    for name, lines in items.items():
+        parts = wrap(lines[0], 92 - _WIDTH) if name == "loop" else lines
+        if name in ("source", "load", "loop"):  # one below the other
+            rows = [(name if k == 0 else "", part) for k, part in enumerate(parts)]
+        elif name == "at rest":
+            rows = [(name, part) for part in parts]
+        else:
+            rows = [(name, "   ".join(parts))]
+        yield from (f"      {left:<{_WIDTH}}{part}" for left, part in rows)
+    yield ""

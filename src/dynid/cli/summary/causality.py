@@ -1,4 +1,4 @@
-"""The screen of causality: states, what they follow from, and what stands in the way."""
+"""Screen of causality and state equations: states, dependent storages, conflicts, zero dynamics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STATES, _REMARKS, _BONDS = 12, 6, 24
 
 
 def causality_lines(result: Result) -> Iterable[str]:
-    """Yield what causality says of the graph."""
+    """Yield the states, conflicts, dependent storages, loops, causal strokes and zero dynamics."""
     group = "bond_graph/causality"
     if f"{group}/bonds" not in result:
         return
@@ -30,12 +30,23 @@ def causality_lines(result: Result) -> Iterable[str]:
     note = result.group_attrs.get(group, {}).get("note")
     if note:
         yield from _hanging("note", str(note))
-    yield from _strokes(result, group)
+    # Causal strokes: |-> with the stroke at the tail, ->| at the head.
+    bonds = result[f"{group}/bonds"].data
+    cells = [
+        f"{bond['tail']} {'|->' if bond['stroke'] == 'tail' else '->|'} {bond['head']}"
+        for bond in bonds[:_BONDS]
+    ]
+    if len(bonds) > _BONDS:
+        cells.append(f"… ({len(bonds)} in all)")
+    width = max(map(len, cells)) + 3
+    count = max(1, 96 // width)
+    for start in range(0, len(cells), count):
+        yield f"    {''.join(cell.ljust(width) for cell in cells[start : start + count])}".rstrip()
     yield from _zero_dynamics(result, f"{group}/zero_dynamics/")
 
 
 def _zero_dynamics(result: Result, prefix: str) -> Iterable[str]:
-    """Say what goes on inside with each output held at zero, and the degrees."""
+    """Yield the zero dynamics of each channel, its number of zeros and its relative degree."""
     channels = [path.removesuffix("/meaning") for path in result if path.startswith(prefix)]
     groups = [path for path in channels if f"{path}/meaning" in result]
     for place, group in enumerate(groups[:_REMARKS]):
@@ -58,7 +69,7 @@ def _zero_dynamics(result: Result, prefix: str) -> Iterable[str]:
 
 
 def equation_lines(result: Result, group: str) -> Iterable[str]:
-    """Yield the state equations, where they are few."""
+    """Yield the state equations, if they are few."""
     if f"{group}/equations" not in result:
         return
     lines = [
@@ -82,22 +93,3 @@ def _hanging(title: str, text: str) -> Iterable[str]:
     first, *rest = wrap(text, 86)
     yield f"    {title:<9} {first}"
     yield from (f"{'':14}{line}" for line in rest)
-
-
-def _strokes(result: Result, group: str) -> Iterable[str]:
-    """Draw the bonds with their strokes: |-> with the stroke at the tail, ->| at the head."""
-    bonds = result[f"{group}/bonds"].data
-    shown = [
-        f"{bond['tail']} {'|->' if bond['stroke'] == 'tail' else '->|'} {bond['head']}"
-        for bond in bonds[:_BONDS]
-    ]
-    more = [f"… ({len(bonds)} in all)"] if len(bonds) > _BONDS else []
-    yield from (f"    {line}" for line in _columns([*shown, *more], 96))
-
-
-def _columns(cells: list[str], width: int) -> Iterable[str]:
-    """Set short texts in columns."""
-    cell = max(len(text) for text in cells) + 3
-    count = max(1, width // cell)
-    for start in range(0, len(cells), count):
-        yield "".join(text.ljust(cell) for text in cells[start : start + count]).rstrip()

@@ -1,88 +1,177 @@
-"""The screen of an identification."""
+"""Screens of identifications, their plans, and comparisons of reductions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from io import StringIO
+from textwrap import wrap
 
-from dynid.cli.summary.identifiability import identifiability_lines
-from dynid.cli.summary.responses import response_lines
-from dynid.number_format import counted
-from dynid.report.content.identifiability import calibration_sentences as calibration
+from dynid.cli.summary.common import aligned, response_lines, rich_table
+from dynid.number_format import counted, span_text
+from dynid.report.content.identifiability import (
+    GROUP,
+    bound_table,
+    bound_text,
+    calibration_sentences,
+    collinear_groups,
+    modal_shifts,
+)
 from dynid.report.content.identification import (
     parameter_table,
     preparation,
     record_summary,
     verdict_sentences,
 )
+from dynid.report.content.plan import chosen_lines, efficiency_text, gain_text
+from dynid.report.content.reduction import method_table, remarks, seconds_text
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
-#: The most modes and massless DOFs on the screen.
-_MOST_MODES, _SHOWN = 20, 8
+#: Most modes, modes with sensitivities, massless DOFs and frequency bands on a screen.
+_MODES, _SHIFTS, _MASSLESS, _BANDS = 20, 8, 8, 5
 
 
 def lines(result: Result) -> list[str]:
-    """Return the screen, line by line."""
-    said: list[str] = []
+    """Return the screen of an identification, line by line."""
+    screen: list[str] = []
     if "identification/parameters/name" in result:
-        said += [
+        columns, rows = parameter_table(result)
+        screen += [
             f"  {record_summary(result)}",
             *(f"  {line}" for line in preparation(result)),
             "",
-            *_table(result),
+            *rich_table(columns, rows, padding=2, width=140),
             "",
             *(f"  {sentence}" for sentence in verdict_sentences(result)),
-            *(f"  {sentence}" for sentence in calibration(result)),
+            *(f"  {sentence}" for sentence in calibration_sentences(result)),
             "",
         ]
-    said += identifiability_lines(result)
+    screen += identifiability_lines(result)
     if "structure/modes/omega" in result:
-        said += [*_modes(result), ""]
-    said += response_lines(result, "structure")
-    return said[:-1] if not said[-1] else said
+        screen += [*_modes(result), ""]
+    screen += response_lines(result, "structure")
+    return screen[:-1] if not screen[-1] else screen
+
+
+def identifiability_lines(result: Result) -> list[str]:
+    """Return the Cramér–Rao bounds, collinear parameters, and the sensitivities of the modes."""
+    if f"{GROUP}/relative_bound" not in result:
+        return []
+    found = bound_table(result)
+    place, noise = found.where
+    record = "record" if found.of_time else "frequency responses"
+    state = ", initial state unknown" if found.of_time else ""
+    heading = f"  identifiability from the {record} (Cramér–Rao bound at the {place}{state}{noise})"
+    headings = ("", "value", "bound", *(["state known"] if found.of_time else []))
+    screen = [
+        *wrap(heading, 110, subsequent_indent="    "),
+        *aligned([headings, *found.rows]),
+        *(f"    {line}" for line in collinear_groups(result)),
+    ]
+    # Of an identification, the calibration stands below its estimates.
+    if "identification/parameters/name" not in result:
+        screen += [f"    {sentence}" for sentence in calibration_sentences(result)]
+    columns, rows = modal_shifts(result)
+    screen += [
+        "",
+        "  change of a mode's frequency per 1 % of a stiffness, of its damping ratio per 1 % of a damping",
+        *aligned([columns, *rows[:_SHIFTS]]),
+    ]
+    if len(rows) > _SHIFTS:
+        screen.append(f"    … up to {rows[-1][1]} {columns[1]}")
+    return [*screen, ""]
 
 
 def _modes(result: Result) -> Iterable[str]:
-    """Yield the modes, one a line, and what has none."""
+    """Yield the modes, one per line, and the number of rigid-body modes and massless DOFs."""
     group = "structure/modes"
-    get = {name: result[f"{group}/{name}"].data for name in ("omega", "damping", "name")}
-    count, size = len(get["omega"]), len(result[f"{group}/dof"].data)
-    without = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
-    rigid = int(result.value(f"{group}/rigid"))
-    said = f"  {counted(count, 'mode')} of {counted(size, 'DOF')}; {_none_or(rigid, 'rigid-body mode')}"
-    yield f"{said}, {_none_or(len(without), 'massless DOF')}"
-    if len(without):
-        shown = ", ".join(without[:_SHOWN])
-        yield f"    massless: {shown}{f' … {without[-1]}' if len(without) > _SHOWN else ''}"
-    yield f"    {'mode':>4}  {'rad/s':>10}  {'Hz':>10}  {'damping':>9}"
-    for k in range(min(count, _MOST_MODES)):
-        omega, damping, name = (get[part][k] for part in ("omega", "damping", "name"))
-        line = (
-            f"    {k + 1:>4}  {omega:>10.5g}  {omega / (2 * math.pi):>10.5g}  {100 * damping:>7.3g} %  {name}"
+    omega, damping, name = (result[f"{group}/{part}"].data for part in ("omega", "damping", "name"))
+    massless = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
+    counts = (
+        counted(number, what) if number else f"no {what}s"
+        for number, what in (
+            (int(result.value(f"{group}/rigid")), "rigid-body mode"),
+            (len(massless), "massless DOF"),
         )
-        yield line.rstrip()
-    if count > _MOST_MODES:
+    )
+    size = counted(len(result[f"{group}/dof"].data), "DOF")
+    yield f"  {counted(len(omega), 'mode')} of {size}; {', '.join(counts)}"
+    if massless:
+        more = f" … {massless[-1]}" if len(massless) > _MASSLESS else ""
+        yield f"    massless: {', '.join(massless[:_MASSLESS])}{more}"
+    yield f"    {'mode':>4}  {'rad/s':>10}  {'Hz':>10}  {'damping':>9}"
+    for k in range(min(len(omega), _MODES)):
+        hertz, percent = omega[k] / (2 * math.pi), 100 * damping[k]
+        row = f"    {k + 1:>4}  {omega[k]:>10.5g}  {hertz:>10.5g}  {percent:>7.3g} %  {name[k]}"
+        yield row.rstrip()
+    if len(omega) > _MODES:
         unit = frequency_unit(result)
-        yield f"    … up to {unit.factor * get['omega'][-1]:.5g} {unit.name}"
+        yield f"    … up to {unit.factor * omega[-1]:.5g} {unit.name}"
 
 
-def _none_or(count: int, what: str) -> str:
-    return counted(count, what) if count else f"no {what}s"
+def reduction_lines(result: Result) -> list[str]:
+    """Return the screen of a comparison of reductions, line by line."""
+    size = len(result["reduction/dof"].data)
+    took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
+    effort = f"; its modes took {took}" if took else ""
+    columns, rows = method_table(result)
+    table = rich_table(columns, rows, padding=1, width=200)
+    return [f"  {size} DOFs{effort}", "", *table, "", *(f"  {note}" for note in remarks(result))]
 
 
-def _table(result: Result) -> list[str]:
-    """Return the parameters as aligned lines."""
-    from rich.console import Console
-    from rich.table import Table
+def plan_lines(result: Result) -> list[str]:
+    """Return the screen of a plan of sensors and excitation, line by line."""
+    group = "plan/sensors"
+    choice, present = result[f"{group}/choice"].data, result[f"{group}/present"].data
+    names = [str(name) for name in result[f"{group}/parameter"].data]
+    candidates = len(result[f"{group}/candidate"].data)
+    bounds, gains = result[f"{group}/bound"].data, result[f"{group}/gain"].data
+    rows = [
+        (f"{'+ ' if k else ''}{name}", *map(bound_text, bounds[k]), gain_text(gains[k]))
+        for k, name in enumerate(choice)
+    ]
+    now = ("now: " + ", ".join(present), *map(bound_text, result[f"{group}/present_bound"].data), "")
+    return [
+        *identifiability_lines(result),
+        f"  best {len(choice)} of {candidates} sensors, in order of their contribution",
+        *aligned([("", *names, "gain"), *rows, now]),
+        f"    {efficiency_text(result.value(f'{group}/efficiency'), 'the sensors')}",
+        "",
+        *_excitation(result),
+    ]
 
-    columns, rows = parameter_table(result)
-    table = Table(box=None, padding=(0, 2), show_edge=False, header_style="")
-    for heading in columns:
-        table.add_column(heading, justify="right" if heading else "left")
-    for name, *cells in rows:
-        table.add_row(name.replace("[", r"\["), *cells)
-    out = StringIO()
-    Console(file=out, width=140, color_system=None).print(table)
-    return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
+
+def _excitation(result: Result) -> Iterable[str]:
+    """Yield the best sines and frequency bands of a plan, with their bounds."""
+    group = "plan/excitation"
+    if f"{group}/choice" not in result:
+        yield "  the structure is driven by a prescribed motion: forces in its place are not ranked"
+        return
+    names = [str(name) for name in result[f"{group}/parameter"].data]
+    choice = chosen_lines(result)
+    amplitude = result.value(f"{group}/amplitude")
+    sines = f"{len(choice)} sine{'s' * (len(choice) != 1)} of {amplitude:.3g} N"
+    yield f"  best {sines} (RMS of the present force), bounds with the present sensors"
+    gains = result[f"{group}/gain"].data
+    bounds = [[""] * len(names)] * (len(choice) - 1)
+    bounds.append(list(map(bound_text, result[f"{group}/best_bound"].data)))
+    rows = [(f"{'+ ' if k else ''}{name}", *bounds[k], gain_text(gains[k])) for k, name in enumerate(choice)]
+    now = ("now", *map(bound_text, result[f"{group}/present_bound"].data), "")
+    yield from aligned([("", *names, "gain"), *rows, now])
+    yield f"    {efficiency_text(result.value(f'{group}/efficiency'), 'the forces')}"
+    if f"{group}/settling_time" in result:
+        wait = result.value(f"{group}/settling_time")
+        yield f"    of the steady state: the slowest mode takes {wait:.2g} s to decay to 1 %"
+    else:
+        yield "    of the steady state, which an undamped structure does not reach by itself"
+    group, unit = f"{group}/bands", frequency_unit(result)
+    bands = zip(
+        *(result[f"{group}/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")), strict=True
+    )
+    rows = [
+        (f"{dof}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}", *map(bound_text, bound))
+        for dof, low, high, bound in bands
+    ]
+    yield ""
+    yield "  best bands, the same force spread evenly over one (steady state)"
+    yield from aligned([("", *names), *rows])

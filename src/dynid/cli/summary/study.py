@@ -1,9 +1,13 @@
-"""The screen of a study: what became of its samples, what they say, and what that depends on."""
+"""Screens of a study: its plan before a run; status, statistics and sensitivities after it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from dynid.cli.summary.common import aligned
 from dynid.number_format import counted
 from dynid.report.content.study import (
     COLUMNS,
@@ -21,50 +25,54 @@ from dynid.report.content.study import (
 from dynid.result import Result
 from dynid.study.analysis.failures import failures
 from dynid.study.analysis.table import Column, StudyTable
+from dynid.suggestions import short_paths
 
-_RANKED = 12  # numbers whose inputs are ranked
-_REASONS = 5
+if TYPE_CHECKING:
+    from dynid.study.plan import Plan
+
+#: Most outputs whose inputs are ranked, errors of samples, and samples of a plan.
+_RANKED, _ERRORS, _SAMPLES = 12, 5, 5
 
 
 def lines(result: Result) -> list[str]:
-    """Return the screen, line by line."""
+    """Return the screen of a study's result, line by line."""
     table = StudyTable(result)
     shown, hidden = shown_numbers(table)
     blocks = [
-        _state(table),
-        _failures(table),
-        _statistics(table, shown, hidden),
-        _texts(table),
-        _expectations(table),
-        _influences(table, shown),
+        list(_status(table)),
+        list(_statistics(table, shown, hidden)),
+        [f"  {path}: {shares}" for path, shares in text_shares(table)],
+        [f"    {share:>8}  {text}" for text, share in met_expectations(table)],
+        list(_influences(table, shown)),
     ]
-    return [line for block in blocks if (found := list(block)) for line in (*found, "")][:-1]
+    if blocks[3]:
+        blocks[3].insert(0, "  expectations of the scene, and the share of the samples that meet them")
+    return [line for block in blocks if block for line in (*block, "")][:-1]
 
 
-def _state(table: StudyTable) -> Iterator[str]:
+def _status(table: StudyTable) -> Iterator[str]:
+    """Yield the number of finished samples, the ranges of the inputs, and the errors of failed samples."""
     yield f"  {status_text(table)}"
     width = max((len(name) for name in table.inputs), default=0)
     for name, column in table.inputs.items():
         yield f"    {name:<{width}}  {range_text(column)}"
     if len(table.pending):
-        yield "  interrupted: run the study again to go on"
-
-
-def _failures(table: StudyTable) -> Iterator[str]:
+        yield "  interrupted: run the study again to resume it"
     found = failures(table)
     if found:
+        yield ""
         yield "  failed"
-    for failure in found[:_REASONS]:
+    for failure in found[:_ERRORS]:
         which = "sample" if len(failure.samples) == 1 else "samples"
         yield f"    {len(failure.samples):>7,}  {failure.error}  ({which} {first_samples(failure)})"
-    if len(found) > _REASONS:
-        yield f"    … and {counted(len(found) - _REASONS, 'other reason')}"
+    if len(found) > _ERRORS:
+        yield f"    … and {counted(len(found) - _ERRORS, 'other reason')}"
 
 
 def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list[str]) -> Iterator[str]:
-    """Yield one row a number, those of a group together."""
+    """Yield the statistics of the outputs, one row each, by group."""
     if not table.paths and table.done.any():
-        yield "  nothing was collected; name in the study's 'collect' what to gather"
+        yield "  nothing was collected; name the outputs in the study's 'collect'"
     rows = [
         (*split_name(display_name(table, path, column)), statistics_row(table, path, column))
         for path, column in shown
@@ -90,20 +98,8 @@ def _joined(row: list[str], widths: list[int]) -> str:
     return "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
 
 
-def _texts(table: StudyTable) -> Iterator[str]:
-    yield from (f"  {path}: {shares}" for path, shares in text_shares(table))
-
-
-def _expectations(table: StudyTable) -> Iterator[str]:
-    """Say which share of the samples meets each expectation of the scene."""
-    rows = list(met_expectations(table))
-    if rows:
-        yield "  expectations of the scene, and the share of the samples that meet them"
-    yield from (f"    {share:>8}  {text}" for text, share in rows)
-
-
 def _influences(table: StudyTable, shown: list[tuple[str, Column]]) -> Iterator[str]:
-    """Say for each number which inputs its variance comes from."""
+    """Yield the inputs that the variance of each output comes from."""
     rows, notes = variance_sources(table, shown, _RANKED)
     if not rows:
         return
@@ -118,3 +114,55 @@ def _influences(table: StudyTable, shown: list[tuple[str, Column]]) -> Iterator[
         yield f"    {name:<{width}}  {said}"
     yield f"    ({notes[0]})"
     yield from (f"    {note}" for note in notes[1:])
+
+
+def plan_lines(
+    plan: Plan, numbers: Sequence[int], finished: int, target: str, foreign: int = 0
+) -> Iterator[str]:
+    """Yield the screen of a plan: its size, sampling, outputs, varied inputs and first samples.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    numbers
+        The samples to run: all, or those of a shard.
+    finished
+        How many of them are finished.
+    target
+        The file to write.
+    foreign
+        How many finished samples of that file do not belong to the study.
+    """
+    method = plan.attrs["method"]
+    yield f"{plan.study.title}: {counted(len(numbers), 'sample')} of {plan.attrs['base']} ({plan.base.kind})"
+    yield f"  sampling  {method}" + (f", seed {plan.seed}" if method not in ("grid", "list") else "")
+    if len(numbers) < plan.size:
+        yield f"  shard     of {plan.size} samples, one in {plan.size // len(numbers)} or so"
+    yield f"  collects  {', '.join(plan.collect) or 'every number under properties and parameters'}"
+    yield f"  {target}: {finished} finished, {len(numbers) - finished} to run"
+    if foreign:
+        verb = "does" if foreign == 1 else "do"
+        yield f"  warning: {counted(foreign, 'finished sample')} of {target} {verb} not belong to this study,"
+        yield "           and would be lost: write another file with -o, or discard them with --force"
+    yield ""
+    rows = [["", "values", "from", "to"]]
+    for path, values in plan.arrays.items():
+        different = np.unique(values)
+        name = path if path in plan.settings else f"{path} (not set in the scene)"
+        rows.append([name, str(len(different)), _value_text(different[0]), _value_text(different[-1])])
+    yield from aligned(rows, "  ")
+    yield ""
+    samples = [
+        [str(number), *(_value_text(values[number]) for values in plan.arrays.values())]
+        for number in numbers[:_SAMPLES]
+    ]
+    yield from aligned([["sample", *short_paths(list(plan.arrays))], *samples], "  ")
+    if len(numbers) > _SAMPLES:
+        yield "  …"
+
+
+def _value_text(value: Any) -> str:
+    if isinstance(value, np.bool_):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, np.floating) else str(value)

@@ -1,28 +1,31 @@
-"""The screen of transfer functions: what each channel does, and what all of them share."""
+"""Screen of transfer functions: each channel, the poles that all channels share, and sensitivities."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from textwrap import wrap
-from typing import Any
 
 import numpy as np
 
-from dynid.cli.summary.sensitivities import sensitivity_lines
 from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_text
 from dynid.report.content.transfer_functions import (
     Channel,
     channel_unit,
     channels,
+    influence,
     numeric_forms,
     oscillation_text,
     same_poles,
+    sensitivity_columns,
+    sensitivity_text,
 )
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
-#: Most channels that are told in full, most rows of the table of the others, and longest formula shown.
+#: Most channels shown in full, most rows of the table of the others, and longest formula shown.
 _FULL, _ROWS, _LONGEST = 6, 30, 160
+#: Most parameters and roots in the table of sensitivities.
+_PARAMETERS, _ROOTS = 8, 4
 
 #: Columns of the screen.
 _WIDTH = 110
@@ -32,15 +35,21 @@ _NUMBERS = ("order", "relative_degree", "dc_gain", "high_frequency_gain")
 
 
 def channel_lines(result: Result) -> Iterable[str]:
-    """Yield every channel: the poles that all share first, then each, then a table of what are too many."""
+    """Yield the poles if all channels share them, then each channel; from the seventh on, a table."""
     every = channels(result)
     common = len(every) > 1 and same_poles(result, every)
     if common:
         yield "  every channel"
         yield from _poles(result, *every[0])
         yield ""
-    for channel in every[:_FULL]:
-        yield from _channel(result, *channel, alone=len(every) == 1, poles=not common)
+    for output, source in every[:_FULL]:
+        yield f"  {output} / {source}"
+        yield from _formula(result, f"bond_graph/transfer_function/{output}/{source}", alone=len(every) == 1)
+        yield from _roots(result, output, source, "zeros", "zero_stability")
+        if not common:
+            yield from _poles(result, output, source)
+        yield from _properties(result, output, source)
+        yield from _sensitivities(result, f"bond_graph/sensitivities/{output}/{source}")
         yield ""
     if len(every) > _FULL:
         yield from _table(result, every[_FULL:])
@@ -48,7 +57,7 @@ def channel_lines(result: Result) -> Iterable[str]:
 
 
 def _table(result: Result, several: list[Channel]) -> Iterable[str]:
-    """Set what can be said of many channels in a word each in columns."""
+    """Yield a table of order, gains and stability, one channel per row."""
     groups = [f"bond_graph/properties/{output}/{source}" for output, source in several]
     if not all(f"{group}/order" in result for group in groups):
         yield f"  … {counted(len(several), 'more channel')} in the file"
@@ -56,8 +65,12 @@ def _table(result: Result, several: list[Channel]) -> Iterable[str]:
     rows = [["", "order", "relative degree", "T(0)", "T(∞)", "zeros", "poles"]]
     for (output, source), group in zip(several[:_ROWS], groups, strict=False):
         numbers = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
-        words = (_word(result, f"{group}/{name}") for name in ("zero_stability", "stability"))
-        rows.append([f"{output} / {source}", *numbers, *words])
+        # The verdict alone, without its reason after the colon.
+        verdicts = (
+            str(result.value(f"{group}/{name}")).partition(":")[0] if f"{group}/{name}" in result else ""
+            for name in ("zero_stability", "stability")
+        )
+        rows.append([f"{output} / {source}", *numbers, *verdicts])
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for row in rows:
         cells = [
@@ -69,44 +82,31 @@ def _table(result: Result, several: list[Channel]) -> Iterable[str]:
         yield f"  … {counted(len(several) - _ROWS, 'more channel')} in the file"
 
 
-def _word(result: Result, path: str) -> str:
-    """Return the verdict itself, without what decides it."""
-    return str(result.value(path)).partition(":")[0] if path in result else ""
-
-
-def _channel(result: Result, output: str, source: str, *, alone: bool, poles: bool) -> Iterable[str]:
-    properties = f"bond_graph/properties/{output}/{source}"
-    yield f"  {output} / {source}"
-    yield from _formula(result, f"bond_graph/transfer_function/{output}/{source}", alone=alone)
-    yield from _roots(result, output, source, "zeros", "zero_stability")
-    if poles:
-        yield from _poles(result, output, source)
-    yield from _numbers(result, properties, channel_unit(result, output, source))
-    yield from sensitivity_lines(result, f"bond_graph/sensitivities/{output}/{source}")
-
-
 def _poles(result: Result, output: str, source: str) -> Iterable[str]:
-    """Write the poles, their verdict, and what they are as oscillations."""
+    """Yield the poles, their stability, and frequency and damping of up to four oscillatory pairs."""
     yield from _roots(result, output, source, "poles", "stability")
     path = f"bond_graph/transfer_function/{output}/{source}/poles"
     if path in result:
-        yield from _modes(result, result[path].data)
+        pairs = [pole for pole in result[path].data if pole.imag > 0]
+        if 0 < len(pairs) <= 4:
+            yield f"            {' · '.join(oscillation_text(result, pole) for pole in pairs)}"
 
 
 def _roots(result: Result, output: str, source: str, name: str, verdict: str) -> Iterable[str]:
     roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
-    said = f"bond_graph/properties/{output}/{source}/{verdict}"
+    path = f"bond_graph/properties/{output}/{source}/{verdict}"
+    text = str(result[path].data) if path in result else ""
+    reasons = [f"            {line}" for line in wrap(text, 92)]
     if roots is not None:
         yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=in_hertz(result)))
-        yield from _wrapped(result, said)
-    elif said in result:
-        first, *rest = _wrapped(result, said)
-        yield f"    {name}   {first.lstrip()}"
-        yield from rest
+        yield from reasons
+    elif path in result:
+        yield f"    {name}   {reasons[0].lstrip()}"
+        yield from reasons[1:]
 
 
 def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
-    """Write a short transfer function in numbers, and in symbols where they were kept."""
+    """Yield a transfer function in numbers, and in symbols if they are short enough."""
     written = [*numeric_forms(result, group)]
     formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
     if formula and written != ["0"] and (alone or len(formula) < _LONGEST):
@@ -125,31 +125,30 @@ def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
             yield f"    expanded {part} of {counted(int(terms), 'term')} in the file"
 
 
-def _numbers(result: Result, group: str, unit: str) -> Iterable[str]:
+def _properties(result: Result, output: str, source: str) -> Iterable[str]:
+    """Yield order, relative degree and gains, and the hidden modes with their causes if requested."""
+    group, hertz = f"bond_graph/properties/{output}/{source}", in_hertz(result)
     if f"{group}/order" in result:
+        unit = channel_unit(result, output, source)
         order, relative, dc, high = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
         yield f"    order {order} · relative degree {relative} · T(0) = {dc}{unit} · T(∞) = {high}{unit}"
     hidden = result.get(f"{group}/hidden_modes")
-    if hidden is not None and len(hidden.data):
-        head = "    hidden modes (natural modes that this channel does not show)  "
-        yield from _hanging(head, roots_text(hidden.data, hertz=in_hertz(result)), indent=12)
-        yield from _causes(result, group, hidden.data)
-
-
-def _causes(result: Result, group: str, modes: np.ndarray[Any, Any]) -> Iterable[str]:
-    """Say of each hidden mode why it is one and what holds its energy, where that was asked for."""
+    if hidden is None or not len(hidden.data):
+        return
+    head = "    hidden modes (natural modes that this channel does not show)  "
+    yield from _hanging(head, roots_text(hidden.data, hertz=hertz), indent=12)
     if f"{group}/hidden_mode_cause" not in result:
         return
     causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
-    upper = [place for place, root in enumerate(modes) if root.imag >= 0]
+    upper = [place for place, root in enumerate(hidden.data) if root.imag >= 0]
     for place in upper[:MOST_ROOTS]:
-        held = f"; its energy is in {elements[place]}" if elements[place] else ""
-        root = root_text(modes[place], hertz=in_hertz(result))
-        yield from (f"            {line}" for line in wrap(f"{root}: {causes[place]}{held}", 92))
+        energy = f"; its energy is in {elements[place]}" if elements[place] else ""
+        root = root_text(hidden.data[place], hertz=hertz)
+        yield from (f"            {line}" for line in wrap(f"{root}: {causes[place]}{energy}", 92))
 
 
 def _hanging(head: str, text: str, *, indent: int | None = None) -> Iterable[str]:
-    """Write a formula or a list of roots after its head, in further lines where it is long."""
+    """Yield a formula or a list of roots after its heading, wrapped with a hanging indent."""
     whole = text.replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
     left = " " * (len(head) if indent is None else indent)
     lines = wrap(
@@ -162,13 +161,27 @@ def _hanging(head: str, text: str, *, indent: int | None = None) -> Iterable[str
     yield from (line.replace("\N{NO-BREAK SPACE}", " ") for line in lines)
 
 
-def _wrapped(result: Result, path: str) -> Iterable[str]:
-    """Write a verdict in words below what it is about."""
-    text = str(result[path].data) if path in result else ""
-    yield from (f"            {line}" for line in wrap(text, 92))
-
-
-def _modes(result: Result, poles: np.ndarray[Any, Any]) -> Iterable[str]:
-    pairs = [pole for pole in poles if pole.imag > 0]
-    if 0 < len(pairs) <= 4:
-        yield f"            {' · '.join(oscillation_text(result, pole) for pole in pairs)}"
+def _sensitivities(result: Result, group: str) -> Iterable[str]:
+    """Yield a table of the changes of zeros, poles and gains of a channel per 1 % of the main parameters."""
+    if f"{group}/parameter" not in result:
+        return
+    every = sensitivity_columns(result, group)
+    if not every:
+        return
+    yield "    a parameter larger by 1 % moves"
+    shown = every[:_ROOTS]
+    widths = [max(len(title), 20) for title, _ in shown]
+    titles = "  ".join(title.rjust(width) for (title, _), width in zip(shown, widths, strict=True))
+    names = result[f"{group}/parameter"].data
+    left = max(len(str(name)) for name in names)
+    yield f"      {'':{left}}  {titles}"
+    weight = influence(every)
+    order = [place for place in np.argsort(-weight, kind="stable") if weight[place]]
+    for place in order[:_PARAMETERS]:
+        cells = "  ".join(
+            sensitivity_text(moved[place] / 100).rjust(width)
+            for (_, moved), width in zip(shown, widths, strict=True)
+        )
+        yield f"      {names[place]!s:{left}}  {cells}"
+    if len(every) > _ROOTS or len(order) > _PARAMETERS:
+        yield "      … more in the file"

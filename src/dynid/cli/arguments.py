@@ -1,0 +1,110 @@
+"""Checks of what commands are given: names, result files to read, files to write."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dynid.errors import DynidError, FileError, UsageError
+
+_LONGEST = 200  # characters of an error's own words
+
+
+def among(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Complete an argument from names, which are looked up only when the shell asks."""
+    return lambda context, parameter, begun: [name for name in names() if name.startswith(begun)]  # noqa: ARG005
+
+
+def refuse_unknown(name: str, known: Collection[str], what: str, remedy: str = "") -> None:
+    """Refuse a name that is not known, and suggest the nearest one.
+
+    Parameters
+    ----------
+    name
+        The name given.
+    known
+        The names that exist.
+    what
+        What the names are of, such as ``topic``.
+    remedy
+        How to find the names; by default they are listed.
+
+    Raises
+    ------
+    UsageError
+        If the name is not among the known ones.
+    """
+    if name not in known:
+        from dynid.suggestions import did_you_mean
+
+        raise UsageError(
+            f"there is no {what} '{name}'{did_you_mean(name, known)}",
+            remedy=remedy or f"There are {', '.join(known)}.",
+        )
+
+
+def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Report a result file that a command cannot interpret as an error of that file, in one sentence.
+
+    Result files may have been changed by other programs; what they lack is no fault of dynid.
+
+    Parameters
+    ----------
+    *parameters
+        The command's arguments that name result files.
+    """
+
+    def decorate(command: Callable[..., int]) -> Callable[..., int]:
+        @functools.wraps(command)
+        def guarded(**given: Any) -> int:
+            try:
+                return command(**given)
+            except (DynidError, click.ClickException, click.Abort, click.exceptions.Exit):
+                raise
+            except (OSError, MemoryError):
+                raise
+            except Exception as error:
+                if os.environ.get("DYNID_TRACEBACK"):
+                    raise
+                values = [given[name] for name in parameters]
+                files = [name for one in values for name in (one if isinstance(one, tuple) else [one])]
+                verb = "do" if len(files) > 1 else "does"
+                cause = " ".join(f"{type(error).__name__} {error}".split())[:_LONGEST]
+                raise FileError(
+                    f"{' or '.join(files)} {verb} not hold what a result of dynid holds ({cause})",
+                    remedy="Run its scene again; if dynid wrote the file as it is, please report it.",
+                    names=files,
+                ) from error
+
+        return guarded
+
+    return decorate
+
+
+def is_same(file: str, other: str) -> bool:
+    """Return whether two names are of the same file."""
+    return os.path.realpath(file) == os.path.realpath(other)
+
+
+def refuse_overwriting(scene: str, target: str, junit: str | None, report: str | None = None) -> None:
+    """Refuse to write over the scene, or one output over another."""
+    if is_same(target, scene):
+        raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
+    taken = [scene, target]
+    for file, what, option in ((junit, "JUnit file", "--junit"), (report, "page", "--report")):
+        if file and any(is_same(file, other) for other in taken):
+            raise UsageError(f"the {what} would overwrite {file}", remedy=f"Name another file with {option}.")
+        taken += [file] if file else []
+
+
+def refuse_missing_folders(*files: str | None) -> None:
+    """Refuse, before any work, to write into folders that do not exist."""
+    for file in files:
+        if file is not None and not Path(file).parent.is_dir():
+            folder = Path(file).parent
+            raise FileError(f"{file} cannot be written: there is no folder {folder}", remedy="Make it first.")
