@@ -15,8 +15,15 @@ from typing import Any
 import numpy as np
 
 from dynid.bench.benchmark import Alternative
-from dynid.bench.cases.estimators import each_record
-from dynid.bench.cases.suspension import OMEGA, STEP, SuspensionRecord, assumed_noise, case, first_covariance
+from dynid.bench.cases.estimators import (
+    OMEGA,
+    STEP,
+    SuspensionRecord,
+    assumed_noise,
+    case,
+    each_record,
+    first_covariance,
+)
 from dynid.bench.cases.zeros_poles import controlled
 from dynid.bondgraph.chains import distinct
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.bench.scenes.measure import add_accuracy
-from dynid.bench.scenes.worker import aspect_of
+from dynid.bench.scenes.measure import add_accuracy, aspect_of
 from dynid.checks import compare
 from dynid.cli.summary.bench import accuracy_lines
 from dynid.errors import SceneError

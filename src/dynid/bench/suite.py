@@ -7,14 +7,13 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from dynid.bench.benchmark import BENCHMARKS, Alternative, Benchmark, benchmark
-from dynid.bench.process import Process
+from dynid.bench.benchmark import BENCHMARKS, Benchmark, benchmark
+from dynid.bench.worker import Process
 from dynid.defaults import of_benchmark
 from dynid.errors import NumericalError
 from dynid.result import Result
@@ -59,33 +58,30 @@ def run_benchmarks(
     clock
         ``wall`` or ``processor`` time, which depends little on other work on the machine.
     seconds
-        Limit of the total time, s: each benchmark may use what those after it do not need (`BENCHMARKS`).
-        Its smallest size is always measured; others that exceed the time are left out, and named.
+        Limit of the total time, s: each benchmark may use the time that those after it do not need
+        (`BENCHMARKS`). Its smallest size is always measured; others that exceed the time are left out, and
+        named.
 
     Returns
     -------
     Result
-        ``bench/<name>/<alternative>/{size, time, memory, error}``: s, bytes, and what the attribute `measure`
-        of ``bench/<name>`` says; `pareto` marks what no other alternative beats in both time and error,
-        `default` what the suite itself takes at that size. The attribute `exponent` says how its time grows
-        between the two largest sizes, `peer` that it is another project's. Attributes of ``bench/<name>``
-        say which peers beat the default in both (`beaten`), which alternatives are `missing` or `failed`,
-        what was left out for time (`late`), and the choices that rest on the table (`chosen`); the attribute
-        `seconds` of ``bench`` how long all took.
+        ``bench/<name>/<alternative>/{size, time, memory, error}``: s, bytes, and the error that the attribute
+        `measure` of ``bench/<name>`` defines; `pareto` marks the Pareto-optimal ones in time and error,
+        `default` the one that dynid uses by default at that size. The attribute `exponent` is the power of
+        the size with which time grows between the two largest sizes, `peer` is True for a method of another
+        project. Attributes of ``bench/<name>``: the peers that beat the default in both (`beaten`), the
+        alternatives that are `missing`, that `failed`, or that were left out for time (`late`), and the
+        defaults that the table justifies (`chosen`). The attribute `seconds` of ``bench`` is the total time.
     """
     result, began, chosen = Result("bench", "Speed against error"), time.monotonic(), list(names)
     for place, name in enumerate(chosen):
         case = benchmark(name)
         own = sorted((*case.sizes, *case.full)) if full else case.sizes
         until = began + seconds - sum(BENCHMARKS[later].seconds for later in chosen[place + 1 :])
-        told = partial(_tell_with_place, tell, f"{place + 1} of {len(chosen)}: {name}")
-        _add(result, name, case, _measured(name, case, (sizes or {}).get(name, own), told, clock, until))
+        where, wanted = f"{place + 1} of {len(chosen)}: {name}", (sizes or {}).get(name, own)
+        _add(result, name, case, _measured(name, case, wanted, tell, where, clock, until))
     result.annotate("bench", clock=clock, seconds=time.monotonic() - began)
     return result
-
-
-def _tell_with_place(tell: Callable[[str], None], where: str, what: str) -> None:
-    tell(f"{where}, {what}")
 
 
 def _measured(
@@ -93,8 +89,9 @@ def _measured(
     case: Benchmark,
     sizes: Sequence[int],
     tell: Callable[[str], None],
+    where: str,
     clock: str,
-    until: float = math.inf,
+    until: float,
 ) -> dict[str, list[BenchmarkFigure]]:
     """Measure all alternatives, in turns by size; beyond the first size none is started after `until`."""
     present = [each for each in case.alternatives if not each.missing()]
@@ -115,7 +112,7 @@ def _measured(
         for size in sizes:
             for each in present:
                 if each.at(size):
-                    tell(f"{case.size} {size:,}, {each.name}")
+                    tell(f"{where}, {case.size} {size:,}, {each.name}")
                     late = size > sizes[0] and time.monotonic() > until
                     answer = {"late": True} if late else workers[each.name].ask(size)
                     figures[each.name].append(BenchmarkFigure(size, **(answer or {"failed": "it ended"})))
@@ -128,48 +125,44 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
     if not done:
         raise NumericalError(
             f"no alternative of the benchmark {name} came to an end",
-            remedy=_said(case, figures),
+            remedy=_failures(case, figures),
             names=(name,),
         )
+    late = sorted((row.size, key) for key, rows in figures.items() for row in rows if row.late)
+    left_out = (
+        f"{case.size} {size:,}: {', '.join(key for _, key in some)}"
+        for size, some in groupby(late, key=lambda pair: pair[0])
+    )
     missing = (f"{each.name} ({each.missing()})" for each in case.alternatives if each.missing())
-    said = {
-        "failed": _said(case, figures),
-        "late": _late(case, figures),
+    attrs = {
+        "failed": _failures(case, figures),
+        "late": "; ".join(left_out),
         "missing": "; ".join(missing),
         "chosen": "; ".join(of_benchmark(name)),
         "limits": "; ".join(limits(case, done)),
         "remark": case.remark,
     }
     if case.default is not None:
-        said["beaten"] = "; ".join(beaten(case, case.default, done))
+        attrs["beaten"] = "; ".join(beaten(case, case.default, done))
     group = f"bench/{name}"
-    result.annotate(group, title=case.title, size=case.size, measure=case.measure, **said)
+    result.annotate(group, title=case.title, size=case.size, measure=case.measure, **attrs)
     front = pareto([figure for rows in done.values() for figure in rows])
     for each in case.alternatives:
-        if each.name in done:
-            _add_alternative(result, f"{group}/{each.name}", case, each, done[each.name], front)
+        if each.name not in done:
+            continue
+        here, rows = f"{group}/{each.name}", done[each.name]
+        result.add_axis(f"{here}/size", [figure.size for figure in rows])
+        for column, units in (("time", "s"), ("memory", "B"), ("error", "")):
+            values = np.array([getattr(figure, column) for figure in rows], dtype=float)
+            result.add(f"{here}/{column}", values, ("size",), units)
+        taken = [case.default is not None and case.default(figure.size) == each.name for figure in rows]
+        result.add(f"{here}/pareto", np.array([figure in front for figure in rows]), ("size",))
+        result.add(f"{here}/default", np.array(taken), ("size",))
+        power = exponent(rows)
+        result.annotate(here, peer=each.peer, **({} if power is None else {"exponent": power}))
 
 
-def _add_alternative(
-    result: Result,
-    here: str,
-    case: Benchmark,
-    each: Alternative,
-    rows: list[BenchmarkFigure],
-    front: list[BenchmarkFigure],
-) -> None:
-    result.add_axis(f"{here}/size", [figure.size for figure in rows])
-    for column, units in (("time", "s"), ("memory", "B"), ("error", "")):
-        values = np.array([getattr(figure, column) for figure in rows], dtype=float)
-        result.add(f"{here}/{column}", values, ("size",), units)
-    taken = [case.default is not None and case.default(figure.size) == each.name for figure in rows]
-    result.add(f"{here}/pareto", np.array([figure in front for figure in rows]), ("size",))
-    result.add(f"{here}/default", np.array(taken), ("size",))
-    power = exponent(rows)
-    result.annotate(here, peer=each.peer, **({} if power is None else {"exponent": power}))
-
-
-def _said(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
+def _failures(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
     """Return the failures, with their sizes, as text."""
     return "; ".join(
         f"{name} at {case.size} {row.size:,}: {row.failed}"
@@ -177,13 +170,6 @@ def _said(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
         for row in rows
         if row.failed
     )
-
-
-def _late(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
-    """Return the alternatives left out for time, by size, as text."""
-    late = sorted((row.size, name) for name, rows in figures.items() for row in rows if row.late)
-    sizes = groupby(late, key=lambda each: each[0])
-    return "; ".join(f"{case.size} {size:,}: {', '.join(name for _, name in some)}" for size, some in sizes)
 
 
 def pareto(figures: Iterable[BenchmarkFigure]) -> list[BenchmarkFigure]:
@@ -208,19 +194,19 @@ def beaten(
     """Return the peers that are both faster and more accurate than the default, with sizes, as text."""
     peers = [each.name for each in case.alternatives if each.peer and each.name in done]
     sizes = sorted({row.size for rows in done.values() for row in rows})
-    said = []
+    found = []
     for size in sizes:
         at = {name: row for name, rows in done.items() for row in rows if row.size == size}
         default = at.get(chosen(size))
         if default is None:
-            said.append(f"at {case.size} {size:,} the default has no figures")
+            found.append(f"at {case.size} {size:,} the default has no figures")
             continue
-        said += [
+        found += [
             f"at {case.size} {size:,} by {name} ({default.time / at[name].time:.2g} times faster)"
             for name in peers
             if name in at and at[name].time < default.time and at[name].error < default.error
         ]
-    return said
+    return found
 
 
 def limits(case: Benchmark, done: Mapping[str, list[BenchmarkFigure]]) -> list[str]:

@@ -1,14 +1,19 @@
-"""A chain of mass-spring-damper stages as graph, as state equations, and as exact numbers."""
+"""A chain of mass-spring-damper stages: exact numbers, and benchmarks of coefficients and formulas.
+
+v_N / F has a zero at 0 and one at -k/b for every joint but the last.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
+from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity
 from dynid.bondgraph.plan import ReducedGraph
 
-# Bits of a reference: those of a double, and some.
+# Bits of a reference: more than those of a double.
 _CERTAIN = 64
 
 
@@ -91,3 +96,151 @@ def exact_response(stages: int, omega: Any) -> list[complex]:
 
     rows = [[fmpq(v.numerator, v.denominator) for v in stage] for stage in distinct(stages)]
     return [response(float(w), 400) for w in omega]
+
+
+def _coefficients(stages: int) -> Callable[[], Any]:
+    from dynid.bondgraph.exact_engine import ExactEngine
+
+    def work() -> Any:
+        graph = reduced(stages)
+        return ExactEngine(graph).channel(next(iter(graph.channels()))).coefficients()
+
+    return work
+
+
+def _ss2tf(stages: int) -> Callable[[], Any]:
+    from scipy.signal import ss2tf
+
+    def work() -> Any:
+        above, below = ss2tf(*matrices(stages))
+        return above[0], below
+
+    return work
+
+
+def _control_polynomials(stages: int) -> Callable[[], Any]:
+    import control
+
+    def work() -> Any:
+        transfer = control.tf(control.ss(*matrices(stages)))
+        return transfer.num[0][0], transfer.den[0][0]
+
+    return work
+
+
+def _coefficient_error(stages: int, found: Any) -> float:
+    """Return the largest relative error of the coefficients within the range of a double, descending.
+
+    The error of a coefficient that is 0 is relative to the largest one.
+    """
+    import numpy as np
+
+    errors, denominator = [], characteristic(stages)
+    lead = denominator[denominator.degree()]
+    for coefficients, polynomial in zip(found, (numerator(stages), denominator), strict=True):
+        ascending = np.asarray(coefficients, dtype=float)[::-1].tolist()
+        if len(ascending) <= polynomial.degree() or not np.isfinite(ascending).all():
+            return float("inf")
+        exact = [polynomial[power] / lead for power in range(len(ascending))]
+        known = [
+            (number, int(c.p) / int(c.q))
+            for number, c in zip(ascending, exact, strict=True)
+            if c == 0 or abs(int(c.p).bit_length() - int(c.q).bit_length()) < 1000
+        ]
+        largest = max(abs(true) for _, true in known)
+        errors.append(max(abs(number - true) / (abs(true) or largest) for number, true in known))
+    return float(max(errors))
+
+
+POLYNOMIALS = Benchmark(
+    title="Numerator and denominator of a chain, monic, from the model on",
+    size="stages",
+    sizes=(10, 50, 100),
+    full=(200, 500),
+    alternatives=(
+        Alternative("exact", _coefficients),
+        Alternative("ss2tf", _ss2tf, peer=True),
+        Alternative("control-tf", _control_polynomials, needs=("control",), most=100, peer=True),
+    ),
+    error=_coefficient_error,
+    measure="largest relative error of a coefficient of numerator or denominator",
+    default=lambda _: "exact",
+)
+
+
+def _expanded(stages: int) -> Callable[[], Any]:
+    from dynid.bondgraph.formulas.transfer import expanded
+
+    def work() -> Any:
+        ((above, below),) = expanded(reduced(stages), 10**7).values()
+        return len(above), len(below)
+
+    return work
+
+
+def _nested(stages: int) -> Callable[[], Any]:
+    from dynid.bondgraph.formulas.transfer import nested
+
+    def work() -> Any:
+        graph = reduced(stages)
+        return nested(graph, graph.channels().values())
+
+    return work
+
+
+def _by_hand(stages: int) -> Callable[[], Any]:
+    """Eliminate stage by stage in flint polynomials, written for this chain alone."""
+    from flint import fmpz_mpoly_ctx
+
+    names = [f"{letter}{k}" for k in range(stages) for letter in "mkb"]
+    s, *symbols = fmpz_mpoly_ctx.get(["s", *names], "lex").gens()
+
+    def work() -> Any:
+        m, k, b = symbols[-3:]
+        above, below = s * s * m + s * b + k, s  # impedance of the rest: above / below
+        top = s
+        for stage in reversed(range(stages - 1)):
+            m, k, b = symbols[3 * stage : 3 * stage + 3]
+            joint = s * b + k
+            top = top * joint
+            above, below = (s * m) * (below * joint + above * s) + above * joint, below * joint + above * s
+        return len(top), len(above)
+
+    return work
+
+
+def _sympy(stages: int) -> Callable[[], Any]:
+    import sympy
+
+    s, *symbols = sympy.symbols(["s", *(f"{x}{k}" for k in range(stages) for x in "mkb")])
+
+    def work() -> Any:
+        m, k, b = symbols[-3:]
+        seen, force = s * m + k / s + b, sympy.Integer(1)
+        for stage in reversed(range(stages - 1)):
+            m, k, b = symbols[3 * stage : 3 * stage + 3]
+            joint = k / s + b
+            force = force * joint / (joint + seen)
+            seen = s * m + joint * seen / (joint + seen)
+        top, bottom = sympy.fraction(sympy.cancel(force / seen))
+        return len(sympy.Poly(top, s, *symbols).terms()), len(sympy.Poly(bottom, s, *symbols).terms())
+
+    return work
+
+
+FORMULA = Benchmark(
+    title="Transfer function of a chain as a formula, every symbol distinct",
+    size="stages",
+    sizes=(2, 3, 8, 200),
+    alternatives=(
+        Alternative("nested", _nested),
+        Alternative("expanded", _expanded, most=9),
+        Alternative("by-hand", _by_hand, most=9, peer=True),
+        Alternative("sympy", _sympy, most=2, peer=True),
+    ),
+    # The denominator has (2 4^N + 1)/3 terms.
+    error=lambda stages, found: float(isinstance(found, tuple) and found[1] != (2 * 4**stages + 1) // 3),
+    measure="1 where terms are missing or too many, else 0",
+    default=lambda _: "nested",
+    full=(9, 500),
+)

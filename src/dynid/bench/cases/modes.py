@@ -19,58 +19,75 @@ COUNT = 10
 Mesh = Callable[[int], tuple[Any, Any]]
 
 
-def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchmark:
-    """Return the benchmark of a mesh with some of the solvers, described as in `Benchmark`."""
-    every = (
-        Alternative("splu", _own(mesh, "splu")),
-        Alternative("splu-uncounted", _own(mesh, "splu", proof=False)),
-        Alternative("dense", _own(mesh, "dense"), most=4000),
-        Alternative("cholespy", _own(mesh, "cholespy"), needs=("cholespy",)),
-        Alternative("pardiso", _own(mesh, "pardiso"), needs=("pypardiso",)),
-        Alternative("eigsh", _eigsh(mesh), peer=True),
-    )
-
-    def error(dofs: int, found: Any) -> float:
-        import numpy as np
-
-        true = reference(mesh, dofs)
-        return float(np.max(np.abs(np.sort(found) - true) / true))
-
-    def default(dofs: int) -> str:
-        from dynid.structure.modes import solver_for
-
-        return solver_for(mesh(dofs)[0].shape[0], COUNT, None)
-
-    return Benchmark(
-        size="DOFs",
-        alternatives=[each for each in every if each.name in solvers],
-        error=error,
-        measure="largest relative difference of omega^2 from a subspace iteration",
-        default=default,
-        **described,
-    )
+#: K, M and the number of modes, by the size.
+Task = Callable[[int], tuple[Any, Any, int]]
 
 
-def _own(mesh: Mesh, backend: str, *, proof: bool = True) -> Callable[[int], Callable[[], Any]]:
-    def prepare(dofs: int) -> Callable[[], Any]:
+def _lowest(task: Task, backend: str, *, proof: bool = True) -> Callable[[int], Callable[[], Any]]:
+    """Return omega^2 of the lowest modes by a solver of dynid."""
+
+    def prepare(size: int) -> Callable[[], Any]:
         from scipy.sparse import csc_array
 
         from dynid.structure.modes import modes
 
-        K, M = mesh(dofs)
-        return lambda: modes(M, csc_array(K.shape), K, COUNT, backend=backend, proof=proof).omega ** 2
+        K, M, count = task(size)
+        return lambda: modes(M, csc_array(K.shape), K, count, backend=backend, proof=proof).omega ** 2
 
     return prepare
 
 
-def _eigsh(mesh: Mesh) -> Callable[[int], Callable[[], Any]]:
-    def prepare(dofs: int) -> Callable[[], Any]:
+def _eigsh(task: Task) -> Callable[[int], Callable[[], Any]]:
+    def prepare(size: int) -> Callable[[], Any]:
         from scipy.sparse.linalg import eigsh
 
-        K, M = mesh(dofs)
-        return lambda: eigsh(K, COUNT, M, sigma=0.0)[0]
+        K, M, count = task(size)
+        return lambda: eigsh(K, count, M, sigma=0.0)[0]
 
     return prepare
+
+
+def _error(found: Any, true: Any) -> float:
+    import numpy as np
+
+    return float(np.max(np.abs(np.sort(found) - true) / true))
+
+
+def _default(task: Task) -> Callable[[int], str]:
+    """Return the function of a size that names the solver chosen by default."""
+
+    def default(size: int) -> str:
+        from dynid.structure.modes import solver_for
+
+        K, _, count = task(size)
+        return solver_for(K.shape[0], count, None)
+
+    return default
+
+
+def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchmark:
+    """Return the benchmark of a mesh with some of the solvers, described as in `Benchmark`."""
+
+    def task(dofs: int) -> tuple[Any, Any, int]:
+        return *mesh(dofs), COUNT
+
+    every = (
+        Alternative("splu", _lowest(task, "splu")),
+        Alternative("splu-uncounted", _lowest(task, "splu", proof=False)),
+        Alternative("dense", _lowest(task, "dense"), most=4000),
+        Alternative("cholespy", _lowest(task, "cholespy"), needs=("cholespy",)),
+        Alternative("pardiso", _lowest(task, "pardiso"), needs=("pypardiso",)),
+        Alternative("eigsh", _eigsh(task), peer=True),
+    )
+
+    return Benchmark(
+        size="DOFs",
+        alternatives=[each for each in every if each.name in solvers],
+        error=lambda dofs, found: _error(found, reference(mesh, dofs)),
+        measure="largest relative difference of omega^2 from a subspace iteration",
+        default=_default(task),
+        **described,
+    )
 
 
 @lru_cache(maxsize=1)
@@ -111,9 +128,9 @@ PLATE = lowest_modes(
     title="The lowest ten modes of a simply supported plate",
     sizes=(100, 1000, 5000),
     full=(200, 400, 4000, 10_000, 100_000),
-    remark="dense computes all modes whatever is asked for: its time is what the limit of all modes costs; "
-    "splu-uncounted and the peer do not prove that no mode is missed, as splu does by one more "
-    "factorisation; errors below 1e-10 are roundings, and the front among them changes from run to run",
+    remark="dense computes all modes, whatever their requested number; splu-uncounted and the peer do not "
+    "prove that no mode is missed, as splu does by one more factorisation; errors below 1e-10 are round-off, "
+    "and the front among them changes from run to run",
 )
 SOLID = lowest_modes(
     solid,
@@ -125,26 +142,11 @@ SOLID = lowest_modes(
 )
 
 
-def _solver(backend: str) -> Callable[[int], Callable[[], Any]]:
-    def prepare(count: int) -> Callable[[], Any]:
-        from scipy.sparse import csc_array
-
-        from dynid.structure.modes import modes
-
-        K, M = plate(_DOFS)
-        return lambda: modes(M, csc_array(K.shape), K, count, backend=backend).omega ** 2
-
-    return prepare
+def _task_on_plate(count: int) -> tuple[Any, Any, int]:
+    return *plate(_DOFS), count
 
 
-def _peer_eigsh(count: int) -> Callable[[], Any]:
-    from scipy.sparse.linalg import eigsh
-
-    K, M = plate(_DOFS)
-    return lambda: eigsh(K, count, M, sigma=0.0)[0]
-
-
-def _peer_eigh(count: int) -> Callable[[], Any]:
+def _eigh(count: int) -> Callable[[], Any]:
     from scipy.linalg import eigh
 
     K, M = plate(_DOFS)
@@ -163,32 +165,19 @@ def _inverse_problem() -> Any:
     return np.sort(1 / eigvalsh((half + half.T) / 2))
 
 
-def _many_error(count: int, found: Any) -> float:
-    import numpy as np
-
-    true = _inverse_problem()[:count]
-    return float(np.max(np.abs(np.sort(found) - true) / true))
-
-
-def _many_default(count: int) -> str:
-    from dynid.structure.modes import solver_for
-
-    return solver_for(plate(_DOFS)[0].shape[0], count, None)
-
-
 MANY = Benchmark(
     title="The lowest modes, few or many, of a simply supported plate of 600 DOFs",
     size="modes",
     sizes=(20, 200),
     full=(50, 100, 150, 400),
     alternatives=(
-        Alternative("splu", _solver("splu")),
-        Alternative("dense", _solver("dense")),
-        Alternative("eigsh", _peer_eigsh, peer=True),
-        Alternative("eigh", _peer_eigh, peer=True),
+        Alternative("splu", _lowest(_task_on_plate, "splu")),
+        Alternative("dense", _lowest(_task_on_plate, "dense")),
+        Alternative("eigsh", _eigsh(_task_on_plate), peer=True),
+        Alternative("eigh", _eigh, peer=True),
     ),
-    error=_many_error,
+    error=lambda count, found: _error(found, _inverse_problem()[:count]),
     measure="largest relative difference of omega^2 from those of the inverse problem",
-    default=_many_default,
+    default=_default(_task_on_plate),
     remark="eigsh does not prove that no mode is missed; eigh has no shapes, and fails on a singular mass",
 )

@@ -92,7 +92,7 @@ def _alone(samples: int) -> Work:
 
 
 def _as_study(executor: str) -> Callable[[int], Work]:
-    """Return work that plans nothing, and does everything else: journal, file and statistics."""
+    """Return a planned study run as by the command: with journal, file and statistics."""
 
     def prepare(samples: int) -> Work:
         from dynid.store import read_result
@@ -134,22 +134,21 @@ def _processes(samples: int) -> Work:
 
 def _error(samples: int, found: Any) -> float:
     """Return the largest relative distance from the poles of Park & Kim 1997, eq 21, to 50 digits."""
-    plan = _plan(samples)
-    step = max(1, samples // 100)
-    return max(_distance(plan.override(number), found[number]) for number in range(0, samples, step))
-
-
-def _distance(values: dict[str, Any], poles: NDArray[np.complex128]) -> float:
-    with localcontext(prec=50):
-        m_s, b, A_p, C_a = (
-            Decimal(repr(float(values[f"parameters.{n}"]))) for n in ("m_s", "b", "A_p", "C_a")
-        )
-        mass = m_s + A_p**2 * 20_000
-        real = -b / (2 * mass)
-        imag = (A_p**2 / (C_a * mass) - real**2).sqrt()
-        size = (real**2 + imag**2).sqrt()
-        off = ((Decimal(p.real) - real) ** 2 + (abs(Decimal(p.imag)) - imag) ** 2 for p in poles.tolist())
-        return float(max(part.sqrt() for part in off) / size)
+    plan, errors = _plan(samples), []
+    for number in range(0, samples, max(1, samples // 100)):
+        values = plan.override(number)
+        with localcontext(prec=50):
+            m_s, b, A_p, C_a = (
+                Decimal(repr(float(values[f"parameters.{n}"]))) for n in ("m_s", "b", "A_p", "C_a")
+            )
+            mass = m_s + A_p**2 * 20_000
+            real = -b / (2 * mass)
+            imag = (A_p**2 / (C_a * mass) - real**2).sqrt()
+            size = (real**2 + imag**2).sqrt()
+            poles = found[number].tolist()
+            off = ((Decimal(p.real) - real) ** 2 + (abs(Decimal(p.imag)) - imag) ** 2 for p in poles)
+            errors.append(float(max(part.sqrt() for part in off) / size))
+    return max(errors)
 
 
 BENCHMARK = Benchmark(

@@ -1,27 +1,75 @@
-"""Zeros and poles of a chain: v_N / F has a zero at 0 and one at -k/b for every joint but the last."""
+"""Zeros, poles and eigenvalues: of a chain, of a mesh with many loops, and of a sparse pencil."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from fractions import Fraction
+from functools import lru_cache
+from itertools import count
 from typing import Any
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import matrices, reduced, true_roots
-from dynid.bench.roots import distance
-from dynid.defaults import EXACT_ROOTS, STARTED_ROOTS
+from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.defaults import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS, SPARSE_REFINEMENT, STARTED_ROOTS
+
+#: Errors of roots below this part of the largest pole are relative to that part.
+_SMALL = 1e-3
 
 
-def _exact(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.exact_engine import ExactEngine
-    from dynid.lti.certified_roots import repeated
+def distance(got: Any, true: Any, size: float) -> float:
+    """Return the largest relative distance of roots paired with the true ones; inf for a wrong count."""
+    if len(got) != len(true):
+        return float("inf")
+    import numpy as np
+    from scipy.optimize import linear_sum_assignment
 
-    def work() -> Any:
-        graph = reduced(stages)
-        transfer = ExactEngine(graph).channel(next(iter(graph.channels())))
-        return repeated(transfer.zeros), repeated(transfer.poles)
+    apart = np.abs(got[:, None] - true) / relative_to(true, size)
+    return float(apart[linear_sum_assignment(apart)].max(initial=0.0))
 
-    return work
+
+def relative_to(true: Any, size: float) -> Any:
+    """Return the sizes that errors of roots are relative to; `size` is that of the largest pole."""
+    import numpy as np
+
+    scale = np.maximum(np.abs(true), _SMALL * size)
+    return np.where(scale > 0, scale, 1.0)
+
+
+def _error(found: Any, true: Any) -> float:
+    """Return the largest relative distance of (zeros, poles) from the true ones."""
+    import numpy as np
+
+    size = float(abs(true[1]).max())
+    return max(distance(np.asarray(got), roots, size) for got, roots in zip(found, true, strict=True))
+
+
+def _by_engine(model: Callable[[int], ReducedGraph], engine: str) -> Callable[[int], Callable[[], Any]]:
+    """Return zeros and poles of the one channel of a model by the `exact` or the `float` engine."""
+
+    def prepare(size: int) -> Callable[[], Any]:
+        from dynid.lti.certified_roots import repeated
+
+        solver: Callable[[ReducedGraph], Any]
+        if engine == "exact":
+            from dynid.bondgraph.exact_engine import ExactEngine
+
+            solver = ExactEngine
+        else:
+            from dynid.bondgraph.floating.engine import FloatEngine
+
+            solver = FloatEngine
+
+        def work() -> Any:
+            graph = model(size)
+            transfer = solver(graph).channel(next(iter(graph.channels())))
+            return repeated(transfer.zeros), repeated(transfer.poles)
+
+        return work
+
+    return prepare
 
 
 def _unstarted(stages: int) -> Callable[[], Any]:
@@ -38,19 +86,7 @@ def _unstarted(stages: int) -> Callable[[], Any]:
     return work
 
 
-def _float(stages: int) -> Callable[[], Any]:
-    from dynid.bondgraph.floating.engine import FloatEngine
-    from dynid.lti.certified_roots import repeated
-
-    def work() -> Any:
-        graph = reduced(stages)
-        transfer = FloatEngine(graph).channel(next(iter(graph.channels())))
-        return repeated(transfer.zeros), repeated(transfer.poles)
-
-    return work
-
-
-def _matrices(stages: int) -> Callable[[], Any]:
+def _pencil_engine(stages: int) -> Callable[[], Any]:
     from dynid.lti import zeros_poles
 
     def work() -> Any:
@@ -117,36 +153,130 @@ def _polynomials(stages: int) -> Callable[[], Any]:
     return lambda: ss2zpk(*matrices(stages))[:2]
 
 
-def _default(stages: int) -> str:
-    """Return what is chosen for a chain, which has two storages a stage and no loops."""
-    return "exact" if 2 * stages <= EXACT_ROOTS.value else "float"
-
-
-def _error(stages: int, found: Any) -> float:
-    """Return the largest relative distance of roots paired with the true ones; inf for a wrong count."""
-    import numpy as np
-
-    true = true_roots(stages)
-    size = float(abs(true[1]).max())
-    return max(distance(np.asarray(got), roots, size) for got, roots in zip(found, true, strict=True))
-
-
-BENCHMARK = Benchmark(
+CHAIN = Benchmark(
     title="Zeros and poles of a chain, from the model on",
     size="stages",
     sizes=(2, 10, 50),
     full=(5, 20, 100, 200, 500),
     alternatives=(
-        Alternative("exact", _exact),
-        Alternative("float", _float),
+        Alternative("exact", _by_engine(reduced, "exact")),
+        Alternative("float", _by_engine(reduced, "float")),
         Alternative("exact-unstarted", _unstarted, least=STARTED_ROOTS.value // 2 + 1, most=100),
-        Alternative("pencil", _matrices, most=100),
+        Alternative("pencil", _pencil_engine, most=100),
         Alternative("control", _control_alone, needs=("control",), peer=True),
         Alternative("control-tf", _control_tf, needs=("control",), most=100, peer=True),
         Alternative("eigvals", _eigenvalues, peer=True),
         Alternative("ss2zpk", _polynomials, most=100, peer=True),
     ),
-    error=_error,
+    error=lambda stages, found: _error(found, true_roots(stages)),
     measure="largest relative distance from the exact roots; inf: a wrong count",
-    default=_default,
+    default=lambda stages: "exact" if 2 * stages <= EXACT_ROOTS.value else "float",  # two storages a stage
+)
+
+
+def _mesh(side: int) -> ReducedGraph:
+    """Return a square mesh of capacitors to ground, joined by coils with losses: (side - 1)^2 loops."""
+    nodes, bonds, number = [Node("u", "Sf")], [Bond("u", "p0_0")], count(1)
+    for row in range(side):
+        for column in range(side):
+            here = f"p{row}_{column}"
+            nodes += [Node(here, "0"), Node(f"c{here}", "C", Fraction(next(number), 97))]
+            bonds.append(Bond(here, f"c{here}"))
+            for there, inside in ((f"p{row + 1}_{column}", row), (f"p{row}_{column + 1}", column)):
+                if inside + 1 < side:
+                    link = f"{here}{there}"
+                    nodes += [Node(link, "1"), Node(f"i{link}", "I", Fraction(next(number), 89))]
+                    nodes.append(Node(f"r{link}", "R", Fraction(next(number), 83)))
+                    ends = (here, link, there)
+                    bonds += [
+                        Bond(*ends[:2]),
+                        Bond(*ends[1:]),
+                        Bond(link, f"i{link}"),
+                        Bond(link, f"r{link}"),
+                    ]
+    far = f"p{side - 1}_{side - 1}"
+    return ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port(far, "e")], traced=False)
+
+
+@lru_cache(maxsize=2)
+def _true_roots_of_mesh(side: int) -> tuple[Any, Any]:
+    """Return the exact zeros and poles of a mesh, correctly rounded."""
+    zeros, poles = _by_engine(_mesh, "exact")(side)()
+    return zeros, poles
+
+
+def _engine_for_mesh(side: int) -> str:
+    """Return the engine that is chosen by default for a mesh."""
+    looped = (side - 1) ** 2 > MANY_LOOPS.value
+    limit = EXACT_ROOTS_ON_LOOPS if looped else EXACT_ROOTS
+    return "exact" if 3 * side**2 - 2 * side <= limit.value else "float"
+
+
+MESH = Benchmark(
+    title="Zeros and poles of a square mesh with (side - 1)^2 loops and 3 side^2 - 2 side storages",
+    size="side",
+    sizes=(3, 4),
+    alternatives=(
+        Alternative("exact", _by_engine(_mesh, "exact"), most=7),
+        Alternative("float", _by_engine(_mesh, "float")),
+    ),
+    error=lambda side, found: _error(found, _true_roots_of_mesh(side)),
+    measure="largest relative distance from the exact roots; inf: a wrong count",
+    default=_engine_for_mesh,
+    full=(5, 6),
+)
+
+
+def _pencil(size: int) -> tuple[Any, Any]:
+    """Return F and G of sF - G of a chain of unit masses and springs between two walls, with size states."""
+    from scipy.sparse import block_array, diags_array, eye_array
+
+    masses = size // 2
+    K = diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(masses, masses))
+    blocks: Any = [[None, eye_array(masses)], [-K, None]]
+    return eye_array(size).tocsr(), block_array(blocks).tocsr()
+
+
+def _certified(*, sparse: bool) -> Callable[[int], Callable[[], Any]]:
+    """Return certified eigenvalues, refined by dense or by sparse factors."""
+
+    def prepare(size: int) -> Callable[[], Any]:
+        from dynid.lti.pencil.eigenvalues import finite_eigenvalues
+
+        F, G = _pencil(size)
+        return lambda: finite_eigenvalues(F, G, sparse=sparse).values
+
+    return prepare
+
+
+def _eigvals(size: int) -> Callable[[], Any]:
+    import numpy as np
+
+    A = _pencil(size)[1].toarray()
+    return lambda: np.linalg.eigvals(A)
+
+
+def _pencil_error(size: int, found: Any) -> float:
+    import numpy as np
+
+    masses = size // 2
+    omega = 2 * np.sin(np.pi * np.arange(1, masses + 1) / (2 * (masses + 1)))
+    true = 1j * np.concatenate([-omega[::-1], omega])
+    return float(np.max(np.abs(found[np.argsort(found.imag)] - true) / np.abs(true)))
+
+
+PENCIL = Benchmark(
+    title="Natural frequencies of a chain between two walls, each with a bound on its error",
+    size="states",
+    sizes=(80, 160),
+    full=(40, 120, 240, 480),
+    alternatives=(
+        Alternative("dense", _certified(sparse=False)),
+        Alternative("sparse", _certified(sparse=True)),
+        Alternative("eigvals", _eigvals, peer=True),
+    ),
+    error=_pencil_error,
+    measure="largest relative error of an eigenvalue",
+    default=lambda size: "sparse" if size >= SPARSE_REFINEMENT.value else "dense",
+    remark="eigvals bounds no error",
 )

@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 
 from dynid.bench.benchmark import Alternative
-from dynid.bench.roots import distance, relative_to
+from dynid.bench.cases.zeros_poles import distance, relative_to
 from dynid.bench.scenes.aspects import Aspect, propagation
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.engine_choice import choose_engine, modelled_storages
-from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.request import ENGINES, NUMERIC, Analysis
+from dynid.bondgraph.request import ENGINES, NUMERIC
 from dynid.errors import UsageError
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene
 
-_SIGNS = "bond_graph/transfer_function/"
+_TRANSFER_FUNCTIONS = "bond_graph/transfer_function/"
 
 
 def engine(scene: Scene) -> Aspect:
@@ -29,10 +28,22 @@ def engine(scene: Scene) -> Aspect:
     graph, analysis = question(scene)
     reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=False)
     size, choice = modelled_storages(reduced), choose_engine(reduced, analysis)
+
+    def with_engine(name: Any) -> Callable[[int], Callable[[], Any]]:
+        def prepare(_: int) -> Callable[[], Any]:
+            asked = analysis.results & (NUMERIC | {"transfer_function"})
+            if name == "symbolic" and "transfer_function" not in asked:
+                raise UsageError("formulas alone: zeros, poles and properties need numbers")
+            wanted = {"transfer_function"} if name == "symbolic" else asked | {"zeros", "poles"}
+            own = replace(analysis, engine=name, results=frozenset(wanted), port=None, times=None, omega=None)
+            return lambda: _roots(analyse(graph, own))
+
+        return prepare
+
     return Aspect(
         title="engine of transfer functions, zeros and poles",
         size="storages",
-        points=[(Alternative(name, _engine(graph, analysis, name)), size) for name in ENGINES],
+        points=[(Alternative(name, with_engine(name)), size) for name in ENGINES],
         chosen=frozenset({(choice.engine, size)}),
         because=choice.reason,
         error=_error,
@@ -40,24 +51,12 @@ def engine(scene: Scene) -> Aspect:
     )
 
 
-def _engine(graph: BondGraph, analysis: Analysis, name: Any) -> Callable[[int], Callable[[], Any]]:
-    def prepare(_: int) -> Callable[[], Any]:
-        asked = analysis.results & (NUMERIC | {"transfer_function"})
-        if name == "symbolic" and "transfer_function" not in asked:
-            raise UsageError("formulas alone: zeros, poles and properties need numbers")
-        wanted = {"transfer_function"} if name == "symbolic" else asked | {"zeros", "poles"}
-        own = replace(analysis, engine=name, results=frozenset(wanted), port=None, times=None, omega=None)
-        return lambda: _roots(analyse(graph, own))
-
-    return prepare
-
-
 def _roots(result: Result) -> dict[str, tuple[Any, Any]]:
     """Return zeros and poles of every channel, with their error bounds or estimates."""
     found = {}
     for path, variable in result.items():
         group, _, name = path.rpartition("/")
-        if path.startswith(_SIGNS) and name in ("zeros", "poles"):
+        if path.startswith(_TRANSFER_FUNCTIONS) and name in ("zeros", "poles"):
             errors = (f"{group}/{name[:-1]}_error_{kind}" for kind in ("bound", "estimate"))
             radius = next(result[each].data for each in errors if each in result)
             found[path] = variable.data, radius

@@ -17,7 +17,6 @@ from dynid.bench.benchmark import Alternative
 from dynid.bench.scenes.aspects import METHODS, Aspect, described, name_of, propagation, sizes_around, solvers
 from dynid.defaults import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD, RESIDUALS
 from dynid.lti.sampled import HOLDS
-from dynid.result import Result
 from dynid.scene.kinds.identification import (
     interest_of,
     reduction_of,
@@ -54,24 +53,20 @@ def estimator(scene: Scene) -> Aspect:
     own = scene.source.data.get("estimator") or {}
     passes = {**dict.fromkeys(NAMES["identification"]["estimator"], 1), "output-error": 0}
     points = []
+
+    def filtered(passes: int) -> Callable[[], EstimatedParameters]:
+        return _identified(scene, {"estimator": {"method": "filter", "passes": passes}})(passes)
+
     for name in passes:
         options = own if name == given.method else {"method": name}
         if name != "filter":
             points.append((Alternative(name, _identified(scene, {"estimator": options})), passes[name]))
             continue
-        some = {"estimator": {"method": name}}
         tried = sorted({*_PASSES, given.passes or 1})
-        points += [(Alternative(name, _filtered(scene, some)), k) for k in tried]
+        points += [(Alternative(name, filtered), k) for k in tried]
     chosen = given.passes or FILTER_PASSES.value if given.method == "filter" else passes[given.method]
     named = "as asked for" if "method" in own else f"chosen by default: {ESTIMATOR}"
     return _of_parameters("estimator", "passes", points, (given.method, chosen), named, _is_known(scene))
-
-
-def _filtered(scene: Scene, changes: Mapping[str, Any]) -> Callable[[int], Callable[[], EstimatedParameters]]:
-    def prepare(passes: int) -> Callable[[], EstimatedParameters]:
-        return _identified(scene, {"estimator": {**changes["estimator"], "passes": passes}})(passes)
-
-    return prepare
 
 
 def basis(scene: Scene) -> Aspect:
@@ -173,14 +168,15 @@ def _identified(
     def prepare(_: int) -> Callable[[], EstimatedParameters]:
         kept = {key: v for key, v in (data or scene.source.data).items() if key not in _OUTSIDE}
         other = check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
-        return lambda: _found(run_scene(other))
+
+        def work() -> EstimatedParameters:
+            found, group = run_scene(other), "identification/parameters"
+            columns = ("estimate", "true", "standard_error", "cramer_rao")
+            return EstimatedParameters(*(found[f"{group}/{name}"].data for name in columns))
+
+        return work
 
     return prepare
-
-
-def _found(result: Result) -> EstimatedParameters:
-    columns = ("estimate", "true", "standard_error", "cramer_rao")
-    return EstimatedParameters(*(result[f"identification/parameters/{name}"].data for name in columns))
 
 
 def _is_known(scene: Scene) -> bool:

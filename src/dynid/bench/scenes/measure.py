@@ -1,34 +1,65 @@
-"""The alternatives to the choices of a scene, measured one after the other within a budget of time."""
+"""Measurement of the alternatives to the choices of a scene, one by one within a budget of time.
+
+A worker process runs the alternatives, one per request.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from math import isnan
 from statistics import median
-from time import monotonic
-from typing import Any, Self, TypeAlias
+from time import monotonic, perf_counter
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
-from dynid.bench.process import Process
 from dynid.bench.scenes.aspects import Aspect
-from dynid.bench.scenes.worker import TrialRequest, TrialResult, aspect_of
 from dynid.bench.suite import BenchmarkFigure, pareto
+from dynid.bench.worker import Process, serve
+from dynid.errors import DynidError
 from dynid.result import Result
-from dynid.scene.load import Scene
+from dynid.scene.kind import KINDS
+from dynid.scene.load import Scene, check_source
 from dynid.scene.schema.accuracy import ASPECTS, AccuracyModel, aspects_of
+from dynid.scene.yaml.source import Source
+from dynid.structure.comparison import measured
 
-_WORKER = "dynid.bench.scenes.worker"
-#: The part of the time left that a choice made may take; and how often its fair share any other may, so that
-#: a slow one leaves some to the others.
+_WORKER = "dynid.bench.scenes.measure"
+#: The part of the remaining time that a chosen alternative may take; and the multiple of an equal share that
+#: any other may take, so that a slow one leaves time to the others.
 _SHARE, _FAIR = 0.5, 2.0
 
-#: What a run may take beyond the longest so far.
+#: Expected time of a further run relative to the longest so far.
 _MARGIN = 1.5
+
+#: After a first run shorter than this, s, which is mostly loading and compiling, a second one is timed.
+_LONG = 0.5
 
 Key: TypeAlias = tuple[str, int]
 """Name and size of an alternative."""
+
+
+class TrialRequest(NamedTuple):
+    """The alternative to run, and its size."""
+
+    aspect: str
+    alternative: str
+    size: int
+
+
+class TrialResult(NamedTuple):
+    """Time, s, rise of the peak memory, B, and the result; or the reason of a failure."""
+
+    time: float = 0.0
+    memory: float = 0.0
+    found: Any = None
+    failed: str = ""
+
+
+def aspect_of(scene: Scene, name: str) -> Aspect:
+    """Return an aspect of a scene."""
+    found: Aspect = KINDS[scene.kind].load("alternatives")[name](scene)
+    return found
 
 
 def add_accuracy(
@@ -46,38 +77,34 @@ def add_accuracy(
     scene
         The scene.
     options
-        Which alternatives, how often, and how long in all; absent: the scene's block `accuracy`, else all.
+        Alternatives, repeats and budget of time; absent: the scene's block `accuracy`, or all.
     tell
         Called with a line before each measurement.
 
     Notes
     -----
     ``accuracy/<aspect>/<alternative>/{size, time, memory, error, pareto, chosen}``, as of a benchmark;
-    `error` is missing where no number was found, `bound` is the least to be expected, where that is known.
-    ``accuracy/<aspect>/{alternative, status}`` lists all alternatives: ``done``, or why there are no
-    figures. Attributes of ``accuracy/<aspect>`` say what is chosen and why, what the error is, and which
-    alternative it is taken against: the most trustworthy one that came to an end.
+    `error` is missing without a number, `bound` is the least error to be expected, where it is known.
+    ``accuracy/<aspect>/{alternative, status}`` lists all alternatives: ``done``, or the reason why there are
+    no figures. Attributes of ``accuracy/<aspect>``: the choices and their reasons, the definition of the
+    error, and its reference: the most accurate alternative that succeeded.
     """
     asked = options or getattr(scene.model, "accuracy", None) or AccuracyModel()
     wanted = asked.alternatives or dict.fromkeys(ASPECTS[scene.kind])
-    aspects = {
-        name: _restricted(aspect_of(scene, name), wanted[name])
-        for name in aspects_of(scene.source.data)
-        if name in wanted
-    }
+    aspects = {}
+    for name in aspects_of(scene.source.data):
+        if name in wanted:
+            aspect, names = aspect_of(scene, name), wanted[name]
+            if isinstance(names, list):  # the requested alternatives and the chosen ones
+                points = aspect.points
+                kept = [p for p in points if p[0].name in names or (p[0].name, p[1]) in aspect.chosen]
+                aspect = replace(aspect, points=kept)
+            aspects[name] = aspect
     with _Trial(scene, aspects, asked.budget, tell) as trial:
         trial.run(asked.repeats)
     for name, aspect in aspects.items():
         _add(result, f"accuracy/{name}", aspect, trial.tries[name])
     result.annotate("accuracy", repeats=asked.repeats, budget=asked.budget)
-
-
-def _restricted(aspect: Aspect, wanted: list[str] | str | None) -> Aspect:
-    """Return an aspect with the requested alternatives and the choice made."""
-    if wanted is None or isinstance(wanted, str):
-        return aspect
-    kept = [p for p in aspect.points if p[0].name in wanted or (p[0].name, p[1]) in aspect.chosen]
-    return replace(aspect, points=kept)
 
 
 @dataclass
@@ -95,7 +122,7 @@ class _Try:
 
 
 class _Trial:
-    """The process that tries alternatives, in turns; it is restarted after it had to be stopped."""
+    """Measurement of all alternatives in turns, in a process that is restarted after it had to be stopped."""
 
     def __init__(
         self, scene: Scene, aspects: Mapping[str, Aspect], budget: float, tell: Callable[[str], None]
@@ -108,7 +135,7 @@ class _Trial:
             for name, aspect in aspects.items()
         }
         every = [(name, key, key in aspects[name].chosen) for name in aspects for key in self.tries[name]]
-        #: What to try, the choices made first.
+        #: The alternatives in the order of the trials, the chosen ones first.
         self._order = sorted(every, key=lambda item: not item[2])
 
     def __enter__(self) -> Self:
@@ -122,7 +149,7 @@ class _Trial:
         return self._deadline - monotonic()
 
     def run(self, repeats: int) -> None:
-        """Run everything once, and again within the budget of time."""
+        """Run every alternative once, and again within the budget of time."""
         for place, (aspect, key, chosen) in enumerate(self._order):
             part = _SHARE if chosen else min(_SHARE, _FAIR / (len(self._order) - place))
             self._try(aspect, key, part)
@@ -136,14 +163,16 @@ class _Trial:
         found = self.tries[aspect][key]
         if found.failed:
             return
-        if self._left <= 0 or not self._is_begun():
+        if self._process is None and self._left > 0:
+            self._process = Process(__name__)
+            if self._process.ask(self._scene.source, self._left) is None:
+                self._close()
+        if self._left <= 0 or self._process is None:
             found.failed = f"not run: the budget of {self._budget:g} s was used up"
             return
-        assert self._process is not None
         self._tell(f"{aspect}: {key[0]}, {key[1]:,}")
-        answer: TrialResult | None = self._process.ask(
-            TrialRequest(aspect, *key), max(0.0, part * self._left)
-        )
+        seconds = max(0.0, part * self._left)
+        answer: TrialResult | None = self._process.ask(TrialRequest(aspect, *key), seconds)
         if answer is None:
             self._close()
             if not found.times:
@@ -154,13 +183,6 @@ class _Trial:
             found.answer = found.answer or answer
             found.times.append(answer.time)
 
-    def _is_begun(self) -> bool:
-        if self._process is None:
-            self._process = Process(_WORKER)
-            if self._process.ask(self._scene.source, self._left) is None:
-                self._close()
-        return self._process is not None
-
     def _close(self) -> None:
         if self._process is not None:
             self._process.close()
@@ -170,16 +192,18 @@ class _Trial:
 def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) -> None:
     found = {key: each.answer.found for key, each in tries.items() if each.answer is not None}
     reference = next((key for key, it in found.items() if aspect.error(it, it) is not None), None)
-    figures = {
-        key: _figure(aspect, key, tries[key], None if reference is None else found[reference])
-        for key in found
-    }
+    figures = {}
+    for key, it in found.items():
+        tried, error = tries[key], None if reference is None else aspect.error(it, found[reference])
+        assert tried.answer is not None
+        size, error = key[1], np.nan if error is None else error
+        figures[key] = BenchmarkFigure(size, tried.time, tried.answer.memory, error)
     names = list(dict.fromkeys(name for name, _ in tries))
     result.add_axis(f"{group}/alternative", names)
     result.add(f"{group}/status", [_status(name, tries) for name in names], ("alternative",))
     result.annotate(group, title=aspect.title, size=aspect.size, measure=aspect.measure)
     result.annotate(group, because=aspect.because, reference=reference[0] if reference else "")
-    # A size is how the work is done here, and not other work.
+    # All sizes do the same work here.
     front = pareto(replace(each, size=0) for each in figures.values() if np.isfinite(each.error))
     for name in names:
         keys = sorted(key for key in figures if key[0] == name)
@@ -187,31 +211,20 @@ def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) 
             continue
         here = f"{group}/{name}"
         result.add_axis(f"{here}/size", [size for _, size in keys])
-        for column, values, units in _columns(aspect, keys, figures, found):
+        columns = {
+            column: [getattr(figures[key], column) for key in keys] for column in ("time", "memory", "error")
+        }
+        if np.isnan(columns["error"]).any():
+            del columns["error"]
+        bounds = [bound for key in keys if (bound := aspect.yardstick(found[key])) is not None]
+        if len(bounds) == len(keys):
+            columns["bound"] = bounds
+        for column, values in columns.items():
+            units = {"time": "s", "memory": "B"}.get(column, "")
             result.add(f"{here}/{column}", np.array(values, dtype=float), ("size",), units)
         result.add(f"{here}/runs", [len(tries[key].times) for key in keys], ("size",))
         result.add(f"{here}/pareto", [replace(figures[key], size=0) in front for key in keys], ("size",))
         result.add(f"{here}/chosen", [key in aspect.chosen for key in keys], ("size",))
-
-
-def _figure(aspect: Aspect, key: Key, tried: _Try, reference: Any) -> BenchmarkFigure:
-    assert tried.answer is not None
-    error = None if reference is None else aspect.error(tried.answer.found, reference)
-    return BenchmarkFigure(key[1], tried.time, tried.answer.memory, float("nan") if error is None else error)
-
-
-def _columns(
-    aspect: Aspect, keys: Sequence[Key], figures: Mapping[Key, BenchmarkFigure], found: Mapping[Key, Any]
-) -> Iterator[tuple[str, list[float], str]]:
-    """Yield the figures of an alternative, each with its unit; without those that have no value."""
-    rows = [figures[key] for key in keys]
-    yield "time", [row.time for row in rows], "s"
-    yield "memory", [row.memory for row in rows], "B"
-    if not any(isnan(row.error) for row in rows):
-        yield "error", [row.error for row in rows], ""
-    bounds = [bound for key in keys if (bound := aspect.yardstick(found[key])) is not None]
-    if len(bounds) == len(keys):
-        yield "bound", bounds, ""
 
 
 def _status(name: str, tries: Mapping[Key, _Try]) -> str:
@@ -221,3 +234,34 @@ def _status(name: str, tries: Mapping[Key, _Try]) -> str:
     if len(sizes) == 1:
         return next(iter(sizes)) or "done"
     return "; ".join(f"{', '.join(which)}: {text}" for text, which in sizes.items() if text)
+
+
+class Worker:
+    """Function of the process: it receives the scene first, then requests."""
+
+    def __call__(self, asked: Source | TrialRequest) -> TrialResult:
+        """Store the scene, or serve a request."""
+        if isinstance(asked, Source):
+            scene = check_source(asked)
+            self._aspects = {name: aspect_of(scene, name) for name in aspects_of(asked.data)}
+            return TrialResult()
+        points = self._aspects[asked.aspect].points
+        wanted = (asked.alternative, asked.size)
+        chosen = next(each for each, size in points if (each.name, size) == wanted)
+        try:
+            work = chosen.prepare(asked.size)
+            with measured() as cost:
+                found = work()
+            seconds = cost.seconds
+            if seconds < _LONG:
+                before = perf_counter()
+                work()
+                seconds = perf_counter() - before
+        except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
+            return TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
+        return TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), found)
+
+
+def main() -> None:
+    """Serve requests until there are no more."""
+    serve(Worker())

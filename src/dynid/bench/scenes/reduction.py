@@ -45,7 +45,20 @@ def basis(scene: Scene) -> Aspect:
 
         return prepare
 
-    points = [(Alternative("full", _full(structure, asked)), structure.size)]
+    def full() -> ReducedFrequencies:  # all modes of a small structure
+        few = None if structure.size <= DENSE_MODES.value else asked
+        omega = modes(*structure.with_joints(), count=few).omega
+        return ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
+
+    def error(found: ReducedFrequencies, reference: ReducedFrequencies) -> float:
+        numbers = found.numbers[:compared]
+        if len(found.omega) < compared or numbers.max() > len(reference.omega):
+            return float("inf")
+        true = reference.omega[numbers - 1]
+        scale = np.where(true > 0, true, reference.omega.max(initial=1.0))
+        return float((np.abs(found.omega[:compared] - true) / scale).max())
+
+    points = [(Alternative("full", lambda _: full), structure.size)]
     points += [(Alternative(name, _reduced(structure, own[name])), size) for name, size in sizes.items()]
     points += [
         (Alternative(name, reduced(name)), size)
@@ -59,7 +72,7 @@ def basis(scene: Scene) -> Aspect:
         points=points,
         chosen=frozenset(sizes.items()),
         because=f"as asked for; chosen by default: {BASIS_BAND}",
-        error=lambda found, reference: _error(found, reference, compared),
+        error=error,
         measure=f"largest relative error of the first {compared} natural frequencies with the joints",
     )
 
@@ -72,28 +85,6 @@ def _reduced(
         return ReducedFrequencies(made.modes.omega, np.array(made.numbers, dtype=np.int64))
 
     return lambda _: work
-
-
-def _full(structure: StructuralModel, count: int) -> Callable[[int], Callable[[], ReducedFrequencies]]:
-    """Return the modes of the full structure, all of a small one."""
-
-    def work() -> ReducedFrequencies:
-        few = None if structure.size <= DENSE_MODES.value else count
-        omega = modes(*structure.with_joints(), count=few).omega
-        return ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
-
-    return lambda _: work
-
-
-def _error(found: ReducedFrequencies, reference: ReducedFrequencies, compared: int) -> float:
-    if len(found.omega) < compared:
-        return float("inf")
-    numbers = found.numbers[:compared]
-    if numbers.max() > len(reference.omega):
-        return float("inf")
-    true = reference.omega[numbers - 1]
-    scale = np.where(true > 0, true, reference.omega.max(initial=1.0))
-    return float((np.abs(found.omega[:compared] - true) / scale).max())
 
 
 def solver(scene: Scene) -> Aspect:
