@@ -59,7 +59,7 @@ def interpreted_sweep(patch, lanes_of_a_block=4):
     """Return `sweep_frequencies`, interpreted."""
     patch.setattr(numba, "njit", lambda function, **_: function)
     patch.setattr("numba.extending.intrinsic", lambda _: fused)
-    doubled, _, compiler = fresh(patch, PROGRAMS, "doubled", "lowering", "compiler")
+    doubled, compiler = fresh(patch, PROGRAMS, "doubled", "compiler")
     patch.setattr(doubled, "LANES", lanes_of_a_block)
     patch.setattr(compiler, "LANES", lanes_of_a_block)
     patch.setattr(compiler, "ThreadPoolExecutor", Serial)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.causality.bicausal import zero_causality
 from dynid.bondgraph.causality.scap import assign_causality
-from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
+from dynid.bondgraph.plan import characteristic_polynomials
 from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.state_space import zero_parts
 from dynid.errors import Singular

@@ -7,8 +7,7 @@ from typing import get_args
 import pytest
 
 import dynid
-from dynid.bondgraph.domains import UNITS, quotient
-from dynid.bondgraph.graph import Node
+from dynid.bondgraph.graph import UNITS, Node, unit_quotient
 from dynid.errors import UsageError
 from dynid.report.drawing.sketch import COLOUR, ELEMENT_UNITS
 from dynid.scene.schema.bond_graph import Domain
@@ -30,7 +29,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
     ],
 )
 def test_the_unit_of_a_quotient(above, below, unit):
-    assert quotient(above, below) == unit
+    assert unit_quotient(above, below) == unit
 
 
 @pytest.mark.parametrize("domain", get_args(Domain))
@@ -39,7 +38,7 @@ def test_every_domain_has_units_that_belong_together_and_a_colour(domain):
     # Displacement and momentum are the integrals of flow and effort: J/s is W, V s/s is V.
     for quantity, rate in (("q", "f"), ("p", "e")):
         known = {"J/W": "s", "A.s/A": "s", "V.s/V": "s"}
-        found = quotient(units[quantity], units[rate])
+        found = unit_quotient(units[quantity], units[rate])
         assert known.get(found, found) == "s"
     assert domain in COLOUR
     assert domain in ELEMENT_UNITS

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sympy import Rational, sympify
 
-from dynid.bondgraph import engine_choice as choosing
+from dynid.bondgraph import request
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.exact_engine import ExactEngine
 from dynid.bondgraph.floating.engine import FloatEngine
@@ -199,7 +199,7 @@ def test_roots_that_cannot_be_told_apart_raise_or_go_to_the_exact_engine(monkeyp
     graph = reduced(types, values, bonds, inputs, f"{output[0]}.{output[1]}")
     with pytest.raises(Undecided, match="origin"):
         asked(graph, engine="float")
-    monkeypatch.setitem(choosing._LIMIT, (False, True), replace(EXACT_ROOTS, value=0))
+    monkeypatch.setitem(request._LIMIT, (False, True), replace(EXACT_ROOTS, value=0))
     result = asked(graph)
     said = result.group_attrs["bond_graph"]
     assert said["engine"] == "exact"
@@ -207,7 +207,7 @@ def test_roots_that_cannot_be_told_apart_raise_or_go_to_the_exact_engine(monkeyp
 
 
 def test_the_engine_is_chosen_by_size_and_named(monkeypatch):
-    monkeypatch.setitem(choosing._LIMIT, (False, True), replace(EXACT_ROOTS, value=20))
+    monkeypatch.setitem(request._LIMIT, (False, True), replace(EXACT_ROOTS, value=20))
     small, large = chain(10, distinct(3)), chain(11, distinct(4))
     results = frozenset({"properties"})
     said = asked(small, results=results).group_attrs["bond_graph"]

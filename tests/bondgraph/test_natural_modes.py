@@ -14,9 +14,9 @@ from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.decomposition.dynamics import prototype_dynamics
 from dynid.bondgraph.decomposition.equivalents import Decomposition
 from dynid.bondgraph.decomposition.graph_bisection import BondOnLoop
-from dynid.bondgraph.decomposition.performance import static_characteristics
 from dynid.bondgraph.graph import Bond
 from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.results.port import static_characteristics
 from dynid.errors import Singular
 from dynid.lti.certified_roots import certified_roots
 from tests.bondgraph.graphs import build, parse, polynomial_at, port, reduced

@@ -6,7 +6,6 @@ from fractions import Fraction
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.model_scope import dropped
 from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import port, reduced, written
@@ -27,7 +26,7 @@ def test_what_is_named_as_dropped_does_not_matter_together_or_alone(first):
             graph = reduced(types, values, bonds, inputs, f"{output[0]}.{output[1]}")
         except Singular:
             continue
-        left_out = dropped(graph, port(f"{output[0]}.{output[1]}"))
+        left_out = graph.dropped(port(f"{output[0]}.{output[1]}"))
         changed = {name: v * 3 if name in left_out else v for name, v in values.items()}
         after = transfer_at(types, changed, bonds, inputs, output, S)
         if before is None or after is None:
@@ -46,8 +45,8 @@ def test_each_output_names_what_it_leaves_out():
     nodes = "Se u, Sf w, 0 bus, 1 a, R r 2, I m 3, 1 b, R q 4, C c 5, GY g 6, 0 z, R x 7"
     bonds = "u -> bus -> a -> r, a -> m, bus -> b -> q, b -> c, bus -> g -> z, z -> x, w -> z"
     graph = written(nodes, bonds, "m.f", "c.e")
-    assert dropped(graph, port("m.f")) == ("w", "b", "q", "c", "g", "z", "x")
-    assert dropped(graph, port("c.e")) == ("w", "a", "r", "m", "g", "z", "x")
+    assert graph.dropped(port("m.f")) == ("w", "b", "q", "c", "g", "z", "x")
+    assert graph.dropped(port("c.e")) == ("w", "a", "r", "m", "g", "z", "x")
     asked = Analysis(graph.inputs, graph.outputs, frozenset({"prototype"}))
     result = analyse(graph.graph, asked)
     assert result["bond_graph/need/left_out_names"].data[0] == "w, g, z, x"
@@ -62,12 +61,12 @@ def test_an_element_that_a_constraint_silences_is_dropped():
     graph = written(
         "Se w, 1 a, R r 5, 0 b, 1 c, TF n 2, TF m 3, I i 1", "w -> a -> n -> b -> m -> c -> i, a -> r", "c.f"
     )
-    assert dropped(graph, port("c.f")) == ()
+    assert graph.dropped(port("c.f")) == ()
     behind = written("Se u, 0 j, R r 1, R q 2", "u -> j -> r, j -> q", "r.f")
-    assert dropped(behind, port("r.f")) == ()  # q stands on the port's junction: it is part of the prototype
+    assert behind.dropped(port("r.f")) == ()  # q stands on the port's junction: it is part of the prototype
 
 
 def test_sources_that_are_no_inputs_are_named():
     nodes, bonds = "Se u, Sf w, 1 a, R r 2, 0 b, R q 3", "u -> a -> r, a -> b -> q, w -> b"
     graph = written(nodes, bonds, "q.e", inputs=["u"])
-    assert dropped(graph, port("q.e")) == ("w",)
+    assert graph.dropped(port("q.e")) == ("w",)

@@ -8,9 +8,9 @@ import pytest
 
 import dynid
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.decomposition.performance import static_characteristics
 from dynid.bondgraph.graph import Bond
 from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.results.port import static_characteristics
 from dynid.store import write_result
 from tests.bondgraph.graphs import ISOLATOR, written
 from tests.bondgraph.test_port import decomposed

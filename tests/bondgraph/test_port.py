@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
 from dynid.bondgraph.decomposition.dynamics import prototype_dynamics
 from dynid.bondgraph.decomposition.equivalents import Decomposition
 from dynid.bondgraph.decomposition.graph_bisection import BondOnLoop
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import Bond
+from dynid.bondgraph.plan import characteristic_polynomials
 from dynid.bondgraph.results.prototype import polynomial_text
 from dynid.errors import Singular
 from dynid.lti.certified_roots import certified_roots

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
+from dynid.bondgraph.plan import characteristic_polynomials
 from dynid.bondgraph.request import Analysis, SensitivityParameter
-from dynid.bondgraph.sensitivity import sensitivity
+from dynid.bondgraph.results.sensitivities import sensitivity
 from dynid.errors import NumericalError, Singular
 from dynid.lti.certified_roots import certified_roots, repeated
 from tests.bondgraph.graphs import ISOLATOR, build, parse, port, reduced, transfers, written

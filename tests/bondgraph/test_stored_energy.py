@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
 from dynid.bondgraph.graph import Bond
+from dynid.bondgraph.plan import characteristic_polynomials
 from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.results.responses import zero_input_outputs
 from dynid.bondgraph.state_space import state_space

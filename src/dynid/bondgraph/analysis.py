@@ -8,11 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from dynid.bondgraph.graph import Bond, BondGraph
-from dynid.bondgraph.model_scope import add_graph_scope
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.solvability import hold
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.request import ENGINES, RESULTS, Analysis
 from dynid.bondgraph.results.channels import add_channels
 from dynid.bondgraph.results.prototype import add_output_dynamics, add_prototypes, add_steps
 from dynid.bondgraph.results.responses import (
@@ -22,7 +21,7 @@ from dynid.bondgraph.results.responses import (
     add_zero_input,
 )
 from dynid.errors import Singular
-from dynid.model_scope import listed_names
+from dynid.model_scope import ScopePart, add_model_scope, divided, listed_names
 from dynid.progress import report_progress
 from dynid.result import Result
 
@@ -135,3 +134,62 @@ def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: B
     add_requested(result, reduced)
     if "frequency_response" in analysis.results and analysis.omega is not None:
         add_port_response(result, parts, analysis.omega)
+
+
+# --- scope of the model ----------------------------------------------------------------------------
+
+
+def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Analysis) -> None:
+    """Add what was modelled of a graph and what was left out: elements, storages, states, engines, results.
+
+    Parameters
+    ----------
+    result
+        The result so far.
+    reduced
+        The graph, reduced; None where it was not.
+    analysis
+        What was asked.
+    """
+    parts = [] if reduced is None else _of_graph(result, reduced)
+    about = result.group_attrs["bond_graph"]
+    why = str(about.get("engine_reason", "no result needs one"))
+    parts.append(divided("engines", ENGINES, _engines(result), why))
+    parts.append(divided("results", RESULTS, analysis.results, "not asked for"))
+    add_model_scope(result, "bond_graph", parts)
+
+
+def _of_graph(result: Result, reduced: ReducedGraph) -> list[ScopePart]:
+    ports = [set(reduced.dropped(port)) for port in reduced.outputs]
+    nodes = list(reduced.graph.nodes)
+    kept = [name for name in nodes if not all(name in left_out for left_out in ports)]
+    parts = [divided("elements", nodes, kept, "no output depends on them")]
+    inside = [name for name in reduced.storages if name in kept]
+    parts.append(divided("storages", reduced.storages, inside, "no output depends on them"))
+    states = _states(result)
+    if states is not None:
+        dependent = max(0, len(inside) - len(states))
+        parts.append(
+            ScopePart("states", states, dependent, "storages that follow from others or from a source")
+        )
+    return parts
+
+
+def _states(result: Result) -> list[str] | None:
+    """Return the names of the states, where state equations were written."""
+    if "bond_graph/state_space/state" in result:
+        return [str(name) for name in result["bond_graph/state_space/state"].data]
+    about = result.group_attrs.get("bond_graph/time_response")
+    return None if about is None else [name for name in str(about["states"]).split(", ") if name]
+
+
+def _engines(result: Result) -> set[str]:
+    """Return the engines that results came from: certified roots are exact, formulas symbolic."""
+    about = result.group_attrs["bond_graph"]
+    used = {str(about["engine"])} if "engine" in about else set()
+    if any(path.endswith("_error_bound") or "/sensitivities/" in path for path in result):
+        used.add("exact")
+    formulas = any("symbolic" in attributes for attributes in result.group_attrs.values())
+    if formulas or any(path.endswith(("/program", "/symbolic_denominator")) for path in result):
+        used.add("symbolic")
+    return used

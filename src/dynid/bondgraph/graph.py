@@ -9,6 +9,7 @@ one effort, a 1-junction one flow.
 from __future__ import annotations
 
 import gc
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +20,6 @@ from functools import cached_property
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
-from dynid.bondgraph.domains import UNITS, quotient
 from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean
 
@@ -34,6 +34,39 @@ TWO_PORTS = frozenset({"TF", "GY"})
 JUNCTIONS = frozenset({"0", "1"})
 VALUED = frozenset({"I", "C", "R", "TF", "GY"})
 ONE_PORTS = SOURCES | STORAGES | {"R"}
+
+
+#: SI units by domain: of effort e, flow f, displacement q (the integral of f), momentum p (that of e).
+#: `mechanical` is translation; thermal: temperature and heat flow, a pseudo bond graph.
+UNITS: dict[str, dict[str, str]] = {
+    "mechanical": {"e": "N", "f": "m/s", "q": "m", "p": "N.s"},
+    "rotational": {"e": "N.m", "f": "rad/s", "q": "rad", "p": "N.m.s"},
+    "electrical": {"e": "V", "f": "A", "q": "A.s", "p": "V.s"},
+    "magnetic": {"e": "A", "f": "V", "q": "V.s", "p": "A.s"},
+    "hydraulic": {"e": "Pa", "f": "m3/s", "q": "m3", "p": "Pa.s"},
+    "acoustic": {"e": "Pa", "f": "m3/s", "q": "m3", "p": "Pa.s"},
+    "thermal": {"e": "K", "f": "W", "q": "J", "p": "K.s"},
+}
+_FACTOR = re.compile(r"([A-Za-z]+)(\d*)")
+
+
+def unit_quotient(above: str, below: str) -> str:
+    """Return the unit of a quotient: `m/s` over `N` is `m/(N.s)`; `1` where nothing is left."""
+    powers: dict[str, int] = {}
+    for text, sign in ((above, 1), (below, -1)):
+        for part, way in zip(text.split("/"), (sign, -sign), strict=False):
+            for name, power in _FACTOR.findall(part):
+                powers[name] = powers.get(name, 0) + way * int(power or 1)
+    top = [_power(name, power) for name, power in powers.items() if power > 0]
+    under = [_power(name, -power) for name, power in powers.items() if power < 0]
+    if not under:
+        return ".".join(top) or "1"
+    bottom = ".".join(under)
+    return f"{'.'.join(top) or '1'}/{f'({bottom})' if len(under) > 1 else bottom}"
+
+
+def _power(name: str, power: int) -> str:
+    return name if power == 1 else f"{name}{power}"
 
 
 @contextmanager
@@ -85,7 +118,7 @@ class Node:
         The expression behind the value, where formulas are to be written in its names; absent: the node's
         own name stands for its value.
     domain
-        Its physical domain, where it is given: one of `dynid.bondgraph.domains`.
+        Its physical domain, where it is given: one of `UNITS`.
 
     Raises
     ------
@@ -350,4 +383,4 @@ class GraphUnits:
     def of_channel(self, port: Port, source: str) -> str:
         """Return the unit of output over input; `1` where both have the same."""
         above, below = self.of_output(port), self.of_input(source)
-        return quotient(above, below) if above and below else ""
+        return unit_quotient(above, below) if above and below else ""

@@ -9,7 +9,7 @@ from fractions import Fraction
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Self
 
-from dynid.bondgraph.graph import STORAGES, BondGraph, GraphUnits, Port, no_collection
+from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, no_collection
 from dynid.bondgraph.program.modular import axis_point, numeric_point, prime_for, random_point
 from dynid.bondgraph.program.program import ModularPoint, Program
 from dynid.bondgraph.reduction.junctions import JunctionStructure, ring_text
@@ -220,6 +220,30 @@ class ReducedGraph(ProgramPlan):
             for source, register in reduction.channels.items()
         }
 
+    def dropped(self, port: Port) -> tuple[str, ...]:
+        """Return the nodes that an output is independent of, in the order of the graph.
+
+        These are nodes behind an ideal source or not connected, sources that are no inputs or do not reach
+        the output, and elements whose value enters neither the output's transfer functions, nor the natural
+        modes behind it, nor its prototype.
+        """
+        reduction, program = self.reductions[port], self.program
+        prototype = reduction.prototype
+        kept = program.parameters(
+            [*reduction.channels.values(), *reduction.pivots, prototype.part_a, prototype.part_b]
+        )
+        kept |= {source for source, register in reduction.channels.items() if not program.is_zero(register)}
+        kept.add(port.node)
+        fixing = self.structure.junctions[reduction.root].fixing
+        if fixing is not None:
+            kept.add(fixing)
+        inside = set(reduction.modelled)
+        return tuple(
+            name
+            for name, node in self.graph.nodes.items()
+            if name not in kept and (name not in inside or node.value is not None or node.type in SOURCES)
+        )
+
     def stored(self, names: Iterable[str]) -> dict[Channel, int]:
         """Return the register of the answer to the stored energy of each storage, by output and storage.
 
@@ -232,3 +256,28 @@ class ReducedGraph(ProgramPlan):
             for port in self.outputs
             for source, register in reduce_graph(self.structure, self.program, port, sources).channels.items()
         }
+
+
+# --- natural modes ---------------------------------------------------------------------------------
+
+
+def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
+    """Return, for every output, the polynomial of all natural modes of the part behind it.
+
+    It is the determinant of the nodal form (the product of the pivots) times s for every storage that
+    integrates there (its immittance has s in the denominator).
+
+    Returns
+    -------
+    dict
+        Integer polynomials (flint `fmpz_poly`) by output.
+    """
+    registers = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
+    ratios = reduced.rational(registers.values())
+    return {port: ratios[register].lowest_terms()[0] for port, register in registers.items()}
+
+
+def determinant(planned: ProgramPlan, reduction: Reduction) -> int:
+    """Write the determinant of the nodal form, times s for every storage that integrates there."""
+    program = planned.program
+    return program.product([*reduction.pivots, *(program.s for _ in range(reduction.integrators))])

@@ -13,16 +13,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from dynid.bondgraph.equations.descriptor import (
+from dynid.bondgraph.descriptor import (
     Descriptor,
     FormSymbol,
+    IrreducibleBlock,
     LinearForm,
     NumberField,
     constrained,
     contradiction,
-)
-from dynid.bondgraph.equations.index_reduction import (
-    IrreducibleBlock,
     irreducible_blocks,
     solve,
     without_input_rates,

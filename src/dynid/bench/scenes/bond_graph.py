@@ -12,9 +12,8 @@ from dynid.bench.benchmark import Alternative
 from dynid.bench.cases.zeros_poles import distance, relative_to
 from dynid.bench.scenes.aspects import Aspect, propagation
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.engine_choice import choose_engine, modelled_storages
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.request import ENGINES, NUMERIC
+from dynid.bondgraph.request import ENGINES, NUMERIC, choose_engine, modelled_storages
 from dynid.errors import UsageError
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import question

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from dynid.bondgraph.characteristic_polynomial import determinant
 from dynid.bondgraph.floating.roots import (
     EstimatedRoot,
     RootCounts,
@@ -20,7 +19,7 @@ from dynid.bondgraph.floating.roots import (
 )
 from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import natural_equations, spectrum, zero_equations
-from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.plan import Channel, ReducedGraph, determinant
 from dynid.lti.stability import TransferProperties
 
 

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.equations.descriptor import Descriptor, LinearForm, NumberField
-from dynid.bondgraph.equations.index_reduction import irreducible_blocks, solve
+from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, irreducible_blocks, solve
 from dynid.bondgraph.floating.roots import RootDiscs
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import Channel, ReducedGraph

@@ -42,7 +42,7 @@ class Junction:
     between
         The user's nodes that a bare junction was put between.
     elements
-        NameRegistry of the passive one-ports on it.
+        Names of the passive one-ports on it.
     feeding
         Sources that feed its balance, with +1 where the arrow points at the junction.
     fixing

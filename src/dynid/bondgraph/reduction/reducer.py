@@ -258,7 +258,7 @@ class Reduction:
     driving
         The inputs that drive them.
     labels
-        NameRegistry of registers in the equations of the steps.
+        Names of registers in the equations of the steps.
     """
 
     port: Port

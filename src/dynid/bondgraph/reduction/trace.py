@@ -73,7 +73,7 @@ class NoTrace:
     steps
         What was done.
     labels
-        NameRegistry of registers in the equations of the steps.
+        Names of registers in the equations of the steps.
     suffix
         What stands behind the names of the prototype's systems.
     """

@@ -13,9 +13,9 @@ import numpy as np
 from dynid.bondgraph.causality.bicausal import ZeroCausality, zero_causality
 from dynid.bondgraph.causality.report import Causality, join_nodes, join_with_types
 from dynid.bondgraph.causality.scap import assign_causality
-from dynid.bondgraph.equations.symbolic import zero_dynamics_equations
 from dynid.bondgraph.graph import VALUED, BondGraph, Port
 from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.state_equations import zero_dynamics_equations
 from dynid.bondgraph.state_space import ZeroPart, natural_order, zero_dynamics, zero_parts
 from dynid.errors import NumericalError, Singular
 from dynid.result import Result

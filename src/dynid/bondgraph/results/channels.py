@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.engine_choice import EngineChoice, choose_engine
-from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
+from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction, hidden_modes
 from dynid.bondgraph.formulas.printers import LATEX, TEXT
 from dynid.bondgraph.plan import Channel, ReducedGraph
-from dynid.bondgraph.request import Analysis, FormulaRequest
-from dynid.bondgraph.results.roots import add_roots, each
+from dynid.bondgraph.request import Analysis, EngineChoice, FormulaRequest, choose_engine
 from dynid.errors import Undecided
-from dynid.lti.stability import TransferProperties
+from dynid.lti.certified_roots import CertifiedRoot, certified_roots
+from dynid.lti.stability import SidedRoot, TransferProperties
 from dynid.progress import tracked
 from dynid.result import Result
 
@@ -198,8 +199,6 @@ def _add_hidden_modes(
     if not (explained and isinstance(engine, ExactEngine)):
         _add_modes(result, group, each(engine.hidden_modes(channel), "value", np.complex128))
         return
-    from dynid.bondgraph.hidden_modes import hidden_modes
-
     found = hidden_modes(engine.reduced, channel, engine.hidden_polynomial(channel))
     modes = [mode for mode in found for _ in range(mode.root.multiplicity)]
     _add_modes(result, group, np.array([mode.root.value for mode in modes], dtype=complex))
@@ -210,3 +209,48 @@ def _add_hidden_modes(
 def _add_modes(result: Result, group: str, values: NDArray[Any]) -> None:
     result.add_axis(f"{group}/hidden_mode", np.arange(1, len(values) + 1))
     result.add(f"{group}/hidden_modes", values, ("hidden_mode",), "rad/s")
+
+
+# --- roots -----------------------------------------------------------------------------------------
+
+
+def roots_of(polynomial: Any) -> tuple[CertifiedRoot, ...]:
+    """Return certified roots; the same polynomial is the answer to several questions of a port."""
+    return _roots(tuple(int(c) for c in (polynomial // polynomial.content()).coeffs()))
+
+
+@lru_cache(maxsize=32)
+def _roots(coefficients: tuple[int, ...]) -> tuple[CertifiedRoot, ...]:
+    from flint import fmpz_poly
+
+    return certified_roots(fmpz_poly(list(coefficients)))
+
+
+def add_roots(
+    result: Result, group: str, name: str, roots: Sequence[SidedRoot], *, estimated: bool = False
+) -> None:
+    """Add roots, each as often as its multiplicity says, with certified error bounds or with estimates.
+
+    Parameters
+    ----------
+    result, group, name
+        Where to add them: the plural, `zeros` has the axis `zero`.
+    roots
+        The roots.
+    estimated
+        Whether their errors are estimates, of roots that have residuals, too.
+    """
+    axis = name[:-1]
+    values = each(roots, "value", np.complex128)
+    result.add_axis(f"{group}/{axis}", np.arange(1, len(values) + 1))
+    result.add(f"{group}/{name}", values, (axis,), "rad/s")
+    error = f"{group}/{axis}_error_{'estimate' if estimated else 'bound'}"
+    if result.wants(error):
+        result.add(error, each(roots, "radius", np.float64), (axis,), "rad/s")
+    if estimated:
+        result.add(f"{group}/{axis}_residual", each(roots, "residual", np.float64), (axis,))
+
+
+def each(roots: Sequence[SidedRoot], what: str, dtype: type) -> NDArray[Any]:
+    """Return an attribute of roots, each as often as its multiplicity says."""
+    return np.array([getattr(root, what) for root in roots for _ in range(root.multiplicity)], dtype=dtype)

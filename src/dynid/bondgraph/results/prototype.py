@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from dynid.bondgraph.decomposition.dynamics import PrototypeDynamics, prototype_dynamics
-from dynid.bondgraph.engine_choice import modelled_storages
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.formulas.expressions import length, print_register, print_sum
 from dynid.bondgraph.formulas.printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
-from dynid.bondgraph.model_scope import dropped
 from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.reduction.trace import WeightedSum
-from dynid.bondgraph.request import Engine
-from dynid.bondgraph.results.roots import add_roots, roots_of
+from dynid.bondgraph.request import Engine, modelled_storages
+from dynid.bondgraph.results.channels import add_roots, roots_of
 from dynid.result import Result
 
 # --- steps and prototypes -------------------------------------------------------------------------
@@ -57,7 +55,7 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
         result.add("bond_graph/reduction/prototype", letters[0])
     else:
         result.add("bond_graph/reduction/prototype", letters, ("output",))
-    left_out = [", ".join(dropped(reduced, port)) for port in ports]
+    left_out = [", ".join(reduced.dropped(port)) for port in ports]
     result.add("bond_graph/reduction/dropped", left_out, ("output",))
     prototypes = [reduced.reductions[port].prototype for port in ports]
     for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.characteristic_polynomial import characteristic_polynomials
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.plan import ReducedGraph, characteristic_polynomials
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.results.prototype import add_ratio
 from dynid.defaults import PEAKS_NEAR_POLES
@@ -46,7 +45,7 @@ _SHIFTED = (
 
 def add_state_space(result: Result, reduced: ReducedGraph) -> None:
     """Add the state equations; `feedthrough` holds D and, where improper, the matrices on u', u'', …."""
-    from dynid.bondgraph.equations.symbolic import state_equations
+    from dynid.bondgraph.state_equations import state_equations
     from dynid.bondgraph.state_space import state_space
 
     system, group = state_space(reduced), "bond_graph/state_space"
@@ -90,7 +89,7 @@ def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray
 
 def _near_poles(result: Result, reduced: ReducedGraph) -> NDArray[np.float64]:
     """Return the frequencies near which a response may be large, rad/s: those of the poles."""
-    from dynid.bondgraph.engine_choice import modelled_storages
+    from dynid.bondgraph.request import modelled_storages
 
     known = [found.data for path, found in result.items() if path.endswith("/poles")]
     if not known and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:

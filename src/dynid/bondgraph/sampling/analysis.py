@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.engine_choice import choose_engine
 from dynid.bondgraph.graph import BondGraph, no_collection
 from dynid.bondgraph.plan import Channel
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.request import Analysis, choose_engine
 from dynid.bondgraph.results.channels import add_channel, add_channels, natural_frequencies
 from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
 from dynid.bondgraph.sampling.engine import SampledEngine

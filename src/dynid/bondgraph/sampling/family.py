@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.characteristic_polynomial import determinant
 from dynid.bondgraph.formulas.symbolic import FormulaTooLong, variables
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.plan import Channel, ReducedGraph, determinant
 from dynid.bondgraph.program.modular import PRIME, SampledResidues
 from dynid.defaults import SHARED_POLYNOMIALS
 

@@ -7,13 +7,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from dynid.bondgraph.causality.report import join_nodes
-from dynid.bondgraph.engine_choice import EngineChoice, choose_engine, modelled_storages
 from dynid.bondgraph.graph import STORAGES, BondGraph
-from dynid.bondgraph.model_scope import dropped
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.solvability import hold
-from dynid.bondgraph.request import NUMERIC, RESULTS, Analysis
+from dynid.bondgraph.request import NUMERIC, RESULTS, Analysis, EngineChoice, choose_engine, modelled_storages
 from dynid.bondgraph.results.causality import add_causality
 from dynid.defaults import COMPILED_RESPONSES, EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
 from dynid.errors import NumericalError
@@ -80,7 +78,7 @@ def _with_causality_alone(result: Result, facts: list[Fact], graph: BondGraph) -
 
 def _modelled(graph: Fact, reduced: ReducedGraph) -> list[Fact]:
     """Say what no output depends on."""
-    left = set.intersection(*(set(dropped(reduced, port)) for port in reduced.outputs))
+    left = set.intersection(*(set(reduced.dropped(port)) for port in reduced.outputs))
     names = [name for name in reduced.graph.nodes if name in left]
     if not names:
         return [graph._replace(text=f"{graph.text}, all of them needed")]

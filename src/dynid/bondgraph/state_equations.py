@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from dynid.bondgraph.equations.descriptor import Descriptor, FormSymbol, LinearForm, NumberField, constrained
-from dynid.bondgraph.equations.index_reduction import solve
+from dynid.bondgraph.descriptor import Descriptor, FormSymbol, LinearForm, NumberField, constrained, solve
 from dynid.bondgraph.formulas.expressions import free_letter, length, print_register, shared
 from dynid.bondgraph.formulas.printers import TEXT, Printed
 from dynid.bondgraph.formulas.transfer import symbol_names, symbol_value

@@ -1,1 +1,0 @@
-"""The equations of a graph as a differential-algebraic system, and their exact index reduction."""
