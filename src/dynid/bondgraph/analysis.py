@@ -151,28 +151,30 @@ def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Anal
     analysis
         What was asked.
     """
-    parts = [] if reduced is None else _of_graph(result, reduced)
+    parts = []
+    if reduced is not None:
+        ports = [set(reduced.dropped(port)) for port in reduced.outputs]
+        nodes = list(reduced.graph.nodes)
+        kept = [name for name in nodes if not all(name in left_out for left_out in ports)]
+        inside = [name for name in reduced.storages if name in kept]
+        parts.append(divided("elements", nodes, kept, "no output depends on them"))
+        parts.append(divided("storages", reduced.storages, inside, "no output depends on them"))
+        states = _states(result)
+        if states is not None:
+            dependent = max(0, len(inside) - len(states))
+            reason = "storages that follow from others or from a source"
+            parts.append(ScopePart("states", states, dependent, reason))
     about = result.group_attrs["bond_graph"]
+    used = {str(about["engine"])} if "engine" in about else set()
+    if any(path.endswith("_error_bound") or "/sensitivities/" in path for path in result):
+        used.add("exact")  # certified roots
+    formulas = any("symbolic" in attributes for attributes in result.group_attrs.values())
+    if formulas or any(path.endswith(("/program", "/symbolic_denominator")) for path in result):
+        used.add("symbolic")
     why = str(about.get("engine_reason", "no result needs one"))
-    parts.append(divided("engines", ENGINES, _engines(result), why))
+    parts.append(divided("engines", ENGINES, used, why))
     parts.append(divided("results", RESULTS, analysis.results, "not asked for"))
     add_model_scope(result, "bond_graph", parts)
-
-
-def _of_graph(result: Result, reduced: ReducedGraph) -> list[ScopePart]:
-    ports = [set(reduced.dropped(port)) for port in reduced.outputs]
-    nodes = list(reduced.graph.nodes)
-    kept = [name for name in nodes if not all(name in left_out for left_out in ports)]
-    parts = [divided("elements", nodes, kept, "no output depends on them")]
-    inside = [name for name in reduced.storages if name in kept]
-    parts.append(divided("storages", reduced.storages, inside, "no output depends on them"))
-    states = _states(result)
-    if states is not None:
-        dependent = max(0, len(inside) - len(states))
-        parts.append(
-            ScopePart("states", states, dependent, "storages that follow from others or from a source")
-        )
-    return parts
 
 
 def _states(result: Result) -> list[str] | None:
@@ -181,15 +183,3 @@ def _states(result: Result) -> list[str] | None:
         return [str(name) for name in result["bond_graph/state_space/state"].data]
     about = result.group_attrs.get("bond_graph/time_response")
     return None if about is None else [name for name in str(about["states"]).split(", ") if name]
-
-
-def _engines(result: Result) -> set[str]:
-    """Return the engines that results came from: certified roots are exact, formulas symbolic."""
-    about = result.group_attrs["bond_graph"]
-    used = {str(about["engine"])} if "engine" in about else set()
-    if any(path.endswith("_error_bound") or "/sensitivities/" in path for path in result):
-        used.add("exact")
-    formulas = any("symbolic" in attributes for attributes in result.group_attrs.values())
-    if formulas or any(path.endswith(("/program", "/symbolic_denominator")) for path in result):
-        used.add("symbolic")
-    return used

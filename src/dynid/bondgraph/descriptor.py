@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
-from dynid.bondgraph.reduction.junctions import Coupling, JunctionStructure
+from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.errors import Singular
 
 if TYPE_CHECKING:
@@ -81,13 +81,10 @@ def scaled(form: LinearForm, factor: Any) -> LinearForm:
 
 def rate(form: LinearForm) -> LinearForm:
     """Differentiate a form in time."""
-    return {_rate_of(symbol): value for symbol, value in form.items()}
-
-
-def _rate_of(symbol: FormSymbol) -> FormSymbol:
-    if len(symbol) == 3:
-        return ("u", symbol[1], symbol[2] + 1)
-    return ("dw", symbol[1])
+    return {
+        ("u", symbol[1], symbol[2] + 1) if len(symbol) == 3 else ("dw", symbol[1]): value
+        for symbol, value in form.items()
+    }
 
 
 def contradiction() -> Singular:
@@ -145,23 +142,19 @@ class Descriptor:
             for source, sign in structure.junctions[name].feeding:
                 add(balance, self.signal(source), -sign)
         for coupling in structure.couplings:
-            self._couple(coupling)
+            if coupling.tail not in self._balance and coupling.head not in self._balance:
+                continue
+            size = field.one if coupling.two_port is None else field.value(coupling.two_port)
+            size = field.one / size if coupling.inverse else size
+            for row, column, sign in coupling.entries:
+                if row in self._balance:
+                    add(self._balance[row], self._common(column), size * sign)
         for name, form in self._balance.items():
             if structure.junctions[name].fixing is None:
                 self.equations.append(form)
                 self._owners.append(name)
         self.equations += self._integrals.values()
         self._owners += self._integrals
-
-    def _couple(self, coupling: Coupling) -> None:
-        if coupling.tail not in self._balance and coupling.head not in self._balance:
-            return
-        one = self.field.one
-        size = one if coupling.two_port is None else self.field.value(coupling.two_port)
-        size = one / size if coupling.inverse else size
-        for row, column, sign in coupling.entries:
-            if row in self._balance:
-                add(self._balance[row], self._common(column), size * sign)
 
     def signal(self, source: str) -> LinearForm:
         """Return what a source imposes."""

@@ -237,7 +237,8 @@ def _in_balls(
             s = acb(arb(omega) / arb(2) ** aside if aside else 0, omega)
             balls = planned.run(registers, values, s, acb(1))
             if all(ball.is_zero() or ball.rel_accuracy_bits() > 60 for ball in balls.values()):
-                return [_to_complex(balls[register]) for register in registers]
+                middles = [(balls[register].real.mid(), balls[register].imag.mid()) for register in registers]
+                return [complex(float(real), float(imaginary)) for real, imaginary in middles]
     return None
 
 
@@ -256,7 +257,3 @@ def _on_a_mode(planned: ProgramPlan, registers: list[int], omega: float) -> list
         return None
     found |= dict(zip(finite, one, strict=True))
     return [found[register] for register in registers]
-
-
-def _to_complex(ball: Any) -> complex:
-    return complex(float(ball.real.mid()), float(ball.imag.mid()))

@@ -282,28 +282,19 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphF
     proper = [bond for bond in bonds if bond.tail != bond.head] if faults else bonds
     ins, outs = (Counter(map(attrgetter(end), proper)) for end in ("head", "tail"))
     for name, kind in types.items():
-        message = _arity_fault(name, kind, ins.get(name, 0), outs.get(name, 0))
-        if message:
-            faults.append(GraphFault(message, node=name))
+        inward, outward = ins.get(name, 0), outs.get(name, 0)
+        count = inward + outward
+        if count == 0:
+            message = "has no bond; connect it or drop it"
+        elif kind in ONE_PORTS and count > 1:
+            message = f"has {count} bonds but only one port; put a junction between"
+        elif kind in TWO_PORTS and (inward, outward) != (1, 1):
+            message = f"needs one bond in and one bond out; it has {inward} in and {outward} out"
+        else:
+            continue
+        what = f"{kind}-junction" if kind in JUNCTIONS else kind
+        faults.append(GraphFault(f"{what} '{name}' {message}", node=name))
     return faults
-
-
-def _arity_fault(name: str, kind: str, ins: int, outs: int) -> str:
-    if ins + outs == 0:
-        return f"{_describe(kind)} '{name}' has no bond; connect it or drop it"
-    if kind in JUNCTIONS:
-        return ""
-    if kind in ONE_PORTS and ins + outs > 1:
-        return f"{_describe(kind)} '{name}' has {ins + outs} bonds but only one port; put a junction between"
-    if kind in TWO_PORTS and (ins, outs) != (1, 1):
-        return (
-            f"{_describe(kind)} '{name}' needs one bond in and one bond out; it has {ins} in and {outs} out"
-        )
-    return ""
-
-
-def _describe(kind: str) -> str:
-    return f"{kind}-junction" if kind in JUNCTIONS else kind
 
 
 def port_fault(types: Mapping[str, str], port: Port) -> str:

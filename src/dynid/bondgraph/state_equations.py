@@ -213,10 +213,14 @@ class _Solved:
         self, left: Iterable[str], forms: Iterable[LinearForm], coefficients: dict[Register, Printed]
     ) -> Iterable[str]:
         for name, form in zip(left, forms, strict=True):
-            terms = [
-                TEXT.scaled(coefficients[form[symbol].register], self._variable(symbol))
-                for symbol in sorted(form, key=self._place)
-            ]
+            terms = []
+            for symbol in sorted(form, key=self._place):
+                if len(symbol) == 2:
+                    variable = self.system.name(symbol[1])
+                else:
+                    times = "" if symbol[2] == 1 else str(symbol[2])
+                    variable = f"(d{times}/dt{times} {symbol[1]})" if symbol[2] else symbol[1]
+                terms.append(TEXT.scaled(coefficients[form[symbol].register], variable))
             yield f"{name} = {TEXT.listed(terms)[0]}"
 
     def _place(self, symbol: FormSymbol) -> tuple[int, int]:
@@ -224,9 +228,3 @@ class _Solved:
         if len(symbol) == 2:
             return 0, self.places[symbol[1]]
         return 1 + symbol[2], self.places[symbol[1]]
-
-    def _variable(self, symbol: FormSymbol) -> str:
-        if len(symbol) == 2:
-            return self.system.name(symbol[1])
-        times = "" if symbol[2] == 1 else str(symbol[2])
-        return f"(d{times}/dt{times} {symbol[1]})" if symbol[2] else symbol[1]

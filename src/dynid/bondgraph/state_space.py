@@ -16,7 +16,6 @@ import numpy as np
 from dynid.bondgraph.descriptor import (
     Descriptor,
     FormSymbol,
-    IrreducibleBlock,
     LinearForm,
     NumberField,
     constrained,
@@ -201,33 +200,22 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
     Singular
         Where the input does not reach the output.
     """
-    system, solved = _solved_blocks(reduced, port, source)
-    return tuple(
-        ZeroPart(
-            tuple(system.carriers(block.rows, block.unknowns)),
-            tuple(system.name(name) for name in rates),
-            _characteristic_polynomial(rates) if len(rates) <= _MOST_STATES else None,
-        )
-        for block, rates in solved
-    )
+    from flint import fmpq, fmpq_mat
 
-
-def _solved_blocks(
-    reduced: ReducedGraph, port: Port, source: str
-) -> tuple[Descriptor, list[tuple[IrreducibleBlock, dict[str, LinearForm]]]]:
-    """Return the blocks of the constrained equations that have states."""
     system, equations = constrained(reduced, port, source, NumberField.rational(reduced.graph))
     with _unreached(port, source):
         solved = [(block, solve(block.forms, [])[0]) for block in irreducible_blocks(equations)]
-    return system, [(block, rates) for block, rates in solved if rates]
-
-
-def _characteristic_polynomial(rates: dict[str, LinearForm]) -> Any:
-    """Return det(s - A) times a positive integer, as an integer polynomial."""
-    from flint import fmpq, fmpq_mat
-
-    matrix = fmpq_mat([[form.get(("w", name), fmpq(0)) for name in rates] for form in rates.values()])
-    return matrix.charpoly().numer()
+    parts = []
+    for block, rates in solved:
+        if not rates:
+            continue
+        polynomial = None
+        if len(rates) <= _MOST_STATES:  # det(s - A), times a positive integer
+            rows = [[form.get(("w", name), fmpq(0)) for name in rates] for form in rates.values()]
+            polynomial = fmpq_mat(rows).charpoly().numer()
+        carriers = tuple(system.carriers(block.rows, block.unknowns))
+        parts.append(ZeroPart(carriers, tuple(system.name(name) for name in rates), polynomial))
+    return tuple(parts)
 
 
 @contextmanager
@@ -293,16 +281,11 @@ def _matrix(forms: Collection[LinearForm], columns: Sequence[FormSymbol]) -> NDA
     for row, form in enumerate(forms):
         for symbol, value in form.items():
             if symbol in place:
-                matrix[row, place[symbol]] = _rounded_number(value)
+                try:
+                    matrix[row, place[symbol]] = int(value.p) / int(value.q)
+                except OverflowError:
+                    raise NumericalError(
+                        "a coefficient of the state equations is beyond the range of numbers",
+                        remedy="Choose units that bring the parameters nearer to 1.",
+                    ) from None
     return matrix
-
-
-def _rounded_number(value: Any) -> float:
-    """Round a rational number to the nearest double."""
-    try:
-        return int(value.p) / int(value.q)
-    except OverflowError:
-        raise NumericalError(
-            "a coefficient of the state equations is beyond the range of numbers",
-            remedy="Choose units that bring the parameters nearer to 1.",
-        ) from None

@@ -125,7 +125,13 @@ def _lines(
     for bond, ends in enumerate(bonds):
         for name in ends:
             bonds_at[name].append(bond)
-    distance = _distances(bonds, bonds_at, end)
+    distance, queue = {end: 0}, [end]
+    for node in queue:
+        for bond in bonds_at[node]:
+            other = bonds[bond][bonds[bond][0] == node]
+            if other not in distance:
+                distance[other] = distance[node] + 1
+                queue.append(other)
     if start not in distance:
         return
     stack: list[tuple[str, tuple[int, ...], frozenset[str]]] = [(start, (), frozenset([start]))]
@@ -144,26 +150,31 @@ def _lines(
         stack += sorted(onward, key=lambda step: -distance[step[0]])
 
 
-def _distances(bonds: list[tuple[str, str]], bonds_at: dict[str, list[int]], end: str) -> dict[str, int]:
-    distance, queue = {end: 0}, [end]
-    for node in queue:
-        for bond in bonds_at[node]:
-            other = bonds[bond][bonds[bond][0] == node]
-            if other not in distance:
-                distance[other] = distance[node] + 1
-                queue.append(other)
-    return distance
-
-
 def _along(
     kinds: dict[str, str], bonds: list[tuple[str, str]], line: tuple[int, ...], ends: tuple[str, str]
 ) -> ZeroCausality | None:
     """Make one line bicausal and complete the rest; None where that contradicts a source."""
-    nodes = _nodes_along(bonds, line, ends[0])
+    nodes = [ends[0]]
+    for bond in line:
+        nodes.append(bonds[bond][bonds[bond][0] == nodes[-1]])
+    # the bonds beside the line take causality from its junctions, which impose their common variables on them
+    on_line = set(nodes)
     beside = [bond for bond in range(len(bonds)) if bond not in set(line)]
-    inside = _beside(kinds, [bonds[bond] for bond in beside], set(nodes))
-    if inside is None:
+    rest = {
+        name: "held" if name in on_line else kind
+        for name, kind in kinds.items()
+        if name not in on_line or kind in JUNCTIONS
+    }
+    strokes = Strokes(rest, [bonds[bond] for bond in beside])
+    for place, bond in enumerate(beside):
+        for node in on_line.intersection(bonds[bond]):
+            away = strokes.towards(node, place) is (kinds[node] == "1")
+            if strokes.put(place, away, "bicausal") is not None:
+                return None
+    assigned = run_scap(strokes, [name for name, kind in rest.items() if kind in ONE_PORTS])
+    if assigned.conflicts:
         return None
+    inside = describe(assigned)
     table: dict[int, BicausalBond] = {}
     for bond, settled in zip(beside, inside.bonds, strict=True):
         table[bond] = BicausalBond(
@@ -184,27 +195,3 @@ def _along(
         derivative=tuple(e.name for e in inside.elements if e.causality == "derivative"),
         lines=1,
     )
-
-
-def _beside(kinds: dict[str, str], bonds: list[tuple[str, str]], line: set[str]) -> Causality | None:
-    """Assign causality to the bonds beside a line, whose junctions impose their common variables on them."""
-    rest = {
-        name: "held" if name in line else kind
-        for name, kind in kinds.items()
-        if name not in line or kind in JUNCTIONS
-    }
-    strokes = Strokes(rest, bonds)
-    for place, bond in enumerate(bonds):
-        for node in line.intersection(bond):
-            away = strokes.towards(node, place) is (kinds[node] == "1")
-            if strokes.put(place, away, "bicausal") is not None:
-                return None
-    assigned = run_scap(strokes, [name for name, kind in rest.items() if kind in ONE_PORTS])
-    return None if assigned.conflicts else describe(assigned)
-
-
-def _nodes_along(bonds: list[tuple[str, str]], line: tuple[int, ...], start: str) -> list[str]:
-    nodes = [start]
-    for bond in line:
-        nodes.append(bonds[bond][bonds[bond][0] == nodes[-1]])
-    return nodes

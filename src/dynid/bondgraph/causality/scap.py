@@ -48,7 +48,22 @@ class StrokeCompletion:
     """
 
     def __init__(self, strokes: Strokes) -> None:
-        self.loops = _junctions_on_loops(strokes)
+        ends = {
+            name: [_follow(strokes, name, bond)[0] for bond in strokes.bonds_at[name]]
+            for name in strokes.setter
+        }
+        neighbours = {name: [end for end in found if end in strokes.setter] for name, found in ends.items()}
+        degree = {name: len(found) for name, found in neighbours.items()}
+        #: The junctions that are left when those with a single link to others are taken off in turn.
+        self.loops = dict.fromkeys(strokes.setter)
+        leaves = [name for name, count in degree.items() if count < 2]
+        while leaves:
+            leaf = leaves.pop()
+            del self.loops[leaf]
+            for end in neighbours[leaf]:
+                degree[end] -= 1
+                if end in self.loops and degree[end] == 1:
+                    leaves.append(end)
         #: Whether there is anything to look at, and not too much of it.
         self.feasible = 0 < len(self.loops) <= LOOKING_AHEAD.value
 
@@ -104,25 +119,6 @@ def _follow(strokes: Strokes, start: str, bond: int) -> tuple[str, int, bool]:
         at_head = stroke_here is strokes.towards(node, bond)
         node = strokes.other_end(bond, node)
     return node, bond, node in strokes.setter and strokes.sets(node, bond, at_head)
-
-
-def _junctions_on_loops(strokes: Strokes) -> dict[str, None]:
-    """Return the junctions that are left when those with a single link to others are taken off in turn."""
-    ends = {
-        name: [_follow(strokes, name, bond)[0] for bond in strokes.bonds_at[name]] for name in strokes.setter
-    }
-    neighbours = {name: [end for end in found if end in strokes.setter] for name, found in ends.items()}
-    degree = {name: len(found) for name, found in neighbours.items()}
-    leaves = [name for name, count in degree.items() if count < 2]
-    left = dict.fromkeys(strokes.setter)
-    while leaves:
-        leaf = leaves.pop()
-        del left[leaf]
-        for end in neighbours[leaf]:
-            degree[end] -= 1
-            if end in left and degree[end] == 1:
-                leaves.append(end)
-    return left
 
 
 # --- procedure ------------------------------------------------------------------------------------
@@ -206,14 +202,11 @@ class _Procedure:
         """Put a stroke that is free, at the end from which it settles more: fewer equations are left."""
         strokes = self.strokes
         if strokes.at_head[bond] is None:
-            here, there = (self._reach(bond, value) for value in (at_head, not at_head))
-            self._prefer(bond, at_head if here >= there else not at_head, "free")
-
-    def _reach(self, bond: int, at_head: bool) -> int:
-        """Count the strokes that a stroke would settle."""
-        if self._try(bond, at_head, "free") is not None:
-            return 0
-        return self.strokes.take_back()
+            settled = []
+            for value in (at_head, not at_head):
+                blocked = self._try(bond, value, "free") is not None
+                settled.append(0 if blocked else strokes.take_back())
+            self._prefer(bond, at_head if settled[0] >= settled[1] else not at_head, "free")
 
     def _prefer(self, bond: int, at_head: bool, how: StrokeReason) -> None:
         """Put a stroke if it can stand, else its opposite."""
@@ -276,7 +269,12 @@ def describe(assigned: AssignedStrokes) -> Causality:
     return Causality(
         bonds=tuple(_bond(strokes, bond) for bond in range(len(strokes.bonds))),
         elements=elements,
-        states=tuple(_state(kinds[name], name) for name in integral),
+        states=tuple(
+            CausalState(f"p_{name}", name, "momentum")
+            if kinds[name] == "I"
+            else CausalState(f"q_{name}", name, "displacement")
+            for name in integral
+        ),
         dependent=tuple(explain_dependent(strokes, name) for name in derivative),
         loops=() if assigned.conflicts else algebraic_loops(strokes),
         conflicts=tuple(explain_conflict(strokes, bond, problem) for bond, problem in assigned.conflicts),
@@ -303,11 +301,3 @@ def _element(strokes: Strokes, name: str) -> CausalElement:
     else:
         causality = "conductive" if effort_in else "resistive"
     return CausalElement(name, kind, causality, strokes.how[bond])
-
-
-def _state(kind: str, name: str) -> CausalState:
-    return (
-        CausalState(f"p_{name}", name, "momentum")
-        if kind == "I"
-        else CausalState(f"q_{name}", name, "displacement")
-    )

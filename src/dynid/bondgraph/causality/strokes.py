@@ -118,7 +118,11 @@ class Strokes:
             if self.at_head[current] is not None:
                 if self.at_head[current] is value:
                     continue
-                problem = self._clash(current, value, because)
+                # a stroke that is wanted at one end stands at the other
+                end = next((end for end in self.bonds[current] if end in self.setter), None)
+                surplus = end is None or self.sets(end, current, value)
+                clashing = (current, *because)
+                problem = self._contradiction(end or self.bonds[current][0], clashing, surplus=surplus)
             else:
                 self.at_head[current], self.how[current], self.causes[current] = value, reason, because
                 trail.append(current)
@@ -143,14 +147,7 @@ class Strokes:
                 if other != bond:
                     here = (self.at_head[bond] is self.towards(node, bond)) is (kind == "GY")
                     queue.append((other, here is self.towards(node, other), "propagated", (bond,)))
-        elif kind in JUNCTIONS:
-            return self._force_at_junction(node, bond, queue)
-        return None
-
-    def _force_at_junction(
-        self, node: str, bond: int, queue: deque[tuple[int, bool, StrokeReason, tuple[int, ...]]]
-    ) -> Contradiction | None:
-        if self.sets(node, bond):
+        elif kind in JUNCTIONS and self.sets(node, bond):
             earlier = self.setter[node]
             if earlier is not None:
                 return self._contradiction(node, (earlier, bond), surplus=True)
@@ -158,7 +155,7 @@ class Strokes:
             for other in self.bonds_at[node]:
                 if self.at_head[other] is None:
                     queue.append((other, not self.setting(node, other), "propagated", (bond,)))
-        elif self.setter[node] is None and self._open[node] < 2:
+        elif kind in JUNCTIONS and self.setter[node] is None and self._open[node] < 2:
             last = [other for other in self.bonds_at[node] if self.at_head[other] is None]
             others = tuple(other for other in self.bonds_at[node] if self.at_head[other] is not None)
             if not last:
@@ -169,12 +166,6 @@ class Strokes:
     def setting(self, node: str, bond: int) -> bool:
         """Return the value of `at_head` with which a bond sets a junction."""
         return self.towards(node, bond) is (self.kinds[node] == "0")
-
-    def _clash(self, bond: int, at_head: bool, because: tuple[int, ...]) -> Contradiction:
-        """Return the contradiction of a stroke that is wanted at one end and stands at the other."""
-        node = next((end for end in self.bonds[bond] if end in self.setter), None)
-        surplus = node is None or self.sets(node, bond, at_head)
-        return self._contradiction(node or self.bonds[bond][0], (bond, *because), surplus=surplus)
 
     def _contradiction(self, node: str, bonds: tuple[int, ...], *, surplus: bool) -> Contradiction:
         roots, nodes = self.roots(bonds)

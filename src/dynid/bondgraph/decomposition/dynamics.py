@@ -16,7 +16,6 @@ lies on a loop, A and B share the loop, and these products count the shared part
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -122,7 +121,11 @@ class PrototypeDynamics:
         """
         from flint import ctx
 
-        from_a, from_b = self._powers
+        # powers that A and B take for a unit of the common variable, times their denominators
+        a, given = self.systems
+        turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
+        b = TransferFunction(given.denominator, given.numerator) if turned else given
+        from_a, from_b = a.numerator * b.denominator, b.numerator * a.denominator
         simple = self.natural // self.natural.gcd(self.natural.derivative())
         hidden = _without(simple, self.shown)
         seen = simple // hidden
@@ -130,17 +133,12 @@ class PrototypeDynamics:
         with ctx.workprec(_DIGITS + 16 * int(self.natural.degree())):
             for mode in modes:
                 s = _refined(simple, mode.value)
-                net = 0.0 if _nearer(hidden, seen, s) else _net(from_a, from_b, s)
+                passing = abs(from_a(s)).mid() + abs(from_b(s)).mid()
+                rounding = (_sizes(from_a) + _sizes(from_b))(abs(s).mid()) * 2 ** (-ctx.prec // 2)
+                shows = not _nearer(hidden, seen, s) and passing > rounding
+                net = float(abs(from_a(s) + from_b(s)).mid() / passing) if shows else 0.0
                 powers += [net] * mode.multiplicity
         return np.array(powers, dtype=float)
-
-    @cached_property
-    def _powers(self) -> tuple[Any, Any]:
-        """Powers that A and B take for a unit of the common variable, times their denominators."""
-        a, given = self.systems
-        turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
-        b = TransferFunction(given.denominator, given.numerator) if turned else given
-        return a.numerator * b.denominator, b.numerator * a.denominator
 
 
 def _nearer(one: Any, other: Any, s: Any) -> bool:
@@ -150,15 +148,6 @@ def _nearer(one: Any, other: Any, s: Any) -> bool:
     here, there = (abs(part(s)).mid() for part in (one, other))
     slope_here, slope_there = (abs(part.derivative()(s)).mid() for part in (one, other))
     return bool(here * slope_there < there * slope_here)  # the shorter Newton step
-
-
-def _net(from_a: Any, from_b: Any, s: Any) -> float:
-    """Return the net power at a mode, relative to what passes."""
-    from flint import ctx
-
-    passing = abs(from_a(s)).mid() + abs(from_b(s)).mid()
-    rounding = (_sizes(from_a) + _sizes(from_b))(abs(s).mid()) * 2 ** (-ctx.prec // 2)
-    return float(abs(from_a(s) + from_b(s)).mid() / passing) if passing > rounding else 0.0
 
 
 def _sizes(polynomial: Any) -> Any:

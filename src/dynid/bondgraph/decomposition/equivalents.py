@@ -20,7 +20,7 @@ from dynid.bondgraph.decomposition.graph_bisection import GraphBisection
 from dynid.bondgraph.graph import JUNCTIONS, Bond, BondGraph, NodeType, Port
 from dynid.bondgraph.plan import ProgramPlan
 from dynid.bondgraph.program.program import Program, Register
-from dynid.bondgraph.reduction.junctions import Junction, NameRegistry
+from dynid.bondgraph.reduction.junctions import NameRegistry
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
@@ -84,7 +84,13 @@ def one_port_equivalent(
             structure = cut.structure({end: kind})
             junction = structure.junctions[structure.place[probe]]
             if junction.fixing not in (None, probe):  # nothing else of this side reaches the port
-                return _fixed(cut, program, name, end, junction, inputs)
+                source = str(junction.fixing)
+                known = {source: program.one} if source in inputs else {}
+                given = _given(cut, program, end, junction.kind, known)
+                side = partial(OnePortEquivalent, name, end, (source, *junction.members), None)
+                if junction.kind == "1":
+                    return side(None, None, program.zero, given, None, program.one)
+                return side(program.zero, given, None, None, program.one, None)
             port = Port(probe, "f" if junction.kind == "1" else "e")
             reduction = reduce_graph(structure, program, port, [*inputs, probe], names=names, suffix=suffix)
         except Singular as error:
@@ -104,19 +110,6 @@ def one_port_equivalent(
         remedy=failure.remedy,
         names=[node for node in failure.names if node in cut.graph.nodes],
     )
-
-
-def _fixed(
-    cut: GraphBisection, program: Program, name: str, end: str, junction: Junction, inputs: Sequence[str]
-) -> OnePortEquivalent:
-    """Return a side whose junction at the port has its common variable fixed by a source on it."""
-    source = str(junction.fixing)
-    registers = {source: program.one} if source in inputs else {}
-    given = _given(cut, program, end, junction.kind, registers)
-    side = partial(OnePortEquivalent, name, end, (source, *junction.members), None)
-    if junction.kind == "1":
-        return side(None, None, program.zero, given, None, program.one)
-    return side(program.zero, given, None, None, program.one, None)
 
 
 def _given(
@@ -208,16 +201,41 @@ class Decomposition(ProgramPlan):
             one_port_equivalent(self.cut, self.program, side, self.inputs, names, suffix)
             for side, suffix in zip(("source", "load"), sides, strict=True)
         )
-        self.total = self._total()
+        source, load = self.source, self.load
+        self.total: Register | None = None  # effort source against flow source: each fixes its own variable
+        if source.impedance is not None and load.impedance is not None:
+            self.total = self.program.add(source.impedance, load.impedance)
+        elif source.admittance is not None and load.admittance is not None:
+            self.total = self.program.add(source.admittance, load.admittance)
         if self.total is not None and self.program.is_zero(self.total):
-            raise _contradiction(self.port)
-        self.driven = self._driven_load(names) if self.source.ideal else None
+            raise Singular(
+                f"source and load at the port '{self.port}' contradict each other, or leave it open: "
+                "together they have no impedance",
+                remedy="Put an element between them.",
+                names=(self.port.tail, self.port.head),
+            )
+        self.driven: Reduction | None = None
+        if source.ideal:  # the load is reduced with the source side as its source
+            probe: NodeType = "Se" if source.ideal == "effort" else "Sf"
+            structure = self.cut.structure({load.end: probe})
+            name = self.cut.probe(load.end)
+            port = Port(name, "f" if structure.junctions[structure.place[name]].kind == "1" else "e")
+            self.driven = reduce_graph(
+                structure, self.program, port, [name], names=names, suffix=self._suffix
+            )
         self.effort = {name: self._effort(name) for name in self.inputs}
         self.flow = {name: self._flow(name) for name in self.inputs}
 
     def pivots(self) -> list[int]:
         """Return what the program divides by."""
-        return list(self._pivots())
+        found: list[Register] = []
+        for side in (self.source, self.load):
+            found += side.reduction.pivots if side.reduction is not None else ()
+            immittances = (side.impedance, side.admittance)
+            found += [r for r in immittances if r is not None and not self.program.is_zero(r)]
+        if self.driven is not None:
+            found += self.driven.pivots
+        return found if self.total is None else [*found, self.total]
 
     def answers(self) -> Iterable[int]:
         """Return the registers that will be asked for."""
@@ -228,25 +246,6 @@ class Decomposition(ProgramPlan):
             yield from (register for register in own if register is not None)
         if self.driven is not None:
             yield from (register for _, register in self.driven.prototype.systems)
-
-    def _pivots(self) -> Iterable[int]:
-        for side in (self.source, self.load):
-            yield from side.reduction.pivots if side.reduction is not None else ()
-            immittances = (side.impedance, side.admittance)
-            yield from (r for r in immittances if r is not None and not self.program.is_zero(r))
-        if self.driven is not None:
-            yield from self.driven.pivots
-        if self.total is not None:
-            yield self.total
-
-    def _total(self) -> Register | None:
-        """Write Z_eq + Z_eq of both sides where they have one, else Y_eq + Y_eq, else nothing."""
-        program, source, load = self.program, self.source, self.load
-        if source.impedance is not None and load.impedance is not None:
-            return program.add(source.impedance, load.impedance)
-        if source.admittance is not None and load.admittance is not None:
-            return program.add(source.admittance, load.admittance)
-        return None  # an ideal source of effort against one of flow: each fixes its own variable
 
     def _effort(self, name: str) -> Register:
         """Write the effort at the port that an input makes."""
@@ -284,11 +283,15 @@ class Decomposition(ProgramPlan):
 
         An ideal source drives the two systems on the load's junction. Any other is one of the two systems,
         the load the other; B is the one that sets the common variable by integration, the load where both
-        could.
+        could. They meet on the load's junction, else the source's, else a 1-junction.
         """
         if self.driven is not None:
             return self.driven.prototype
-        kind = self._junction_kind()
+        ends = (self.load.end, self.source.end)
+        kinds = [kind for end in ends if (kind := self.graph.nodes[end].type) in JUNCTIONS]
+        kind = "0" if self.load.ideal == "flow" else "1"
+        if kinds and not self.load.ideal:
+            kind = kinds[0]
         source, load = (
             (self.source.impedance, self.load.impedance)
             if kind == "1"
@@ -296,35 +299,16 @@ class Decomposition(ProgramPlan):
         )
         assert source is not None
         assert load is not None
-        growth = {name: self._growth(register) for name, register in (("source", source), ("load", load))}
-        b_is_load = growth["load"] >= growth["source"]
+        growth = []  # the degree of the numerator less that of the denominator; zero sets nothing
+        for ratio in map(self.rational((source, load)).__getitem__, (source, load)):
+            numerator, denominator = ratio.lowest_terms()
+            growth.append(int(numerator.degree()) - int(denominator.degree()) if numerator else -inf)
+        b_is_load = growth[1] >= growth[0]
         part_a, part_b = (source, load) if b_is_load else (load, source)
         names = ("the source side", "the load side")
         names = names if b_is_load else names[::-1]
         determinant, suffix = self._determinant, self._suffix
         return Prototype(self.program, kind, False, part_a, part_b, *names, determinant, suffix=suffix)
-
-    def _growth(self, register: Register) -> float:
-        """Return the degree of the numerator less that of the denominator; zero sets nothing."""
-        numerator, denominator = self.rational([register])[register].lowest_terms()
-        return int(numerator.degree()) - int(denominator.degree()) if numerator else -inf
-
-    def _junction_kind(self) -> str:
-        """Return the junction on which both sides meet: the load's, else the source's, else a 1-junction."""
-        ends = (self.load.end, self.source.end)
-        kinds = [kind for end in ends if (kind := self.graph.nodes[end].type) in JUNCTIONS]
-        if self.load.ideal:
-            return "0" if self.load.ideal == "flow" else "1"
-        return kinds[0] if kinds else "1"
-
-    def _driven_load(self, names: NameRegistry) -> Reduction:
-        """Reduce the load with the source side, which is ideal, as its source."""
-        probe: NodeType = "Se" if self.source.ideal == "effort" else "Sf"
-        structure = self.cut.structure({self.load.end: probe})
-        name = self.cut.probe(self.load.end)
-        kind = structure.junctions[structure.place[name]].kind
-        port = Port(name, "f" if kind == "1" else "e")
-        return reduce_graph(structure, self.program, port, [name], names=names, suffix=self._suffix)
 
     @property
     def meeting(self) -> str:
@@ -350,12 +334,3 @@ class Decomposition(ProgramPlan):
                 (source.opened, load.shorted) if source.ideal == "effort" else (source.shorted, load.opened)
             )
         return self.program.product(part for part in parts if part is not None)
-
-
-def _contradiction(port: Bond) -> Singular:
-    return Singular(
-        f"source and load at the port '{port}' contradict each other, or leave it open: together they have "
-        "no impedance",
-        remedy="Put an element between them.",
-        names=(port.tail, port.head),
-    )

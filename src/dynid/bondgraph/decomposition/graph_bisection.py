@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import cast
 
-from dynid.bondgraph.graph import SOURCES, VALUED, Bond, BondGraph, Node, NodeType
+from dynid.bondgraph.graph import VALUED, Bond, BondGraph, Node, NodeType
 from dynid.bondgraph.reduction.junctions import JunctionStructure, unique
 from dynid.bondgraph.reduction.network import reach
 from dynid.errors import DynidError, UsageError
@@ -142,15 +142,12 @@ class GraphBisection:
             The type of the probe at an end; absent: one that fixes nothing.
         """
         ends = (self.port.tail, self.port.head)
-        chosen = {end: probes.get(end, self._neutral(end)) for end in ends}
-        nodes = [*self.graph.nodes.values(), *(Node(self.probe(end), chosen[end]) for end in ends)]
+        nodes = list(self.graph.nodes.values())
+        for end in ends:
+            kind = self.graph.nodes[end].type
+            neutral: NodeType = "Se" if kind == "Sf" else "Sf" if kind == "Se" else _FEEDING.get(kind, "Sf")
+            nodes.append(Node(self.probe(end), probes.get(end, neutral)))
         bonds = [bond for bond in self.graph.bonds if bond is not self.drawn]
         bonds += [Bond(self.drawn.tail, self.probe(self.drawn.tail))]
         bonds += [Bond(self.probe(self.drawn.head), self.drawn.head)]
         return JunctionStructure(BondGraph(nodes, bonds))
-
-    def _neutral(self, end: str) -> NodeType:
-        kind = self.graph.nodes[end].type
-        if kind in SOURCES:
-            return "Sf" if kind == "Se" else "Se"
-        return _FEEDING.get(kind, "Sf")

@@ -153,7 +153,10 @@ class FloatTransferFunction(TransferProperties):
     @cached_property
     def _roots(self) -> tuple[tuple[EstimatedRoot, ...], ...]:
         """Return zeros, poles and hidden modes."""
-        natural, all_counts = self.engine.natural(self.channel), self._natural_counts()
+        port = self.channel[0]
+        natural, all_counts = self.engine.natural(self.channel), self.engine.natural_counts[port]
+        if self.engine.reduced.graph.integrates(port):  # the output's integrator counts as a mode here
+            all_counts = all_counts.times_s()
         if self.vanishes:
             return (), (), settled(natural, all_counts)
         hidden_counts = RootCounts(all_counts.polynomial // self.below.polynomial)
@@ -164,12 +167,6 @@ class FloatTransferFunction(TransferProperties):
             settled(natural.where(~common), self.below),
             settled(natural.where(common), hidden_counts),
         )
-
-    def _natural_counts(self) -> RootCounts:
-        """Return the counts of all natural modes, the output's integrator included."""
-        port = self.channel[0]
-        counts = self.engine.natural_counts[port]
-        return counts.times_s() if self.engine.reduced.graph.integrates(port) else counts
 
 
 def _limit(power: int, coefficient: float) -> float:

@@ -228,7 +228,13 @@ def limits_at_rest(
         Where they are not enough.
     """
     run = _sharp(planned, registers, 1, _knows_its_limit, precisions)
-    return {register: _limit(series) for register, series in run.items()}
+    limits = {}
+    for register, series in run.items():
+        if series.start < 0:
+            limits[register] = math.inf
+        else:
+            limits[register] = float(series.coefficients[0]) if series.start == 0 else 0.0
+    return limits
 
 
 def orders_on_axis(planned: ProgramPlan, registers: Iterable[int], omega: Fraction) -> dict[int, int]:
@@ -253,12 +259,6 @@ def orders_on_axis(planned: ProgramPlan, registers: Iterable[int], omega: Fracti
 
 def _knows_its_limit(series: LaurentSeries) -> bool:
     return bool(series.coefficients) or series.start > 0
-
-
-def _limit(series: LaurentSeries) -> float:
-    if series.start < 0:
-        return math.inf
-    return float(series.coefficients[0]) if series.start == 0 else 0.0
 
 
 def _expanded(

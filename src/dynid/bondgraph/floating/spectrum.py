@@ -49,20 +49,20 @@ def spectrum(equations: Sequence[LinearForm]) -> RootDiscs:
     Singular
         Where the determinant vanishes.
     """
-    return RootDiscs.joined([_roots_of(block.forms) for block in irreducible_blocks(equations)])
+    found = []
+    for block in irreducible_blocks(equations):
+        states = _states(block.forms)
+        if len(states) == 1:  # exact, rounded once
+            value, error = states[0].astype(np.complex128), _UNIT * np.abs(states[0])
+            found.append(RootDiscs(value, error, np.zeros(1)))
+        elif len(states):
+            found.append(_Pencil(block.forms).refined(_eigenvalues(states)))
+    return RootDiscs.joined(found)
 
 
 def first_values(equations: Sequence[LinearForm]) -> list[complex]:
     """Return the roots of the determinant of equations as the eigenvalues come, without any judgement."""
     return [complex(s) for block in irreducible_blocks(equations) for s in _eigenvalues(_states(block.forms))]
-
-
-def _roots_of(block: list[LinearForm]) -> RootDiscs:
-    states = _states(block)
-    if len(states) == 1:  # exact, rounded once
-        (value,) = states[0]
-        return RootDiscs(np.array([value], dtype=np.complex128), np.array([_UNIT * abs(value)]), np.zeros(1))
-    return _Pencil(block).refined(_eigenvalues(states)) if len(states) else RootDiscs.none()
 
 
 def _states(block: list[LinearForm]) -> NDArray[np.float64]:
@@ -115,8 +115,13 @@ class _Pencil:
         """Refine roots that come in conjugate pairs; those of the lower half-plane follow the upper ones."""
         upper = starts[starts.imag >= 0]
         self.unit = float(np.max(np.abs(starts))) or 1.0
-        nearest = _distance_to_next(starts)[starts.imag >= 0]
-        found = [self._refined(complex(s), float(d)) for s, d in zip(upper, nearest, strict=True)]
+        nearest = np.full(len(starts), np.inf)
+        if len(starts) > 1:
+            apart = np.abs(starts[:, None] - starts[None, :])
+            np.fill_diagonal(apart, np.inf)
+            nearest = apart.min(axis=1)
+        rooms = nearest[starts.imag >= 0]
+        found = [self._refined(complex(s), float(room)) for s, room in zip(upper, rooms, strict=True)]
         value, radius, residual = (np.array(part) for part in zip(*found, strict=True))
         value = np.where(upper.imag == 0, value.real, value)  # a real root alone stays real
         pairs = upper.imag > 0
@@ -169,7 +174,14 @@ class _Pencil:
         orthogonal to the left one would lose what it has gained (Ipsen 1997, section 5).
         """
         reach = max(abs(s), _UNIT * self.unit)
-        row, column = self._scales(np.abs(self.constant) + reach * np.abs(self.slope))
+        sizes = np.abs(self.constant) + reach * np.abs(self.slope)
+        row, column = np.ones(self.size), np.ones(self.size)  # powers of two
+        for _ in range(2):
+            peak = np.zeros(self.size)
+            np.maximum.at(peak, self.rows, sizes * row[self.rows] * column[self.columns])
+            row /= np.exp2(np.round(np.log2(peak)))
+            now = sizes * row[self.rows] * column[self.columns]
+            column /= np.exp2(np.round(np.log2(np.maximum.reduceat(now, self.starts_of[:-1]))))
         scale = row[self.rows] * column[self.columns]
         factors = self._factors(s, reach, scale)
         x = self.seed.astype(np.complex128)
@@ -194,29 +206,6 @@ class _Pencil:
             f"the float engine cannot resolve the roots near {s:.6g} rad/s",
             remedy="Use 'analysis.engine: exact', which does.",
         )
-
-    def _scales(self, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return powers of two that bring rows and columns near 1."""
-        row = np.ones(self.size)
-        column = np.ones(self.size)
-        for _ in range(2):
-            now = sizes * row[self.rows] * column[self.columns]
-            peak = np.zeros(self.size)
-            np.maximum.at(peak, self.rows, now)
-            row /= np.exp2(np.round(np.log2(peak)))
-            now = sizes * row[self.rows] * column[self.columns]
-            peak = np.maximum.reduceat(now, self.starts_of[:-1])
-            column /= np.exp2(np.round(np.log2(peak)))
-        return row, column
-
-
-def _distance_to_next(values: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the distance of every number to the nearest other one."""
-    if len(values) < 2:
-        return np.full(len(values), np.inf)
-    apart = np.abs(values[:, None] - values[None, :])
-    np.fill_diagonal(apart, np.inf)
-    return np.asarray(apart.min(axis=1))
 
 
 # --- systems of equations -------------------------------------------------------------------------

@@ -60,31 +60,35 @@ def print_sum(
     terms
         Registers, and whether each is spelled out although it has a name.
     """
-    expressions = [_expression(program, *term, labels) for term in terms]
+    expressions = []
+    for register, spelled in terms:
+        whole_formula = spelled or register not in labels
+        order = tuple(in_order(program, register, labels)) if whole_formula else (register,)
+        named = {r: labels[r] for r in order if r in labels and not (spelled and r == register)}
+        expressions.append(RegisterExpression(order, named))
     if independent(program, expressions, nodes):
         return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
     ring = FormulaRing(program, expressions, nodes)
     try:
-        summands = [each for expression in expressions for each in _summands(program, ring, expression)]
+        summands: list[SumTerm] = []
+        for expression in expressions:
+            whole = ring.part(expression)
+            if not whole.cancelled:
+                summands.append(SumTerm(whole, 1, expression))
+                continue
+            for sign, addend in _addends(program, expression):
+                part = ring.part(addend)
+                summands.append(SumTerm(part._replace(above=sign * part.above), sign, addend))
     except OverflowError:
         return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
     written: list[Printed] = []
-    for part, sign, expression in combined(summands):
-        if expression is None or part.cancelled:
+    for part, sign, single in combined(summands):
+        if single is None or part.cancelled:
             written.append(ring.write(part, hand))
         else:
-            term = _as_it_stands(program, expression, nodes, hand)
+            term = _as_it_stands(program, single, nodes, hand)
             written.append(term if sign > 0 else hand.whole(hand.opposite(PrintedFraction(term))))
     return written
-
-
-def _summands(program: Program, ring: FormulaRing, expression: RegisterExpression) -> list[SumTerm]:
-    """Return an expression as it is, or its terms where something in their sum cancels."""
-    part = ring.part(expression)
-    if not part.cancelled:
-        return [SumTerm(part, 1, expression)]
-    addends = [(ring.part(each), sign, each) for sign, each in _addends(program, expression)]
-    return [SumTerm(part._replace(above=sign * part.above), sign, each) for part, sign, each in addends]
 
 
 def _addends(program: Program, expression: RegisterExpression) -> list[tuple[int, RegisterExpression]]:
@@ -103,14 +107,6 @@ def _addends(program: Program, expression: RegisterExpression) -> list[tuple[int
         else:
             stack += [(sign if op is Operation.ADD else -sign, b), (sign, a)]
     return found
-
-
-def _expression(
-    program: Program, register: Register, spelled: bool, labels: Mapping[Register, str]
-) -> RegisterExpression:
-    order = tuple(in_order(program, register, labels)) if spelled or register not in labels else (register,)
-    named = {r: labels[r] for r in order if r in labels and not (spelled and r == register)}
-    return RegisterExpression(order, named)
 
 
 def _as_it_stands(
@@ -197,7 +193,11 @@ def shared(program: Program, wanted: Collection[Register], longest: int) -> list
     list
         Registers in the order of the program.
     """
-    order = _registers_behind(program, wanted)
+    behind = set(wanted)
+    for register in range(max(wanted, default=-1), -1, -1):
+        if register in behind:
+            behind.update(operands(*program.ops[register]))
+    order = sorted(behind)
     uses: dict[Register, int] = {}
     for register in order:
         for operand in operands(*program.ops[register]):
@@ -213,15 +213,6 @@ def shared(program: Program, wanted: Collection[Register], longest: int) -> list
             named.append(register)
             size[register] = 1
     return named
-
-
-def _registers_behind(program: Program, wanted: Collection[Register]) -> list[Register]:
-    """Return what some registers are made of, in the order of the program."""
-    found = set(wanted)
-    for register in range(max(wanted, default=-1), -1, -1):
-        if register in found:
-            found.update(operands(*program.ops[register]))
-    return sorted(found)
 
 
 def free_letter(taken: Collection[str], letter: str = "t") -> str:

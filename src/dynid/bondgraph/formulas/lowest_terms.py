@@ -195,22 +195,19 @@ class FormulaRing:
         return sign, reduce(hand.product, written)
 
     def _term(self, coefficient: int, powers: tuple[int, ...], hand: FormulaPrinter) -> Printed:
-        factors = [
-            base if power == 1 else hand.power(base, hand.integer(int(power)))
-            for key, power in zip(self._keys, powers, strict=True)
-            if power
-            for base in [self._variable(key, hand)]
-        ]
+        factors = []
+        for (kind, name), power in zip(self._keys, powers, strict=True):
+            if power == 0:
+                continue
+            if kind == "value":
+                base = hand.whole(hand.value(self._nodes[name]))
+            else:
+                base = hand.given(name) if kind == "name" else hand.name(name or "s")
+            factors.append(base if power == 1 else hand.power(base, hand.integer(int(power))))
         if abs(coefficient) != 1 or not factors:
             factors.insert(0, hand.integer(abs(coefficient)))
         product = reduce(hand.product, factors)
         return hand.negative(product) if coefficient < 0 else product
-
-    def _variable(self, key: tuple[str, str], hand: FormulaPrinter) -> Printed:
-        kind, name = key
-        if kind == "value":
-            return hand.whole(hand.value(self._nodes[name]))
-        return hand.given(name) if kind == "name" else hand.name(name or "s")
 
 
 class SumTerm(NamedTuple):

@@ -69,7 +69,11 @@ class FormulaPrinter(ABC):
         """Write the value of a node: by the expression it was given, else by the node's name."""
         if node.formula is None or not node.formula.names:
             return PrintedFraction(self.given(node.name))
-        written: PrintedFraction = node.formula.fold(self._leaf, self._apply)
+
+        def leaf(item: Fraction | str) -> PrintedFraction:
+            return PrintedFraction(self.given(item)) if isinstance(item, str) else self.number(item)
+
+        written: PrintedFraction = node.formula.fold(leaf, self._apply)
         return written
 
     def given(self, name: str) -> Printed:
@@ -113,9 +117,6 @@ class FormulaPrinter(ABC):
         if ONE in (a, b):
             return b if a == ONE else a
         return self.power(a, self.integer(2)) if a == b else self.product(a, b)
-
-    def _leaf(self, item: Fraction | str) -> PrintedFraction:
-        return PrintedFraction(self.given(item)) if isinstance(item, str) else self.number(item)
 
     def _apply(self, operation: str, operands: list[PrintedFraction]) -> PrintedFraction:
         match operation, operands:

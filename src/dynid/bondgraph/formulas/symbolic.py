@@ -142,17 +142,16 @@ def _plain(polynomial: Any) -> Printed:
 def written(polynomial: Any, hand: FormulaPrinter) -> Printed:
     """Write a polynomial term by term in any hand."""
     names = tuple(_read(name) for name in polynomial.context().names())
-    terms = [_term(int(c), powers, names, hand) for powers, c in polynomial.terms()]
+    terms = []
+    for powers, c in polynomial.terms():
+        coefficient = int(c)
+        factors = [
+            hand.name(name) if power == 1 else hand.power(hand.name(name), hand.integer(int(power)))
+            for name, power in zip(names, powers, strict=True)
+            if power
+        ]
+        if abs(coefficient) != 1 or not factors:
+            factors.insert(0, hand.integer(abs(coefficient)))
+        product = reduce(hand.product, factors)
+        terms.append(hand.negative(product) if coefficient < 0 else product)
     return hand.listed(terms)
-
-
-def _term(coefficient: int, powers: tuple[int, ...], names: tuple[str, ...], hand: FormulaPrinter) -> Printed:
-    factors = [
-        hand.name(name) if power == 1 else hand.power(hand.name(name), hand.integer(int(power)))
-        for name, power in zip(names, powers, strict=True)
-        if power
-    ]
-    if abs(coefficient) != 1 or not factors:
-        factors.insert(0, hand.integer(abs(coefficient)))
-    product = reduce(hand.product, factors)
-    return hand.negative(product) if coefficient < 0 else product

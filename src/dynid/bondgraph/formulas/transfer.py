@@ -149,17 +149,18 @@ def _register_polynomials(
     values = {name: symbol_value(planned, name, symbols, one) for name in planned.valued}
     run = planned.run(wanted, values, symbols["s"], one)
     common = _common_factors(planned, values, symbols["s"], one, wanted)
-    return {register: _lowest(run[register], common[register]) for register in wanted}
-
-
-def _lowest(formula: SymbolicQuotient, common: bool) -> Polynomials:
-    """Return numerator and denominator without a common factor; one is sought only where there is one."""
-    numerator, denominator = formula.lowest_terms() if common else formula.multiplied_out()
-    if denominator.leading_coefficient() < 0:
-        numerator, denominator = -numerator, -denominator
-    content = int(numerator.content()) if numerator != 0 else 1
-    whole = math.gcd(content, int(denominator.content())) if content > 1 else 1
-    return (numerator // whole, denominator // whole) if whole > 1 else (numerator, denominator)
+    found = {}
+    for register in wanted:  # a common factor is sought only where there is one
+        formula = run[register]
+        numerator, denominator = formula.lowest_terms() if common[register] else formula.multiplied_out()
+        if denominator.leading_coefficient() < 0:
+            numerator, denominator = -numerator, -denominator
+        content = int(numerator.content()) if numerator != 0 else 1
+        whole = math.gcd(content, int(denominator.content())) if content > 1 else 1
+        if whole > 1:
+            numerator, denominator = numerator // whole, denominator // whole
+        found[register] = numerator, denominator
+    return found
 
 
 def _common_factors(

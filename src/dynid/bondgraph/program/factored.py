@@ -188,17 +188,13 @@ class RationalFunction(FactoredQuotient):
 
     def __add__(self, other: Self) -> Self:
         total = super().__add__(other)  # products only add exponents: it is here that degrees grow
-        if total._degree() > total.storages.bit_count() + _SLACK:
-            return self.of(*total.lowest_terms(), total.storages)
-        return total
-
-    def _degree(self) -> int:
-        """Return the larger degree of numerator and denominator, as they stand."""
         above = below = 0
-        for factor, power in (self.factors or {}).items():
+        for factor, power in (total.factors or {}).items():
             degree = factor.polynomial.degree() * power
             above, below = (above + degree, below) if power > 0 else (above, below - degree)
-        return max(above, below)
+        if max(above, below) > total.storages.bit_count() + _SLACK:
+            return self.of(*total.lowest_terms(), total.storages)
+        return total
 
     def _zero(self) -> Any:
         from flint import fmpz_poly

@@ -213,25 +213,20 @@ class Program:
         following = len(self.ops)
         register = self._known.setdefault(key, following)
         if register == following:
-            if self._point.general and following < _COMPARED:
-                equal = self._equal(op, int(image))
-                if equal is not None:
+            if self._point.general and following < _COMPARED:  # look for this value, or its opposite
+                value = int(image)
+                equal = self._by_value.setdefault(value, following)
+                opposite = self._by_value.get(self._point.prime - value)
+                if equal < following and op >= _ADD:
                     self._known[key] = equal
                     return equal
+                if equal == following and opposite is not None and op >= _ADD and op is not _NEG:
+                    del self._by_value[value]
+                    negative = self._known[key] = self.neg(opposite)
+                    return negative
             self.ops.append(entry)
             self._images.append(image)
         return register
-
-    def _equal(self, op: Operation, value: int) -> Register | None:
-        """Return what has, for all values, the value of an operation that is about to be written."""
-        found = self._by_value.setdefault(value, len(self.ops))
-        if found < len(self.ops):
-            return found if op >= _ADD else None
-        opposite = self._by_value.get(self._point.prime - value)
-        if opposite is None or op is _NEG or op < _ADD:
-            return None
-        del self._by_value[value]
-        return self.neg(opposite)
 
     def parameters(self, wanted: Iterable[Register]) -> set[str]:
         """Return the nodes whose values the wanted registers are made of."""
@@ -309,25 +304,26 @@ class Program:
             Where exact numbers meet a zero pivot; arrays follow NumPy's rules instead.
         """
         wanted = list(wanted)
-        last_use = self._last_uses(wanted)
+        # the last register that reads each of those needed, so that memory stays small
+        last_use = {register: register for register in wanted}
+        for register in range(max(last_use, default=-1), -1, -1):
+            if register in last_use:
+                for operand in operands(*self.ops[register]):
+                    last_use.setdefault(operand, register)
         keep = set(wanted)
         memory: dict[Register, Any] = {}
         for register in sorted(last_use):
             op, a, b = self.ops[register]
-            memory[register] = _execute(op, a, b, memory, values, laplace, one)
+            if op >= _ADD:
+                memory[register] = -memory[a] if op is _NEG else _ARITHMETIC[op](memory[a], memory[b])
+            elif op is _CONSTANT:
+                memory[register] = one * a if a != 1 else one
+            else:
+                memory[register] = values[a] if op is _PARAMETER else laplace
             for operand in operands(op, a, b):
                 if last_use[operand] == register and operand not in keep:
                     memory.pop(operand, None)
         return {register: memory[register] for register in wanted}
-
-    def _last_uses(self, wanted: Iterable[Register]) -> dict[Register, Register]:
-        """Return, for every register needed, the last one that reads it (so that memory stays small)."""
-        last = {register: register for register in wanted}
-        for register in range(max(last, default=-1), -1, -1):
-            if register in last:
-                for operand in operands(*self.ops[register]):
-                    last.setdefault(operand, register)
-        return last
 
 
 _ARITHMETIC: dict[Operation, Callable[[Any, Any], Any]] = {
@@ -344,18 +340,6 @@ def operands(op: Operation, a: Any, b: int) -> tuple[Register, ...]:
     if op <= _LAPLACE:
         return ()
     return (a,) if op is _NEG else (a, b)
-
-
-def _execute(
-    op: Operation, a: Any, b: int, memory: dict[Register, Any], values: Mapping[str, Any], s: Any, one: Any
-) -> Any:
-    if op >= _ADD:
-        return -memory[a] if op is _NEG else _ARITHMETIC[op](memory[a], memory[b])
-    if op is _PARAMETER:
-        return values[a]
-    if op is _LAPLACE:
-        return s
-    return one * a if a != 1 else one
 
 
 # --- derivatives ----------------------------------------------------------------------------------
@@ -385,48 +369,34 @@ def gradient(
     ZeroDivisionError
         Where exact numbers meet a zero pivot.
     """
-    needed = _registers_behind(program, register)
+    behind, waiting = {register}, [register]
+    while waiting:
+        for operand in operands(*program.ops[waiting.pop()]):
+            if operand not in behind:
+                behind.add(operand)
+                waiting.append(operand)
+    needed = sorted(behind)
     run = program.run(needed, values, laplace, one)
     slopes: dict[Register, N] = {register: one}
     partials: dict[str, N] = {}
     for place in reversed(needed):
-        slope = slopes.pop(place, None)
-        if slope is None:
-            continue
+        slope = slopes.pop(place)
         op, a, b = program.ops[place]
-        if op is Operation.PARAMETER:
-            partials[a] = slope
-        for operand, share in _shares(op, a, b, slope, run, place):
+        shares: tuple[tuple[Register, N], ...] = ()
+        match op:
+            case Operation.PARAMETER:
+                partials[a] = slope
+            case Operation.ADD:
+                shares = (a, slope), (b, slope)
+            case Operation.SUB:
+                shares = (a, slope), (b, -slope)
+            case Operation.MUL:
+                shares = (a, slope * run[b]), (b, slope * run[a])
+            case Operation.DIV:
+                part = slope / run[b]
+                shares = (a, part), (b, -(part * run[place]))
+            case Operation.NEG:
+                shares = ((a, -slope),)
+        for operand, share in shares:
             slopes[operand] = slopes[operand] + share if operand in slopes else share
     return run[register], partials
-
-
-def _registers_behind(program: Program, register: Register) -> list[Register]:
-    """Return the registers behind one, in order."""
-    found, waiting = {register}, [register]
-    while waiting:
-        for operand in operands(*program.ops[waiting.pop()]):
-            if operand not in found:
-                found.add(operand)
-                waiting.append(operand)
-    return sorted(found)
-
-
-def _shares(
-    op: Operation, a: Register, b: Register, slope: N, run: Mapping[Register, N], place: Register
-) -> tuple[tuple[Register, N], ...]:
-    """Pass a slope on to the operands of an operation."""
-    match op:
-        case Operation.ADD:
-            return (a, slope), (b, slope)
-        case Operation.SUB:
-            return (a, slope), (b, -slope)
-        case Operation.MUL:
-            return (a, slope * run[b]), (b, slope * run[a])
-        case Operation.DIV:
-            share = slope / run[b]
-            return (a, share), (b, -(share * run[place]))
-        case Operation.NEG:
-            return ((a, -slope),)
-        case _:
-            return ()

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import count
 from typing import NamedTuple
 
@@ -93,6 +92,7 @@ class JunctionStructure:
 
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
+        self._names = NameRegistry(graph.nodes)
         self.junctions: dict[str, Junction] = {}
         self.couplings: list[Coupling] = []
         self.place: dict[str, str] = {}
@@ -142,7 +142,16 @@ class JunctionStructure:
         elif junction.fixing is None:
             junction.fixing = name
         else:
-            raise _source_conflict(junction, name)
+            effort = junction.kind == "0"
+            kind, arrangement = ("effort", "parallel") if effort else ("flow", "series")
+            other, between = ("1", "an R or an I") if effort else ("0", "an R or a C")
+            raise Singular(
+                f"{kind} sources '{junction.fixing}' and '{name}' both fix the {kind} of junction "
+                f"'{junction.name}' (two ideal sources in {arrangement})",
+                remedy=f"Put '{name}' on a {other}-junction of its own, with {between} that takes up the "
+                f"difference of the {kind}s, or drop one of them.",
+                names=(name, str(junction.fixing), junction.name),
+            )
 
     def _add_two_port(self, name: str) -> None:
         node = self.graph.nodes[name]
@@ -171,10 +180,6 @@ class JunctionStructure:
             if self.graph.nodes[neighbour].type not in TWO_PORTS:
                 self._attach(neighbour, self._between[bond], incoming=incoming)
         return self._between[bond]
-
-    @cached_property
-    def _names(self) -> NameRegistry:
-        return NameRegistry(self.graph.nodes)
 
     def _bare(self, between: tuple[str, str], kind: str) -> str:
         name = self._names.fresh("_".join(between))
@@ -245,18 +250,4 @@ def ring_text(graph: BondGraph, bond: Bond) -> str:
     return (
         f"the {what} through the bond '{bond}' is not determined: it closes a ring of {kind}-junctions, "
         f"which share their {medium} already; nothing else depends on it: drop this bond"
-    )
-
-
-def _source_conflict(junction: Junction, second: str) -> Singular:
-    effort = junction.kind == "0"
-    fixes = f"the {'effort' if effort else 'flow'} of junction '{junction.name}'"
-    kind, arrangement = ("effort", "parallel") if effort else ("flow", "series")
-    other, between = ("1", "an R or an I") if effort else ("0", "an R or a C")
-    return Singular(
-        f"{kind} sources '{junction.fixing}' and '{second}' both fix {fixes} "
-        f"(two ideal sources in {arrangement})",
-        remedy=f"Put '{second}' on a {other}-junction of its own, with {between} that takes up the "
-        f"difference of the {kind}s, or drop one of them.",
-        names=(second, str(junction.fixing), junction.name),
     )

@@ -123,8 +123,9 @@ class NodalNetwork:
             for source, sign in junction.feeding:
                 self._feed(row, source, program.one if sign > 0 else self._minus_one)
         for source in self.inputs:
-            if source.startswith(STORED):
-                self._feed_stored(source.removeprefix(STORED))
+            storage = source.removeprefix(STORED)
+            if storage != source and (at := self.rows.get(structure.place[storage])) is not None:
+                self.feed(at, source, self.stored(storage, at))
         for coupling in structure.couplings:
             self._couple(coupling)
 
@@ -152,11 +153,6 @@ class NodalNetwork:
     def _feed(self, row: Balance, source: str | None, amount: Register) -> None:
         if source in self._kept:
             self.feed(row, source, amount)
-
-    def _feed_stored(self, name: str) -> None:
-        row = self.rows.get(self.structure.place[name])
-        if row is not None:
-            self.feed(row, f"{STORED}{name}", self.stored(name, row))
 
     def stored(self, name: str, row: Balance) -> Register:
         """Write the equivalent source of a storage's energy at t = 0 (Park & Kim 1997, eqs 13 to 16).

@@ -103,29 +103,25 @@ class JunctionElimination:
 
     def _reflect(self, leaf: Balance, into: Balance, own: Register, tie: Tie) -> None:
         """Let a leaf be seen through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2; then swap its sources."""
-        program = self.program
+        net, program = self.net, self.program
         modulus = program.parameter(str(tie.two_port))
         square = program.mul(modulus, modulus)
         own = program.inv(program.mul(square, own)) if tie.inverse else program.mul(square, program.inv(own))
         seen = Immittance(str(tie.two_port), own)
         self.trace.reflected(leaf, into, seen)
         if leaf.sources:
-            self._move_across(leaf, into, seen)
+            # the leaf is drawn on the near side: its unknown and balance in the neighbour's units
+            size = net.entry(into, leaf)
+            leaf.sources = {source: program.div(amount, size) for source, amount in leaf.sources.items()}
+            self.trace.moved(leaf, size)
+            leaf.terms = [Immittance(seen.name, program.inv(seen.register))]
+            into.entries[leaf], leaf.entries[into] = program.one, program.neg(program.one)
+            net.retie(into, leaf, BOND)
+            self.trace.done()
             self._swap(leaf, into, seen, tie.two_port)
         else:
             self._stand(into, seen, leaf)
             self._remove(leaf)
-
-    def _move_across(self, leaf: Balance, into: Balance, seen: Immittance) -> None:
-        """Draw a leaf on the near side of its TF or GY: its unknown and balance in the neighbour's units."""
-        net, program = self.net, self.program
-        size = net.entry(into, leaf)
-        leaf.sources = {source: program.div(amount, size) for source, amount in leaf.sources.items()}
-        self.trace.moved(leaf, size)
-        leaf.terms = [Immittance(seen.name, program.inv(seen.register))]
-        into.entries[leaf], leaf.entries[into] = program.one, program.neg(program.one)
-        net.retie(into, leaf, BOND)
-        self.trace.done()
 
     def _swap(self, leaf: Balance, into: Balance, seen: Immittance, two_port: str | None = None) -> None:
         """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
@@ -162,16 +158,13 @@ class JunctionElimination:
             return
         if row is not column:
             self.net.add_entry(row, column, change)
-        elif (taken_back := self._opposite(row, change)) is not None:
-            row.terms.remove(taken_back)
-            del self.origins[row, taken_back]
-        else:
-            self._stand(row, Immittance(origin.name, change), origin)
-
-    def _opposite(self, row: Balance, change: Register) -> Immittance | None:
-        """Return what was left on a junction before and a change takes back."""
-        left = (term for term in row.terms if (row, term) in self.origins)
-        return next((term for term in left if self.program.are_opposite(term.register, change)), None)
+            return
+        for term in row.terms:  # what an earlier elimination left there may be taken back
+            if (row, term) in self.origins and self.program.are_opposite(term.register, change):
+                row.terms.remove(term)
+                del self.origins[row, term]
+                return
+        self._stand(row, Immittance(origin.name, change), origin)
 
     # --- bare junctions ------------------------------------------------------------------------
 
@@ -442,6 +435,7 @@ class Reducer:
 
     def _eliminate_in_turn(self, rows: list[Balance], most: int) -> None:
         """Eliminate by (round, number of neighbours, distance from the root), up to so many neighbours."""
+        paired = self.work.paired
         turns = [_turn(row) for row in rows]
         heapq.heapify(turns)
         while turns:
@@ -449,22 +443,18 @@ class Reducer:
             row = turn[-1]
             if row.gone or turn != _turn(row):
                 continue  # eliminated already, or queued again with its new neighbours
-            around = self._eliminate_next(row)
+            own, neighbours = self.net.diagonal(row), list(row.entries)
+            if not self.program.is_zero(own):
+                around = self.work.eliminate(row, own)
+            elif len(neighbours) == 1 and neighbours[0] is not self.root and paired(row, neighbours[0]):
+                around = self.work.eliminate_pair(neighbours[0], row)
+            else:
+                continue  # nothing stands on it yet; it is queued again when a neighbour is eliminated
             following = row.round + 1 if self._balanced and len(around) > 1 else 0
             for other in around:
                 other.round = max(other.round, following)
                 if other is not self.root and len(other.entries) <= most:
                     heapq.heappush(turns, _turn(other))
-
-    def _eliminate_next(self, row: Balance) -> list[Balance]:
-        """Eliminate a junction if something stands on it, or if it is bare and a dead end."""
-        own = self.net.diagonal(row)
-        if not self.program.is_zero(own):
-            return self.work.eliminate(row, own)
-        neighbours = list(row.entries)
-        if len(neighbours) == 1 and neighbours[0] is not self.root and self.work.paired(row, neighbours[0]):
-            return self.work.eliminate_pair(neighbours[0], row)
-        return []  # nothing stands on it yet; it is queued again when a neighbour is eliminated
 
     def _eliminate_bare(self, rows: list[Balance]) -> None:
         """Eliminate junctions on which nothing stands, each with a neighbour that its balance fixes."""

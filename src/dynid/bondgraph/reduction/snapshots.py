@@ -145,6 +145,11 @@ class _SnapshotTaker:
             return  # the graph as drawn stays as it was drawn
         del self.taken[len(steps) :]
         before = self.taken[-1].junctions if self.taken else {}
+        known, program, fixing = self.work.held, self.net.program, self.net.root.fixing
+        if known is not None:
+            known = {source: known.get(source, program.zero) for source in self.net.inputs}
+        elif fixing is not None:
+            known = {source: program.one if source == fixing else program.zero for source in self.net.inputs}
         left = {
             row.name: (
                 JunctionState(
@@ -164,8 +169,8 @@ class _SnapshotTaker:
                 root=self.net.root.name,
                 junctions=left,
                 links=tuple(self._links()),
-                known=self._known(),
-                reading=port_form(self.net, self.port, self.net.program.zero),
+                known=known,
+                reading=port_form(self.net, self.port, program.zero),
                 changed=tuple(name for name, state in left.items() if before and state != before[name]),
                 gone=tuple(name for name in before if name not in left),
             )
@@ -183,12 +188,3 @@ class _SnapshotTaker:
                     yield SnapshotCoupling(
                         tail.name, head.name, *pair, drawn=tie is not None, two_port=two_port
                     )
-
-    def _known(self) -> dict[str, Register] | None:
-        held, program = self.work.held, self.net.program
-        fixing = self.net.root.fixing
-        if held is not None:
-            return {source: held.get(source, program.zero) for source in self.net.inputs}
-        if fixing is not None:
-            return {source: program.one if source == fixing else program.zero for source in self.net.inputs}
-        return None

@@ -45,9 +45,16 @@ def no_solution(structure: JunctionStructure, junctions: Sequence[str], sources:
     what = "sources" if len(sources) > 1 else "source"
     cancelling = any(structure.junctions[name].elements for name in junctions)
     reason = "the elements there cancel, nothing is left" if cancelling else "no element stands between"
+    kinds = {structure.junctions[name].kind for name in junctions}
+    drawn = [name for name in junctions if structure.junctions[name].members]
+    remedy = "Put an element (a resistance, say) on a junction in between"
+    if len(kinds) == 1 and drawn:
+        element, kind = ("an R or a C", "0") if kinds == {"0"} else ("an R or an I", "1")
+        remedy = f"Put {element} on the {kind}-junction '{_user_names(structure, drawn[:1])[0]}'"
+        remedy += " or one of the others" if len(drawn) > 1 else ""
     return Singular(
         f"{what} {_quoted(sources)} {verb} through {_quoted(members)}: {reason} to take up the difference",
-        remedy=f"{_element_on(structure, junctions)}, or drop a source.",
+        remedy=f"{remedy}, or drop a source.",
         names=(*sources, *members),
     )
 
@@ -64,17 +71,6 @@ def not_determined(structure: JunctionStructure, junctions: Iterable[str]) -> Si
         remedy="Tie it to an element or a source, or drop one of the parallel paths.",
         names=tuple(members),
     )
-
-
-def _element_on(structure: JunctionStructure, junctions: Sequence[str]) -> str:
-    """Return the element that would take up the difference, and where to put it."""
-    kinds = {structure.junctions[name].kind for name in junctions}
-    drawn = [name for name in junctions if structure.junctions[name].members]
-    if len(kinds) > 1 or not drawn:
-        return "Put an element (a resistance, say) on a junction in between"
-    element, kind = ("an R or a C", "0") if kinds == {"0"} else ("an R or an I", "1")
-    on = _user_names(structure, drawn[:1])[0]
-    return f"Put {element} on the {kind}-junction '{on}'{' or one of the others' if len(drawn) > 1 else ''}"
 
 
 def _user_names(structure: JunctionStructure, junctions: Iterable[str]) -> list[str]:
@@ -224,9 +220,23 @@ def undetermined(
         elimination = _SparseElimination(form.rows, prime)
         if not elimination.free:
             return [], None
-    contradiction = _contradiction(form)
-    if contradiction is not None:
-        raise contradiction
+    # a contradiction: a left null vector that does not annihilate the sources; the smallest is reported
+    transposed: dict[str, Sparse] = {name: {} for name in form.rows}
+    for name, row in form.rows.items():
+        for column, entry in row.items():
+            transposed[column][name] = entry
+    smallest: tuple[list[str], list[str]] | None = None
+    for vector in _SparseElimination(transposed, form.prime).null_vectors():
+        driven = form.driven(vector)
+        sources = [
+            name
+            for name in structure.graph.nodes
+            if name in driven and _product(driven[name], vector, form.prime)
+        ]
+        if sources and (smallest is None or len(vector) < len(smallest[0])):
+            smallest = list(vector), sources
+    if smallest is not None:
+        raise no_solution(structure, *smallest)
     return [
         Undetermined(vector, not_determined(structure, vector)) for vector in elimination.null_vectors()
     ], form
@@ -279,25 +289,6 @@ def explain(structure: JunctionStructure) -> Singular:
     )
 
 
-def _contradiction(form: ModularNodalForm) -> Singular | None:
-    """Return the error where a left null vector does not annihilate the sources: the smallest of them."""
-    transposed: dict[str, Sparse] = {name: {} for name in form.rows}
-    for name, row in form.rows.items():
-        for column, entry in row.items():
-            transposed[column][name] = entry
-    smallest: tuple[list[str], list[str]] | None = None
-    for vector in _SparseElimination(transposed, form.prime).null_vectors():
-        driven = form.driven(vector)
-        sources = [
-            name
-            for name in form.structure.graph.nodes
-            if name in driven and _product(driven[name], vector, form.prime)
-        ]
-        if sources and (smallest is None or len(vector) < len(smallest[0])):
-            smallest = list(vector), sources
-    return None if smallest is None else no_solution(form.structure, *smallest)
-
-
 def _add(row: Sparse, column: str, amount: int, prime: int) -> None:
     total = (row.get(column, 0) + amount) % prime
     if total:
@@ -328,44 +319,36 @@ class _SparseElimination:
 
     def __init__(self, rows: Mapping[str, Sparse], prime: int) -> None:
         self._prime = prime
-        self._rows = {name: dict(row) for name, row in rows.items()}
-        self._columns: dict[str, set[str]] = {name: set() for name in rows}
+        left = {name: dict(row) for name, row in rows.items()}
+        rows_with: dict[str, set[str]] = {name: set() for name in rows}
         for name, row in rows.items():
             for column in row:
-                self._columns[column].add(name)
+                rows_with[column].add(name)
         self._pivots: list[tuple[str, Sparse]] = []
         turns = [(len(row), place, name) for place, (name, row) in enumerate(rows.items()) if row]
         places = {name: place for _, place, name in turns}
         heapq.heapify(turns)
         while turns:
             length, _, name = heapq.heappop(turns)
-            left = self._rows.get(name)
-            if left and len(left) == length:
-                for other in self._eliminate(name, left):
-                    heapq.heappush(turns, (len(self._rows[other]), places[other], other))
+            if len(left.get(name, ())) != length:
+                continue  # eliminated already, or queued again with another length
+            row = left.pop(name)
+            pivot = min(row, key=lambda column: len(rows_with[column]))
+            inverse = pow(row[pivot], -1, prime)
+            for column in row:
+                rows_with[column].discard(name)
+            for other in rows_with.pop(pivot):
+                target = left[other]
+                factor = -target[pivot] * inverse % prime
+                for column, entry in row.items():
+                    _add(target, column, factor * entry, prime)
+                    if column != pivot:
+                        (rows_with[column].add if column in target else rows_with[column].discard)(other)
+                if target:
+                    heapq.heappush(turns, (len(target), places[other], other))
+            self._pivots.append((pivot, row))
         taken = {column for column, _ in self._pivots}
         self.free = [name for name in rows if name not in taken]
-
-    def _eliminate(self, name: str, row: Sparse) -> list[str]:
-        """Eliminate a column by a row; return the rows that it changes and leaves something of."""
-        columns, prime = self._columns, self._prime
-        pivot = min(row, key=lambda column: len(columns[column]))
-        inverse = pow(row[pivot], -1, prime)
-        del self._rows[name]
-        for column in row:
-            columns[column].discard(name)
-        changed = []
-        for other in columns.pop(pivot):
-            target = self._rows[other]
-            factor = -target[pivot] * inverse % prime
-            for column, entry in row.items():
-                _add(target, column, factor * entry, prime)
-                if column != pivot:
-                    (columns[column].add if column in target else columns[column].discard)(other)
-            if target:
-                changed.append(other)
-        self._pivots.append((pivot, row))
-        return changed
 
     def null_vectors(self) -> Iterable[Sparse]:
         """Yield a basis of the right null space, each vector of smallest support, its free column first."""

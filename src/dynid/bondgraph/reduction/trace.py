@@ -315,7 +315,12 @@ class TraceRecorder(NoTrace):
         if not prototype.fixed or not zero(form.drive):
             drives = tuple((amount, by) for by, amount in self.drives[root].items())
             definitions.append((source, drives))
-        definitions.append((common, self._common(prototype, source)))
+        relation: WeightedSum | PrintableFormula = DrivenRelation(prototype, source)
+        if self._held_by is not None:
+            relation = self._held_by
+        elif root.fixing is not None:
+            relation = ((self.program.one, root.fixing),) if root.fixing in self.net.inputs else ()
+        definitions.append((common, relation))
         if (port.node, port.quantity) != (root.name, letter):
             output = ((form.common, common), (form.drive, source), (form.own, form.by))
             parts = tuple((register, by) for register, by in output if not zero(register))
@@ -323,40 +328,25 @@ class TraceRecorder(NoTrace):
         self.record("prototype", self.nodes(root), definitions, prototype.describe(root.name))
         self.done()
 
-    def _common(self, prototype: Prototype, source: str) -> WeightedSum | PrintableFormula:
-        """Return what the root's common variable equals: what fixes it, or the prototype's relation."""
-        fixing = self.net.root.fixing
-        if self._held_by is not None:
-            return self._held_by
-        if fixing is not None:
-            return ((self.program.one, fixing),) if fixing in self.net.inputs else ()
-        return DrivenRelation(prototype, source)
-
     def _passed_on(self, row: Balance, to: Balance, factor: Register, label: str) -> WeightedSum:
         """Let what drives a row, times a factor, drive another under a label; return what that stands for."""
         parts = tuple((self.program.mul(factor, amount), by) for by, amount in self.drives[row].items())
-        meant = self._meant[label] = self._in_inputs(parts)
-        for other, amount in self.drives[to].items():
-            if amount == self.program.one and self._take_back(meant, self._meant.get(other, {})):
-                del self.drives[to][other]
-                return parts
-        self.drives[to][label] = self.program.one
-        return parts
-
-    def _in_inputs(self, parts: WeightedSum) -> dict[str, Register]:
-        """Return a sum of drives in terms of the inputs."""
         program = self.program
-        total: dict[str, Register] = {}
+        meant: dict[str, Register] = {}  # the sum in terms of the inputs
         for amount, by in parts:
             for source, own in self._meant.get(by, {by: program.one}).items():
-                total[source] = program.add(total.get(source, program.zero), program.mul(amount, own))
-        return total
-
-    def _take_back(self, one: Mapping[str, Register], other: Mapping[str, Register]) -> bool:
-        """Test whether two drives are opposite whatever the inputs."""
-        return one.keys() == other.keys() and all(
-            self.program.are_opposite(one[source], other[source]) for source in one
-        )
+                meant[source] = program.add(meant.get(source, program.zero), program.mul(amount, own))
+        self._meant[label] = meant
+        for other, amount in self.drives[to].items():
+            earlier = self._meant.get(other, {})
+            taken_back = meant.keys() == earlier.keys() and all(
+                program.are_opposite(meant[source], earlier[source]) for source in meant
+            )
+            if amount == program.one and taken_back:
+                del self.drives[to][other]
+                return parts
+        self.drives[to][label] = program.one
+        return parts
 
     def _name(self, register: Register, label: str) -> None:
         """Let the equations of later steps call a register by a name, unless it is as short itself."""

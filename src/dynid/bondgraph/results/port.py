@@ -207,19 +207,15 @@ def static_characteristics(parts: Decomposition) -> dict[str, StaticCharacterist
     It has none where a side has no finite line at s -> 0 (an input that is integrated without end), or where
     the lines are parallel (a motion that nothing stops).
     """
-    lines = {name: _lines(parts, name) for name in parts.sources}
     found = {}
-    for name, (source, load) in lines.items():
+    for name in parts.sources:
+        source, load = _line(parts, parts.source, name, 1), _line(parts, parts.load, name, -1)
         operating = source.meets(load) if source is not None and load is not None else None
         if source is None or load is None or operating is None:
             continue
         box = _box(source, load, operating)
         found[name] = StaticCharacteristic(source.ends(box), load.ends(box), operating)
     return found
-
-
-def _lines(parts: Decomposition, name: str) -> tuple[StaticLine | None, StaticLine | None]:
-    return _line(parts, parts.source, name, 1), _line(parts, parts.load, name, -1)
 
 
 def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int) -> StaticLine | None:
@@ -232,23 +228,15 @@ def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int
     ratios = parts.rational(registers)
     own, drive = (TransferFunction.of(ratios[register]) for register in registers)
     common = own.denominator * drive.denominator // own.denominator.gcd(drive.denominator)
-    raw = {
-        "one": common,
-        "own": own.numerator * (common // own.denominator),
-        "drive": drive.numerator * (common // drive.denominator),
-    }
-    values = _at_zero(raw)
-    effort, flow = ("own", "one") if side.impedance is None else ("one", "own")
-    if values[effort] == values[flow] == 0:
+    multiples = own.numerator * (common // own.denominator), drive.numerator * (common // drive.denominator)
+    # at s = 0, without a common power of s
+    rows = [[int(c) for c in polynomial.coeffs()] for polynomial in (common, *multiples)]
+    lowest = min(next(k for k, c in enumerate(row) if c) for row in rows if row)
+    one, part, right = (Fraction(row[lowest] if lowest < len(row) else 0) for row in rows)
+    if one == part == 0:
         return None
-    return StaticLine(values[effort], outward * values[flow], values["drive"])
-
-
-def _at_zero(polynomials: Mapping[str, object]) -> dict[str, Fraction]:
-    """Return integer polynomials without a common power of s at s = 0."""
-    coefficients = {name: [int(c) for c in polynomial.coeffs()] for name, polynomial in polynomials.items()}  # type: ignore[attr-defined]
-    lowest = min(next(k for k, c in enumerate(row) if c) for row in coefficients.values() if row)
-    return {name: Fraction(row[lowest] if lowest < len(row) else 0) for name, row in coefficients.items()}
+    effort, flow = (part, one) if side.impedance is None else (one, part)
+    return StaticLine(effort, outward * flow, right)
 
 
 def _box(source: StaticLine, load: StaticLine, operating: FlowEffort) -> tuple[FlowEffort, FlowEffort]:
