@@ -206,27 +206,25 @@ class Descriptor:
 
     def output(self, port: Port) -> LinearForm:
         """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
-        form = self._variable(port.node, self.graph.behind(port).quantity)
+        name, quantity = port.node, self.graph.behind(port).quantity
+        kind, place = self.graph.nodes[name].type, self.structure.place[name]
+        sign = self.field.one * bond_sign(self.graph, name)
+        if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
+            form = self.signal(name)
+        elif quantity == ("f" if self.structure.junctions[place].kind == "1" else "e"):
+            form = self._common(place)
+        elif kind in SOURCES:  # the reaction of a source that fixes the junction
+            form = scaled(self._balance[place], -sign)
+        else:
+            form = scaled(self._responses[name], sign)
         if self.graph.is_state(port):
-            value = self.field.value(port.node) * bond_sign(self.graph, port.node)
+            value = self.field.value(name) * sign
             return scaled(form, value) if value else {}
         if port.quantity in "ef":
             return form
-        name = f"integral:{port}"
-        self.equations.append({("dw", name): self.field.one, **scaled(form, -self.field.one)})
-        return {("w", name): self.field.one}
-
-    def _variable(self, name: str, quantity: str) -> LinearForm:
-        node, place = self.graph.nodes[name], self.structure.place[name]
-        junction = self.structure.junctions[place]
-        if node.type in SOURCES and quantity == ("e" if node.type == "Se" else "f"):
-            return self.signal(name)
-        if quantity == ("f" if junction.kind == "1" else "e"):
-            return self._common(place)
-        sign = self.field.one * bond_sign(self.graph, name)
-        if node.type in SOURCES:  # the reaction of a source that fixes the junction
-            return scaled(self._balance[place], -sign)
-        return scaled(self._responses[name], sign)
+        integral = f"integral:{port}"
+        self.equations.append({("dw", integral): self.field.one, **scaled(form, -self.field.one)})
+        return {("w", integral): self.field.one}
 
 
 def constrained(

@@ -206,16 +206,11 @@ class BondGraph:
         ]
         if faults:
             raise UsageError("; ".join(fault.message for fault in faults))
-
-    @cached_property
-    def _bonds_at(self) -> dict[str, list[Bond]]:
-        """The bonds at every node, in the user's order."""
-        found: dict[str, list[Bond]] = {name: [] for name in self.nodes}
+        self._bonds_at: dict[str, list[Bond]] = {name: [] for name in self.nodes}
         for bond in self.bonds:
             for end in bond:
-                if end in found:
-                    found[end].append(bond)
-        return found
+                if end in self._bonds_at:
+                    self._bonds_at[end].append(bond)
 
     def value(self, name: str) -> Fraction:
         """Return the exact value of an element or the modulus of a two-port."""

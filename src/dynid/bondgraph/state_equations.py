@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from dynid.bondgraph.descriptor import Descriptor, FormSymbol, LinearForm, NumberField, constrained, solve
+from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, constrained, solve
 from dynid.bondgraph.formulas.expressions import free_letter, length, print_register, shared
 from dynid.bondgraph.formulas.printers import TEXT, Printed
 from dynid.bondgraph.formulas.transfer import symbol_names, symbol_value
@@ -163,8 +163,13 @@ class _Solved:
 
     def written(self) -> StateEquations:
         whole = self._lowest_terms()
-        labels = {} if whole else self._labels()
-        nodes = self.graph.nodes
+        nodes, wanted = self.graph.nodes, set(self.registers)
+        labels: dict[Register, str] = {}  # what coefficients share, where one of them would be long
+        if not whole and any(length(self.program, register, _WHOLE) >= _WHOLE for register in wanted):
+            formulas = (node.formula.names for node in nodes.values() if node.formula)
+            letter = free_letter({*nodes, *(name for names in formulas for name in names)})
+            named = [r for r in shared(self.program, wanted, _PART) if length(self.program, r, 4) == 4]
+            labels = {register: f"{letter}{k}" for k, register in enumerate(named, 1)}
         if not whole:
             whole = {
                 register: TEXT.name(labels[register])
@@ -199,22 +204,13 @@ class _Solved:
             return {}
         return {register: quotient(above, below) for register, (above, below) in lowest.items()}
 
-    def _labels(self) -> dict[Register, str]:
-        """Name what coefficients share, where one of them would be long."""
-        wanted = set(self.registers)
-        if all(length(self.program, register, _WHOLE) < _WHOLE for register in wanted):
-            return {}
-        formulas = (node.formula.names for node in self.graph.nodes.values() if node.formula)
-        letter = free_letter({*self.graph.nodes, *(name for names in formulas for name in names)})
-        named = [r for r in shared(self.program, wanted, _PART) if length(self.program, r, 4) == 4]
-        return {register: f"{letter}{k}" for k, register in enumerate(named, 1)}
-
     def _equations(
         self, left: Iterable[str], forms: Iterable[LinearForm], coefficients: dict[Register, Printed]
     ) -> Iterable[str]:
         for name, form in zip(left, forms, strict=True):
             terms = []
-            for symbol in sorted(form, key=self._place):
+            # states first, in their order, then inputs, then their derivatives
+            for symbol in sorted(form, key=lambda s: (1 + s[2] if len(s) == 3 else 0, self.places[s[1]])):
                 if len(symbol) == 2:
                     variable = self.system.name(symbol[1])
                 else:
@@ -222,9 +218,3 @@ class _Solved:
                     variable = f"(d{times}/dt{times} {symbol[1]})" if symbol[2] else symbol[1]
                 terms.append(TEXT.scaled(coefficients[form[symbol].register], variable))
             yield f"{name} = {TEXT.listed(terms)[0]}"
-
-    def _place(self, symbol: FormSymbol) -> tuple[int, int]:
-        """States first, in their order, then inputs, then their derivatives."""
-        if len(symbol) == 2:
-            return 0, self.places[symbol[1]]
-        return 1 + symbol[2], self.places[symbol[1]]

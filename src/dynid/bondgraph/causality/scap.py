@@ -263,12 +263,27 @@ def describe(assigned: AssignedStrokes) -> Causality:
     """Put an assignment into words and tables."""
     strokes = assigned.strokes
     kinds = strokes.kinds
-    elements = tuple(_element(strokes, name) for name, kind in kinds.items() if kind in ONE_PORTS)
+    elements = []
+    for name, kind in kinds.items():
+        if kind not in ONE_PORTS:
+            continue
+        (bond,) = strokes.bonds_at[name]
+        at_head, how = strokes.at_head[bond], strokes.how[bond]
+        effort_in = at_head is strokes.towards(name, bond)
+        if kind in SOURCES:
+            causality = "fixed"
+        elif at_head is None:
+            causality = "conflict"
+        elif kind in STORAGES:
+            causality = "integral" if effort_in is (kind == "I") else "derivative"
+        else:
+            causality = "conductive" if effort_in else "resistive"
+        elements.append(CausalElement(name, kind, causality, "conflict" if at_head is None else how))
     integral = [element.name for element in elements if element.causality == "integral"]
     derivative = [element.name for element in elements if element.causality == "derivative"]
     return Causality(
         bonds=tuple(_bond(strokes, bond) for bond in range(len(strokes.bonds))),
-        elements=elements,
+        elements=tuple(elements),
         states=tuple(
             CausalState(f"p_{name}", name, "momentum")
             if kinds[name] == "I"
@@ -286,18 +301,3 @@ def _bond(strokes: Strokes, bond: int) -> CausalBond:
     at_head = strokes.at_head[bond]
     how = "conflict" if at_head is None else strokes.how[bond]
     return CausalBond(tail, head, "tail" if at_head is False else "head", how)
-
-
-def _element(strokes: Strokes, name: str) -> CausalElement:
-    kind = strokes.kinds[name]
-    (bond,) = strokes.bonds_at[name]
-    if strokes.at_head[bond] is None:
-        return CausalElement(name, kind, "fixed" if kind in SOURCES else "conflict", "conflict")
-    effort_in = strokes.at_head[bond] is strokes.towards(name, bond)
-    if kind in SOURCES:
-        causality = "fixed"
-    elif kind in STORAGES:
-        causality = "integral" if effort_in is (kind == "I") else "derivative"
-    else:
-        causality = "conductive" if effort_in else "resistive"
-    return CausalElement(name, kind, causality, strokes.how[bond])

@@ -53,7 +53,9 @@ def independent(
         spelled = [program.ops[register] for register in order if register not in named]
         read = [r for op in spelled for r in operands(*op) if program.ops[r][0] is not Operation.CONSTANT]
         summed = [r for op in spelled if op[0] in (Operation.ADD, Operation.SUB) for r in operands(*op)]
-        constants += sum(_is_constant(program, r) for r in [*summed, order[-1]])
+        for register in [*summed, order[-1]]:
+            op, inner, _ = program.ops[register]
+            constants += (program.ops[inner][0] if op is Operation.NEG else op) is Operation.CONSTANT
         if len(read) != len(set(read)) or constants > 1:
             return False
         variables += named.values()
@@ -66,11 +68,6 @@ def independent(
                 else []
             )
     return len(variables) == len(set(variables))
-
-
-def _is_constant(program: Program, register: Register) -> bool:
-    op, inner, _ = program.ops[register]
-    return op is Operation.CONSTANT or (op is Operation.NEG and program.ops[inner][0] is Operation.CONSTANT)
 
 
 def _names(node: Node) -> list[str]:

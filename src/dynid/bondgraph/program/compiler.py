@@ -91,9 +91,19 @@ class _Draft(NamedTuple):
 def lower_program(registers: RegisterArrays, wanted: Integers) -> tuple[InstructionListing, Integers]:
     """Return the instructions that compute registers, and the places of those wanted."""
     count = len(registers.codes)
-    needed = _needed(registers, wanted)
+    needed = np.zeros(count, np.bool_)
+    needed[wanted] = True
+    for register in range(count - 1, -1, -1):
+        if needed[register] and registers.codes[register] >= _ADD:
+            needed[registers.first[register]] = True
+            if registers.codes[register] != _NEG:
+                needed[registers.second[register]] = True
     power = _monomials(registers, needed)
-    draft = _blank(count, 3 * count + len(wanted))
+    most = 3 * count + len(wanted)
+    blank = InstructionListing(
+        np.empty(most, np.int64), np.empty((most, 2), np.int64), np.zeros((most, 3)), np.zeros(most, np.int64)
+    )
+    draft = _Draft(blank, np.zeros(1, np.int64), np.full(count, -1), np.full(count, -1))
     for register in range(count):
         if needed[register] and power[register] == _GENERAL:
             draft.place[register] = _operation(registers, power, register, draft)
@@ -101,19 +111,6 @@ def lower_program(registers: RegisterArrays, wanted: Integers) -> tuple[Instruct
         _operand(registers, power, register, draft)
     end, (codes, operands, numbers, powers) = draft.length[0], draft.listing
     return InstructionListing(codes[:end], operands[:end], numbers[:end], powers[:end]), draft.place[wanted]
-
-
-@compiled
-def _needed(registers: RegisterArrays, wanted: Integers) -> NDArray[np.bool_]:
-    """Mark the registers that the wanted depend on."""
-    needed = np.zeros(len(registers.codes), np.bool_)
-    needed[wanted] = True
-    for register in range(len(registers.codes) - 1, -1, -1):
-        if needed[register] and registers.codes[register] >= _ADD:
-            needed[registers.first[register]] = True
-            if registers.codes[register] != _NEG:
-                needed[registers.second[register]] = True
-    return needed
 
 
 @compiled
@@ -129,21 +126,16 @@ def _monomials(registers: RegisterArrays, needed: NDArray[np.bool_]) -> Integers
             power[register] = 1 if op == _LAPLACE else 0
             continue
         one, other = first[register], first[register] if op == _NEG else second[register]
-        power[register] = _power(op, power[one], power[other])
-        if power[register] != _GENERAL:
+        p, q = power[one], power[other]
+        if p == _GENERAL or q == _GENERAL or (op in (_ADD, _SUB) and p != q):
+            continue
+        total = p + q if op == _MUL else p - q if op == _DIV else p
+        if abs(total) <= POWERS:
+            power[register] = total
             a, b = numbers[one], numbers[other]
             x = _number(op, (a[0], a[1], a[2]), (b[0], b[1], b[2]))
             numbers[register, 0], numbers[register, 1], numbers[register, 2] = x
     return power
-
-
-@compiled
-def _power(op: int, one: int, other: int) -> int:
-    """Return the power of s of a sum, product or quotient of monomials of these powers."""
-    if one == _GENERAL or other == _GENERAL or (op in (_ADD, _SUB) and one != other):
-        return _GENERAL
-    power = one + other if op == _MUL else one - other if op == _DIV else one
-    return power if abs(power) <= POWERS else _GENERAL
 
 
 @compiled
@@ -156,14 +148,6 @@ def _number(op: int, x: Real, y: Real) -> Real:
     if op == _NEG:
         return -x[0], -x[1], x[2]
     return real_sum(x, y if op == _ADD else (-y[0], -y[1], y[2]))
-
-
-@compiled
-def _blank(registers: int, most: int) -> _Draft:
-    """Return an empty listing with room for some instructions."""
-    operands, numbers = np.empty((most, 2), np.int64), np.zeros((most, 3))
-    listing = InstructionListing(np.empty(most, np.int64), operands, numbers, np.zeros(most, np.int64))
-    return _Draft(listing, np.zeros(1, np.int64), np.full(registers, -1), np.full(registers, -1))
 
 
 @compiled
@@ -254,7 +238,11 @@ def instruction_order(codes: Integers, operands: Integers, wanted: Integers) -> 
     comes only when it is asked for, or not at all.
     """
     count = len(codes)
-    root = _depths(codes, operands) > _SHALLOW
+    depth = np.zeros(count, np.int64)  # operations above the leaves
+    for at in range(count):
+        if codes[at] != _LOAD:
+            depth[at] = 1 + max(depth[operands[at, 0]], depth[operands[at, 1]])
+    root = depth > _SHALLOW
     root[wanted] = True
     order = np.empty(count, np.int64)
     done = 0
@@ -277,16 +265,6 @@ def instruction_order(codes: Integers, operands: Integers, wanted: Integers) -> 
                 order[done] = at
                 done += 1
     return order[:done]
-
-
-@compiled
-def _depths(codes: Integers, operands: Integers) -> Integers:
-    """Return how many operations lie above the leaves of each instruction."""
-    depth = np.zeros(len(codes), np.int64)
-    for at in range(len(codes)):
-        if codes[at] != _LOAD:
-            depth[at] = 1 + max(depth[operands[at, 0]], depth[operands[at, 1]])
-    return depth
 
 
 @compiled
@@ -436,17 +414,12 @@ def sweep_frequencies(
             run_tape(tape.rows, tape.numbers, padded[block * LANES : (block + 1) * LANES], memory)
             found[block] = memory[tape.places].reshape(-1, ROWS, LANES)
 
-    workers = max(1, min(blocks, _cores()))
+    limited = hasattr(os, "sched_getaffinity")  # the cores that this process may use
+    cores = len(os.sched_getaffinity(0)) if limited else os.cpu_count() or 1
+    workers = max(1, min(blocks, cores))
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, range(workers)))
     rows = found.transpose(2, 0, 3, 1).reshape(ROWS, blocks * LANES, len(wanted))[:, : len(omega)]
     values = np.empty(rows.shape[1:], dtype=np.complex128)
     values.real, values.imag = rows[0] + rows[1], rows[2] + rows[3]
     return values, rows[5]
-
-
-def _cores() -> int:
-    """Return how many cores this process may use; where the system does not say, how many there are."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -70,11 +70,17 @@ class JunctionElimination:
         neighbours = list(row.entries)
         self.trace.superposed(row, row.terms, own)
         self.pivots.append(own)
-        if len(neighbours) == 1:
-            self._absorb_leaf(row, neighbours[0], own)
-        elif neighbours:
+        tie = self.net.tie(row, neighbours[0]) if len(neighbours) == 1 else None
+        if not neighbours:
+            self._remove(row)
+        elif tie is None:  # on a loop, or tied to its only neighbour by more than a bond
             self._eliminate_on_loop(row, neighbours, own)
+        elif tie.two_port is not None:
+            self._reflect(row, neighbours[0], own, tie)
+        elif row.sources:
+            self._swap(row, neighbours[0], Immittance(row.origin, self.program.inv(own)))
         else:
+            self._stand(neighbours[0], Immittance(row.origin, self.program.inv(own)), row)
             self._remove(row)
         return neighbours
 
@@ -87,19 +93,6 @@ class JunctionElimination:
         """Take out an eliminated junction, after which the network is whole."""
         self.net.remove(row)
         self.trace.done()
-
-    def _absorb_leaf(self, leaf: Balance, into: Balance, own: Register) -> None:
-        """Let a leaf's neighbour see its immittance and its sources, through what ties them."""
-        tie = self.net.tie(leaf, into)
-        if tie is None:
-            self._eliminate_on_loop(leaf, [into], own)
-        elif tie.two_port is not None:
-            self._reflect(leaf, into, own, tie)
-        elif leaf.sources:
-            self._swap(leaf, into, Immittance(leaf.origin, self.program.inv(own)))
-        else:
-            self._stand(into, Immittance(leaf.origin, self.program.inv(own)), leaf)
-            self._remove(leaf)
 
     def _reflect(self, leaf: Balance, into: Balance, own: Register, tie: Tie) -> None:
         """Let a leaf be seen through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2; then swap its sources."""
@@ -401,6 +394,15 @@ class Reducer:
                 raise self._singular()
             own = total
         form = port_form(self.net, port, total)
+        channels = {}
+        for source in self.net.inputs:  # the root's common variable first (eqs 1 to 4)
+            if self.work.held is not None:
+                common = self.work.held.get(source, self.program.zero)
+            elif self.root.fixing is not None:
+                common = self.program.one if source == self.root.fixing else self.program.zero
+            else:
+                common = self.program.div(self.root.sources.get(source, self.program.zero), total)
+            channels[source] = channel(self.net, form, source, common)
         self.trace.reached(prototype, port, form)
         return Reduction(
             port=port,
@@ -408,10 +410,7 @@ class Reducer:
             steps=tuple(self.trace.steps),
             prototype=prototype,
             drives=dict(self.root.sources),
-            channels={
-                source: channel(self.net, form, source, self._common(source, total))
-                for source in self.net.inputs
-            },
+            channels=channels,
             pivots=others if own is None else (*others, own),
             others=others,
             structure=self.net.structure,
@@ -419,15 +418,6 @@ class Reducer:
             driving=self._driving,
             labels=self.trace.labels,
         )
-
-    def _common(self, source: str, total: Register) -> Register:
-        """Write the transfer function from a source to the root's common variable (eqs 1 to 4)."""
-        program, fixing = self.program, self.root.fixing
-        if self.work.held is not None:
-            return self.work.held.get(source, program.zero)
-        if fixing is not None:
-            return program.one if source == fixing else program.zero
-        return program.div(self.root.sources.get(source, program.zero), total)
 
     def _root_known(self) -> bool:
         """Test whether a source, or a bare junction beside it, fixes the root's unknown."""

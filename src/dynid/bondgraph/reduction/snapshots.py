@@ -163,28 +163,25 @@ class _SnapshotTaker:
             )
             for row in self.net.left
         }
+        links: list[SnapshotCoupling] = []
+        met: set[Balance] = set()
+        for tail in self.net.left:
+            met.add(tail)
+            for head in tail.entries:
+                if head not in met:
+                    tie = self.net.tie(tail, head)
+                    names, entries = (tail.name, head.name), (tail.entries[head], head.entries[tail])
+                    two_port = None if tie is None else tie.two_port
+                    links.append(SnapshotCoupling(*names, *entries, drawn=tie is not None, two_port=two_port))
         self.taken.append(
             Snapshot(
                 step=steps[-1] if steps else None,
                 root=self.net.root.name,
                 junctions=left,
-                links=tuple(self._links()),
+                links=tuple(links),
                 known=known,
                 reading=port_form(self.net, self.port, program.zero),
                 changed=tuple(name for name, state in left.items() if before and state != before[name]),
                 gone=tuple(name for name in before if name not in left),
             )
         )
-
-    def _links(self) -> Iterable[SnapshotCoupling]:
-        seen: set[Balance] = set()
-        for tail in self.net.left:
-            seen.add(tail)
-            for head in tail.entries:
-                if head not in seen:
-                    tie = self.net.tie(tail, head)
-                    two_port = tie.two_port if tie is not None else None
-                    pair = tail.entries[head], head.entries[tail]
-                    yield SnapshotCoupling(
-                        tail.name, head.name, *pair, drawn=tie is not None, two_port=two_port
-                    )

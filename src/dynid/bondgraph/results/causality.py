@@ -114,27 +114,25 @@ def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causalit
         for source in reduced.inputs:
             found = zero_causality(reduced.graph, port, source)
             group = f"bond_graph/causality/zero_dynamics/{port}/{source}"
-            structural = None if found is None else _add_graph(result, group, found, modelled, order)
+            structural = None  # the number of zeros that the structure of the bicausal graph allows
+            if found is not None:
+                names = ("tail", "head", "effort", "flow", "set_by")
+                rows = [(b.tail, b.head, b.effort, b.flow, b.set_by) for b in found.bonds]
+                result.add_axis(f"{group}/bond", np.arange(1, len(rows) + 1))
+                table = np.array(rows, dtype=[(name, object) for name in names])
+                result.add(f"{group}/bonds", table, ("bond",))
+                result.add_axis(f"{group}/line", list(found.line))
+                inside = [state.name for state in found.inside.states if state.element in modelled]
+                derivative = [name for name in found.derivative if name in modelled]
+                result.add_axis(f"{group}/internal_state", np.array(inside, dtype=object))
+                result.add_axis(f"{group}/derivative_storage", np.array(derivative, dtype=object))
+                structural = len(inside)
+                result.add(f"{group}/zeros_structural", structural)
+                result.add(f"{group}/relative_degree_structural", order - structural)
             exact = _add_equations(result, group, reduced, port, source, exact_order)
             note = _difference(structural, exact, order - exact_order, found)
             if note:
                 result.annotate(group, note=note)
-
-
-def _add_graph(result: Result, group: str, found: ZeroCausality, modelled: set[str], order: int) -> int:
-    """Add the bicausal graph; return the number of zeros that its structure allows."""
-    names = ("tail", "head", "effort", "flow", "set_by")
-    rows = [(b.tail, b.head, b.effort, b.flow, b.set_by) for b in found.bonds]
-    result.add_axis(f"{group}/bond", np.arange(1, len(rows) + 1))
-    result.add(f"{group}/bonds", np.array(rows, dtype=[(name, object) for name in names]), ("bond",))
-    result.add_axis(f"{group}/line", list(found.line))
-    inside = [state.name for state in found.inside.states if state.element in modelled]
-    derivative = [name for name in found.derivative if name in modelled]
-    result.add_axis(f"{group}/internal_state", np.array(inside, dtype=object))
-    result.add_axis(f"{group}/derivative_storage", np.array(derivative, dtype=object))
-    result.add(f"{group}/zeros_structural", len(inside))
-    result.add(f"{group}/relative_degree_structural", order - len(inside))
-    return len(inside)
 
 
 def _add_equations(
@@ -161,17 +159,12 @@ def _add_equations(
     dtype = [(name, object) for name in ("elements", "states", "polynomial")]
     result.add_axis(f"{group}/part", np.arange(1, len(rows) + 1))
     result.add(f"{group}/parts", np.array(rows, dtype=dtype), ("part",))
-    if 0 < count <= _MATRIX:
-        _add_matrices(result, group, reduced, port, source)
-    return count
-
-
-def _add_matrices(result: Result, group: str, reduced: ReducedGraph, port: Port, source: str) -> None:
-    """Add x' = A x of the inside and u = C x that holds the output, where doubles can hold them."""
-    try:
+    if not 0 < count <= _MATRIX:
+        return count
+    try:  # x' = A x of the inside and u = C x that holds the output, where doubles can hold them
         inside = zero_dynamics(reduced, port, source)
     except NumericalError:
-        return
+        return count
     names = np.array(inside.states, dtype=object)
     result.add_axis(f"{group}/state", names)
     result.add_axis(f"{group}/rate_of", names)
@@ -183,6 +176,7 @@ def _add_matrices(result: Result, group: str, reduced: ReducedGraph, port: Port,
     if written.definitions:
         result.add_axis(f"{group}/definition", np.arange(1, len(written.definitions) + 1))
         result.add(f"{group}/definitions", np.array(written.definitions, dtype=object), ("definition",))
+    return count
 
 
 def _meaning(reduced: ReducedGraph, port: Port, source: str, parts: tuple[ZeroPart, ...]) -> str:

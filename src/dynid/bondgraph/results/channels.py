@@ -41,31 +41,23 @@ def add_formulas(result: Result, reduced: ReducedGraph, wanted: FormulaRequest |
     UsageError
         Where a formula that was asked for cannot be written.
     """
-    from dynid.bondgraph.formulas.transfer import expanded, nested
-
-    _add_readable(result, reduced)
-    if wanted is None:
-        return
-    for channel, register in reduced.channels().items():
-        for name, hand in (("program", TEXT), ("program_latex", LATEX)):
-            result.add(f"{_group(channel)}/{name}", nested(reduced, [register], hand))
-    if wanted.form == "expanded":
-        from dynid.bondgraph.formulas.symbolic import plain
-
-        for channel, polynomials in expanded(reduced, wanted.terms).items():
-            for name, part in zip(("numerator", "denominator"), polynomials, strict=True):
-                result.add(f"{_group(channel)}/symbolic_{name}", plain(part), terms=len(part))
-
-
-def _add_readable(result: Result, reduced: ReducedGraph) -> None:
-    from dynid.bondgraph.formulas.symbolic import quotient, written
-    from dynid.bondgraph.formulas.transfer import readable
+    from dynid.bondgraph.formulas.symbolic import plain, quotient, written
+    from dynid.bondgraph.formulas.transfer import expanded, nested, readable
 
     for channel, (numerator, denominator) in readable(reduced).items():
         latex, rank = written(numerator, LATEX)
         if denominator != 1:
             latex, rank = LATEX.quotient((latex, rank), written(denominator, LATEX))
         result.annotate(_group(channel), symbolic=quotient(numerator, denominator)[0], latex=latex)
+    if wanted is None:
+        return
+    for channel, register in reduced.channels().items():
+        for name, hand in (("program", TEXT), ("program_latex", LATEX)):
+            result.add(f"{_group(channel)}/{name}", nested(reduced, [register], hand))
+    if wanted.form == "expanded":
+        for channel, polynomials in expanded(reduced, wanted.terms).items():
+            for name, part in zip(("numerator", "denominator"), polynomials, strict=True):
+                result.add(f"{_group(channel)}/symbolic_{name}", plain(part), terms=len(part))
 
 
 def _group(channel: Channel) -> str:
@@ -120,18 +112,16 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
         add_formulas(result, reduced, analysis.formulas or nested)
     if choice.engine == "symbolic":
         return result
-    engine = _engine(choice, reduced)
+    engine: ExactEngine | FloatEngine
+    if choice.engine == "exact":
+        engine = ExactEngine(reduced)
+    else:
+        from dynid.bondgraph.floating.engine import FloatEngine
+
+        engine = FloatEngine(reduced)
     for channel in tracked(reduced.channels(), "zeros and poles of channel"):
         add_channel(result, engine, channel, analysis.results)
     return result
-
-
-def _engine(choice: EngineChoice, reduced: ReducedGraph) -> ExactEngine | FloatEngine:
-    if choice.engine == "exact":
-        return ExactEngine(reduced)
-    from dynid.bondgraph.floating.engine import FloatEngine
-
-    return FloatEngine(reduced)
 
 
 def add_channel(
@@ -141,7 +131,9 @@ def add_channel(
     transfer, group = engine.channel(channel), _group(channel)
     if "transfer_function" in asked:
         if isinstance(transfer, TransferFunction):
-            _add_coefficients(result, group, transfer)
+            for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
+                result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
+                result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
         else:
             result.add(f"{group}/gain", transfer.gain)
     for name in ("zeros", "poles"):
@@ -153,13 +145,6 @@ def add_channel(
         _add_properties(result, channel, transfer, engine.reduced)
     if asked & {"properties", "hidden_modes"}:
         _add_hidden_modes(result, engine, channel, explained="hidden_modes" in asked)
-
-
-def _add_coefficients(result: Result, group: str, transfer: TransferFunction) -> None:
-    for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
-        axis = f"{name}_power"
-        result.add_axis(f"{group}/{axis}", np.arange(len(coefficients))[::-1])
-        result.add(f"{group}/{name}", coefficients, (axis,))
 
 
 def _add_properties(

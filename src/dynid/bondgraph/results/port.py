@@ -43,7 +43,15 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
     wanted: dict[str, int] = {}
     for side in (parts.source, parts.load):
         group = f"{_GROUP}/{side.name}"
-        result.annotate(group, nodes=", ".join(side.nodes), form=_form(side))
+        form = (
+            "Norton, on a 0-junction: f = f_eq - Y_eq*e (eq 15); swapped, Thévenin, on a 1-junction: "
+            "e = e_eq - Z_eq*f (eq 16); f is counted out of this side"
+        )
+        if side.ideal == "effort":
+            form = "an ideal effort source: e = e_eq whatever the flow; it has no Y_eq and f_eq"
+        elif side.ideal == "flow":
+            form = "an ideal flow source: f = f_eq whatever the effort; it has no Z_eq and e_eq"
+        result.annotate(group, nodes=", ".join(side.nodes), form=form)
         for immittance, register, source, given in (
             ("Z_eq", side.impedance, "e_eq", side.effort),
             ("Y_eq", side.admittance, "f_eq", side.flow),
@@ -134,19 +142,6 @@ def _units(parts: Decomposition) -> dict[str, str]:
         "Y_eq": unit_quotient(flow, effort) if at else "",
         "ratio": "",
     }
-
-
-def _form(side: OnePortEquivalent) -> str:
-    """Say in which of the two forms a side exists."""
-    if side.ideal:
-        lost, kept, other = (
-            ("Y_eq and f_eq", "e", "flow") if side.ideal == "effort" else ("Z_eq and e_eq", "f", "effort")
-        )
-        return f"an ideal {side.ideal} source: {kept} = {kept}_eq whatever the {other}; it has no {lost}"
-    return (
-        "Norton, on a 0-junction: f = f_eq - Y_eq*e (eq 15); swapped, Thévenin, on a 1-junction: "
-        "e = e_eq - Z_eq*f (eq 16); f is counted out of this side"
-    )
 
 
 # --- static characteristic -------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from dynid.bondgraph.formulas.printers import ATOM, LATEX, PRODUCT, SUM, TEXT, F
 from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction
-from dynid.bondgraph.reduction.trace import WeightedSum
 from dynid.bondgraph.request import Engine, modelled_storages
 from dynid.bondgraph.results.channels import add_roots, roots_of
 from dynid.result import Result
@@ -62,12 +61,11 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
         texts = [prototype.equation(hand) for prototype in prototypes]
         result.add(f"bond_graph/reduction/prototype_equation{suffix}", texts, ("output",))
         for part, index in (("system_a", 0), ("system_b", 1)):
-            texts = [_system(reduced, reduced.reductions[port], index, hand) for port in ports]
+            texts = [
+                system_text(reduced, reduction.prototype, index, reduction.labels, hand)
+                for reduction in reduced.reductions.values()
+            ]
             result.add(f"bond_graph/reduction/{part}{suffix}", texts, ("output",))
-
-
-def _system(planned: ProgramPlan, reduction: Reduction, index: int, hand: FormulaPrinter) -> str:
-    return system_text(planned, reduction.prototype, index, reduction.labels, hand)
 
 
 def system_text(
@@ -90,25 +88,18 @@ def equations(planned: ProgramPlan, reduction: Reduction, hand: FormulaPrinter) 
             if callable(parts):
                 text, _ = parts(hand)
             else:
-                text, _ = hand.listed(_terms(planned, parts, known, name, hand))
+                terms: list[Printed] = []  # registers by their names, but not by the one being defined
+                for variable in dict.fromkeys(variable for _, variable in parts):
+                    own = [(r, known.get(r) == name) for r, by in parts if by == variable]
+                    coefficients = print_sum(planned.program, own, planned.graph.nodes, known, hand)
+                    if variable:
+                        coefficients = [hand.scaled(hand.listed(coefficients), variable)]
+                    terms += coefficients
+                text, _ = hand.listed([term for term in terms if not term[0].startswith("0")])
             lines.append(f"{hand.name(name)[0]} = {text}")
             if name in registers:
                 known[registers[name]] = name
         yield ("; " if hand is TEXT else r";\quad ").join(lines)
-
-
-def _terms(
-    planned: ProgramPlan, parts: WeightedSum, known: Mapping[int, str], name: str, hand: FormulaPrinter
-) -> list[Printed]:
-    """Write a sum of registers times variables: each by its name, unless that is what is being defined."""
-    found: list[Printed] = []
-    for variable in dict.fromkeys(variable for _, variable in parts):
-        own = [(register, known.get(register) == name) for register, by in parts if by == variable]
-        coefficients = print_sum(planned.program, own, planned.graph.nodes, known, hand)
-        if variable:
-            coefficients = [hand.scaled(hand.listed(coefficients), variable)]
-        found += coefficients
-    return [term for term in found if not term[0].startswith("0")]
 
 
 # --- zero and pole dynamics -----------------------------------------------------------------------
@@ -175,18 +166,15 @@ def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str 
     for name, coefficients in zip(("numerator", "denominator"), ratio.coefficients(), strict=True):
         result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
         result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
-    result.add(f"{group}/exact", _ratio_text(ratio))
+    printed: list[Printed] = []
+    for polynomial in (ratio.numerator, ratio.denominator):
+        text = polynomial_text(polynomial)
+        whole = text.isalnum()
+        printed.append((text, ATOM if whole else SUM if " " in text or text.startswith("-") else PRODUCT))
+    exact = printed[0] if ratio.denominator == 1 else TEXT.quotient(*printed)
+    result.add(f"{group}/exact", exact[0])
     if formula is not None:
         result.annotate(group, symbolic=formula)
-
-
-def _ratio_text(ratio: TransferFunction) -> str:
-    def written(polynomial: Any) -> Printed:
-        text = polynomial_text(polynomial)
-        return text, ATOM if text.isalnum() else SUM if " " in text or text.startswith("-") else PRODUCT
-
-    numerator = written(ratio.numerator)
-    return numerator[0] if ratio.denominator == 1 else TEXT.quotient(numerator, written(ratio.denominator))[0]
 
 
 def polynomial_text(polynomial: Any) -> str:

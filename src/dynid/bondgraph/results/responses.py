@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import ReducedGraph, characteristic_polynomials
 from dynid.bondgraph.reduction.network import STORED
+from dynid.bondgraph.request import modelled_storages
 from dynid.bondgraph.results.prototype import add_ratio
 from dynid.defaults import PEAKS_NEAR_POLES
 from dynid.result import Result, common_unit
@@ -84,13 +85,7 @@ def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray
     result.add(f"{group}/response", response, ("omega", "output", "input"), unit)
     if any(map(any, each)):
         result.add(f"{group}/unit", np.array(each, dtype=object), ("output", "input"))
-    add_peaks(result, "bond_graph", partial(frequency_response, reduced), _near_poles(result, reduced))
-
-
-def _near_poles(result: Result, reduced: ReducedGraph) -> NDArray[np.float64]:
-    """Return the frequencies near which a response may be large, rad/s: those of the poles."""
-    from dynid.bondgraph.request import modelled_storages
-
+    # responses may be large near the frequencies of the poles
     known = [found.data for path, found in result.items() if path.endswith("/poles")]
     if not known and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:
         from dynid.bondgraph.state_space import state_space
@@ -98,7 +93,8 @@ def _near_poles(result: Result, reduced: ReducedGraph) -> NDArray[np.float64]:
         known = [np.linalg.eigvals(state_space(reduced).A)]
     poles = np.concatenate([np.zeros(0, dtype=complex), *known])
     resonant = poles.real**2 < poles.imag**2
-    return np.concatenate([np.abs(poles.imag), np.sqrt((poles.imag**2 - poles.real**2)[resonant])])
+    near = np.concatenate([np.abs(poles.imag), np.sqrt((poles.imag**2 - poles.real**2)[resonant])])
+    add_peaks(result, "bond_graph", partial(frequency_response, reduced), near)
 
 
 def add_time_response(
@@ -124,18 +120,22 @@ def add_time_response(
     initial
         The flow of an I or the effort of a C at t = 0, by name.
     """
-    from dynid.bondgraph.state_space import state_space
+    from dynid.bondgraph.state_space import rational_matrices, state_space
+    from dynid.lti.refined_response import refined_response
     from dynid.lti.signals import Impulse
+    from dynid.lti.time_response import impulsive_outputs
 
     system = state_space(reduced, tuple(initial))
     stored = [(f"{STORED}{name}", Impulse(float(value))) for name, value in initial.items()]
     driven: dict[str, Sequence[tuple[str, Signal]]] = {"zero_state": signals, "zero_input": stored}
-    settled = {
-        part: _settled(reduced, system, driving, tuple(initial), times)
-        for part, driving in driven.items()
-        if driving or not any(driven.values())
-    }
-    solved = {part: found for part, (found, _) in settled.items()}
+    solved: dict[str, TimeResponse] = {}
+    doubts = []  # the parts of an output that are in doubt
+    for part, driving in driven.items():
+        if driving or not any(driven.values()):
+            rational = partial(rational_matrices, reduced, tuple(initial), [name for name, _ in driving])
+            shapes = [signal for _, signal in driving]
+            solved[part], doubt = refined_response(_driven(system, driving), shapes, times, rational)
+            doubts.append(doubt)
     outputs = {"response": np.asarray(sum(part.outputs for part in solved.values()))}
     outputs |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
     sources = np.zeros((len(times), len(reduced.inputs)))
@@ -144,27 +144,17 @@ def add_time_response(
     _add_courses(result, reduced, times, outputs, sources)
     result.annotate(_TIME, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
-    notes += _impulses(reduced, system, [*signals, *stored], float(times[-1]))
-    doubt = max(doubt for _, doubt in settled.values())
-    if doubt:
-        notes.append(f"rounding moves an output by about {doubt:.1g} of its largest value")
+    every = [*signals, *stored]
+    impulsive = impulsive_outputs(_driven(system, every), [signal for _, signal in every], float(times[-1]))
+    names = [str(port) for port, has_impulse in zip(reduced.outputs, impulsive, strict=True) if has_impulse]
+    if names:
+        where = "where an input, or a derivative of one, jumps"
+        verb = "has" if len(names) == 1 else "have"
+        notes.append(f"{', '.join(names)} {verb} {where} a Dirac impulse, which is not shown")
+    if max(doubts):
+        notes.append(f"rounding moves an output by about {max(doubts):.1g} of its largest value")
     if notes:
         result.annotate(_TIME, note="; ".join(notes))
-
-
-def _settled(
-    reduced: ReducedGraph,
-    system: StateSpace,
-    driving: Sequence[tuple[str, Signal]],
-    initial: Sequence[str],
-    times: NDArray[np.float64],
-) -> tuple[TimeResponse, float]:
-    """Return the response to signals, and the part of an output in doubt; several may drive one source."""
-    from dynid.bondgraph.state_space import rational_matrices
-    from dynid.lti.refined_response import refined_response
-
-    rational = partial(rational_matrices, reduced, initial, [name for name, _ in driving])
-    return refined_response(_driven(system, driving), [signal for _, signal in driving], times, rational)
 
 
 def _driven(system: StateSpace, driving: Sequence[tuple[str, Signal]]) -> StateSpace:
@@ -178,21 +168,6 @@ def _driven(system: StateSpace, driving: Sequence[tuple[str, Signal]]) -> StateS
         inputs=(),
         input_units=(),
     )
-
-
-def _impulses(
-    reduced: ReducedGraph, system: StateSpace, driving: Sequence[tuple[str, Signal]], stop: float
-) -> list[str]:
-    """Return the note that outputs have Dirac impulses; none where no output has one."""
-    from dynid.lti.time_response import impulsive_outputs
-
-    found = impulsive_outputs(_driven(system, driving), [signal for _, signal in driving], stop)
-    names = [str(port) for port, impulsive in zip(reduced.outputs, found, strict=True) if impulsive]
-    if not names:
-        return []
-    where = "where an input, or a derivative of one, jumps"
-    verb = "has" if len(names) == 1 else "have"
-    return [f"{', '.join(names)} {verb} {where} a Dirac impulse, which is not shown"]
 
 
 def _add_courses(
@@ -253,7 +228,10 @@ def zero_input_outputs(
     outputs = {}
     for port in reduced.outputs:
         answers = {name: TransferFunction.of(ratios[stored[port, name]]) for name in initial}
-        below = _common(natural[port], answers.values(), fmpq_poly)
+        below = fmpq_poly(natural[port])
+        remainders = [below % fmpq_poly(answer.denominator) for answer in answers.values()]
+        if any(remainder.degree() >= 0 for remainder in remainders):
+            below *= fmpq_poly([0, 1])  # an answer integrates it
         above = fmpq_poly(0)
         for name, answer in answers.items():
             value = Fraction(initial[name])
@@ -261,11 +239,3 @@ def zero_input_outputs(
             above += fmpq(value.numerator, value.denominator) * share
         outputs[port] = TransferFunction(above.numer(), below.numer() * above.denom())
     return outputs
-
-
-def _common(natural: Any, answers: Any, polynomial: Any) -> Any:
-    """Return the natural polynomial, with a factor s where an answer integrates it."""
-    below = polynomial(natural)
-    if all(below % polynomial(answer.denominator) == 0 for answer in answers):
-        return below
-    return below * polynomial([0, 1])

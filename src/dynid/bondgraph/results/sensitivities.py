@@ -123,18 +123,23 @@ def sensitivity(
         Where roots lie too close together for the precision at hand.
     """
     others = np.array([*(root.value for root in (*zeros, *poles)), *hidden, 0], dtype=complex)
-    around = {
-        root.value: _Circle(root.value, _PART * _gap(root.value, others), "root")
-        for root in (*zeros, *poles)
-        if root.value.imag >= 0
-    }
+    around = {}
+    for root in (*zeros, *poles):
+        if root.value.imag >= 0:
+            distances = np.abs(others - root.value)
+            gap = float(distances[distances > 0].min()) if (distances > 0).any() else 1.0
+            around[root.value] = _Circle(root.value, _PART * gap, "root")
     sizes = [abs(parameter.value) or Fraction(1) for parameter in parameters]
     scaled = [
         SensitivityParameter(p.name, p.value, {name: rate * size for name, rate in p.rates.items()})
         for p, size in zip(parameters, sizes, strict=True)
     ]
     units = np.array([float(size) for size in sizes])
-    circles = [*_gains(others), *around.values()]
+    # T(0) from a circle with no root but 0 in it, T(inf) from one around all roots
+    moduli = np.abs(others[others != 0])
+    at_zero = _Circle(0j, _PART * moduli.min() if len(moduli) else 1.0, "zero")
+    at_infinity = _Circle(0j, moduli.max(initial=0.0) / _PART or 1.0, "infinity")
+    circles = [at_zero, at_infinity, *around.values()]
     points = np.concatenate([circle.points for circle in circles])
     transfer, slopes = _in_doubles(reduced, register, scaled, points)
     rates = np.empty((len(circles), len(scaled)), dtype=complex)
@@ -163,19 +168,6 @@ def _of_roots(
         rate = np.where(finite, rate if root.value.imag >= 0 else rate.conj(), np.inf)
         rows += [rate + 0] * root.multiplicity  # + 0: no -0
     return np.array(rows, dtype=complex).reshape(len(rows), len(units))
-
-
-def _gains(roots: NDArray[np.complex128]) -> tuple[_Circle, _Circle]:
-    """Return circles that give T(0) and T(inf): one with no root but 0 in it, one around all."""
-    size = np.abs(roots[roots != 0])
-    at_zero = _Circle(0j, _PART * size.min() if len(size) else 1.0, "zero")
-    return at_zero, _Circle(0j, size.max(initial=0.0) / _PART or 1.0, "infinity")
-
-
-def _gap(root: complex, others: NDArray[np.complex128]) -> float:
-    """Return the distance from a root to the next one, or to 0; its own size where there is no other."""
-    distances = np.abs(others - root)
-    return float(distances[distances > 0].min()) if (distances > 0).any() else 1.0
 
 
 def _first_settled(
@@ -293,7 +285,15 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
     channels = reduced.channels()
     ratios = reduced.rational(channels.values())
     modes = {port: repeated(certified_roots(p)) for port, p in characteristic_polynomials(reduced).items()}
-    parameters = _parameters(reduced, analysis.parameters)
+    modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
+    if analysis.parameters is None:
+        parameters = [
+            SensitivityParameter(name, reduced.graph.value(name), {name: Fraction(1)})
+            for name in reduced.valued
+            if name in modelled
+        ]
+    else:
+        parameters = [each for each in analysis.parameters if modelled & each.rates.keys()]
     for (port, source), register in channels.items():
         transfer = TransferFunction.of(ratios[register])
         roots = transfer.zeros, transfer.poles
@@ -320,17 +320,3 @@ def _add_rates(
     finite = np.isfinite(rates)
     relative = np.where(finite, np.where(finite, rates, 0) * sizes, np.inf)
     result.add(f"{path}_relative", relative, dims, units)
-
-
-def _parameters(
-    reduced: ReducedGraph, given: Sequence[SensitivityParameter] | None
-) -> list[SensitivityParameter]:
-    """Return the parameters that the reduced part depends on; by default the values of its nodes."""
-    modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
-    if given is not None:
-        return [parameter for parameter in given if modelled & parameter.rates.keys()]
-    return [
-        SensitivityParameter(name, reduced.graph.value(name), {name: Fraction(1)})
-        for name in reduced.valued
-        if name in modelled
-    ]

@@ -11,7 +11,6 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.bondgraph.graph import BondGraph, no_collection
 from dynid.bondgraph.plan import Channel
@@ -45,7 +44,18 @@ def columns(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) 
     for name in engine.channels:
         found |= {path: column for path, column in _quick(engine, name, wanted).items() if path in wanted}
     rest = frozenset(path for path in wanted if path not in found)
-    return found | _others(engine, analysis, rest)
+    if not rest:
+        return found
+    results = []  # of each sample by itself
+    for number in range(engine.count):
+        result = Selection("bond-graph", rest)
+        if engine.certain[number]:
+            for channel in engine.channels:
+                add_channel(result, engine[number], channel, analysis.results)
+        results.append(result)
+    nothing = Variable((), np.asarray(np.nan))
+    kept = {path for result in results for path in result}
+    return found | {path: [result.get(path, nothing) for result in results] for path in rest if path in kept}
 
 
 def _quick(engine: SampledEngine, of: Channel, wanted: Collection[str]) -> dict[str, ResultColumn]:
@@ -73,19 +83,14 @@ def _quick(engine: SampledEngine, of: Channel, wanted: Collection[str]) -> dict[
             Variable(("hidden_mode",), np.empty(0, dtype=complex), "rad/s")
         ] * count
     if f"{group}/natural_frequency" in wanted or f"{group}/damping_ratio" in wanted:
-        found |= _natural(group, channel.poles.values)
+        each = [natural_frequencies(row) for row in channel.poles.values]
+        axes = {length: _axis("mode", length) for length in {len(size) for size, _ in each}}
+        found |= {
+            f"{group}/mode": [axes[len(size)] for size, _ in each],
+            f"{group}/natural_frequency": [Variable(("mode",), size, "rad/s") for size, _ in each],
+            f"{group}/damping_ratio": [Variable(("mode",), ratio) for _, ratio in each],
+        }
     return found
-
-
-def _natural(group: str, poles: NDArray[np.complex128]) -> dict[str, ResultColumn]:
-    """Return natural frequencies and damping ratios."""
-    each = [natural_frequencies(row) for row in poles]
-    axes = {length: _axis("mode", length) for length in {len(size) for size, _ in each}}
-    return {
-        f"{group}/mode": [axes[len(size)] for size, _ in each],
-        f"{group}/natural_frequency": [Variable(("mode",), size, "rad/s") for size, _ in each],
-        f"{group}/damping_ratio": [Variable(("mode",), ratio) for _, ratio in each],
-    }
 
 
 def _axis(name: str, length: int) -> Variable:
@@ -94,22 +99,6 @@ def _axis(name: str, length: int) -> Variable:
 
 def _scalar(value: Any, units: str = "") -> Variable:
     return Variable((), np.asarray(value), units)
-
-
-def _others(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) -> dict[str, ResultColumn]:
-    """Return what is told of each sample by itself."""
-    if not wanted:
-        return {}
-    results = []
-    for number in range(engine.count):
-        result = Selection("bond-graph", wanted)
-        if engine.certain[number]:
-            for channel in engine.channels:
-                add_channel(result, engine[number], channel, analysis.results)
-        results.append(result)
-    nothing = Variable((), np.asarray(np.nan))
-    kept = {path for result in results for path in result}
-    return {path: [result.get(path, nothing) for result in results] for path in wanted if path in kept}
 
 
 # --- analysis -------------------------------------------------------------------------------------
@@ -155,18 +144,18 @@ class SampledAnalysis:
         self.analysis, self.wanted = analysis, frozenset(wanted)
         self._family = GraphFamily(graph, analysis.inputs, analysis.outputs, tuple(varying), traced=False)
         self._responds = self._asks(_FREQUENCY, _TIME)
-        self._polynomials = self._together() if self._asks(*_CHANNELS) else None
-
-    def _together(self) -> dict[Channel, ChannelPolynomials] | None:
-        """Return the channels as polynomials; None where each sample is to be solved by itself."""
+        #: The channels as polynomials; None where each sample is to be solved by itself.
+        self._polynomials: dict[Channel, ChannelPolynomials] | None = None
         ends = {path.rpartition("/")[2] for path in self.wanted}
-        if ends & _ALONE or choose_engine(self._family.reduced, self.analysis).engine != "exact":
-            return None
-        found = self._family.polynomials
-        explained = "hidden_modes" in self.analysis.results and "hidden_modes" in ends
-        if found is None or (explained and any(one.hidden for one in found.values())):
-            return None  # hidden modes stand in the order of their causes
-        return found
+        if (
+            self._asks(*_CHANNELS)
+            and not ends & _ALONE
+            and choose_engine(self._family.reduced, analysis).engine == "exact"
+        ):
+            found = self._family.polynomials
+            explained = "hidden_modes" in analysis.results and "hidden_modes" in ends
+            if not explained or not any(one.hidden for one in (found or {}).values()):
+                self._polynomials = found  # explained hidden modes stand in the order of their causes
 
     def run(
         self,
@@ -187,14 +176,13 @@ class SampledAnalysis:
         """
         with no_collection():
             kept = np.flatnonzero(self._family.holds(values, count)).tolist()
-            engine = self._engine(
-                {name: [column[k] for k in kept] for name, column in values.items()}, len(kept)
-            )
+            engine: SampledEngine | None = None
             known: dict[str, ResultColumn] = {}
-            if engine is not None:
-                known = columns(
-                    engine, self.analysis, {path for path in self.wanted if path.startswith(_CHANNELS)}
-                )
+            if self._polynomials is not None and kept:
+                of_kept = {name: [column[k] for k in kept] for name, column in values.items()}
+                engine = SampledEngine(self._family, self._polynomials, of_kept, len(kept))
+                wanted = {path for path in self.wanted if path.startswith(_CHANNELS)}
+                known = columns(engine, self.analysis, wanted)
             found: list[Mapping[str, Variable] | None] = [None] * count
             for place, sample in enumerate(kept):
                 certain = engine is not None and bool(engine.certain[place])
@@ -208,11 +196,6 @@ class SampledAnalysis:
                     told |= alone
                 found[sample] = told
             return found
-
-    def _engine(self, values: SampleValues, count: int) -> SampledEngine | None:
-        if self._polynomials is None or not count:
-            return None
-        return SampledEngine(self._family, self._polynomials, values, count)
 
     def _alone(
         self, values: Mapping[str, Fraction], initial: Mapping[str, float | Fraction], *, channels: bool

@@ -129,7 +129,15 @@ class SampledEngine:
             for part in (one.numerator, one.denominator, *(factor.polynomial for factor in one.factors))
         ]
         self._tables = PowerTables([values[name] for name in family.varying], parts, count)
-        self.channels = {channel: self._solve(one) for channel, one in channels.items()}
+        self.channels: dict[Channel, SampledChannel] = {}
+        for channel, one in channels.items():
+            above, below = map(self._tables.coefficients, (one.numerator, one.denominator))
+            for columns in (above, below):
+                self.certain &= nonzero(columns[_lowest(columns) :])
+            zeros, poles, hidden = (self._roots(part) for part in (one.zeros, one.poles, one.hidden))
+            self.certain &= _apart([*zeros, *poles], count) & _apart(hidden, count)
+            roots = (SampledRoots.of(part, count) for part in (zeros, poles, hidden))
+            self.channels[channel] = SampledChannel(above, below, *roots)
 
     def __getitem__(self, sample: int) -> EngineSample:
         return EngineSample(self, sample)
@@ -151,21 +159,13 @@ class SampledEngine:
         """Return the natural modes that cancel in a channel of a sample."""
         return self.channels[channel].hidden.roots(sample)
 
-    def _solve(self, channel: ChannelPolynomials) -> SampledChannel:
-        above, below = map(self._tables.coefficients, (channel.numerator, channel.denominator))
-        for columns in (above, below):
-            self.certain &= nonzero(columns[_lowest(columns) :])
-        zeros, poles, hidden = (self._roots(part) for part in (channel.zeros, channel.poles, channel.hidden))
-        self.certain &= _apart([*zeros, *poles], self.count) & _apart(hidden, self.count)
-        return SampledChannel(
-            above, below, *(SampledRoots.of(part, self.count) for part in (zeros, poles, hidden))
-        )
-
     def _roots(self, factors: Sequence[SquarefreeFactor]) -> list[tuple[RootBatch, int]]:
         spectrum = []
         for factor in factors:
             if factor.is_laplace:
-                spectrum.append((_origin(self.count), factor.multiplicity))
+                zero, sure = np.zeros((self.count, 1)), np.ones(self.count, dtype=bool)
+                origin = RootBatch(zero.astype(complex), zero, zero.astype(np.int8), sure)
+                spectrum.append((origin, factor.multiplicity))
                 continue
             columns = self._tables.coefficients(factor.polynomial)
             sound = nonzero(columns)
@@ -199,12 +199,6 @@ class EngineSample(NamedTuple):
         return self.engine.hidden_modes(channel, self.number)
 
 
-def _origin(count: int) -> RootBatch:
-    """Return the root 0 of every sample."""
-    zeros = np.zeros((count, 1))
-    return RootBatch(zeros.astype(complex), zeros, zeros.astype(np.int8), np.ones(count, dtype=bool))
-
-
 def _apart(spectrum: Sequence[tuple[RootBatch, int]], count: int) -> NDArray[np.bool_]:
     """Tell for which samples no root of one factor may be one of another."""
     if len(spectrum) < 2:
@@ -220,19 +214,15 @@ def _lowest(columns: Sequence[Integers]) -> int:
 
 def _limits(above: Integers, below: Integers, power: int) -> list[float]:
     """Return the limits of above/below times the variable to a power, as it falls to 0."""
-    pairs = zip(above.tolist(), below.tolist(), strict=True)
     if power > 0:
         return [0.0] * len(above)
-    return [
-        _quotient(a, b) if power == 0 else (math.inf if (a > 0) == (b > 0) else -math.inf) for a, b in pairs
-    ]
-
-
-def _quotient(a: int, b: int) -> float:
-    """Return a / b rounded to the nearest double; beyond their range to infinity."""
-    try:
-        return a / b
-    except OverflowError:
-        return math.inf if (a > 0) == (b > 0) else -math.inf
-    except ZeroDivisionError:  # of a sample that is not certain
-        return math.nan
+    limits = []
+    for a, b in zip(above.tolist(), below.tolist(), strict=True):
+        infinite = math.inf if (a > 0) == (b > 0) else -math.inf
+        try:
+            limits.append(a / b if power == 0 else infinite)
+        except OverflowError:
+            limits.append(infinite)
+        except ZeroDivisionError:  # of a sample that is not certain
+            limits.append(math.nan)
+    return limits

@@ -66,8 +66,11 @@ def factors(polynomial: Any) -> tuple[SquarefreeFactor, ...]:
     power = min((int(powers[0]) for powers in polynomial.monoms()), default=0)
     found = [SquarefreeFactor(s, power)] if power else []
     for part, multiplicity in _squarefree(polynomial // s**power):
-        even, rest = _paired(part)
-        found += [SquarefreeFactor(one, multiplicity) for one in (even, rest) if one.degrees()[0]]
+        even = ring.from_dict({powers: c for powers, c in part.to_dict().items() if powers[0] % 2 == 0})
+        odd = part - even
+        # roots s and -s are those that even and odd part share; odd/s is even as well
+        pairs = even.gcd(odd // s) if odd != 0 else part
+        found += [SquarefreeFactor(one, multiplicity) for one in (pairs, part // pairs) if one.degrees()[0]]
     return tuple(found)
 
 
@@ -85,17 +88,6 @@ def _squarefree(polynomial: Any) -> Iterator[tuple[Any, int]]:
             yield part, multiplicity
         b, multiplicity = b // part, multiplicity + 1
         d = d // part - b.derivative(0)
-
-
-def _paired(polynomial: Any) -> tuple[Any, Any]:
-    """Split into a polynomial in s^2 and one that shares no root with its mirror image."""
-    ring, s = polynomial.context(), polynomial.context().gen(0)
-    terms = polynomial.to_dict()
-    even = ring.from_dict({powers: c for powers, c in terms.items() if powers[0] % 2 == 0})
-    odd = polynomial - even
-    # what the even and the odd part share; the odd part less its factor s is even as well
-    shared = even.gcd(odd // s) if odd != 0 else polynomial
-    return shared, polynomial // shared
 
 
 class PowerTables:
@@ -214,15 +206,12 @@ class GraphFamily:
         self.varying = tuple(varying)
         stand_ins = {name: Fraction(1009 + 20 * k, 7) for k, name in enumerate(varying)}
         self.reduced = ReducedGraph(graph.with_values(stand_ins), inputs, outputs, traced=traced)
-        self._alone = bool(self.reduced.undetermined) or not self._unsolved().isdisjoint(varying)
-
-    def _unsolved(self) -> set[str]:
-        """Return the elements that no output depends on, but whose values decide whether sources agree."""
-        structure, found = self.reduced.structure, set[str]()
+        # elements that no output depends on, but whose values decide whether sources agree
+        structure, deciding = self.reduced.structure, set[str]()
         for name in self.reduced.unsolved():
-            found.update(structure.junctions[name].elements)
-            found.update(coupling.two_port for coupling in structure.tied[name] if coupling.two_port)
-        return found
+            deciding.update(structure.junctions[name].elements)
+            deciding.update(coupling.two_port for coupling in structure.tied[name] if coupling.two_port)
+        self._alone = bool(self.reduced.undetermined) or not deciding.isdisjoint(varying)
 
     def holds(self, values: SampleValues, count: int) -> NDArray[np.bool_]:
         """Tell for which samples the plan holds: nothing that it divides by vanishes.
