@@ -4,9 +4,11 @@ from fractions import Fraction
 
 import pytest
 from flint import nmod
+from sympy import sympify
 
-from dynid.bondgraph.formulas.expressions import shared
+from dynid.bondgraph.formulas.expressions import print_register, shared
 from dynid.bondgraph.formulas.printers import ATOM, SIGN, TEXT, PrintedFraction
+from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import ModularPoint, Program
 from dynid.bondgraph.reduction.prototypes import Prototype
 from tests.bondgraph.graphs import written
@@ -67,6 +69,18 @@ def test_parameters_are_those_that_a_register_is_made_of(program):
     ratio = program.div(program.mul(program.s, x), program.add(program.neg(y), program.constant(2)))
     assert program.parameters([ratio]) == {"x", "y"}
     assert program.parameters([z, program.s]) == {"z"}
+
+
+def test_what_cancels_in_a_formula_or_in_a_term_of_it_is_not_written(program):
+    x, y, z = (program.parameter(name) for name in "xyz")
+    nodes = {name: Node(name, "R", Fraction(1)) for name in "xyz"}
+    ratio = program.div(program.mul(x, y), program.mul(x, z))
+    assert print_register(program, ratio, nodes, {})[0] == "y/z"
+    below = program.add(program.mul(y, y), program.mul(y, z))
+    total = program.add(x, program.div(program.mul(y, z), below))
+    text, _ = print_register(program, total, nodes, {})
+    assert sympify(text) == sympify("x + z/(y + z)")
+    assert (text[:4], text.count("y")) == ("x + ", 1)
 
 
 @pytest.mark.parametrize(

@@ -171,3 +171,16 @@ def test_two_junctions_have_one_link():
     graph = written(*ISOLATOR, "m_s.f")
     drawn, *_ = snapshots(graph.structure, graph.program, port("m_s.f"), graph.inputs)
     assert [{link.tail, link.head} for link in drawn.links] == [{"body", "base"}, {"base", "fluid"}]
+
+
+def test_what_an_elimination_leaves_bears_the_name_that_its_step_defines():
+    """Two junctions gain the same admittance, each under a name of its own."""
+    nodes = "Se u, 1 a, I m 2, 0 z, R r 3, 1 b, C c 5, 0 y, R q 7"
+    graph = written(nodes, "u -> a -> m, a -> z -> r, z -> b -> c, a -> y -> q, y -> b", "m.f")
+    drawn, left, *_ = snapshots(graph.structure, graph.program, port("m.f"), graph.inputs)
+    assert (left.step.rule, left.gone, left.changed) == ("junction elimination", ("b",), ("z", "y"))
+    assert [name for name, _ in left.step.definitions] == ["k_z_z", "k_z_y", "k_y_z", "k_y_y"]
+    for name in ("z", "y"):
+        before, now = drawn.junctions[name].terms, left.junctions[name].terms
+        gained = [left.junctions[name].titles[term] for term in now if term not in before]
+        assert gained == [f"k_{name}_{name}"]

@@ -154,6 +154,13 @@ def test_b_is_what_sets_the_common_variable_or_else_the_ports_element(letter, se
         assert as_impedance == sympify(impedances[setting or element], known)
 
 
+@pytest.mark.parametrize(("letter", "driven"), [("c", "f_eq = u; e_j = "), ("d", "e_eq = u; f_j = ")])
+def test_a_free_common_variable_is_driven_by_the_equivalent_source_of_its_balance(letter, driven):
+    nodes, output, _ = PROTOTYPES[letter]
+    steps = trace(written(nodes, "u -> j, j -> r, j -> m, j -> c", output))
+    assert driven in steps[-1][2]
+
+
 def cases(first, count, junctions, loops):
     """Yield random graphs, with any output, and their transfer functions by the tableau."""
     seed, found = first, 0

@@ -4,10 +4,10 @@
 _REDUCTION, _FILTER = "dynid.bondgraph.reduction", "dynid.identification.filter"
 
 EQUIVALENT: dict[str, str] = {
-    "dynid.bondgraph.program.program:Program._last_uses: (max(last, default=-1), -1, -1): → (max(last, default=-1), 1, -1):": (
+    "dynid.bondgraph.program.program:Program.run: (last_use, default=-1), -1, -1): → (last_use, default=-1), 1, -1):": (
         "registers 0 and 1 are the constants 0 and 1, which read no others"
     ),
-    "dynid.bondgraph.formulas.expressions:_registers_behind: ge(max(wanted, default=-1), -1, -1): → ge(max(wanted, default=-2), -1, -1):": (
+    "dynid.bondgraph.formulas.expressions:shared: ge(max(wanted, default=-1), -1, -1): → ge(max(wanted, default=-2), -1, -1):": (
         "of nothing wanted, both ranges are empty"
     ),
     f"{_REDUCTION}.reducer:JunctionElimination.paired: not zero(self.net.entry(b, a))) → not zero(self.net.entry(a, b)))": (
@@ -30,7 +30,6 @@ EQUIVALENT: dict[str, str] = {
     "sign >= 0 else self._minus_one)": "a sign is 1 or -1",
     f"{_REDUCTION}.network:port_form: sign(graph, port.node) > 0 else program.neg(valu → sign(graph, port.node) >= 0 else "
     "program.neg(valu": "a sign is 1 or -1",
-    f"{_REDUCTION}.solvability:: _MOST = 1500 → _MOST = 1501": "a limit of cost",
     "dynid.identification.filter::  = (LINEARISED.value, 0.1) →  = (LINEARISED.value, 0.2)": (
         "how often steps are linearised anew is between cost and accuracy; both are far within the tests' bounds"
     ),
@@ -38,6 +37,12 @@ EQUIVALENT: dict[str, str] = {
     "urn([row for row in rows], most=1)": "which of what lies on loops comes first is a choice",
     f"{_REDUCTION}.reducer:Reducer.run: row.entries) < 2], most=1) → row.entries) < 2], most=2)": (
         "leaves come first in either turn"
+    ),
+    f"{_REDUCTION}.reducer:Reducer.run: ws if len(row.entries) < 2], most=1) → ws if len(row.entries) <= 2], most=1)": (
+        "which of what lies on loops comes first is a choice"
+    ),
+    f"{_REDUCTION}.reducer:Reducer.run: s if len(row.entries) < 2], most=1) → s if len(row.entries) < 3], most=1)": (
+        "which of what lies on loops comes first is a choice"
     ),
     f"{_REDUCTION}.network:: BOND = Tie(None, False) → BOND = Tie(None, True)": "a bond has no modulus to invert",
 }

@@ -25,8 +25,9 @@ MODULES = {
 TESTS = [
     f"tests/{folder}/test_{name}.py"
     for folder, names in {
-        "bondgraph": "program reduction trace transfer port corners published snapshots hidden formula need "
-        "sensitivity latex stored_energy equations bicausal",
+        "bondgraph": "bicausal hidden_modes latex modelled_part port program published_graphs reduction "
+        "regressions sensitivity snapshots state_equations stored_energy trace transfer_formulas "
+        "transfer_properties",
         "identification": "filter kernels estimators numbers extremes after",
     }.items()
     for name in names.split()

@@ -20,7 +20,7 @@ from dynid.bondgraph.program.compiler import compile_tape, sweep_frequencies
 from dynid.bondgraph.program.doubled import compiled
 from tests.bondgraph.graphs import solvable, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
-from tests.bondgraph.test_frequency import Gaussian, assert_exact, exact
+from tests.bondgraph.test_frequency_response import Gaussian, assert_exact, exact
 from tests.interpreted import interpreted_sweep
 
 

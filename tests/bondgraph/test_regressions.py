@@ -12,7 +12,7 @@ from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.request import Analysis
 from tests.bondgraph.graphs import at, build, parse, port, transfer, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph
-from tests.bondgraph.test_frequency import exact
+from tests.bondgraph.test_frequency_response import exact
 from tests.bondgraph.test_reduction import assert_agrees
 
 ONE_WAY = [

@@ -1,6 +1,6 @@
 """Random graphs, contradictory and underdetermined ones included, against the tableau modulo a prime.
 
-`python -m tests.bondgraph.test_fresh_graphs [COUNT] [SEED]` tries as many from any seed on, and counts.
+`python -m tests.bondgraph.test_random_graphs [COUNT] [SEED]` tries as many from any seed on, and counts.
 """
 
 import math
