@@ -1,4 +1,4 @@
-"""What goes on inside with the output held at zero: its modes are the zeros of the channel."""
+"""Zero dynamics: with the output held at zero, their modes are the zeros of the channel."""
 
 import math
 from fractions import Fraction

@@ -66,8 +66,8 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         causality = add_causality(result, graph)
     try:
         report_progress("reducing the graph")
-        told = bool(analysis.results & {"reduction", "prototype"})
-        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=told)
+        traced = bool(analysis.results & {"reduction", "prototype"})
+        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=traced)
     except Singular:
         if analysis.results != {"causality"}:
             raise
@@ -98,7 +98,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
 
 def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
-    """Add what the channels are, how it hangs on the parameters, and what stored energy does."""
+    """Add the channels, their sensitivities to the parameters, and the zero-input response."""
     asked = analysis.results
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
@@ -140,7 +140,7 @@ def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: B
 
 
 def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Analysis) -> None:
-    """Add what was modelled of a graph and what was left out: elements, storages, states, engines, results.
+    """Add the scope of the model: elements, storages, states, engines and results, used and left out.
 
     Parameters
     ----------

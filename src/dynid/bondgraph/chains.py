@@ -51,7 +51,7 @@ def chain(stages: Sequence[Stage]) -> BondGraph:
 
     Its nodes are `force`, and for stage i the 1-junction `v<i>` with the mass `m<i>`; the spring `k<i>`
     and the damper `b<i>` share the flow of the 1-junction `w<i>`, the rate at which the joint shortens,
-    which hangs on the 0-junction `j<i>` that carries its force. Those of the last stage, which ends at
+    which is tied to the 0-junction `j<i>` that carries its force. Those of the last stage, which ends at
     ground, are on its `v<i>`.
 
     Parameters

@@ -243,16 +243,16 @@ _SHARE = 0.005
 
 @dataclass(frozen=True)
 class HiddenMode:
-    """A natural mode that a channel does not show.
+    """A natural mode that is hidden in a channel.
 
     Parameters
     ----------
     root
-        Where it lies.
+        The root of the mode.
     uncontrollable, unobservable
         Whether the input does not reach it, and whether the output does not show it.
     energy
-        The storages that hold its energy while it goes on alone, each with its share.
+        The storages that hold its energy in free motion, each with its share.
     """
 
     root: CertifiedRoot
@@ -370,7 +370,7 @@ def _rated(reduced: ReducedGraph, channel: Channel) -> Port:
 def _energy(
     reduced: ReducedGraph, channel: Channel, storages: Sequence[str], root: complex, deficits: _Deficits
 ) -> dict[str, float]:
-    """Return the shares of the energy while the mode goes on alone, the largest first.
+    """Return the shares of the energy in the mode's free motion, the largest first.
 
     The motion is the null space of [A - s; c] of an unobservable mode, of A - s of any other; its dimension
     is known exactly, so that no rounding error has to be distinguished from zero.

@@ -194,7 +194,7 @@ def _certified(
 
 
 def _at_rest(planned: ProgramPlan, registers: list[int], again: Again | None) -> list[complex]:
-    """Return the limits of registers at rest; a large graph is planned again where they hang on its loops."""
+    """Return the limits of registers at rest; large graphs are planned again where they depend on loops."""
     from dynid.bondgraph.floating.series import PRECISIONS, limits_at_rest
 
     if again is not None and len(planned.program.ops) > _LONG:

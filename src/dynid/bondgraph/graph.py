@@ -166,7 +166,7 @@ class Port:
 
 @dataclass(frozen=True)
 class GraphFault:
-    """Something wrong with a graph: at a node, or at the bond of that index."""
+    """A fault of a graph: at a node, or at the bond of that index."""
 
     message: str
     node: str | None = None
@@ -260,7 +260,7 @@ def bond_sign(graph: BondGraph, name: str) -> int:
 
 
 def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphFault]:
-    """List what is wrong with the shape of a graph: loose ends, and nodes with too many bonds.
+    """Return the faults of a graph's shape: loose ends, and nodes with too many bonds.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphF
 
 
 def port_fault(types: Mapping[str, str], port: Port) -> str:
-    """Say why a variable cannot be asked for, or return an empty text."""
+    """Return the reason why a variable cannot be an output, or an empty text."""
     kind = types[port.node]
     if kind in TWO_PORTS:
         return f"'{port}': {kind} '{port.node}' has two ports; name the junction or element beside it"

@@ -105,7 +105,7 @@ class Analysis:
     times
         Times of the time response, s, starting at 0.
     signals
-        What drives the time response: pairs of an input and a signal; those of one input add up.
+        Signals of the time response: pairs of an input and a signal; those of one input add up.
     initial
         Stored energy at t = 0: the flow of an I, the effort of a C.
     parameters
@@ -157,7 +157,7 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """An engine, and why it.
+    """The engine of an analysis, and the reason for it.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def natural_order(
 
 
 def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
-    """Return what goes on inside a graph while an output is held at zero.
+    """Return the zero dynamics of a channel: the motion that is left while its output is held at zero.
 
     The output's equation y = 0 joins the graph's own, the input becomes an unknown, and the same index
     reduction as for `state_space` folds in the constraints that follow. The eigenvalues of A are the zeros
@@ -220,7 +220,7 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
 
 @contextmanager
 def _unreached(port: Port, source: str) -> Iterator[None]:
-    """Say of a singular constrained system what it means."""
+    """Replace the error of a singular constrained system by one that names input and output."""
     try:
         yield
     except Singular:

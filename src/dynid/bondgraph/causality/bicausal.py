@@ -4,7 +4,7 @@ The output becomes a source-sensor SS: both its effort and its flow are imposed,
 the opposite, an SS on which both are found. Bicausality leads from one to the other along a line of power,
 on whose bonds effort and flow are imposed the same way. A junction on the line has its common variable
 from there, and so imposes it on everything else beside the line; the rest takes its causality by the usual
-procedure. Storages that still integrate are the states of the inside: as many as there are zeros.
+procedure. Storages that still integrate are the states of the zero dynamics: as many as there are zeros.
 """
 
 from __future__ import annotations

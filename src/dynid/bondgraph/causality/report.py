@@ -59,7 +59,7 @@ class CausalState:
 
 @dataclass(frozen=True)
 class CausalityRemark:
-    """Something to know about some nodes, in words.
+    """A finding about some nodes, in words.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ _MOST = 6
 
 
 def join_nodes(names: Sequence[str]) -> str:
-    """Write names as a reader would: a, b and c."""
+    """Join names as in a sentence: a, b and c."""
     if len(names) > _MOST:
         return f"{', '.join(names[:_MOST])} and {len(names) - _MOST} more"
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""
@@ -133,7 +133,7 @@ def join_with_types(kinds: Mapping[str, str], names: Iterable[str]) -> str:
 
 
 def explain_dependent(strokes: Strokes, name: str) -> CausalityRemark:
-    """Say what a storage in derivative causality follows."""
+    """Return what a storage in derivative causality follows, in words."""
     (bond,) = strokes.bonds_at[name]
     roots, inner = strokes.roots([bond])
     owners = [owner for owner in _owners(strokes, roots) if owner != name]
@@ -161,7 +161,7 @@ def explain_dependent(strokes: Strokes, name: str) -> CausalityRemark:
 
 
 def explain_conflict(strokes: Strokes, bond: int, problem: Contradiction) -> CausalityRemark:
-    """Say which rules contradict each other, and where."""
+    """Return which rules contradict each other, and where, in words."""
     found = set(_owners(strokes, [bond, *problem.roots]))
     owners = [name for name in strokes.kinds if name in found]
     kind = strokes.kinds.get(problem.node, "")

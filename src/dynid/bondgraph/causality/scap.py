@@ -5,7 +5,7 @@ whatever is left, each with all that it forces. A stroke that leads to a contrad
 Taken one at a time, storages cannot block each other to the wrong effect: sets of storages that
 integrate together are the feasible sets of a delta-matroid (of the matchings of the junctions), on which
 the greedy choice is the largest (Bouchet 1987), as long as every step can still be completed. Where
-forcing alone did not notice that, around a loop, the procedure is run again with a look ahead at each step.
+forcing alone did not notice that, around a loop, the procedure is run again with a look-ahead at each step.
 
 The look ahead is a perfect matching of junctions. Every junction takes its common variable from exactly one
 bond. A bond between a 0 and a 1 sets both or neither, so that the setting bonds pair up the junctions that no
@@ -126,7 +126,7 @@ def _follow(strokes: Strokes, start: str, bond: int) -> tuple[str, int, bool]:
 
 @dataclass
 class AssignedStrokes:
-    """Strokes on every bond, and what could not be had.
+    """Strokes on every bond, and the conflicts that are left.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def assign_causality(graph: BondGraph) -> Causality:
 
 
 def describe(assigned: AssignedStrokes) -> Causality:
-    """Put an assignment into words and tables."""
+    """Return the findings of an assignment as tables and words."""
     strokes = assigned.strokes
     kinds = strokes.kinds
     elements = []

@@ -20,7 +20,7 @@ _FEEDING: dict[str, NodeType] = {"0": "Sf", "1": "Se"}
 
 
 def bond_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> str:
-    """Say why a port is no bond of a graph, whichever way it is written, or return an empty text.
+    """Return the reason why a port is no bond of a graph, written either way, or an empty text.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def bond_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> s
 
 
 def loop_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> str:
-    """Say that a bond lies on a loop and parts nothing, or return an empty text.
+    """Return the fault of a bond that lies on a loop, so that cutting it parts nothing, or an empty text.
 
     Parameters
     ----------

@@ -146,7 +146,7 @@ class RootDiscs:
         return RootDiscs(self.centre[mask], self.radius[mask], self.residual[mask])
 
     def overlaps(self, other: RootDiscs) -> NDArray[np.bool_]:
-        """Tell of every pair whether they may be one root (len(self) x len(other))."""
+        """Return for every pair whether they may be one root, shape (len(self), len(other))."""
         apart = np.abs(self.centre[:, None] - other.centre[None, :])
         return apart <= self.radius[:, None] + other.radius[None, :]
 
@@ -204,7 +204,7 @@ def settled(discs: RootDiscs, counts: RootCounts) -> tuple[EstimatedRoot, ...]:
     Raises
     ------
     Undecided
-        Where roots are apart that must be one, or the origin cannot be told from its neighbours.
+        Where roots are apart that must be one, or the origin cannot be distinguished from its neighbours.
     """
     discs = checked(discs, counts.degree).in_order()
     origin = np.arange(len(discs)) < counts.at_origin

@@ -285,7 +285,7 @@ def _expanded(
             pass
         if terms >= _LAST:
             raise NumericalError(
-                f"a response of this graph hangs on more than the first {_LAST} terms of its expansion",
+                f"a response of this graph depends on more than the first {_LAST} terms of its expansion",
                 remedy="Ask for fewer stages, or for its zeros and poles instead.",
             )
         terms *= 4

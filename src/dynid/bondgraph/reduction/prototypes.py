@@ -113,7 +113,7 @@ class Prototype:
         )
 
     def describe(self, root: str) -> str:
-        """Say in a sentence what was reached."""
+        """Return a sentence that describes the prototype."""
         source = {"a": "flow", "b": "effort", "c": "flow", "d": "effort"}[self.letter]
         number = {"a": 1, "b": 2, "c": 3, "d": 4}[self.letter]
         if self.program.is_zero(self.part_a):

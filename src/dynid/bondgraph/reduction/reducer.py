@@ -85,17 +85,17 @@ class JunctionElimination:
         return neighbours
 
     def _stand(self, row: Balance, term: Immittance, origin: Balance) -> None:
-        """Let an immittance that was left by an elimination stand on a junction."""
+        """Add an immittance that an elimination leaves to a junction."""
         row.terms.append(term)
         self.origins[row, term] = origin
 
     def _remove(self, row: Balance) -> None:
-        """Take out an eliminated junction, after which the network is whole."""
+        """Remove an eliminated junction, after which the network is whole."""
         self.net.remove(row)
         self.trace.done()
 
     def _reflect(self, leaf: Balance, into: Balance, own: Register, tie: Tie) -> None:
-        """Let a leaf be seen through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2; then swap its sources."""
+        """Reflect a leaf through a TF or GY, Z1 = n^2 Z2 or Z1 = r^2 / Z2; then swap its sources."""
         net, program = self.net, self.program
         modulus = program.parameter(str(tie.two_port))
         square = program.mul(modulus, modulus)
@@ -167,7 +167,7 @@ class JunctionElimination:
         return not zero(self.net.entry(a, b)) and not zero(self.net.entry(b, a))
 
     def hold_root(self, bare: Balance) -> None:
-        """Let a bare junction at the root state the root's unknown."""
+        """Take the root's unknown from the balance of a bare neighbour."""
         program, root = self.program, self.root
         entry = bare.entries[root]
         self.held = {source: program.div(amount, entry) for source, amount in bare.sources.items()}
@@ -497,7 +497,7 @@ def _shared(
 ) -> tuple[str, ...]:
     """Return the user's junctions of the parts that systems A and B were both reduced from.
 
-    Without the root a graph falls into parts; one that left terms in both systems hangs on it by a loop.
+    Without the root a graph falls into parts; one that left terms in both systems is tied to it by a loop.
     """
     members: list[str] = []
     while of_a and of_b:

@@ -91,7 +91,7 @@ class NoTrace:
         """Record, and note on the junction, that immittances add up: in series or parallel (eqs 1, 2)."""
 
     def reflected(self, leaf: Balance, into: Balance, seen: Immittance) -> None:
-        """Record an immittance seen through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2."""
+        """Record the reflection of an immittance through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2."""
 
     def moved(self, leaf: Balance, size: Register) -> None:
         """Turn what drives a leaf into the units of its neighbour, through a coupling of this size."""
@@ -329,7 +329,7 @@ class TraceRecorder(NoTrace):
         self.done()
 
     def _passed_on(self, row: Balance, to: Balance, factor: Register, label: str) -> WeightedSum:
-        """Let what drives a row, times a factor, drive another under a label; return what that stands for."""
+        """Add the drives of a row, times a factor, to another row under a label; return the sum they form."""
         parts = tuple((self.program.mul(factor, amount), by) for by, amount in self.drives[row].items())
         program = self.program
         meant: dict[str, Register] = {}  # the sum in terms of the inputs
@@ -349,7 +349,7 @@ class TraceRecorder(NoTrace):
         return parts
 
     def _name(self, register: Register, label: str) -> None:
-        """Let the equations of later steps call a register by a name, unless it is as short itself."""
+        """Name a register in the equations of later steps, unless it is as short itself."""
         if self.program.ops[register][0] not in (Operation.CONSTANT, Operation.PARAMETER, Operation.LAPLACE):
             self.labels.setdefault(register, label)
 

@@ -60,7 +60,7 @@ def _table(result: Result, axis: str, rows: Sequence[tuple[str, ...]], names: tu
 
 
 def _compare_order(result: Result, graph: BondGraph, causality: Causality) -> str:
-    """Add the exact order, and say why it differs from the structural one."""
+    """Add the exact order; return the reason where it differs from the structural one."""
     from dynid.bondgraph.state_space import natural_order
 
     if causality.conflicts:
@@ -161,7 +161,7 @@ def _add_equations(
     result.add(f"{group}/parts", np.array(rows, dtype=dtype), ("part",))
     if not 0 < count <= _MATRIX:
         return count
-    try:  # x' = A x of the inside and u = C x that holds the output, where doubles can hold them
+    try:  # x' = A x of the zero dynamics and u = C x that holds the output, as far as doubles reach
         inside = zero_dynamics(reduced, port, source)
     except NumericalError:
         return count
@@ -189,12 +189,11 @@ def _meaning(reduced: ReducedGraph, port: Port, source: str, parts: tuple[ZeroPa
         for part in parts[:_PARTS]
     ]
     more = f", and {len(parts) - _PARTS} more parts" if len(parts) > _PARTS else ""
-    carry = "carries" if len(parts) == 1 and len(parts[0].elements) == 1 else "carry"
-    return f"zero dynamics, {held}: {'; '.join(carried)}{more} {carry} on inside"
+    return f"zero dynamics, {held}: states of {'; '.join(carried)}{more}"
 
 
 def _difference(structural: int | None, exact: int | None, lost: int, found: ZeroCausality | None) -> str:
-    """Say why the structure and the numbers count differently."""
+    """Return the reason why structure and numbers give different counts of zeros."""
     several = "" if found is None or found.lines < 2 else f" ({found.lines} lines of power were compared)"
     if structural is None:
         return "" if exact is None else "no single line of power can be made bicausal; the exact count holds"

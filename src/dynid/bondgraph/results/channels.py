@@ -150,7 +150,7 @@ def add_channel(
 def _add_properties(
     result: Result, channel: Channel, transfer: TransferProperties, reduced: ReducedGraph
 ) -> None:
-    """Add the properties; a truth value that is undecided is left out, and its verdict says so."""
+    """Add the properties; a Boolean that is undecided is left out, and its verdict says so."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
     units = reduced.units.of_channel(*channel)
     for path, name in ((f"{group}/{name}", name) for name in _PROPERTIES):

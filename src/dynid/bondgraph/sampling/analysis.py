@@ -73,10 +73,10 @@ def _quick(engine: SampledEngine, of: Channel, wanted: Collection[str]) -> dict[
     degrees = {"relative_degree": channel.relative_degree, "order": channel.poles.values.shape[1]}
     found |= {f"{group}/{what}": [_scalar(degree)] * count for what, degree in degrees.items()}
     verdicts = {"stable": channel.poles, "minimum_phase": channel.zeros}
-    told = {truth: _scalar(truth) for truth in (False, True)}
+    booleans = {truth: _scalar(truth) for truth in (False, True)}
     for what, spectrum in verdicts.items():
         left = np.all(spectrum.sides < 0, axis=1)
-        found[f"{group}/{what}"] = [told[bool(truth)] for truth in left]
+        found[f"{group}/{what}"] = [booleans[bool(truth)] for truth in left]
     if not channel.hidden.values.shape[1]:
         found[f"{group}/hidden_mode"] = [_axis("hidden_mode", 0)] * count
         found[f"{group}/hidden_modes"] = [
@@ -113,7 +113,7 @@ _ALONE = frozenset(
 
 
 def shared(wanted: Collection[str], analysis: Analysis) -> bool:
-    """Tell whether samples of an analysis share enough of the work on these paths to be run together."""
+    """Test whether samples of an analysis share enough work on these paths to be run together."""
     groups = (*_CHANNELS, _FREQUENCY, _TIME)
     return analysis.port is None and all(path.startswith(groups) for path in wanted)
 
@@ -186,15 +186,15 @@ class SampledAnalysis:
             found: list[Mapping[str, Variable] | None] = [None] * count
             for place, sample in enumerate(kept):
                 certain = engine is not None and bool(engine.certain[place])
-                told = {path: column[place] for path, column in known.items()} if certain else {}
+                sampled = {path: column[place] for path, column in known.items()} if certain else {}
                 if self._responds or not certain:
                     one = {name: column[sample] for name, column in values.items()}
                     stored = self.analysis.initial if initial is None else initial[sample]
                     alone = self._alone(one, stored, channels=not certain)
                     if alone is None:
                         continue
-                    told |= alone
-                found[sample] = told
+                    sampled |= alone
+                found[sample] = sampled
             return found
 
     def _alone(

@@ -200,7 +200,7 @@ class EngineSample(NamedTuple):
 
 
 def _apart(spectrum: Sequence[tuple[RootBatch, int]], count: int) -> NDArray[np.bool_]:
-    """Tell for which samples no root of one factor may be one of another."""
+    """Return for which samples no root of one factor may be one of another."""
     if len(spectrum) < 2:
         return np.ones(count, dtype=bool)
     values = np.concatenate([part.values for part, _ in spectrum], axis=1)

@@ -134,7 +134,7 @@ def _powers(values: Sequence[Fraction], degree: int) -> list[Integers]:
 
 
 def nonzero(columns: Sequence[Integers]) -> NDArray[np.bool_]:
-    """Tell for which samples first and last coefficient are not zero."""
+    """Return for which samples the first and the last coefficient are not zero."""
     first, last = columns[0], columns[-1]
     found: NDArray[np.bool_] = (first != 0) & (last != 0)
     return found.astype(bool)
@@ -214,9 +214,9 @@ class GraphFamily:
         self._alone = bool(self.reduced.undetermined) or not deciding.isdisjoint(varying)
 
     def holds(self, values: SampleValues, count: int) -> NDArray[np.bool_]:
-        """Tell for which samples the plan holds: nothing that it divides by vanishes.
+        """Return for which samples the plan holds: nothing that it divides by vanishes.
 
-        What is not zero modulo a prime is not zero; a sample for which that cannot be told counts as one for
+        What is not zero modulo a prime is not zero; a sample that is zero modulo the prime counts as one for
         which it does not hold.
         """
         vanished = np.full(count, self._alone)  # elsewhere some values may contradict each other
