@@ -93,7 +93,7 @@ def test_a_prediction_stands_beside_what_was_measured_with_the_spectrum_of_what_
         np.testing.assert_array_equal(
             column(figure.table, f"{name} 3.velocity (m/s)"), found[f"{group}/{name}"].data[places, 1]
         )
-    assert "spectrum (m/s·(s/rad)^½)" in figure.svg
+    assert "ASD (m/s·(s/rad)^½)" in figure.svg
     assert "residual" in figure.svg
 
 

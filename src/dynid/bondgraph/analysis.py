@@ -173,7 +173,7 @@ def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Anal
         used.add("symbolic")
     why = str(about.get("engine_reason", "no result needs one"))
     parts.append(divided("engines", ENGINES, used, why))
-    parts.append(divided("results", RESULTS, analysis.results, "not asked for"))
+    parts.append(divided("results", RESULTS, analysis.results, "not requested"))
     add_model_scope(result, "bond_graph", parts)
 
 

@@ -274,7 +274,7 @@ def _text(text: str, size: float, *, italic: bool) -> TypesetFormula:
 
 def _fraction(top: TypesetFormula, bottom: TypesetFormula, size: float) -> TypesetFormula:
     """Typeset one formula over another, centred on the axis of the line."""
-    width, axis, gap = max(top.width, bottom.width) + 4, -_BAR * size, 0.14 * size
+    width, axis, gap = max(top.width, bottom.width) + 4, -_BAR * size, 0.22 * size
     over = top.moved((width - top.width) / 2, axis - gap - top.below)
     under = bottom.moved((width - bottom.width) / 2, axis + gap + bottom.above)
     return TypesetFormula(

@@ -80,7 +80,7 @@ def responses(result: Result) -> Iterator[ReportSection]:
                 rows.append((f"{outputs[k]} over {inputs[m]}", size, f"{top.at[k, m]:.4g}"))
             low, high, unit = frequency_span(result, group)
             count = counted(len(result[f"{group}/omega"].data), "frequency")
-            heads = ("", "largest magnitude", f"at, {unit}")
+            heads = ("", "peak magnitude", f"frequency ({unit})")
             table = TextTable(heads, tuple(rows), caption=f"{count}, {span_text(low, high)} {unit}")
             yield ReportSection("Frequency response", (table, *more(len(channels), _MOST, "channel")))
         group = f"{base}/time_response"
@@ -95,7 +95,7 @@ def responses(result: Result) -> Iterator[ReportSection]:
             yield ReportSection(
                 "Time response",
                 (
-                    TextTable(("", "least", "largest", "final"), ranges, caption=caption),
+                    TextTable(("", "minimum", "maximum", "final"), ranges, caption=caption),
                     *([Statement(f"{note}.")] if note else []),
                     *more(response.shape[1], _MOST, "output"),
                 ),

@@ -190,7 +190,7 @@ def calibration_sentences(result: Result) -> Iterator[str]:
     for (k, j), many in zip(worst, errors, strict=True):
         sentence = f"{found.changes[j]} moves {found.parameters[k]} by {_percent(found.moves[k, j])}"
         if many:
-            sentence += f" ({f'{many:.2g}' if many < 100 else f'{many:.0f}'} standard errors)"
+            sentence += f" ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
         if many == max(errors) > CALIBRATION.value:
             sentence += "; error bars do not include it"
         yield sentence
@@ -225,9 +225,7 @@ def calibration_sections(result: Result) -> Iterator[ReportSection]:
         )
         for j, change in enumerate(found.changes[:_QUANTITIES])
     )
-    caption = (
-        "First-order changes of the estimates if a load, or the record of a sensor, is larger by this part"
-    )
+    caption = "First-order changes of the estimates if a load or a measured signal is larger by this fraction"
     yield ReportSection(
         "Calibration errors",
         (

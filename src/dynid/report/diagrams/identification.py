@@ -246,6 +246,7 @@ def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
     time, channels = result[f"{group}/time"].data, _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
     spectra = group.replace("measurement", "residual_spectrum")
+    units = texts(result, f"{group}/unit") or [result[f"{group}/measured"].units] * len(channels)
     rows, columns = [], {"time (s)": time}
     for place, channel in enumerate(channels):
         data, model = measured[:, place], predicted[:, place]
@@ -256,13 +257,14 @@ def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
         residual = Curve(time, data - model, "measured − predicted", "s2 fine")
         row = [
             Subplot(PlotAxis("time (s)"), PlotAxis(channel), both, weight=1.6),
-            Subplot(PlotAxis("time (s)"), PlotAxis("residual"), [residual]),
+            Subplot(PlotAxis("time (s)"), PlotAxis(labelled("residual", units[place])), [residual]),
         ]
         if f"{spectra}/amplitude" in result:
             at, amplitude = frequencies(result, f"{spectra}/omega"), result[f"{spectra}/amplitude"]
-            units = texts(result, f"{spectra}/unit")
-            line = Curve(at.shown, amplitude.data[:, place], "spectrum of the residual", "s3 fine")
-            label = labelled("spectrum", units[place] if units else amplitude.units)
+            densities = texts(result, f"{spectra}/unit")
+            legend = "amplitude spectral density (ASD) of the residual"
+            line = Curve(at.shown, amplitude.data[:, place], legend, "s3 fine")
+            label = labelled("ASD", densities[place] if densities else amplitude.units)
             row.append(Subplot(at.axis, PlotAxis(label), [line]))
         rows.append(row)
     shares = []

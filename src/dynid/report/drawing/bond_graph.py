@@ -215,13 +215,15 @@ def reduction_strip(drawn: DrawnGraph, port: Port) -> list[Sketch]:
     """Return the graph as drawn, then the graph after every step of its reduction to a port."""
     reduced = ReducedGraph(drawn.graph, drawn.inputs, (port,))
     shots = snapshots(reduced.structure, reduced.program, port, reduced.inputs)
-    seen = {node.key for node in _SnapshotSketch(drawn, reduced, port, shots[0], set()).sketch().nodes}
+    first = _SnapshotSketch(drawn, reduced, port, shots[0], set()).sketch()
+    seen, source = {node.key for node in first.nodes}, first.source
     strip = [replace(sketch_of(drawn), cut=None)]
     for place, shot in enumerate(shots[1:], 1):
         rules = [one.step.rule if one.step else "" for one in shots[place : place + 2]]
         merges = rules == ["source swap", "merge"]
         shown = _before_merging(shots[place - 1], shot) if merges else shot
-        sketch = _SnapshotSketch(drawn, reduced, port, shown, seen).sketch()
+        sketch = _SnapshotSketch(drawn, reduced, port, shown, seen, source).sketch()
+        source = sketch.source
         seen = {node.key for node in sketch.nodes}
         if merges:  # elements on the merged junction are not new there
             ((leaf, into),) = [(leaf, into) for leaf in shot.gone for into in shot.changed]
@@ -258,9 +260,15 @@ class _SnapshotSketch:
     """Sketch of the graph that is left after a step."""
 
     def __init__(
-        self, drawn: DrawnGraph, reduced: ReducedGraph, port: Port, shot: Snapshot, before: set[str]
+        self,
+        drawn: DrawnGraph,
+        reduced: ReducedGraph,
+        port: Port,
+        shot: Snapshot,
+        before: set[str],
+        source: str | None = None,
     ) -> None:
-        self.drawn, self.shot, self.before = drawn, shot, before
+        self.drawn, self.shot, self.before, self.source = drawn, shot, before, source
         self.junctions, self.program = reduced.structure.junctions, reduced.program
         self.labels = reduced.reductions[port].labels
         self.nodes: dict[str, SketchNode] = {}
@@ -299,7 +307,9 @@ class _SnapshotSketch:
         touched = set(self.shot.changed) or set(self.shot.step.nodes if self.shot.step else ())
         marked = fresh or touched
         nodes = tuple(replace(node, changed=node.key in marked) for node in self.nodes.values())
-        source = next((key for key, kind in self.kinds.items() if kind in SOURCES), None)
+        # The source on the left stays there, or the one that replaces it: panels are laid out alike.
+        sources = [key for key, kind in self.kinds.items() if kind in SOURCES]
+        source = min(sources, key=lambda key: (key != self.source, key not in fresh), default=None)
         target = next((node.key for node in nodes if node.role in ("output", "both")), None)
         return Sketch(nodes, tuple(self.bonds), source, target)
 

@@ -15,9 +15,11 @@ from dynid.report.drawing.sketch import PORT, Sketch
 from dynid.report.svg import Point
 
 #: Length of the straight segment of a bond at a node, for its stroke and arrow; least distance of boxes; px.
-RUN, GAP = 26.0, 16.0
+RUN, GAP = 22.0, 16.0
 #: Least distance between columns or levels, without the straight segments; greatest slope of a bond there.
-CHANNEL, SLOPE = 14.0, 1.7
+CHANNEL, SLOPE = 6.0, 2.8
+#: Steps of a bond below this are drawn straight, px.
+_STEP = 4.0
 
 Outline = list[tuple[float, float]]
 
@@ -255,10 +257,10 @@ class _PartLayout:
                 before = route[place - 1] if place else None
                 after = route[place + 1] if place + 1 < len(route) else None
                 points += self._passing(waypoint, before, after, columns[waypoint.column][1])
-            # Without points on straight lines, and without steps below half a pixel.
+            # Without points on straight lines, and without steps too small to be read as such.
             kept: list[Point] = []
             for x, height in points:
-                y = kept[-1][1] if kept and abs(kept[-1][1] - height) < 0.5 else height
+                y = kept[-1][1] if kept and abs(kept[-1][1] - height) < _STEP else height
                 if len(kept) > 1 and kept[-2][1] == kept[-1][1] == y:
                     kept.pop()
                 kept.append((x, y))

@@ -12,9 +12,9 @@ from dynid.report.notation import TypesetFormula, draw_formula, typeset
 from dynid.report.svg import SIZE, SMALL, Svg, number, text_width
 
 #: Greatest width of a drawing within a panel, px.
-WIDEST = 1340.0
+WIDEST = 1040.0
 _MARGIN, _CUT_REACH = 12.0, 10.0
-_WIDTH, _PAD, _LEADING, _READABLE = 1400.0, 14.0, 1.4, 300.0
+_WIDTH, _PAD, _LEADING, _READABLE = 1096.0, 14.0, 1.4, 300.0
 
 #: Function that draws with the upper left corner at a point.
 Draw = Callable[[Svg, float, float], None]

@@ -60,7 +60,7 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     )
     parts: list[PagePart] = []
     if answer := join(tag("p", note, class_="note") if note else "", *sections):
-        parts.append(("Answer", answer))
+        parts.append(("Results", answer))
     if drawn := [_figure(figure) for figure in tracked(figures(result), "figure")]:
         parts.append(("Figures", join(*drawn)))
     if result.kind == "study":

@@ -225,7 +225,7 @@ def chart(
         columns.append(_ColumnPlace(x, free * weight / sum(weights), margin))
         x += columns[-1].width + _BETWEEN
     for number, row in enumerate(rows):
-        y += (20 if any(plot.title for plot in row) else 10) + (8 if number and not shared else 0)
+        y += (24 if any(plot.title for plot in row) else 10) + (8 if number and not shared else 0)
         above = len(rows[number + 1]) if shared and number + 1 < len(rows) else 0
         beneath = 0.0
         for place, (plot, column) in enumerate(zip(row, columns, strict=False)):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dynid.structure.model import StructuralModel
     from dynid.structure.reduction.reduction import StructuralReduction
 
-_NOT_ASKED = "not asked for"
+_NOT_REQUESTED = "not requested"
 #: What a scene of kind `identification` can ask for, and the group that holds it.
 _RESULTS = {
     "parameters": "identification/parameters",
@@ -62,13 +62,13 @@ def add_identification_scope(
     why = "known: fixed at their values"
     parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
     used = _used(result, model) if measured else []
-    why = "the estimator does without" if used else "there is no record"
+    why = "not used by the estimator" if used else "there is no record"
     every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
     parts.append(divided("engines", every, used, why))
     parts += _of_modes(result, r)
     groups = {path.rpartition("/")[0] for path in result}
     there = [name for name, group in _RESULTS.items() if any(path.startswith(group) for path in groups)]
-    parts.append(divided("results", _RESULTS, there, _NOT_ASKED))
+    parts.append(divided("results", _RESULTS, there, _NOT_REQUESTED))
     add_model_scope(result, "identification", parts)
 
 
@@ -102,13 +102,13 @@ def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[
         coordinates, modes = (result[f"{group}/{part}"].data.size for part in ("coordinate", "modes"))
         parts += _of_reduction(f" of {name}", method, coordinates, n, modes, rule)
     known = [name for name in ASPECTS["reduction"]["basis"] if name != "full"]
-    parts.append(divided("methods", known, methods.values(), _NOT_ASKED))
+    parts.append(divided("methods", known, methods.values(), _NOT_REQUESTED))
     dense = str(result.group_attrs["reduction"]["solver"]).startswith(_SOLVERS[0])
     solver = _SOLVERS[0 if dense else 1]
     parts.append(divided("engines", _SOLVERS, [solver], "the solver of the modes is chosen by size"))
     responses = ["frequency_response"] if model.frequency is not None else []
     every = ["modes", "frequency_response"]
-    parts.append(divided("results", every, ["modes", *responses], _NOT_ASKED))
+    parts.append(divided("results", every, ["modes", *responses], _NOT_REQUESTED))
     add_model_scope(result, "reduction", parts)
 
 
