@@ -1,4 +1,4 @@
-"""Formulas in figures say what the reduction writes, with fractions over bars and indices below."""
+"""Formulas in figures: fractions, indices and powers as the reduction writes them."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Pages: whole without scripts, silent to the outside, the same each time, and true to the result."""
+"""Pages: complete without scripts, without network access, reproducible, and true to the result."""
 
 import json
 import re

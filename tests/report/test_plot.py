@@ -1,4 +1,4 @@
-"""Plots: round ticks that do not touch, lines that keep what shows, everything within the picture."""
+"""Plots: round ticks without overlap, decimated curves, everything within the picture."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Figures of studies: small however many samples there are, with the numbers that the statistics give."""
+"""Figures of studies: of bounded size for any number of samples, with the values of the statistics."""
 
 import xml.etree.ElementTree as ET
 

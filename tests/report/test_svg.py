@@ -1,4 +1,4 @@
-"""The SVG writer: what it writes is XML, the same each time, and readable in light, dark and alone."""
+"""SVG writer: valid XML, reproducible, readable in the light and dark theme and as a file of its own."""
 
 import re
 import xml.etree.ElementTree as ET

@@ -1,4 +1,4 @@
-"""What a bond graph's scene answers: the screen and the page say the same, and what they say is so."""
+"""Content of bond graphs: the screen and the page agree, and their statements are correct."""
 
 import numpy as np
 import pytest

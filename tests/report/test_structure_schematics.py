@@ -1,4 +1,4 @@
-"""Schematics of structures: what the scene says is there, and no text lies on another one."""
+"""Schematics of structures: everything in the scene is drawn, and no texts overlap."""
 
 import xml.etree.ElementTree as ET
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""What else could have been chosen: every alternative is tried or named, and its error is the true one."""
+"""Alternatives to the choices of a scene: each is measured or named, and its error is correct."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Drawings of bond graphs: nothing overlaps, planar graphs have no crossing, strokes are the assignment's."""
+"""Layout of bond graphs: no overlaps, no crossings in planar graphs, strokes as assigned."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Pages in a browser: silent, drawn, true to the file, usable by keys, on small screens, in the dark."""
+"""Pages in a browser: no network access, complete figures, keyboard use, small screens, dark theme."""
 
 import os
 import re

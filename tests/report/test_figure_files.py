@@ -1,4 +1,4 @@
-"""Figures as files: SVG that stands alone, PNG and PDF of the same, the same bytes each time."""
+"""Figures as files: standalone SVG, PNG and PDF, reproducible to the byte."""
 
 import builtins
 import struct

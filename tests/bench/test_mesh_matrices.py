@@ -1,4 +1,4 @@
-"""The finite-element matrices of the benchmarks are those of a plate and of a block."""
+"""Finite-element matrices of the benchmarks: those of a plate and of a block."""
 
 import numpy as np
 from scipy.linalg import eigh

@@ -1,4 +1,4 @@
-"""Reductions as strips of drawings, and prototypes: what the paper's figures 1, 2 and 6 to 8 show."""
+"""Reduction strips and prototypes: the figures 1, 2 and 6 to 8 of Park & Kim."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Every kind of figure draws and lists what its result holds, where no other test asks that."""
+"""Data of figures that no other test checks: figures and tables hold the values of the result."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Benchmarks: every alternative does its work at a small size, and the figures are those of the work."""
+"""Benchmarks: every alternative computes at a small size, and its figures are correct."""
 
 import re
 import subprocess
@@ -18,7 +18,7 @@ from dynid.errors import DynidError, Singular
 from dynid.report.page import page
 from dynid.store import read_result
 
-#: A small size of each, and the largest error of the house's own (first) alternative there.
+#: A small size of each, and the largest error of dynid's own (first) alternative there.
 SMALL = {
     "frequency-response": (6, 1e-13),
     "frequency-response-on-loops": (6, 1e-13),

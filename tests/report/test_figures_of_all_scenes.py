@@ -1,4 +1,4 @@
-"""Diagrams of results: drawn of every scene, readable, the same each time, with the result's own numbers."""
+"""Figures of all scenes: drawn, readable, reproducible, with the result's own numbers."""
 
 import xml.etree.ElementTree as ET
 from functools import cache
