@@ -81,6 +81,10 @@ def test_what_cancels_in_a_formula_or_in_a_term_of_it_is_not_written(program):
     text, _ = print_register(program, total, nodes, {})
     assert sympify(text) == sympify("x + z/(y + z)")
     assert (text[:4], text.count("y")) == ("x + ", 1)
+    nothing = program.sub(
+        program.mul(x, program.add(y, z)), program.add(program.mul(x, y), program.mul(x, z))
+    )
+    assert print_register(program, program.mul(z, nothing), nodes, {}) == ("0", ATOM)
 
 
 @pytest.mark.parametrize(

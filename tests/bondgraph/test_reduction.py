@@ -414,3 +414,11 @@ def test_fresh_names_are_numbered_past_those_that_are_taken():
     assert [names.fresh("a") for _ in range(3)] == ["a_2", "a_4", "a_5"]
     assert [unique("a", ["a", "a_3"]), unique("a", ["a", "a_2"]), unique("b", ["a"])] == ["a_2", "a_3", "b"]
     assert [names.fresh("b"), names.fresh("a_2"), names.fresh("b")] == ["b", "a_2_2", "b_2"]
+
+
+@pytest.mark.parametrize(("closing", "shared"), [("", ()), (", c -> j", ("a", "b", "c"))])
+def test_both_systems_share_the_junctions_of_a_loop_through_the_port(closing, shared):
+    nodes = "Se u, 1 j, 0 a, R p 2, 1 b, R q 3, 0 c, C k 5"
+    graph = written(nodes, f"u -> j, j -> a -> p, a -> b -> q, b -> c -> k{closing}", "u.f")
+    (reduction,) = graph.reductions.values()
+    assert reduction.prototype.shared() == shared

@@ -269,3 +269,19 @@ def test_equivalents_are_not_called_what_the_prototype_is_written_with():
     assert {"Z_A", "Z_A_2", "Z_B_2"} <= set(names)
     name, found = last_variable(steps, values, ["u"], "u")
     assert (name, found) == ("f_port", transfer_at(types, values, pairs, ["u"], ("port", "f"), S)["u"])
+
+
+def test_equivalent_sources_that_take_each_other_back_leave_nothing():
+    """By both gyrators u acts on c with opposite signs, so that the constraint fixes an effort at zero."""
+    nodes = "Se u, 1 a, 0 b, 0 c, GY g 23/9, GY h 23/15, C k 3/4"
+    bonds = "u -> a -> k, b -> g -> a -> c, b -> h -> c"
+    types, values, pairs = parse(nodes, bonds)
+    assert transfer_at(types, values, pairs, ["u"], ("b", "e"), S)["u"] == 0
+    (constraint,) = (step for step in trace(written(nodes, bonds, "b.e")) if step[0] == "constraint")
+    assert constraint[2].split("; ")[0] == "e_b = 0"
+
+
+def test_a_source_that_is_swapped_across_a_transformer_is_seen_through_it():
+    steps = trace(written("Sf u, 0 a, R r 2, TF n 3, 0 b, I m 5", "u -> a -> r, a -> n -> b -> m", "b.e"))
+    said = [meaning for rule, _, _, meaning in steps if rule == "source swap"]
+    assert any(meaning.endswith(", seen through n") for meaning in said)

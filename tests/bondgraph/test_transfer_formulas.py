@@ -10,7 +10,7 @@ from sympy import Rational, sympify
 
 import dynid
 from dynid.bondgraph.formulas.symbolic import apply, quotient, variables
-from dynid.bondgraph.formulas.transfer import formulas
+from dynid.bondgraph.formulas.transfer import formulas, readable
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
 from tests.bondgraph.random_graphs import random_graph
@@ -159,3 +159,14 @@ def test_a_quotient_has_its_sign_in_front():
     a, b = ring.gens()
     assert sympify(quotient(a + b, -a)[0]) == sympify("-(a + b)/a")
     assert quotient(a + b, -a)[0].startswith("-")
+
+
+def test_a_factor_that_numerator_and_denominator_share_is_not_written():
+    graph = written(
+        "Se u, 1 a, 0 b, GY g 33/10, TF n 5/7, I m 25, R r 1",
+        "u -> a -> m, b -> a -> g -> n -> b -> r",
+        "r.f",
+    )
+    ((above, below),) = readable(graph).values()
+    assert above.gcd(below) == 1
+    assert (len(above), len(below)) == (1, 2)  # n g/(s n^2 m r + g^2)

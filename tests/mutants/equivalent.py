@@ -44,5 +44,9 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.reducer:Reducer.run: s if len(row.entries) < 2], most=1) → s if len(row.entries) < 3], most=1)": (
         "which of what lies on loops comes first is a choice"
     ),
+    f"{_REDUCTION}.solvability:ModularNodalForm.driven: ault(fixing, {{}}), name, -size, self.prime) → ault(fixing, {{}}), name, size, self.prime)": (
+        "a source that fixes feeds no balance, so that the sign is that of all its entries; zero stays zero"
+    ),
+    "dynid.bondgraph.formulas.transfer:: DABLE, _LIMIT = (40, 4000) → DABLE, _LIMIT = (40, 4001)": "a limit of cost",
     f"{_REDUCTION}.network:: BOND = Tie(None, False) → BOND = Tie(None, True)": "a bond has no modulus to invert",
 }
