@@ -10,7 +10,7 @@ from scipy.optimize import least_squares, root
 
 import dynid
 from dynid.identification.measurement import RecordData
-from dynid.identification.record_model import record_model
+from dynid.identification.parametric_model import parametric_model
 from dynid.identification.time_record import TimeRecord
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.kinds.structures import build_structure
@@ -82,7 +82,7 @@ def predicted(estimate: np.ndarray) -> list[str]:
     for row, (loads, measurement) in zip(HELD, experiments(scene, [], scene.model.measurement), strict=True):
         values = np.asarray(measurement.source)
         head = np.where(np.arange(len(values))[:, None] < HEAD, values, np.nan)
-        joint = record_model(model, loads, measurement.channels, measurement.record.times)
+        joint = parametric_model(model, loads, measurement.channels, measurement.record.times)
         record = TimeRecord(joint, RecordData(values))
         left = []
         for known in (values, head):

@@ -96,11 +96,11 @@ def dots(rows, width, A, a, lda, X, x, ldx, out, o, ldo):
 
 
 def interpreted_kernels(patch):
-    """Return the kernels' modules, interpreted: steps, filter, prediction and triangle."""
+    """Return the kernels' modules, interpreted: steps, filter and prediction."""
     for name in ("kernel", "inlined"):
         patch.setattr(simd, name, lambda function: function)
     for name, stand_in in {
         "product": product, "row_product": product, "accumulate": accumulate, "dots": dots,
     }.items():  # fmt: skip
         patch.setattr(simd, name, stand_in)
-    return fresh(patch, KERNELS, "steps", "filter_kernel", "prediction_kernel", "triangle_kernel")
+    return fresh(patch, KERNELS, "steps", "filter_kernel", "prediction_kernel")

@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.identification.filter import PART, FilterPrior, _History, _walk, filter_pass
 from dynid.identification.measurement import Measurement, Simulation, data
-from dynid.identification.record_model import RecordModel, Transition, record_model
+from dynid.identification.parametric_model import ParametricModel, Transition, parametric_model
 from dynid.identification.time_record import TimeRecord
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
@@ -77,14 +77,14 @@ def _covariances(samples: int, parts: int) -> dict[str, Any]:
     loads = [Load(1, Multisine([100.0, 100.0], [90.0, 50.0]))]
     taken = Measurement(0.01, samples, channels, Simulation(0.05, 1))
     record, times = data(model, loads, taken), taken.record.times
-    joined = record_model(model, loads, channels, times[:2])
+    joined = parametric_model(model, loads, channels, times[:2])
     prior = TimeRecord(joined, record).wide_prior(np.log([9.9e3]))
     origin, smallest, symmetric = prior.logs, [], True
     for rows in np.array_split(np.arange(samples), parts):
         here = slice(max(rows[0] - 1, 0), rows[-1] + 1)
         values = record.values[here].copy()
         values[: rows[0] - here.start] = np.nan  # the last sample of the part before: it has been heard
-        joined = record_model(model, loads, channels, times[here])
+        joined = parametric_model(model, loads, channels, times[here])
         done = filter_pass(joined, values, prior, record.noise, origin)
         prior = FilterPrior(done.states[-1], done.logs[-1], done.whole)
         P = done.whole @ done.whole.T
@@ -130,7 +130,7 @@ def _margin(kind: type) -> float:
 # --- the suite's own pass in single and double precision -------------------------------------------
 
 
-class _Rounded(RecordModel):
+class _Rounded(ParametricModel):
     """A model whose numbers and steps are of one precision."""
 
     def transition(self, logs: np.ndarray, h: float) -> Transition:
@@ -138,7 +138,7 @@ class _Rounded(RecordModel):
         return Transition(*(part.astype(self.C.dtype) for part in exact))
 
 
-def _rounded(model: RecordModel, kind: type) -> _Rounded:
+def _rounded(model: ParametricModel, kind: type) -> _Rounded:
     own = {field.name: getattr(model, field.name) for field in fields(model)}
     own["line"] = replace(model.line, W=model.line.W.astype(kind))
     numbers = {
@@ -161,7 +161,7 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
     )
     taken = Measurement(0.002, 800, channels, Simulation(0.05, 1, 10.0))
     record = data(structure, loads, taken)
-    model = record_model(structure, loads, channels, taken.record.times)
+    model = parametric_model(structure, loads, channels, taken.record.times)
     prior = TimeRecord(model, record).wide_prior(np.log([u.start for u in model.unknowns]))
     z, S = np.concatenate([prior.state, prior.logs]).astype(kind), prior.root.astype(kind)
     n, p, count = model.states, model.parameters, len(record.values)

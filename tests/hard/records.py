@@ -338,7 +338,7 @@ def _cases() -> list[Case]:
         noisy("damping ratio of 1e-5", one_mass(1.0, 1e4, 2e-3, 0.01, 2000)),
         noisy("damping ratio of 1e-5, from rest for 3 periods", one_mass(1.0, 1e4, 2e-3, 0.001, 200)),
         noisy("damping ratio of 10", one_mass(1.0, 1e4, 2e3, 0.001, 800)),
-        refused("a spring beside a damping ratio of 1000", one_mass(1.0, 1e4, 2e5, 0.01, 800), "drowns"),
+        refused("a spring beside a damping ratio of 1000", one_mass(1.0, 1e4, 2e5, 0.01, 800), "below the"),
         noisy("stiffness of 1e-3 N/m on 1e-9 kg", one_mass(1e-9, 1e-3, 1e-7, 1e-4, 800)),
         noisy("stiffness of 1e9 N/m on 1e4 kg", one_mass(1e4, 1e9, 1e5, 1e-3, 800)),
         *(_stepping(turn, 0.0) for turn in (0.01, 0.1, 3.0, 30.0)),

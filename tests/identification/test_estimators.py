@@ -8,7 +8,7 @@ from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.measurement import Measurement, data
-from dynid.identification.record_model import record_model
+from dynid.identification.parametric_model import parametric_model
 from dynid.identification.time_record import TimeRecord
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
@@ -50,7 +50,7 @@ def test_output_error_ends_where_an_optimiser_ends_that_shares_nothing_with_it(n
     measurement, model = simulated(noise, channels=channels), suspension(0.9)
     result = run(model, measurement, estimator=OutputError())
     record = data(model, LOADS, measurement)
-    fits = TimeRecord(record_model(model, LOADS, channels, measurement.record.times), record)
+    fits = TimeRecord(parametric_model(model, LOADS, channels, measurement.record.times), record)
     logs = np.log(parameter(result, "estimate"))
     sigma = np.sqrt(np.mean(fits.fit(logs, record.values).residual ** 2, axis=0))
 

@@ -1,4 +1,4 @@
-"""Joints out of frequency response functions: exact recovery, error bars, far starts, and clear refusals."""
+"""Joints from frequency response functions: exact recovery, error bars, poor initial guesses, refusals."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,8 +8,9 @@ import pytest
 
 from dynid.errors import Diverged, NotIdentifiable, Singular, UsageError
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf.identify import frf_identifiability, identify_frf
-from dynid.identification.frf.measurement import Frf, FrfMeasurement, frf_data, responses
+from dynid.identification.frf_measurement import Frf, FrfMeasurement, frf_data, responses
+from dynid.identification.identifiability import frf_identifiability
+from dynid.identification.identify import identify_frf
 from dynid.identification.measurement import Simulation
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -164,7 +165,7 @@ def test_what_the_responses_cannot_see_is_named():
     joints = [Joint("seen", (2, 3), unknown(2e4), unknown(20.0)), Joint("apart", (6,), unknown(1e4), None)]
     links = (*LINKS, Link((3, 4), 2e4, 20), Link((6,), 1e3, 1))
     model = lumped((*MASSES, 1), links, joints)
-    with pytest.raises(NotIdentifiable, match=r"apart\.k cannot be seen") as refusal:
+    with pytest.raises(NotIdentifiable, match=r"apart\.k cannot be identified") as refusal:
         identify_frf(model, FrfMeasurement(LINES, CHANNELS, Simulation(0.01)))
     assert refusal.value.names == ("apart.k",)
 

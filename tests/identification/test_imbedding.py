@@ -6,7 +6,7 @@ import pytest
 from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
 from dynid.identification.measurement import Measurement, data
-from dynid.identification.record_model import record_model
+from dynid.identification.parametric_model import parametric_model
 from dynid.identification.time_record import TimeRecord
 from tests.identification.cases import (
     LOADS,
@@ -59,7 +59,7 @@ def test_the_jacobian_is_the_derivative_of_the_rate():
     channels = VELOCITIES  # without direct terms: H is constant, and nothing is left out
     model, measurement = suspension(0.5), simulated(samples=40, channels=channels)
     record = data(model, LOADS, measurement)
-    joint = record_model(model, LOADS, channels, measurement.record.times)
+    joint = parametric_model(model, LOADS, channels, measurement.record.times)
     fits = TimeRecord(joint, record)
     flow = Flow(fits, InvariantImbedding(input_deviation=3.0))
     rng = np.random.default_rng(1)

@@ -15,9 +15,9 @@ from dynid.identification import filter as filtering
 from dynid.identification import least_squares
 from dynid.identification.estimators.filter_passes import first_noise
 from dynid.identification.filter import PART, filter_pass
-from dynid.identification.kernels import VARIABLE, compiled, triangle_kernel
+from dynid.identification.kernels import VARIABLE, compiled, prediction_kernel
 from dynid.identification.measurement import RecordData, data
-from dynid.identification.record_model import RecordModel, record_model
+from dynid.identification.parametric_model import ParametricModel, parametric_model
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.signals import Chirp, Step
 from dynid.structure.joints import Joint
@@ -48,7 +48,7 @@ def fits_of(model, channels=VELOCITIES, loads=LOADS, step=0.002, samples=60, mis
     values = record.values.copy()
     for place in missing:
         values[place] = np.nan
-    return TimeRecord(record_model(model, loads, channels, measurement.record.times), RecordData(values))
+    return TimeRecord(parametric_model(model, loads, channels, measurement.record.times), RecordData(values))
 
 
 def origin_of(model):
@@ -102,7 +102,7 @@ def test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample(monkeypa
     """What they leave out is no hundredth of a standard deviation, at any time."""
     monkeypatch.setenv(VARIABLE, "1")
     model, measurement = suspension(), simulated(0.05, seed, settle=10)
-    joint = record_model(model, LOADS, VELOCITIES, measurement.record.times)
+    joint = parametric_model(model, LOADS, VELOCITIES, measurement.record.times)
     fits = TimeRecord(joint, data(model, LOADS, measurement))
     origin, noise = origin_of(model), first_noise(TimeLikelihood((fits,)))[0]
     some, every = (
@@ -118,8 +118,8 @@ def test_steps_that_no_series_reaches_are_made_as_ever(monkeypatch):
     model = lumped([1.0], [], [Joint("j", (1,), unknown(4e6, 0.1), unknown(40.0, 0.5))])
     fits = fits_of(model, (Channel(1, "velocity"),), (Load(1, Step(1.0)),), 2e-3, 120)
     made = []
-    transition = RecordModel.transition
-    monkeypatch.setattr(RecordModel, "transition", lambda *args: made.append(0) or transition(*args))
+    transition = ParametricModel.transition
+    monkeypatch.setattr(ParametricModel, "transition", lambda *args: made.append(0) or transition(*args))
     plain, kernel = paths(monkeypatch, fits, origin_of(model))
     by_kernel = len(made)
     monkeypatch.setenv(VARIABLE, "0")
@@ -151,7 +151,7 @@ def test_triangles_keep_lengths_and_angles(rows, columns, seed):
         np.random.default_rng(seed).standard_normal((rows, 2, columns)) * 10.0 ** np.arange(-2, 0)[:, None]
     )
     grams = np.einsum("tci,tcj->cij", values, values)
-    by_kernel, counts = triangle_kernel.triangles(
+    by_kernel, counts = prediction_kernel.triangles(
         values[..., :-1].copy(), values[..., :0], values[..., -1].copy(), np.ones(2)
     )
     assert counts.tolist() == [rows, rows]
@@ -262,13 +262,13 @@ def test_a_run_away_ends_the_walk_where_it_happens(monkeypatch):
 
 def test_lengths_of_rows_neither_overflow_nor_vanish(plain_kernels):
     """Squares of the ordinary; rows in their own units as soon as one is extreme."""
-    _, walk, _, triangle_kernel = plain_kernels
+    _, walk, prediction_kernel = plain_kernels
     for rows in ([[3.0, 4.0], [5.0, 12.0]], [[3e200, 4e200], [0.0, 0.0]], [[3e-200, 4e-200], [1.0, 0.0]]):
         S, lengths = walk.padded(np.array(rows)), np.zeros((2, 1))
         walk._lengths(S, lengths)
         np.testing.assert_allclose(lengths[:, 0], [math.hypot(*row) for row in rows], rtol=1e-15)
     gaps = np.array([[1.0, np.nan], [np.nan, 2.0], [2.0, np.nan]])
-    found, counts = triangle_kernel.triangles(np.ones((3, 2, 1)), np.zeros((3, 2, 1)), gaps, np.ones(2))
+    found, counts = prediction_kernel.triangles(np.ones((3, 2, 1)), np.zeros((3, 2, 1)), gaps, np.ones(2))
     assert counts.tolist() == [2, 1]
     for factor, rows in zip(found, ([[1, 0, 1], [1, 0, 2]], [[1, 0, 2]]), strict=True):
         np.testing.assert_allclose(factor.T @ factor, np.array(rows).T @ np.array(rows), atol=1e-14)

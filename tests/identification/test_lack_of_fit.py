@@ -1,4 +1,4 @@
-"""What a record can say of its model: no response, lack of fit, and nothing that could contradict it."""
+"""Lack of fit: records without response, wrong models, and records that could contradict no model."""
 
 import math
 from dataclasses import replace

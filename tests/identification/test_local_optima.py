@@ -1,4 +1,4 @@
-"""Local optima: random structures against an oracle, segments, starts, and what is said where they differ."""
+"""Local optima: random structures against an oracle, segments, starts, and disagreeing optima."""
 
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -12,8 +12,8 @@ from dynid.identification.estimators import auto
 from dynid.identification.estimators.auto import drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
+from dynid.identification.likelihood import Priors
 from dynid.identification.measurement import Measurement
-from dynid.identification.priors import Priors
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter, ParameterPrior
 from dynid.structure.lumped import lumped

@@ -1,11 +1,11 @@
-"""What a reduced model does to an estimate, apart from the noise."""
+"""Error of an estimate by the reduction of the model, apart from the noise."""
 
 import numpy as np
 import pytest
 
 import dynid
 from dynid.identification import model_error
-from tests.identification.test_reduced import AWARE, BEAM, SEREP
+from tests.identification.test_reduced_models import AWARE, BEAM, SEREP
 from tests.scene.written import check
 
 # Near the truth and without a filter: quick, and it is the optimum that counts here.
@@ -50,7 +50,7 @@ def test_the_larger_one_of_the_two_errors_is_named():
 def test_a_basis_that_is_far_off_is_told_so():
     result = dynid.run(check(NOISY.replace(AWARE, SEREP)))
     group = "identification/model_error"
-    assert "asks for far other values" in result.value(f"{group}/warning")
+    assert "are far from these" in result.value(f"{group}/warning")
     assert np.abs(result[f"{group}/frequency_error"].data).max() > 0.1
     assert result[f"{group}/response_error"].data.max() > 0.1
 

@@ -1,4 +1,4 @@
-"""Before a run: what a record can tell, and which sensors and sines would tell more."""
+"""Plans: identifiability before a run, and the sensors and sines with the most information."""
 
 from itertools import combinations
 
@@ -10,9 +10,8 @@ from dynid.identification.identifiability import expected_time_records, identifi
 from dynid.identification.information import collinear_groups
 from dynid.identification.measurement import Experiment, Measurement, Simulation
 from dynid.identification.planning.excitation import candidate_sines, exact_bounds, grid
-from dynid.identification.planning.plan import PlanRequest, plan
+from dynid.identification.planning.plan import PlanRequest, candidate_sensors, every_channel, plan
 from dynid.identification.planning.selection import Candidates, select
-from dynid.identification.planning.sensors import candidate_sensors, every_channel
 from dynid.lti.signals import Multisine, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -229,7 +228,7 @@ def test_two_joints_in_series_show_the_sum_of_their_compliances():
     assert found.value(f"{GROUP}/condition") > 1e3
 
 
-def test_a_joint_that_nothing_moves_is_named():
+def test_a_joint_without_motion_is_named():
     joints = [Joint("a", (1,), unknown(2e4), unknown(20.0)), Joint("b", (2,), unknown(1e4))]
     model = lumped([2, 2], [], joints)
     experiment = Experiment(
@@ -251,12 +250,12 @@ def test_a_joint_that_nothing_moves_is_named():
         (np.array([1.0, 0.3]), "1 ln a + 0.3 ln b"),
     ],
 )
-def test_what_is_seen_of_a_group_is_named(gradient, seen):
+def test_the_identifiable_combination_of_a_group_is_named(gradient, seen):
     rng = np.random.default_rng(1)
     rows = np.concatenate([np.outer(rng.standard_normal(20), gradient), np.zeros((20, 2))], axis=1)
     rows[:, 2:] = rng.standard_normal((20, 2))
     (group,) = collinear_groups(("a", "b", "c", "d"), np.array([3.0, 5.0, 1.0, 1.0]), rows, 1e-8)
-    assert (group.places, group.seen) == ((0, 1), seen)
+    assert (group.places, group.identifiable) == ((0, 1), seen)
     np.testing.assert_allclose(rows[:, :2] @ group.blind.T, 0, atol=1e-12)
 
 
@@ -266,7 +265,7 @@ def test_groups_do_not_depend_on_the_vectors_of_the_blind_space():
     rows = np.concatenate([x, 2 * x, y, -y, z, 0.5 * x], axis=1)
     found = collinear_groups(tuple("abcdef"), np.array([1.0, 2.0, 1.0, 1.0, 1.0, 0.5]), rows, 1e-8)
     assert [group.places for group in found] == [(0, 1, 5), (2, 3)]
-    assert [group.seen for group in found] == ["a + b + f", "c - d"]
+    assert [group.identifiable for group in found] == ["a + b + f", "c - d"]
     assert [len(group.blind) for group in found] == [2, 1]
 
 

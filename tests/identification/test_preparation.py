@@ -77,7 +77,7 @@ def shaken():
         [BandPass(0.0, 60.0), Decimate(2)],
         [Decimate(2), BandPass(4.0, 40.0, 2)],
     ],
-    ids=lambda steps: "+".join(step.said for step in steps),
+    ids=lambda steps: "+".join(step.description for step in steps),
 )
 def test_filters_leave_the_relation_between_input_and_output_true(shaken, steps):
     # Limited by the tail of the filters' responses (1e-5) where the record is cut.
@@ -180,7 +180,9 @@ def test_gaps_are_not_filtered_nor_simulations_prepared():
         prepare(made, [Detrend(0)])
 
 
-@pytest.mark.parametrize("steps", [[BandPass(3.0, 50.0)], [Decimate(3)]], ids=lambda steps: steps[0].said)
+@pytest.mark.parametrize(
+    "steps", [[BandPass(3.0, 50.0)], [Decimate(3)]], ids=lambda steps: steps[0].description
+)
 @pytest.mark.parametrize("known", [True, False])
 def test_error_bars_are_those_of_the_band_that_is_left(shaken, steps, known):
     noise = np.array([0.01, 1.0])

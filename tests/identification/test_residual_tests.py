@@ -5,12 +5,10 @@ import pytest
 from scipy import signal, stats
 from scipy.optimize import least_squares
 
-from dynid.identification.estimators.auto import Auto
+from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.frf.identify import identify_frf
-from dynid.identification.frf.measurement import Frf, FrfMeasurement
-from dynid.identification.frf.record import FrfAuto
-from dynid.identification.identify import identify_all
+from dynid.identification.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.identify import identify_all, identify_frf
 from dynid.identification.measurement import Experiment, Measurement, Simulation
 from dynid.identification.preparation import BandPass, Detrend, prepare
 from dynid.identification.residual_tests import noise_test, residual_shape

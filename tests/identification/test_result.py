@@ -1,4 +1,4 @@
-"""What an identification stores: the names that files and scripts rely on."""
+"""Names, axes and units of an identification's result."""
 
 import numpy as np
 

@@ -28,7 +28,7 @@ TESTS = [
         "bondgraph": "bicausal hidden_modes latex modelled_part port program published_graphs reduction "
         "regressions sensitivity snapshots state_equations stored_energy trace transfer_formulas "
         "transfer_properties",
-        "identification": "filter kernels estimators numbers extremes after",
+        "identification": "filter kernels estimators sensitivities extreme_values diagnostics",
     }.items()
     for name in names.split()
 ]
@@ -38,6 +38,6 @@ LEFT_OUT = [
     f"tests/identification/test_{name}"
     for name in (
         "kernels.py::test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample",
-        "extremes.py::test_coloured_residuals_invalidate_the_channel_they_are_in_only",
+        "extreme_values.py::test_coloured_residuals_invalidate_the_channel_they_are_in_only",
     )
 ]

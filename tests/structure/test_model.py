@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csc_array
 
 from dynid.errors import UsageError
-from dynid.identification.record_model import record_model
+from dynid.identification.parametric_model import parametric_model
 from dynid.lti.signals import Step
 from dynid.structure.damping import ModalDamping
 from dynid.structure.joints import Joint, JointParameter
@@ -278,7 +278,7 @@ def test_an_estimate_in_time_needs_mass_everywhere(M, said):
     joint = Joint("j", (1,), JointParameter(start=1.0))
     model = StructuralModel(M, np.eye(2), 5 * np.eye(2), (joint,))
     with pytest.raises(UsageError, match=said):
-        record_model(model, [Load(1, Step(1.0))], [Channel(1, "displacement")], 0.1 * np.arange(5))
+        parametric_model(model, [Load(1, Step(1.0))], [Channel(1, "displacement")], 0.1 * np.arange(5))
 
 
 def test_what_takes_dense_matrices_says_how_many_dofs_are_too_many(monkeypatch):

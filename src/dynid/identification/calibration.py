@@ -1,7 +1,7 @@
 """Sensitivity of the estimates to the calibration of the instruments: gains and trigger delay.
 
-Gains of loads and sensors and the delay are considered, not estimated: no record shows them, and error bars
-do not include their errors.
+Gains of loads and sensors and the delay are considered parameters, not estimated ones: error bars do not
+include their errors.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def calibration_slopes(
     """Return the slopes of the maximum-likelihood estimate, to first order (Gauss–Newton).
 
     With J the derivatives of the prediction by the parameters, free of the initial state, with a row for
-    each prior, and g those of prediction less measurement by a quantity: ``-(J^T W J)^-1 J^T W g``. What this
-    leaves out is of the order of the residuals. See B. D. Tapley, B. E. Schutz, G. H. Born, Statistical Orbit
+    each prior, and g those of prediction less measurement by a quantity: ``-(J^T W J)^-1 J^T W g``. The error
+    is of the order of the residuals. See B. D. Tapley, B. E. Schutz, G. H. Born, Statistical Orbit
     Determination, 2004, ch. 6 (consider covariance analysis).
 
     Parameters
@@ -108,7 +108,7 @@ def calibration_slopes(
     priors
         Sensitivities of the priors over their deviations (count x p).
     held
-        Parameters that a bound holds (p): these do not move.
+        Mask of parameters at a bound (p): these do not move.
     """
     quantities = list(dict.fromkeys(name for one in derivatives for name in one.quantities))
     changes = np.full(len(quantities), np.inf)

@@ -4,18 +4,18 @@ Source: K. T. Yang 1997, eqs 19–20 (Detchmendy–Sridhar), which is the Kalman
 state with R = (2 Q)^-1. It is split here into exact propagation between samples and a measurement update,
 both on a square root S of the covariance P = S S^T (J. E. Potter; G. J. Bierman, Factorization Methods for
 Discrete Sequential Estimation, 1977, ch. II). P is never formed: it is positive semidefinite and its
-variances are not negative by construction, whatever step, stiffness and weighting, and what is known best
-keeps twice the digits that P itself would give it.
+variances are not negative by construction, whatever step, stiffness and weighting, and small variances have
+twice the digits that they would have in P itself.
 
 Of eq 20 the term ½ k W⁻¹ kᵀ, an unmodelled input, is dropped: forces are taken as known and joints as
 constant, so that between samples nothing is added to P.
 
 Between samples the physical part is propagated exactly at parameters near the estimate, and to first order in
-the difference of their values: of these a short step is nearly linear, of their logarithms it is not. It is
-made anew where a logarithm has moved by its own standard deviation. What the first order leaves out is then
-some thousandths of what the filter leaves out anyway, which linearises about an estimate that is off by that
-deviation; so a pass asks for some tens of matrix exponentials, not for one a sample, and for hardly more over
-a longer record.
+the difference of their values: in these a short step is nearly linear, in their logarithms it is not. It is
+linearised anew where a logarithm has changed by its own standard deviation. The error of this first order is
+then some thousandths of that of the filter itself, which linearises about an estimate with errors of that
+size; so a pass takes some tens of matrix exponentials, not one a sample, and hardly more over a longer
+record.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from numpy.typing import NDArray
 from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
 from dynid.identification.kernels import compiled
-from dynid.identification.record_model import RecordModel
+from dynid.identification.parametric_model import ParametricModel
 from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
 
 #: How far a logarithm may move before steps are linearised anew: in its standard deviations, and at the most.
 PART, MOST = LINEARISED.value, 0.1
-# What to do about estimates that get lost.
+# The remedy for estimates that diverge.
 ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
-# A logarithm this far from its start is a run-away: a factor of a million.
+# A logarithm this far from its start has diverged: a factor of a million.
 RUNAWAY = float(np.log(1e6))
 # Squares between these neither overflow nor lose digits.
 _SMALL, _LARGE = 1e-280, 1e280
@@ -59,7 +59,7 @@ class LinearisedStep(NamedTuple):
 
 
 class Linearised:
-    """The steps of a model about some logarithms, made when they are needed.
+    """The steps of a model about some logarithms, computed when they are needed.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Linearised:
         How far a logarithm may move, in its deviations.
     """
 
-    def __init__(self, model: RecordModel, part: float) -> None:
+    def __init__(self, model: ParametricModel, part: float) -> None:
         self._model, self._part = model, part
         self._steps: dict[int, LinearisedStep] = {}
         self.logs = np.full(model.parameters, np.nan)
@@ -81,7 +81,7 @@ class Linearised:
             self._steps.clear()
 
     def growth(self, logs: Array) -> Array:
-        """Return by what part the values of logarithms (p) exceed those of the steps, to second order."""
+        """Return the relative change of the values (p) from those of the steps, to second order."""
         left = logs - self.logs
         return np.asarray(left + left * left / 2)
 
@@ -112,8 +112,8 @@ class Pass(NamedTuple):
 
     `logs` and `deviations`: logarithms and their standard deviations (times x p); `states` and
     `state_deviations`: physical states and theirs (times x n, scaled); `root`: a root of the logarithms'
-    covariance after the last sample (p x any); `innovations`: what each value had that was not foreseen, over
-    its deviation (times x channels; NaN where a sample is missing), if known; `whole`: a root of the
+    covariance after the last sample (p x any); `innovations`: normalised by their deviations (times x
+    channels; NaN where a sample is missing), if known; `whole`: a root of the
     covariance of state (scaled) and logarithms after the last sample (n + p x any), if known.
     """
 
@@ -127,7 +127,7 @@ class Pass(NamedTuple):
 
 
 def filter_pass(
-    model: RecordModel,
+    model: ParametricModel,
     measured: Array,
     prior: FilterPrior,
     deviation: Array,
@@ -147,7 +147,7 @@ def filter_pass(
     deviation
         Assumed standard deviation of each channel's noise (channels) or of each sample (times x channels).
     origin
-        Logarithms that a run-away is measured from (p).
+        Logarithms from which a divergence is measured (p).
     part
         How far a logarithm may move, in its deviations, before steps are linearised anew; 0: at every sample.
 
@@ -178,7 +178,7 @@ class _History(NamedTuple):
 
 
 def _walk(
-    model: RecordModel,
+    model: ParametricModel,
     measured: Array,
     weight: Array,
     z: Array,
@@ -199,7 +199,12 @@ def _walk(
     for node, sample in enumerate(model.line.sample_of().tolist()):
         if node:
             steps.follow(z[n:], spread[n:])
-            _propagate(model, node, z, S, steps)
+            # State and root from the node before this one: S turns into F S.
+            step, growth = steps.step(int(model.line.which[node - 1])), steps.growth(z[n:])
+            moved = (step.forward @ np.concatenate([z[:n], model.W[node - 1]])).reshape(-1, n)
+            phi = step.phi + (growth @ step.phi_slopes).reshape(n, n)
+            z[:n] = moved[0] + growth @ moved[1:]
+            S[:n] = np.concatenate([phi, (moved[1:] * (1 + growth)[:, None]).T], axis=1) @ S
         if sample < 0:
             continue
         if outputs_vary:
@@ -216,7 +221,7 @@ def _walk(
 
 
 def _walk_compiled(
-    model: RecordModel,
+    model: ParametricModel,
     measured: Array,
     weight: Array,
     z: Array,
@@ -225,7 +230,7 @@ def _walk_compiled(
     history: _History,
     part: float,
 ) -> Array:
-    """Do the same by the kernel; steps that its series does not reach are made here."""
+    """Filter the record by the kernel; steps for which its series does not converge are computed here."""
     from dynid.identification.kernels import filter_kernel, steps  # loads numba
 
     n, lengths, nodes = model.states, model.line.lengths, len(model.line.nodes)
@@ -243,16 +248,6 @@ def _walk_compiled(
             length = int(model.line.which[node - 1])
             steps.place(at, length, model.transition(at.logs, float(lengths[length])))
     return padded[:, : len(S)]
-
-
-def _propagate(model: RecordModel, node: int, z: Array, S: Array, steps: Linearised) -> None:
-    """Take state and root to a node from the one before it, in place: S turns into F S."""
-    n = model.states
-    step, growth = steps.step(int(model.line.which[node - 1])), steps.growth(z[n:])
-    moved = (step.forward @ np.concatenate([z[:n], model.W[node - 1]])).reshape(-1, n)
-    phi = step.phi + (growth @ step.phi_slopes).reshape(n, n)
-    z[:n] = moved[0] + growth @ moved[1:]
-    S[:n] = np.concatenate([phi, (moved[1:] * (1 + growth)[:, None]).T], axis=1) @ S
 
 
 def _lengths(S: Array) -> Array:
@@ -282,9 +277,9 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
         phi = h @ S
         spread = float(phi @ phi) + 1.0
         gain = S @ phi / spread
-        unforeseen = innovation[channel] - h @ correction
-        normalised[channel] = unforeseen / math.sqrt(spread)
-        correction += gain * unforeseen
+        unexplained = innovation[channel] - h @ correction
+        normalised[channel] = unexplained / math.sqrt(spread)
+        correction += gain * unexplained
         S -= np.outer(gain / (1 + math.sqrt(1 / spread)), phi)
     return correction
 
@@ -297,7 +292,7 @@ def check_run_away(unknowns: Sequence[Unknown], logs: Array, origin: Array) -> N
 
 
 def run_away(names: list[str]) -> Diverged:
-    """Return the error that says which parameters ran away."""
+    """Return the error that names parameters that diverged."""
     several = len(names) > 1
     return Diverged(
         f"the estimate{'s' * several} of {', '.join(names)} {'run' if several else 'runs'} away from "
@@ -308,13 +303,13 @@ def run_away(names: list[str]) -> Diverged:
 
 
 def stored_rows(samples: int) -> slice:
-    """Return which rows of a history over so many samples are kept."""
+    """Return the rows of a history over so many samples that are stored."""
     every = max(1, -(-samples // MOST_ROWS))
     return slice((samples - 1) % every, None, every)
 
 
 def thinned(history: Pass) -> Pass:
-    """Return a pass with the rows that are kept; innovations stay whole."""
+    """Return a pass with the rows that are stored; innovations are kept whole."""
     rows = stored_rows(len(history.logs))
     if rows.step == 1:
         return history

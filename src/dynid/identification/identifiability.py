@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.calibration import add_calibration_slopes, calibration_slopes
+from dynid.identification.frf_measurement import FrfMeasurement, frf_data
+from dynid.identification.frf_record import frf_likelihood
 from dynid.identification.information import Information
 from dynid.identification.lack_of_fit import compare_models
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.measurement import Experiment, as_estimated, data
-from dynid.identification.record_model import record_model
+from dynid.identification.parametric_model import parametric_model
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.floating import guarded
 from dynid.result import Result
@@ -27,7 +29,7 @@ Array = NDArray[np.float64]
 #: Noise over RMS that is assumed where nothing is known of it.
 NOMINAL_NOISE = 0.01
 # Singular values of the scaled sensitivities, over the largest, below which parameters are ill conditioned,
-# and below which not at all.
+# and below which they are not identifiable.
 _BADLY, _NOT = 1e-3**0.5, 1e-8
 # Share of a blind direction that leaves a parameter without a bound.
 _SHARE = 1e-3
@@ -35,20 +37,20 @@ _SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ExpectedRecords:
-    """The records as they are expected, at expected values of the parameters.
+    """Expected records, at expected values of the parameters.
 
     Attributes
     ----------
     likelihood
-        Its likelihood.
+        The likelihood of the records.
     fit
         The prediction.
     noise
-        ExpectedRecords standard deviation of the noise of each record (channels).
+        Standard deviation of the noise of each record (channels).
     place
-        What the values are: ``true`` or ``start``.
+        Which values of the parameters are taken: ``true`` or ``start``.
     assumed
-        Whether the noise is nominal, since nothing is known of it.
+        True if the noise is nominal, because it is neither known nor given.
     """
 
     likelihood: Likelihood
@@ -67,17 +69,17 @@ class ExpectedRecords:
         """Number of independent values that the records resolve beyond the unknowns."""
         compared = compare_models(self.likelihood, self.fit)
         each = zip(self.likelihood.records, self.noise, compared.noise, strict=True)
-        noise = [np.maximum(level / record.data.rms, seen) for record, level, seen in each]
+        noise = [np.maximum(level / record.data.rms, least) for record, level, least in each]
         return compared.redundancy_at(noise)
 
     def information(self) -> Information:
-        """Return what the records tell of the parameters, initial states unknown."""
+        """Return the information of the records on the parameters, initial states unknown."""
         return self.likelihood.information(self.fit, self.noise)
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedTimeRecords(ExpectedRecords):
-    """Records of time as they are expected.
+    """Expected records of time.
 
     Attributes
     ----------
@@ -98,7 +100,7 @@ def expected_time_records(
     model
         The structure the estimator works with.
     experiments
-        Loads and channels; measured records tell their initial states.
+        Loads and channels; initial states are those of the measured records.
     truth
         The structure that simulated records are made with; absent: `model`.
 
@@ -111,19 +113,19 @@ def expected_time_records(
     for loads, measurement in experiments:
         measured = data(truth or model, loads, measurement)
         known = as_estimated(loads, measurement.record)
-        one = record_model(model, known, measurement.channels, measurement.record.times)
+        one = parametric_model(model, known, measurement.channels, measurement.record.times)
         records.append(TimeRecord(one, measured, Experiment(loads, measurement), len(experiments)))
     likelihood = TimeLikelihood(tuple(records))
     return ExpectedTimeRecords(likelihood, *_expectation(likelihood))
 
 
 def expected_records(likelihood: Likelihood) -> ExpectedRecords:
-    """Return what is expected at the true values where all are known, else at the starts."""
+    """Return the expected records at the true values where all are known, else at the starts."""
     return ExpectedRecords(likelihood, *_expectation(likelihood))
 
 
 def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
-    """Return prediction, noise, what it is taken at, and whether the noise is assumed."""
+    """Return `fit`, `noise`, `place` and `assumed` of `ExpectedRecords`."""
     unknowns = likelihood.unknowns
     true = [unknown.true for unknown in unknowns if unknown.true is not None]
     at_truth = len(true) == len(unknowns)
@@ -131,39 +133,36 @@ def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     fit = likelihood.fit(np.log(values), clean=True)
     noise, assumed = [], False
     for record in likelihood.records:
-        level = record.data.noise if record.data.noise is not None else record.known_or(np.zeros(1))
+        level = record.data.noise if record.data.noise is not None else record.given_or(np.zeros(1))
         assumed = assumed or not level.all()
         noise.append(np.where(level > 0, level, NOMINAL_NOISE * record.data.rms))
     return fit, noise, "true" if at_truth else "start", assumed
 
 
 def relative_bounds(information: Information) -> Array:
-    """Return the bounds on the standard errors of the logarithms (p), infinite where nothing is told."""
+    """Return the bounds on the standard errors of the logarithms (p), infinite where not identifiable."""
     size = np.linalg.norm(information.projected, axis=0)
-    # What rounding leaves of a parameter that initial state or nothing shows is no information.
-    seen = size > _NOT * np.maximum(information.total, _NOT * information.signal)
+    # Sensitivities that are round-off beside the initial state or the signal are no information.
+    sensitive = size > _NOT * np.maximum(information.total, _NOT * information.signal)
     bounds = np.full(len(size), np.inf)
-    if not seen.any():
+    if not sensitive.any():
         return bounds
-    _, s, Vt = thin_svd(information.projected[:, seen] / size[seen])
+    _, s, Vt = thin_svd(information.projected[:, sensitive] / size[sensitive])
     s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
-    identifiability_result = s > _NOT * s[0]
-    blind = np.sqrt(np.sum(Vt[~identifiability_result] ** 2, axis=0)) > _SHARE
-    deviation = (
-        np.sqrt(np.sum((Vt[identifiability_result] / s[identifiability_result, None]) ** 2, axis=0))
-        / size[seen]
-    )
-    bounds[seen] = np.where(blind, np.inf, deviation)
+    resolved = s > _NOT * s[0]
+    blind = np.sqrt(np.sum(Vt[~resolved] ** 2, axis=0)) > _SHARE
+    deviation = np.sqrt(np.sum((Vt[resolved] / s[resolved, None]) ** 2, axis=0)) / size[sensitive]
+    bounds[sensitive] = np.where(blind, np.inf, deviation)
     return bounds
 
 
 def identifiability(
     model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel | None = None
 ) -> Result:
-    """Tell what records can tell of the unknown joint parameters, from their Fisher information.
+    """Return the identifiability of the unknown joint parameters from records, by their Fisher information.
 
-    Initial states count as unknown, and so does the noise level (which costs nothing: the information on it
-    stands apart); forces, known joints and the rest of the structure count as known.
+    Initial states count as unknown, and so does the noise level (at no cost: the information on it is
+    independent of that on the parameters); forces, known joints and the rest of the structure count as known.
 
     Parameters
     ----------
@@ -175,16 +174,17 @@ def identifiability(
     Result
         ``identification/identifiability/``: `value` (where the information is taken: attribute `at`, true or
         start), `bound` (Cramér–Rao, on the standard error), `relative_bound` (over the value; infinite where
-        the records do not tell), `relative_bound_known_state` (were the initial states known), `condition`
-        and `singular_value` of the scaled information; `groups/{group, parameters, seen, blind}`: parameters
-        ill conditioned (above 1000) or not at all, what is seen of them, and the relative changes
-        that are not; `noise/{channel, deviation, bound}`; `modal_sensitivity/{mode, omega, zeta,
-        omega_by_parameter, zeta_by_parameter}`: exact derivatives of size and damping ratio of each pole.
+        a parameter is not identifiable), `relative_bound_known_state` (were the initial states known),
+        `condition` and `singular_value` of the scaled information; `groups/{group, parameters, seen, blind}`:
+        parameters that are ill conditioned (above 1000) or collinear, their identifiable combination, and
+        the relative changes that are not identifiable; `noise/{channel, deviation, bound}`;
+        `modal_sensitivity/{mode, omega, zeta, omega_by_parameter, zeta_by_parameter}`: exact derivatives of
+        size and damping ratio of each pole.
 
     Raises
     ------
     NotIdentifiable, NumericalError, UsageError
-        As of `identify`, except for parameters that are not told: those have no bound here.
+        As of `identify`, except for parameters that are not identifiable: those have no bound here.
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identifiability of {', '.join(names)}", names=names):
@@ -193,8 +193,31 @@ def identifiability(
         )
 
 
+def frf_identifiability(
+    model: StructuralModel, measurement: FrfMeasurement, truth: StructuralModel | None = None
+) -> Result:
+    """Return the identifiability of the unknown joint parameters from frequency response functions.
+
+    Parameters
+    ----------
+    model, measurement, truth
+        As of `dynid.identification.identify.identify_frf`.
+
+    Returns
+    -------
+    Result
+        As of `identifiability`; there is no initial state to know. The deviation of the noise is that of real
+        and imaginary part each, over the deviation by line where that is given.
+    """
+    names = [unknown.name for unknown in model.unknowns]
+    with guarded(f"the identifiability of {', '.join(names)}", names=names):
+        likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
+        channels = [(frf.name, frf.unit) for frf in measurement.channels]
+        return identifiability_result(model, expected_records(likelihood), channels)
+
+
 def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
-    """Add ``considered/``: what calibration errors would do; NaN of parameters not identifiable."""
+    """Add ``considered/``: expected slopes by the calibration; NaN of parameters not identifiable."""
     unbounded = ~np.isfinite(relative_bounds(expected.information()))
     likelihood, free = expected.likelihood, np.zeros(len(unbounded), dtype=bool)
     each = zip(likelihood.records, expected.fit.parts, expected.noise, strict=True)
@@ -217,28 +240,20 @@ def channels_of(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:
 def identifiability_result(
     model: StructuralModel, expected: ExpectedRecords, channels: Sequence[tuple[str, str]]
 ) -> Result:
-    """Return what is told of the parameters, as `identifiability` does.
+    """Return the identifiability of the parameters from expected records, as `identifiability` does.
 
     Parameters
     ----------
     model
         The structure.
     expected
-        What is expected to be measured.
+        The expected records.
     channels
         Names and units of all channels.
     """
     result = Result("identification")
-    _add_bounds(result, expected)
-    _add_groups(result, expected.information())
-    _add_noise(result, expected, channels)
-    add_modal_sensitivity(result, model, expected.values)
-    return result
-
-
-def _add_bounds(result: Result, expected: ExpectedRecords) -> None:
     group, dims = "identification/identifiability", ("parameter",)
-    unknowns = expected.likelihood.unknowns
+    unknowns, records = expected.likelihood.unknowns, expected.likelihood.records
     information = expected.information()
     unit = common_unit(unknown.unit for unknown in unknowns)
     values, bounds = np.exp(expected.fit.logs), relative_bounds(information)
@@ -249,36 +264,41 @@ def _add_bounds(result: Result, expected: ExpectedRecords) -> None:
     result.add(f"{group}/bound", values * bounds, dims, unit)
     result.add(f"{group}/relative_bound", bounds, dims)
     result.add(f"{group}/identifiable", np.isfinite(bounds), dims)
-    result.add(f"{group}/relative_bound_known_state", _known_state(expected), dims)
+    # The bounds were the initial states known: nothing is projected out.
+    each = zip(records, expected.fit.parts, expected.noise, strict=True)
+    full = np.concatenate([record.slopes(part, level) for record, part, level in each])
+    count = sum(int(record.data.counts.sum()) for record in records)
+    total = np.linalg.norm(full, axis=0)
+    known = replace(information, projected=full, total=total, freedom=count)
+    result.add(f"{group}/relative_bound_known_state", relative_bounds(known), dims)
     size = np.linalg.norm(information.projected, axis=0)
     _, s, _ = thin_svd(information.projected / np.where(size > 0, size, 1.0))
     s = np.concatenate([s, np.zeros(len(size) - len(s))])
     result.add(f"{group}/singular_value", s, ("direction",))
     result.add_axis(f"{group}/direction", np.arange(1, len(s) + 1))
     result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT * s[0] else np.inf)
-
-
-def _known_state(expected: ExpectedRecords) -> Array:
-    """Return the relative bounds were the initial states known."""
-    records = expected.likelihood.records
-    each = zip(records, expected.fit.parts, expected.noise, strict=True)
-    full = np.concatenate([record.slopes(part, level) for record, part, level in each])
-    values = sum(int(record.data.counts.sum()) for record in records)
-    total = np.linalg.norm(full, axis=0)
-    information = expected.information()
-    return relative_bounds(
-        Information(information.names, full, total, information.signal, values, information.values)
-    )
+    _add_groups(result, information)
+    # The bound on the deviation of the noise is sigma over the root of twice the number of values.
+    names, units = zip(*channels, strict=True)
+    unit = common_unit(units)
+    counts = [np.count_nonzero(~np.isnan(part.residual), axis=0) for part in expected.fit.parts]
+    deviation = np.concatenate(expected.noise)
+    result.add_axis(f"{group}/noise/channel", names)
+    result.add(f"{group}/noise/deviation", deviation, ("channel",), unit)
+    result.add(f"{group}/noise/bound", deviation / np.sqrt(2 * np.concatenate(counts)), ("channel",), unit)
+    add_modal_sensitivity(result, model, expected.values)
+    return result
 
 
 def _add_groups(result: Result, information: Information) -> None:
+    """Add ``groups/``: groups of collinear parameters."""
     group = "identification/identifiability/groups"
     found = information.groups(_BADLY)
     result.add_axis(f"{group}/parameter", information.names)
     result.add_axis(f"{group}/group", np.arange(1, len(found) + 1))
     named = [", ".join(information.names[place] for place in item.places) for item in found]
     result.add(f"{group}/parameters", np.array(named, dtype=object), ("group",))
-    result.add(f"{group}/seen", np.array([item.seen for item in found], dtype=object), ("group",))
+    result.add(f"{group}/seen", np.array([item.identifiable for item in found], dtype=object), ("group",))
     changes = [(number, item, blind) for number, item in enumerate(found, 1) for blind in item.blind]
     rows = np.zeros((len(changes), len(information.names)))
     for row, (_, item, blind) in zip(rows, changes, strict=True):
@@ -286,18 +306,6 @@ def _add_groups(result: Result, information: Information) -> None:
     result.add_axis(f"{group}/blind_direction", np.arange(1, len(rows) + 1))
     result.add(f"{group}/blind", rows, ("blind_direction", "parameter"))
     result.add(f"{group}/of_group", np.array([n for n, _, _ in changes], dtype=int), ("blind_direction",))
-
-
-def _add_noise(result: Result, expected: ExpectedRecords, channels: Sequence[tuple[str, str]]) -> None:
-    """Add the noise and the bound on its deviation, sigma over the root of twice the number of values."""
-    group = "identification/identifiability/noise"
-    names, units = zip(*channels, strict=True)
-    unit = common_unit(units)
-    counts = [np.count_nonzero(~np.isnan(part.residual), axis=0) for part in expected.fit.parts]
-    deviation = np.concatenate(expected.noise)
-    result.add_axis(f"{group}/channel", names)
-    result.add(f"{group}/deviation", deviation, ("channel",), unit)
-    result.add(f"{group}/bound", deviation / np.sqrt(2 * np.concatenate(counts)), ("channel",), unit)
 
 
 def add_modal_sensitivity(result: Result, model: StructuralModel, values: Mapping[str, float]) -> None:

@@ -1,4 +1,7 @@
-"""Joint identification: from a structure with unknown joints and records to estimates with error bars.
+"""Joint identification: from a structure with unknown joints and its records to estimates with error bars.
+
+One loop serves records of time and frequency responses: likelihood of the records, estimate, posterior; with
+a reduced model whose basis follows the joints, again until the estimate and the basis agree.
 
 Source: K. T. Yang 1997.
 """
@@ -7,16 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
-from dynid.identification.estimators.auto import Auto
+from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.estimate import Estimate, Estimator, Sweep
-from dynid.identification.estimators.maximum_likelihood import Huber
+from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.filter import ASTRAY
-from dynid.identification.information import Information
+from dynid.identification.frf_measurement import FrfMeasurement, frf_data
+from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.measurement import (
     Experiment,
@@ -26,32 +32,33 @@ from dynid.identification.measurement import (
     as_estimated,
     data,
     simulated,
+    true_states,
 )
 from dynid.identification.model_error import model_error
+from dynid.identification.parametric_model import ParametricModel, parametric_model, unknowns_of
 from dynid.identification.posterior import Posterior
-from dynid.identification.record_model import RecordModel, record_model, unknowns_of
-from dynid.identification.states import true_states
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.write_result import write_result
 from dynid.lti.floating import guarded
 from dynid.result import Result
+from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Load
 
 Array = NDArray[np.float64]
 
 Rebuild = Callable[[Mapping[str, float]], StructuralModel]
-"""Makes a model for joint parameters by name."""
+"""Returns the model for joint parameters by name."""
 
-# A basis that follows the joints is made anew until the estimates move by less than this many standard
+# A basis that follows the joints is rebuilt until the estimates change by less than this many standard
 # errors, or this part of themselves; and so often at the most.
-_STAYS, _LEAST = 0.01, 1e-6
-MOST_ROUNDS = 10
+_SETTLED, _LEAST = 0.01, 1e-6
+_MOST_ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class SharedRecords:
-    """Records, models and noise-free likelihood of identifications whose records differ in their noise alone.
+    """Noise-free records, models and likelihood shared by identifications that differ in noise alone.
 
     Attributes
     ----------
@@ -64,14 +71,14 @@ class SharedRecords:
     """
 
     clean: Sequence[Array | None]
-    models: Sequence[RecordModel] = ()
+    models: Sequence[ParametricModel] = ()
     ideal: Likelihood | None = None
 
     @classmethod
     def of(
         cls, model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel, *, same: bool
     ) -> SharedRecords:
-        """Return what is shared; `same`: also the models, which are the same in all.
+        """Simulate the records without noise; `same`: build also the models, which are the same in all.
 
         Raises
         ------
@@ -85,7 +92,7 @@ class SharedRecords:
             ]
             if not same or any(values is None for values in clean):
                 return cls(clean)
-            models = _record_models(model, experiments)
+            models = _models(model, experiments)
             each = zip(experiments, clean, strict=True)
             values = [data(truth, *experiment, record).without_noise() for experiment, record in each]
             ideal = _likelihood(models, experiments, values)
@@ -129,10 +136,10 @@ def identify_all(
     truth
         The structure that simulated records are made with; absent: `model`.
     rebuild
-        Makes the model anew for parameters by name: a reduced one whose basis follows the joints. The
-        estimator goes on with it until the estimates stay, at most ten times. Absent: `model` stays.
+        Returns the model for parameters by name: a reduced one whose basis follows the joints. Estimation and
+        rebuilding alternate until the estimates settle, at most ten times. Absent: `model` stays.
     common
-        What these records share with those of other identifications, if it is made already.
+        Data that these records share with those of other identifications, if they are computed already.
     into
         The result to add to; of a `Selection` only what is wanted is computed. Absent: a new one.
 
@@ -152,20 +159,20 @@ def identify_all(
         model has `explained` the record: there is a response (`signal_p`), and the residuals are noise
         (`lack_of_fit_p`) or at least 95 % of the signal are the model's (`signal_explained`); see
         `lack_of_fit`. And the record could contradict it: `redundancy` is above 0. The attribute `error_bars`
-        of `parameters` says where error bars are nominal.
-        `noise_p` is the p-value of the residuals against the noise that is given (two-sided chi-squared), NaN
-        without one; `channel_noise_p` and `noise_ratio` (seen over given) are NaN of channels without one.
-        `standard_error_scaled` is for the noise that is seen instead. `residual_<mean|kurtosis|largest>` with
-        their p-values, and the number of `outliers`, describe the residuals where these are more than
+        of `parameters` states where error bars are nominal.
+        `noise_p` is the p-value of the residuals against the given noise (two-sided chi-squared), NaN
+        without one; `channel_noise_p` and `noise_ratio` (observed over given) are NaN of channels without
+        one. `standard_error_scaled` is for the observed noise instead. `residual_<mean|kurtosis|largest>`
+        with their p-values, and the number of `outliers`, describe the residuals where these are more than
         rounding; coloured ones are whitened before.
         With Huber's loss ``robust/{channel, scale, clipped}`` has the robust deviation of each channel's
         residuals and the part that is bounded; the diagnostics are those of the bounded residuals.
         `starts` of the diagnostics is how many starts were tried, `starts_agreed` how many ended at this
-        optimum; where they disagree and the residuals are no noise, the estimate is not `settled`.
+        optimum; where they disagree and the residuals are not noise, the estimate is not `settled`.
         Priors count as measurements do, in estimates, `standard_error` and `cramer_rao`;
-        `cramer_rao_without_prior` is the bound of the records alone, infinite where they tell nothing.
+        `cramer_rao_without_prior` is the bound of the records alone, infinite where they hold no information.
         `prior_conflict` of the diagnostics is how many deviations a prior and the records are apart, 0
-        without a prior. `at_bound` says which estimates stand at a bound: their standard errors are nominal.
+        without a prior. `at_bound` marks estimates at a bound: their standard errors are nominal.
         Variables whose unit differs along an axis have the units beside them, as `unit`.
         Of several records `history`, `first_pass` and `measurement` hold a group each, ``record_1``, …, and
         the channels of the diagnostics are called ``record_1.<channel>``.
@@ -173,7 +180,7 @@ def identify_all(
     Raises
     ------
     NotIdentifiable
-        If parameters are not visible or not distinguishable in the records, or a channel is dead.
+        If parameters are not identifiable from the records, or a channel measures nothing but zeros.
     Diverged
         If estimates run away, or the prediction explains nothing of a record.
     NumericalError
@@ -189,8 +196,21 @@ def identify_all(
             data(truth or model, *experiment, None if common is None else common.clean[k])
             for k, experiment in enumerate(experiments)
         ]
+        if common is not None and common.ideal is not None:
+            likelihood = _likelihood(common.models, experiments, values, common.ideal)
+        else:
+            likelihood = _likelihood(_models(model, experiments), experiments, values)
+            _check_identifiable(likelihood.ideal)
+        dofs = [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
+        dofs += [channel.dof for _, measurement in experiments for channel in measurement.channels]
         posterior, last = _identified(
-            model, experiments, values, estimator or Auto(), truth or model, rebuild, common
+            model,
+            truth or model,
+            likelihood,
+            estimator or Auto(),
+            rebuild,
+            lambda other, values: _likelihood(_models(other, experiments), experiments, values),
+            dofs,
         )
         return write_result(
             Result("identification") if into is None else into,
@@ -199,67 +219,155 @@ def identify_all(
         )
 
 
+def identify_frf(
+    model: StructuralModel,
+    measurement: FrfMeasurement,
+    estimator: FrfAuto | OutputError | Huber | None = None,
+    *,
+    truth: StructuralModel | None = None,
+    rebuild: Rebuild | None = None,
+) -> Result:
+    """Identify the unknown joint parameters of a structure from frequency response functions.
+
+    Parameters
+    ----------
+    model
+        The structure the estimator works with, full or reduced.
+    measurement
+        The responses, measured or to be simulated.
+    estimator
+        How to estimate; absent: `FrfAuto()`.
+    truth
+        The structure that simulated responses are made with; absent: `model`.
+    rebuild
+        As of `identify_all`.
+
+    Returns
+    -------
+    Result
+        ``identification/{parameters, considered, stages, measurement, diagnostics}`` as of `identify_all`,
+        where they are of whole records; ``measurement/{omega, channel, measured, predicted}`` (omega x
+        channel, complex), with `noise`, `given_noise` or `deviation` of the complex values. Residuals are
+        white where neither real nor imaginary parts are correlated from line to line; otherwise the model is
+        at fault.
+
+    Raises
+    ------
+    NotIdentifiable
+        If parameters are not identifiable from the responses, or a response is zero everywhere.
+    Diverged
+        If estimates run away, or the prediction explains nothing of the responses.
+    Singular
+        If a line lies on an undamped pole.
+    UsageError
+        If the call makes no sense, or there is more to solve than can be.
+    """
+    names = [unknown.name for unknown in unknowns_of(model)]
+    with guarded(f"the identification of {', '.join(names)}", names=names):
+        likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
+        _check_identifiable(likelihood)
+        posterior, _ = _identified(
+            model,
+            truth or model,
+            likelihood,
+            estimator or FrfAuto(),
+            rebuild,
+            lambda other, values: frf_likelihood(other, measurement, values[0]),
+            [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)],
+        )
+        return write_result(Result("identification"), posterior)
+
+
 def _identified(
     model: StructuralModel,
-    experiments: Sequence[Experiment],
-    values: Sequence[RecordData],
-    estimator: Estimator,
     truth: StructuralModel,
+    likelihood: Likelihood,
+    estimator: Any,
     rebuild: Rebuild | None,
-    common: SharedRecords | None,
+    likelihood_of: Callable[[StructuralModel, Sequence[RecordData]], Likelihood],
+    dofs: Sequence[Label],
 ) -> tuple[Posterior, StructuralModel]:
-    """Return the posterior, and the model that it belongs to in the end."""
-    names = [unknown.name for unknown in model.unknowns]
-    logs, here = np.log([unknown.start for unknown in model.unknowns]), estimator
-    before: tuple[Posterior, TimeLikelihood] | None = None
-    for _ in range(1 if rebuild is None else MOST_ROUNDS):
-        if before is None:
-            likelihood = _checked_likelihood(model, experiments, values, common)
-        else:
-            likelihood = _likelihood(_record_models(model, experiments), experiments, values)
-            here = _without_restarts(here)
+    """Return the posterior of the parameters, and the model at the end.
+
+    With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search from
+    several starts is made once. Of records of time it comes first: it finds the neighbourhood of the optimum,
+    which the later models share. Of frequency responses it comes last, if the residuals still require it:
+    those of a basis that does not follow the joints yet need not be white, and a better basis may make the
+    search needless.
+
+    Parameters
+    ----------
+    model, truth
+        The structure the estimator works with at first, and that of simulated records.
+    likelihood
+        The likelihood of the records with `model`.
+    estimator
+        An estimator for it.
+    rebuild
+        Returns the model for parameters by name; absent: `model` stays.
+    likelihood_of
+        Returns the likelihood of given values of the records with another model.
+    dofs
+        DOFs of loads and sensors.
+    """
+    names, values = likelihood.names, [record.data for record in likelihood.records]
+    logs = np.log([unknown.start for unknown in model.unknowns])
+    search_last = isinstance(likelihood, FrfLikelihood)
+    here, most_rounds = estimator, _MOST_ROUNDS
+    if search_last and rebuild is not None:
+        here, most_rounds = _with(estimator, accept_small=True, multi_start=False), 2 * _MOST_ROUNDS
+    before: Posterior | None = None
+    for number in count(1):
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
             estimate = here.run(likelihood, logs)
         if before is not None:
-            estimate = _continued(*before, likelihood, model, estimate)
-        posterior = Posterior(estimate.likelihood or likelihood, estimator.name, estimate, model.dofs)
-        change, logs = np.abs(estimate.fit.logs - logs), estimate.fit.logs
-        before = posterior, likelihood
-        if rebuild is None or has_settled(change, posterior.information):
+            estimate = _continued(before, model, likelihood, estimate)
+        before = posterior = Posterior(
+            estimate.likelihood or likelihood, estimator.name, estimate, model.dofs
+        )
+        if rebuild is None:
             break
+        deviations = posterior.information.deviations()
+        change, logs = np.abs(estimate.fit.logs - logs), estimate.fit.logs
+        settled = bool(np.all(change <= np.maximum(_SETTLED * deviations, _LEAST)))
+        if search_last and (settled or number == _MOST_ROUNDS):
+            searching = _with(here, multi_start=True)
+            if posterior.explained or searching == here:
+                break
+            here = searching
+        elif not search_last:
+            if settled:
+                break
+            here = _with(here, multi_start=False)
         model = rebuild(dict(zip(names, np.exp(logs).tolist(), strict=True)))
+        if number == most_rounds:
+            break
+        likelihood = likelihood_of(model, values)
     posterior.check()
     if model.basis is not None and truth.basis is None:
-        dofs = [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
-        dofs += [channel.dof for _, measurement in experiments for channel in measurement.channels]
         own = [record.data for record in posterior.likelihood.records]
         found = model_error(
             model,
             posterior.likelihood,
             posterior.fit,
             list(dict.fromkeys(dofs)),
-            lambda finer: _likelihood(_record_models(finer, experiments), experiments, own),
+            lambda finer: likelihood_of(finer, own),
         )
         posterior = replace(posterior, model_error=found)
     return posterior, model
 
 
-def _without_restarts(estimator: Estimator) -> Estimator:
-    """Return the estimator for a model made anew, whose optimum is near."""
+def _with(estimator: Any, **options: bool) -> Any:
+    """Return an estimator with these options of an automatic one; any other stays as it is."""
     if isinstance(estimator, Huber):
-        return replace(estimator, inner=_without_restarts(estimator.inner))
-    return replace(estimator, escalates=False) if isinstance(estimator, Auto) else estimator
+        return replace(estimator, inner=_with(estimator.inner, **options))
+    return replace(estimator, **options) if isinstance(estimator, Auto | FrfAuto) else estimator  # type: ignore[arg-type]
 
 
-def has_settled(change: Array, information: Information) -> bool:
-    """Return True if logarithms that changed by so much (p) do not change any more, within their errors."""
-    return bool(np.all(change <= np.maximum(_STAYS * information.deviations(), _LEAST)))
-
-
-def _record_models(model: StructuralModel, experiments: Sequence[Experiment]) -> list[RecordModel]:
+def _models(model: StructuralModel, experiments: Sequence[Experiment]) -> list[ParametricModel]:
     """Return the model of each record, with its loads as an estimator knows them."""
     return [
-        record_model(
+        parametric_model(
             model,
             as_estimated(loads, measurement.record),
             measurement.channels,
@@ -270,7 +378,7 @@ def _record_models(model: StructuralModel, experiments: Sequence[Experiment]) ->
 
 
 def _likelihood(
-    models: Sequence[RecordModel],
+    models: Sequence[ParametricModel],
     experiments: Sequence[Experiment],
     values: Sequence[RecordData],
     noiseless: Likelihood | None = None,
@@ -281,42 +389,30 @@ def _likelihood(
     return TimeLikelihood(records, noiseless=noiseless)
 
 
-def _checked_likelihood(
-    model: StructuralModel,
-    experiments: Sequence[Experiment],
-    values: Sequence[RecordData],
-    common: SharedRecords | None,
-) -> TimeLikelihood:
-    """Return the likelihood of records in which the unknowns are identifiable."""
-    if common is not None and common.ideal is not None:
-        return _likelihood(common.models, experiments, values, common.ideal)
-    likelihood = _likelihood(_record_models(model, experiments), experiments, values)
-    _check_identifiable(likelihood.ideal)
-    return likelihood
-
-
 def _check_identifiable(likelihood: Likelihood) -> None:
+    """Refuse records from which the parameters are not identifiable at their start values."""
     logs = np.log([unknown.start for unknown in likelihood.unknowns])
     rms = [record.data.rms for record in likelihood.records]
     likelihood.information(likelihood.fit(logs), rms).check()
 
 
-def _continued(
-    posterior: Posterior,
-    before: TimeLikelihood,
-    likelihood: TimeLikelihood,
-    model: StructuralModel,
-    now: Estimate,
-) -> Estimate:
-    """Return an estimate with a model made anew, after the estimate before it.
+def _continued(before: Posterior, model: StructuralModel, likelihood: Likelihood, now: Estimate) -> Estimate:
+    """Return an estimate with the stages and histories of the one before it, which had another model.
 
-    Earlier histories come along in the units of the new states; not where the states are others.
+    Histories are converted to the units of the new states; they are left out where the states are others.
     """
+    old = before.estimate
+    stages = [*old.stages, *now.stages]
+    if isinstance(likelihood, FrfLikelihood):
+        return replace(now, stages=stages)
     earlier: list[Sweep] = []
-    old = posterior.estimate
-    if list(posterior.dofs) == list(model.dofs):
-        each = zip(before.records, likelihood.records, strict=True)
-        units = [one.model.scale / other.model.scale for one, other in each]
+    if list(before.dofs) == list(model.dofs):
+        pairs = zip(before.likelihood.records, likelihood.records, strict=True)
+        units = [
+            one.model.scale / other.model.scale
+            for one, other in pairs
+            if isinstance(one, TimeRecord) and isinstance(other, TimeRecord)
+        ]
         earlier = [
             [
                 history._replace(
@@ -329,7 +425,7 @@ def _continued(
     return replace(
         now,
         histories=[*earlier, *now.histories],
-        stages=[*old.stages, *now.stages],
+        stages=stages,
         counts=old.counts if "starts" in now.counts else now.counts,  # the search was the first one
         disputed=now.disputed and old.disputed,
     )

@@ -1,7 +1,7 @@
-"""Fisher information of records on the parameters, the Cramér–Rao bound, and parameters that are collinear.
+"""Fisher information of records on the parameters, the Cramér–Rao bound, and collinear parameters.
 
-The initial state is unknown and a nuisance: the sensitivities to the parameters are projected off those to
-it before they count.
+The initial state is an unknown nuisance: the sensitivities to the parameters are projected onto the
+complement of those to it.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ Array = NDArray[np.float64]
 
 # Part of a blind direction below which a parameter has no share in it; equality of coefficients.
 _SHARE, _EQUAL = 1e-3, 1e-2
-# Part of a parameter's effect that must be left once initial state and other parameters have taken theirs:
+# Least part of a parameter's sensitivity that initial state and other parameters must not account for:
 # sensitivities are exact to about 1e-12, and no measured record has that many digits.
-_VISIBLE = 1e-8
+_IDENTIFIABLE = 1e-8
 
 
 class CollinearGroup(NamedTuple):
     """Parameters that cannot be distinguished.
 
-    `places` of the parameters; `blind` (directions x parameters): changes of their logarithms that the record
-    does not show, of unit length; `seen`: in words, to first order, what of them it does show (empty where
-    that is more than one combination).
+    `places` of the parameters; `blind` (directions x parameters): changes of their logarithms to which the
+    record is insensitive, of unit length; `identifiable`: the combination of them that is identifiable, to
+    first order (empty where there are several).
     """
 
     places: tuple[int, ...]
     blind: Array
-    seen: str
+    identifiable: str
 
 
 def collinear_groups(
@@ -50,9 +50,10 @@ def collinear_groups(
         The parameters (p).
     sensitivity
         Of the record to their logarithms, over noise and free of the initial state (rows x p), rows at least
-        as many as parameters. Columns of zeros are left out: they are no group, but unseen.
+        as many as parameters. Columns of zeros are left out: these parameters form no group.
     level
-        Singular values below this part of the largest, columns scaled to one length, are blind.
+        Directions with singular values below this part of the largest, columns scaled to one length, are
+        blind.
     """
     size = np.linalg.norm(sensitivity, axis=0)
     there = np.flatnonzero(size > 0)
@@ -70,11 +71,12 @@ def collinear_groups(
         places = there[members]
         changes = inside / size[places]
         changes /= np.linalg.norm(changes, axis=1)[:, None]
-        seen = ""
+        identifiable = ""
         if len(inside) == len(members) - 1:
             normal = np.linalg.svd(inside)[2][-1]
-            seen = _combination([names[place] for place in places], values[places], normal * size[places])
-        groups.append(CollinearGroup(tuple(int(place) for place in places), changes, seen))
+            gradient = normal * size[places]
+            identifiable = _combination([names[place] for place in places], values[places], gradient)
+        groups.append(CollinearGroup(tuple(int(place) for place in places), changes, identifiable))
     return groups
 
 
@@ -93,7 +95,7 @@ def _components(together: NDArray[np.bool_]) -> list[list[int]]:
 
 
 def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
-    """Name the combination with this gradient by the logarithms: a sum, a sum of inverses, a product."""
+    """Return the combination with this gradient by the logarithms: a sum, a sum of inverses, a product."""
     for by_value, pattern in ((gradient / values, "{}"), (gradient * values, "1/{}"), (gradient, "ln {}")):
         terms = by_value / by_value[0]
         if np.all(np.abs(np.abs(terms) - 1) < _EQUAL):
@@ -121,7 +123,7 @@ class Information:
     freedom
         Number of measured values beyond those that the initial state takes.
     values
-        The parameters' values (p), if they are to be told of.
+        The parameters' values (p), if messages are to name combinations of them.
     """
 
     names: tuple[str, ...]
@@ -144,11 +146,11 @@ class Information:
         )
 
     def without(self, held: NDArray[np.bool_]) -> Information:
-        """Return the information where some parameters (p) are held where they are."""
+        """Return the information with some parameters (p) fixed."""
         return replace(self, projected=np.where(held, 0.0, self.projected))
 
     def check(self) -> None:
-        """Refuse parameters that the record cannot see or tell apart.
+        """Refuse parameters that are not identifiable from the record.
 
         Raises
         ------
@@ -162,47 +164,42 @@ class Information:
                 "unknowns",
                 "Measure more samples or channels.",
             )
-        unseen = np.linalg.norm(self.projected, axis=0) <= _VISIBLE * np.maximum(
-            self.total, _VISIBLE * self.signal
+        insensitive = np.linalg.norm(self.projected, axis=0) <= _IDENTIFIABLE * np.maximum(
+            self.total, _IDENTIFIABLE * self.signal
         )
-        if unseen.any():
+        if insensitive.any():
             raise _refusal(
-                self._named(unseen),
-                "cannot be seen in this record",
+                self._named(insensitive),
+                "cannot be identified from this record: the sensitivity is zero",
                 "Excite or measure where the joint works.",
             )
         _, s, Vt = thin_svd(self.projected / np.linalg.norm(self.projected, axis=0))
         s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
-        blind = Vt[s <= _VISIBLE * s[0]]
+        blind = Vt[s <= _IDENTIFIABLE * s[0]]
         if len(blind):
             involved = np.abs(blind).max(axis=0) > 1e-3
+            named = [group.identifiable for group in self.groups() if group.identifiable]
+            found = ""
+            if named and self.values is not None:
+                found = f", which shows only {' and '.join(named)}"
             raise _refusal(
                 self._named(involved),
-                f"cannot be distinguished in this record{self._shown()}",
+                f"cannot be distinguished in this record{found}",
                 "Fix some of them at a value, or add channels, samples or excitation frequencies.",
             )
 
-    def groups(self, level: float = _VISIBLE) -> list[CollinearGroup]:
+    def groups(self, level: float = _IDENTIFIABLE) -> list[CollinearGroup]:
         """Return the groups of parameters that cannot be distinguished, as `collinear_groups` does."""
         values = np.ones(len(self.names)) if self.values is None else self.values
         return collinear_groups(self.names, values, self.projected, level)
 
-    def _shown(self) -> str:
-        """Say what the record shows of parameters that it does not tell apart."""
-        shown = [group.seen for group in self.groups() if group.seen]
-        return f", which shows only {' and '.join(shown)}" if shown and self.values is not None else ""
-
     def covariance(self) -> Array:
         """Return the Cramér–Rao bound on the covariance of the logarithms (p x p)."""
-        root = self.root()
-        return np.asarray(root @ root.T)
-
-    def root(self) -> Array:
-        """Return a root of that covariance (p x p)."""
-        return self._root
+        return np.asarray(self.root @ self.root.T)
 
     @cached_property
-    def _root(self) -> Array:
+    def root(self) -> Array:
+        """A root of that covariance (p x p)."""
         size = np.linalg.norm(self.projected, axis=0)
         R = np.linalg.qr(self.projected / size, mode="r")
         return np.asarray(np.linalg.solve(R, np.eye(len(size))) / size[:, None])
@@ -225,7 +222,7 @@ class Information:
         return float((s[0] / s[-1]) ** 2)
 
     def step(self, residual: Array) -> Array:
-        """Return the Gauss–Newton step of the logarithms that this residual over noise (values) asks for."""
+        """Return the Gauss–Newton step of the logarithms (p) for this residual over noise (values)."""
         size = np.linalg.norm(self.projected, axis=0)
         size = np.where(size > 0, size, 1.0)
         rank = float(len(residual) * np.finfo(float).eps)
@@ -252,9 +249,9 @@ def information(
     values
         How many values there are.
     """
-    projected, seen = without_state(by_parameter, by_state)
+    projected, taken = without_state(by_parameter, by_state)
     total = np.linalg.norm(by_parameter, axis=0)
-    return Information(names, projected, total, signal, values - seen)
+    return Information(names, projected, total, signal, values - taken)
 
 
 def joint_information(parts: Sequence[Information]) -> Information:
@@ -269,11 +266,11 @@ def joint_information(parts: Sequence[Information]) -> Information:
     )
 
 
-def drowned_in_noise(names: list[str]) -> NotIdentifiable:
-    """Return the error that names parameters whose effect drowns in the noise."""
+def below_noise(names: list[str]) -> NotIdentifiable:
+    """Return the error that names parameters whose standard errors exceed their order of magnitude."""
     return _refusal(
         names,
-        "cannot be estimated from this record: the effect drowns in the noise",
+        "cannot be estimated from this record: the sensitivity is below the noise",
         "Excite or measure where the joint works, measure longer or with less noise, or fix some at a value.",
     )
 

@@ -1,18 +1,18 @@
 """Lack of fit of a model: three models of a record are compared, none, saturated and the scene's.
 
-*None* is noise alone. The *saturated* model has free what the scene's ties to a few unknowns: amplitudes,
-residues, decays and poles (`saturated`). From these follow
+*None* is noise alone. In the *saturated* model amplitudes, residues, decays and poles are free, which the
+scene's model ties to a few unknowns (`saturated_model`). From these follow
 
 - `signal_p`: the probability of no response, by the F-test of the saturated against none. Where the
   regressors do not depend on the estimate, as at excited frequencies, it is exact for white noise; poles were
   chosen to suit the record: their test counts as one of N^p (Bonferroni), N values and p unknowns.
 - `lack_of_fit_p`: that of the scene's model, by its F-test against the saturated one, and by the whiteness of
-  its residuals, which shows what is in neither (Bonferroni). Both models are linear about the estimate: what
-  initial states and unknowns can take up is taken out of residuals first.
+  its residuals, which is sensitive to what neither model has (Bonferroni). Both models are linear about the
+  estimate: residuals are first projected onto the complement of initial states and unknowns.
 - `redundancy`: how many numbers of the saturated model the record resolves beyond the unknowns. Only they can
-  contradict the model; where there are none it fits whatever is wrong with it.
+  contradict the model; where there are none, any model fits.
 
-Each channel counts by the noise that the saturated model and residuals before leave in it. G. A. F. Seber,
+Each channel is weighted by the residual noise of the saturated model with delayed residuals. G. A. F. Seber,
 A. J. Lee, Linear Regression Analysis, 2nd ed. 2003, ch. 4.
 """
 
@@ -34,8 +34,8 @@ from dynid.identification.statistics import log_f_tail
 
 Array = NDArray[np.float64]
 
-# Residuals below this part of a channel's RMS are rounding and holds; a number of the saturated model below
-# this one is not resolved, whatever the noise.
+# Residuals below this part of a channel's RMS are errors of rounding and holds; a number of the saturated
+# model below this one is not resolved, whatever the noise.
 _ROUNDING, _COARSE = 1e-6, 1e-4
 # Singular values below this part of the largest are none.
 _RANK = 1e-9
@@ -54,7 +54,7 @@ class ModelComparison:
     prior
         Deviations of the priors of the unknowns (p), NaN where there are none.
     free
-        Which unknowns are free to move (p): not those that a bound holds.
+        Mask of unknowns that no bound fixes (p).
     whiteness_p
         The p-value of the whiteness of the residuals.
     """
@@ -67,7 +67,7 @@ class ModelComparison:
 
     @cached_property
     def noise(self) -> list[Array]:
-        """Noise of each channel, in units of its RMS: what the saturated model leaves, not below rounding."""
+        """Residual noise of the saturated model (channels of each record), over RMS, not below rounding."""
         return [
             np.array([_noise(one, level) for one, level in zip(channels, given, strict=True)])
             for channels, given in zip(self.records, self.given, strict=True)
@@ -81,7 +81,7 @@ class ModelComparison:
 
     @cached_property
     def signal_p(self) -> float:
-        """The probability of what the records show, were there no response."""
+        """The p-value of the records, were there no response."""
         tests = [self._log_signal_p({RegressorKind.LINE})]
         values = sum(one.count for one, _ in self._each)
         chosen = len(self.prior) * math.log(max(values, 1))
@@ -92,7 +92,7 @@ class ModelComparison:
 
     def _log_signal_p(self, kinds: set[RegressorKind]) -> float:
         """Return the logarithm of the p-value of these directions against noise."""
-        shown, degrees, spare = 0.0, 0, math.inf
+        excess, degrees, spare = 0.0, 0, math.inf
         for one, _ in self._each:
             chosen = np.isin(one.kind, list(kinds))
             inside, m = float(np.sum(one.measured[chosen] ** 2)), int(np.count_nonzero(chosen))
@@ -100,13 +100,13 @@ class ModelComparison:
             if m == 0 or left < 1:
                 continue
             outside = max(one.energy - inside, _ROUNDING**2 * one.energy)
-            shown, degrees, spare = shown + inside * left / outside, degrees + m, min(spare, left)
-        return log_f_tail(degrees, spare, shown / degrees) if degrees else 0.0
+            excess, degrees, spare = excess + inside * left / outside, degrees + m, min(spare, left)
+        return log_f_tail(degrees, spare, excess / degrees) if degrees else 0.0
 
     @cached_property
     def lack_of_fit_p(self) -> float:
-        """The probability of the residuals, were the scene's model right."""
-        if self._exact:
+        """The p-value of the residuals, were the scene's model right."""
+        if all(one.left < _ROUNDING**2 * one.energy for one, _ in self._each):  # round-off
             return 1.0
         excess, rank = self._excess
         degrees = sum(_tested(one) for one, _ in self._each) - rank
@@ -130,14 +130,9 @@ class ModelComparison:
             found.append(math.exp(log_f_tail(round(degrees), spare, ratio)))
         return np.array(found)
 
-    @property
-    def _exact(self) -> bool:
-        """True if the residuals of all channels are round-off."""
-        return all(one.left < _ROUNDING**2 * one.energy for one, _ in self._each)
-
     @cached_property
     def _excess(self) -> tuple[float, int]:
-        """Excess of the residuals that the saturated model explains and the unknowns cannot; its rank."""
+        """Sum of squares that the saturated model explains and the unknowns cannot; rank of the unknowns."""
         total, states, rows, right = 0.0, 0, [], []
         for record, noise in zip(self.records, self.noise, strict=True):
             each = zip(record, noise, strict=True)
@@ -154,7 +149,7 @@ class ModelComparison:
 
     @cached_property
     def signal_explained(self) -> float:
-        """The part of the signal's mean square that the scene explains, the noise taken off both."""
+        """Part of the signal's mean square that the scene explains, the noise subtracted from both."""
         signal = missed = 0.0
         unknowns = self._excess[1] / max(1, len(self._each))
         for one, noise in self._each:
@@ -170,7 +165,7 @@ class ModelComparison:
 
     @property
     def has_signal(self) -> bool:
-        """True if the records show any response."""
+        """True if the records have a response that differs from noise."""
         return self.signal_p < SIGNAL.value
 
     @property
@@ -195,15 +190,13 @@ class ModelComparison:
             directions = np.diag(shown)[:, shown > 0]
             _, s, _ = thin_svd(_without(U, directions))
             resolved += int(np.count_nonzero(s > RESOLVED.value)) + _resolved_poles(record, level)
-        return resolved - min(resolved, self._rank(np.concatenate(rows)))
-
-    def _rank(self, rows: Array) -> int:
-        """Return how many unknowns the records are to tell: not those that priors tell better."""
-        believed = ~np.isnan(self.prior)
-        U = _range(rows[:, ~believed])
-        told = _without(U, rows[:, believed]) * self.prior[believed]
-        better = int(np.count_nonzero(np.linalg.svd(told, compute_uv=False) >= 1)) if told.size else 0
-        return int(np.count_nonzero(~believed)) + better
+        # Unknowns that the records determine: all without a prior, and those of which they know more than it.
+        every, with_prior = np.concatenate(rows), ~np.isnan(self.prior)
+        over_prior = _without(_range(every[:, ~with_prior]), every[:, with_prior]) * self.prior[with_prior]
+        unknowns = int(np.count_nonzero(~with_prior))
+        if over_prior.size:
+            unknowns += int(np.count_nonzero(np.linalg.svd(over_prior, compute_uv=False) >= 1))
+        return resolved - min(resolved, unknowns)
 
 
 def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None = None) -> ModelComparison:
@@ -219,7 +212,7 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
         The p-value of the whiteness of its residuals, if it is known already.
     """
     records = list(likelihood.records)
-    # What a filter before has coloured is not tested for its colour.
+    # Records that a filter has coloured are not tested for whiteness.
     plain = all(record.data.passed == 1 for record in records)
     white = likelihood.whiteness(fit) if plain and whiteness_p is None else whiteness_p
     return ModelComparison(
@@ -232,7 +225,7 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
 
 
 def _noise(one: SaturatedCoordinates, given: float) -> float:
-    """Return the noise of a channel: by what the saturated model leaves, else as given."""
+    """Return the residual noise of a channel with the saturated model, else the given one."""
     floor = _ROUNDING * math.sqrt(one.energy / max(one.count, 1.0))
     spare = one.count - len(one.kind)
     if spare < 1:
@@ -242,7 +235,7 @@ def _noise(one: SaturatedCoordinates, given: float) -> float:
 
 
 def _tested(one: SaturatedCoordinates) -> int:
-    """Return how many directions are tested, which stand first: all but those of residuals before."""
+    """Return the number of directions that are tested, the first ones: all but delayed residuals."""
     return int(np.count_nonzero(one.kind < RegressorKind.BEFORE))
 
 
@@ -256,14 +249,14 @@ def _derivatives(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[
 
 
 def _range(matrix: Array) -> Array:
-    """Return an orthonormal basis of what the columns span, their lengths set aside."""
+    """Return an orthonormal basis of the range of the columns, scaled to one length."""
     size = np.linalg.norm(matrix, axis=0)
     U, s, _ = thin_svd(matrix[:, size > 0] / size[size > 0])
     return np.asarray(U[:, : len(s)][:, s > _RANK * s.max(initial=0.0)])
 
 
 def _without(U: Array, columns: Array) -> Array:
-    """Return columns without what lies in the range of U."""
+    """Return columns projected onto the complement of the range of U."""
     return np.asarray(columns - U @ (U.T @ columns))
 
 
@@ -279,7 +272,7 @@ def _resolved(one: SaturatedCoordinates, noise: float) -> Array:
 
 
 def _resolved_poles(record: Sequence[SaturatedCoordinates], noise: Array) -> int:
-    """Return how many poles a record resolves, a pair counting twice.
+    """Return the number of poles that a record resolves, a pair counting twice.
 
     A pole is resolved where moving it by itself moves the record by more than the noise.
     """

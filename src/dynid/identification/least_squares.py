@@ -9,7 +9,8 @@ from dynid.lti.floating import finite
 
 Array = NDArray[np.float64]
 
-# Initial states are distinguished in the scales of their prior down to this part of the best seen one.
+# Rank of the initial states: singular values, in the scales of their prior, below this part of the largest
+# are zero.
 STATE_RANK = 1e-10
 # Height over width of the blocks that a tall matrix is factorised by.
 _BLOCK = 8

@@ -1,29 +1,24 @@
-"""Likelihood of records that share their parameters, with the priors of these.
+"""Likelihood of records that share their parameters, with priors and bounds of these.
 
 Every record has its own loads, channels, sampling, noise and unknown initial state, or is a set of frequency
 responses. Records are independent given the parameters: their likelihoods multiply, and information adds up.
+A prior counts as an independent measurement.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.defaults import HUBER
-from dynid.identification.calibration import CalibrationDerivatives
+from dynid.identification.filter import FilterPrior
 from dynid.identification.information import Information, joint_information
-from dynid.identification.measurement import RecordData
-from dynid.identification.prediction import Trajectory
-from dynid.identification.priors import Priors
+from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.residual_tests import whiteness
-from dynid.identification.saturated_model import SaturatedCoordinates
 from dynid.identification.statistics import root_mean_square
 from dynid.structure.joints import Unknown
 
@@ -31,199 +26,96 @@ Array = NDArray[np.float64]
 
 # Residuals below this part of a channel's RMS are rounding.
 _ROUNDING = 1e-13
-
-
-class NamedChannel(Protocol):
-    """A channel with a name and a unit."""
-
-    @property
-    def name(self) -> str:
-        """Name in results."""
-
-    @property
-    def unit(self) -> str:
-        """Unit, SI."""
+# Information of the records on a parameter, relative to that of its prior, below which the two are not
+# compared.
+_INFORMATIVE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class RecordFit:
-    """A fit at fixed parameters, the initial state being the best one (linear least squares).
+class Priors:
+    """Bounds and priors of the logarithms of the parameters.
 
     Attributes
     ----------
-    logs
-        Logarithms of the parameters (p).
-    predicted
-        Noise-free prediction, the states in SI divided by the model's scale.
-    residual
-        Measured minus predicted (times x channels), NaN where missing.
-    counts, size
-        Number of values of each channel, and RMS of its residuals (channels).
-    noise
-        Standard deviation of the noise (channels): as given, else estimated from the residuals.
-    triangles
-        Of each channel, over its RMS, a triangle of derivatives by the initial state (scaled) and by the
-        logarithms, and residuals, side by side (channels x n + p + 1 x n + p + 1). Whatever the channels are
-        to count by, these few rows hold the information of all values. None where `by_parameter` is used.
-    by_parameter
-        Derivatives of the prediction by the logarithms (times x channels x p), where there are no triangles.
+    low, high
+        Bounds (p), infinite where there are none.
+    means, deviations
+        Priors (p), NaN where there are none.
     """
 
-    logs: Array
-    predicted: Trajectory
-    residual: Array
-    counts: NDArray[np.int_]
-    size: Array
-    noise: Array
-    triangles: Array | None = None
-    by_parameter: Array | None = None
+    low: Array
+    high: Array
+    means: Array
+    deviations: Array
 
+    @classmethod
+    def of(cls, unknowns: Sequence[Unknown]) -> Priors:
+        """Return the priors and bounds of unknowns.
 
-class RecordLikelihood(ABC):
-    """Real values (rows x channels) that depend on the parameters, with white Gaussian noise.
-
-    Attributes
-    ----------
-    data
-        The values.
-    sharing
-        Number of records that share the parameters.
-    """
-
-    data: RecordData
-    sharing: int
-
-    # Description, for messages and results.
-
-    @property
-    def noun(self) -> str:
-        """Noun for what is observed."""
-        return "record"
-
-    @property
-    def channels(self) -> Sequence[NamedChannel]:
-        """The channels."""
-        return ()
-
-    @property
-    def sampling_step(self) -> float | None:
-        """Sampling step, s; None of frequency responses."""
-        return None
-
-    @property
-    def mean_is_offset(self) -> bool:
-        """True if the mean of a residual is an offset of the sensor."""
-        return False
-
-    def row_label(self, row: int) -> str:
-        """Return the time or frequency of a row, with its unit."""
-        return str(row)
-
-    # Prediction, residuals and information.
-
-    @property
-    @abstractmethod
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """The unknown parameters (p)."""
-
-    @property
-    @abstractmethod
-    def nuisances(self) -> int:
-        """Number of unknowns beside the parameters."""
-
-    @abstractmethod
-    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:
-        """RecordFit what is unknown beside the parameters to `values` (rows x channels) at exp(logs).
-
-        Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
+        The deviation of the logarithm is that of the log-normal distribution of the same relative deviation.
         """
+        low = [math.log(unknown.low) if unknown.low else -math.inf for unknown in unknowns]
+        high = [math.log(unknown.high) if unknown.high else math.inf for unknown in unknowns]
+        beliefs = [unknown.belief for unknown in unknowns]
+        means = [math.nan if belief is None else math.log(belief.value) for belief in beliefs]
+        deviations = [
+            math.nan if belief is None else math.sqrt(math.log1p(belief.relative_deviation**2))
+            for belief in beliefs
+        ]
+        return cls(np.array(low), np.array(high), np.array(means), np.array(deviations))
+
+    @property
+    def given(self) -> NDArray[np.bool_]:
+        """Mask of parameters that have a prior (p)."""
+        return ~np.isnan(self.means)
+
+    def clipped(self, logs: Array) -> Array:
+        """Return the nearest logarithms within the bounds (p)."""
+        return np.clip(logs, self.low, self.high)
+
+    def at_bound(self, logs: Array) -> NDArray[np.bool_]:
+        """Return the mask of logarithms that are at a bound (p)."""
+        return (logs <= self.low) | (logs >= self.high)
+
+    def blocked(self, logs: Array, direction: Array) -> NDArray[np.bool_]:
+        """Return the mask of logarithms that a bound keeps from moving in this direction (p)."""
+        return ((logs <= self.low) & (direction < 0)) | ((logs >= self.high) & (direction > 0))
+
+    def rows(self) -> Array:
+        """Return the sensitivities of the priors' pseudo-observations over their deviations (count x p)."""
+        return np.asarray(np.diag(1 / self.deviations)[self.given])
 
     def residual(self, logs: Array) -> Array:
-        """Return the residual of the fit at exp(logs) (rows x channels), NaN where missing."""
-        return self.fit(logs, self.data.values).residual
+        """Return the residuals of the pseudo-observations over their deviations (count)."""
+        return np.asarray(((self.means - logs) / self.deviations)[self.given])
 
-    @abstractmethod
-    def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return the derivatives by the logarithms over noise (… x p), or few rows with the same products."""
+    def conflict(self, logs: Array, deviations: Array) -> Array:
+        """Return how far priors and records are apart, in deviations of that distance (p); 0 without a prior.
 
-    def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
-        """Return the degrees of freedom that the nuisances take from each channel (channels)."""
-        return np.zeros(len(fit.counts))
+        It is the normalised residual of a pseudo-observation: its residual at the estimate over the deviation
+        of that residual. 0 where the information of the records is less than a millionth of the prior's.
 
-    @abstractmethod
-    def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
-        """Return numbers of channels (channels) row by row as `weighted` and the information have them."""
-
-    @abstractmethod
-    def on(self, data: RecordData) -> Self:
-        """Return the same, of other values."""
-
-    @abstractmethod
-    def information(self, fit: RecordFit, noise: Array) -> Information:
-        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
-
-    @abstractmethod
-    def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
-        """Return the channels, in units of their RMS, in directions of their saturated models."""
-
-    @abstractmethod
-    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return the derivatives by gains and delay, for a noise of this deviation (channels)."""
-
-    def yielding(self, fit: RecordFit) -> Array:
-        """Return the residuals (rows x channels), NaN where missing or where a robust loss bounds them.
-
-        A bounded residual does not move the estimate to first order, whatever the record there.
+        Parameters
+        ----------
+        logs, deviations
+            The estimate, and its deviations with the priors (p).
         """
-        robust = self.data.robust
-        if robust is None:
-            return fit.residual
-        left = np.abs(self.data.recorded - fit.predicted.outputs)
-        return np.where(left < HUBER.value * robust.scale, fit.residual, np.nan)
+        free = 1 - (deviations / self.deviations) ** 2
+        compared = self.given & (free > _INFORMATIVE)
+        apart = np.abs(self.means - logs) / self.deviations
+        return np.where(compared, apart / np.sqrt(np.where(compared, free, 1.0)), 0.0)
 
-    @cached_property
-    def given(self) -> Array:
-        """The noise's deviations (channels) as far as they are given, else NaN."""
-        return np.full(self.data.values.shape[1], np.nan) if self.data.given is None else self.data.given
-
-    def known_or(self, estimated: Array) -> Array:
-        """Return the noise's deviations (channels): those given, else these."""
-        return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
-
-    def scatter(self, counts: NDArray[np.int_], size: Array) -> Array:
-        """Return the RMS of residuals of this size (channels), corrected for the number of fitted values."""
-        fitted = (self.nuisances + len(self.unknowns) / self.sharing) / len(size)
-        return np.asarray(size * np.sqrt(counts / np.maximum(counts - fitted, 1)))
-
-    def noise_in(self, counts: NDArray[np.int_], size: Array) -> Array:
-        """Return the noise given, else the density that residuals show in their band (channels)."""
-        return self.known_or(self.scatter(counts, size) / math.sqrt(self.data.passed))
-
-    def weighted(self, fit: RecordFit, noise: Array) -> Array:
-        """Return the residuals over noise, row by row as the information has them, 0 where missing."""
-        return (np.nan_to_num(fit.residual) * weights(noise, fit.residual)).ravel()
-
-    def series(self, residual: Array) -> Array:
-        """Return residuals (rows x channels) as series that are white if the model is right."""
-        return residual
-
-    def residual_rms(self, fit: RecordFit) -> Array:
-        """Return the RMS of the residuals (channels), in the channels' units."""
-        return fit.size
-
-    def unexplained(self, fit: RecordFit, column: int) -> tuple[float, Array]:
-        """Return the residual of a channel over its signal (RMS), and the series to test for whiteness."""
-        part = float(fit.size[column] / self.data.rms[column])
-        return part, self.series(fit.residual[:, [column]])
-
-    def residual_peak(self, fit: RecordFit, column: int) -> float:  # noqa: ARG002
-        """Return the frequency, rad/s, at which the residual of a channel is strongest."""
-        return math.nan
-
-
-def weights(noise: Array, values: Array) -> Array:
-    """Return one over the noise's deviations (rows x channels), 0 where a value is missing."""
-    return np.asarray(np.where(np.isnan(values), 0.0, 1 / noise))
+    def combined(self, prior: FilterPrior) -> FilterPrior:
+        """Return the prior of a filter's pass, updated by the pseudo-observations."""
+        n = len(prior.state)
+        z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
+        for k in np.flatnonzero(self.given):
+            phi = S[n + k] / self.deviations[k]
+            spread = float(phi @ phi) + 1.0
+            gain = S @ phi / spread
+            z += gain * (self.means[k] - z[n + k]) / self.deviations[k]
+            S -= np.outer(gain / (1 + math.sqrt(1 / spread)), phi)
+        return FilterPrior(z[:n], z[n:], S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +153,7 @@ class Likelihood:
     records
         One or more, all with the same unknowns.
     noiseless
-        The same without its noise, if it is made already.
+        The likelihood of the records without noise, if it is computed already.
     """
 
     records: tuple[RecordLikelihood, ...]
@@ -269,7 +161,7 @@ class Likelihood:
 
     @property
     def ideal(self) -> Likelihood:
-        """The same without the records' noise, as far as that is known."""
+        """The likelihood of the records without noise, as far as that is known."""
         if self.noiseless is not None:
             return self.noiseless
         return Likelihood(tuple(record.on(record.data.without_noise()) for record in self.records))
@@ -295,7 +187,7 @@ class Likelihood:
         return [unknown.name for unknown in self.unknowns]
 
     def fit(self, logs: Array, noise: Sequence[Array] | None = None, *, clean: bool = False) -> Fit:
-        """RecordFit the initial states at the parameters exp(logs).
+        """Fit the initial states at the parameters exp(logs).
 
         Parameters
         ----------
@@ -332,12 +224,12 @@ class Likelihood:
     def misfit(self, fit: Fit) -> float:
         """Return minus the logarithm of the likelihood, priors included, up to a constant.
 
-        The noise of a channel whose deviation is not given is the one that makes the likelihood largest.
+        The noise of a channel whose deviation is not given is its maximum-likelihood estimate.
         """
         return self._misfit(fit.logs, [part.counts for part in fit.parts], [part.size for part in fit.parts])
 
     def misfit_at(self, logs: Array) -> float:
-        """Return the misfit of the fit at these logarithms (p), without making the rest of it."""
+        """Return the misfit at these logarithms (p), without the derivatives that a fit has."""
         sizes = [root_mean_square(record.residual(logs)) for record in self.records]
         return self._misfit(logs, [record.data.counts for record in self.records], sizes)
 
@@ -367,4 +259,4 @@ class Likelihood:
 
 def _likeliest(record: RecordLikelihood, size: Array) -> Array:
     """Return the noise given, else this RMS of the residuals, not below rounding (channels)."""
-    return record.known_or(np.hypot(size, _ROUNDING * record.data.rms))
+    return record.given_or(np.hypot(size, _ROUNDING * record.data.rms))

@@ -1,4 +1,4 @@
-"""Records: what is measured, given or simulated."""
+"""Measurements of records of time, and their data, measured or simulated."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dynid.identification.statistics import root_mean_square
 from dynid.lti.signals import Random, RecordTimes, WhiteNoise
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.structure.excitation import drive, signals_of, starting_state
-from dynid.structure.matrices import Label
+from dynid.structure.matrices import Label, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load
 
@@ -54,8 +54,8 @@ class Simulation:
         for name, level in (("noise_ratio", self.noise_ratio), ("noise", self.noise)):
             numbers = np.asarray(0.0 if level is None else level, dtype=float)
             if not (np.isfinite(numbers).all() and np.all(numbers >= 0)):
-                said = name.replace("_", " ")
-                raise UsageError(f"the {said} must be finite and not negative", names=(name,))
+                words = name.replace("_", " ")
+                raise UsageError(f"the {words} must be finite and not negative", names=(name,))
         if self.noise is not None and np.any(self.noise_ratio):
             raise UsageError("the noise has either a ratio or a standard deviation", names=("noise",))
         if not (math.isfinite(self.settle) and self.settle >= 0):
@@ -86,14 +86,14 @@ class Measurement:
         Measured values (samples x channels, SI units, NaN where a sample is missing), or how to simulate
         them.
     noise
-        Standard deviation of the noise that the estimator is told, in the channel's unit: one number, or one
-        a channel, NaN where it is unknown. Absent: it is estimated from the residuals.
+        Given standard deviation of the noise, in the channel's unit: one number, or one a channel, NaN where
+        it is unknown. Absent: it is estimated from the residuals.
     start
         Time of the first measured sample on the clock of the loads, s.
     prepared
-        What was done to the samples before, step by step; see `preparation.prepare`.
+        The steps by which the samples were prepared; see `preparation.prepare`.
     passed
-        Part of the power of white noise that this has left.
+        Part of the power of white noise that these steps pass.
     """
 
     step: float
@@ -130,7 +130,7 @@ class Measurement:
 
     @property
     def given_noise(self) -> Array | None:
-        """The noise's deviations that the estimator is told (channels)."""
+        """The given deviations of the noise (channels)."""
         if self.noise is None:
             return None
         return per_channel("measurement.noise", self.noise, len(self.channels))
@@ -162,18 +162,18 @@ class Experiment(NamedTuple):
 
 
 class RobustLoss(NamedTuple):
-    """The effect of a robust loss on a record.
+    """A record under a robust loss.
 
     Attributes
     ----------
     recorded
         The values as they were recorded (times x channels), NaN where missing.
     scale
-        RobustLoss standard deviation of the residuals (channels).
+        Robust standard deviation of the residuals (channels).
     clipped
         Part of the values whose influence is bounded (channels).
     given
-        Standard deviation of the noise that was given (channels), NaN where it is not given.
+        Given standard deviation of the noise (channels), NaN where none is given.
     """
 
     recorded: Array
@@ -195,12 +195,12 @@ class RecordData:
     clean
         The values without noise (times x channels), if known.
     given
-        Standard deviation of the noise that the estimator is told (channels), NaN where it is not told.
+        Given standard deviation of the noise (channels), NaN where none is given; of pseudo-values None.
     passed
-        Part of the power of white noise that a preparation has left. Error bars need its density in the band
-        that is left: what is seen in the residuals over the root of this part.
+        Part of the power of white noise that a preparation passes. Error bars need the density in the pass
+        band: the deviation of the residuals over the root of this part.
     robust
-        What a robust loss has made of the record; `values` then are pseudo-values, see
+        Data of a robust loss, if one is used; `values` then are pseudo-values, see
         `dynid.identification.estimators.maximum_likelihood`.
     """
 
@@ -217,8 +217,8 @@ class RecordData:
         return self.values if self.robust is None else self.robust.recorded
 
     @property
-    def told(self) -> Array:
-        """The noise's deviations that were given (channels), NaN where not, whatever the loss."""
+    def given_noise(self) -> Array:
+        """The given deviations of the noise (channels), NaN where none is given, whatever the loss."""
         if self.robust is not None:
             return self.robust.given
         return np.full(self.values.shape[1], np.nan) if self.given is None else self.given
@@ -245,7 +245,7 @@ def data(
 
     Simulated values are exact for the continuous loads, the unknown joint parameters at
     their true values; the noise of each channel then has the standard deviation noise ratio x RMS. `clean`
-    are the values without noise, where somebody has simulated them already.
+    are the values without noise, if they are simulated already.
 
     Raises
     ------
@@ -280,6 +280,32 @@ def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measur
     motions = (source.displacement, source.velocity) if isinstance(source, Simulation) else ()
     start = driven.state(*matrices[:2], starting_state(model, loads, *motions))
     return propagate(driven.system(*matrices), signals_of(loads), measurement.record.times, start)
+
+
+def true_states(
+    truth: StructuralModel, model: StructuralModel, loads: Sequence[Load], measurement: Measurement
+) -> Array | None:
+    """Return the true states of a simulated record (times x n, SI), in the coordinates of `model`.
+
+    Displacements, then velocities. Coordinates of a reduced model that are DOFs of the truth are taken from
+    there; if there are others, the motion is projected onto the basis, orthogonally by kinetic energy.
+    """
+    if not isinstance(measurement.source, Simulation):
+        return None
+    states = simulated(truth, loads, measurement).states
+    if states.shape[1] != 2 * truth.size:  # massless DOFs are no states
+        channels = tuple(Channel(dof, kind) for kind in ("displacement", "velocity") for dof in truth.dofs)
+        states = simulated(truth, loads, replace(measurement, channels=channels)).outputs
+    if model.basis is None or (truth.basis is not None and truth.dofs == model.dofs):
+        read = np.eye(truth.size)
+    elif set(truth.dofs).issuperset(model.dofs):
+        read = np.array([truth.row(dof) for dof in model.dofs])
+    else:
+        full = model.basis.parent
+        momentum = model.basis.T.T @ np.asarray(as_array(full.M))
+        read = np.asarray(np.linalg.lstsq(as_array(model.M), momentum, rcond=None)[0])
+    moved = states.reshape(len(states), 2, truth.size) @ read.T
+    return np.asarray(moved.reshape(len(states), -1))
 
 
 def as_estimated(loads: Sequence[Load], record: RecordTimes) -> list[Load]:

@@ -1,8 +1,8 @@
 """Error of a reduced model apart from the noise: estimates that the full model would give.
 
-At the estimate the model that was reduced (or, of a large one, a basis three times the size) is fitted to the
-same records. The two Gauss–Newton steps that it asks for are what the reduction has moved the estimates by;
-the standard errors for the noise that is left then are what the noise leaves uncertain.
+From the estimate, the full model (or, of a large one, a basis three times the size) is fitted to the same
+records by two Gauss–Newton steps. Their sum is the error of the estimates by the reduction; the standard
+errors for the residual noise then are the errors by the noise.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from dynid.structure.state_space import without_massless
 
 Array = NDArray[np.float64]
 
-# The most DOFs of a model that is referred to in full; of a larger one so many times the reduced coordinates.
+# Most DOFs of a full model as the reference; of a larger one so many times the reduced coordinates.
 _MOST_DOFS, _FINER = 48, 3
-# Shifts below this part of a parameter are nothing to warn of, whatever the noise.
+# Shifts below this part of a parameter cause no warning, whatever the noise.
 _NEGLIGIBLE = 1e-5
-# The longest step of a logarithm whose first order means anything.
+# Longest step of a logarithm for which the first order is valid.
 _LONGEST = 0.5
 
 
@@ -39,7 +39,7 @@ class ModelError:
     Attributes
     ----------
     reference
-        What the reduced model is compared with, in words.
+        Description of the reference model.
     unknowns
         The unknown parameters (p).
     estimate
@@ -47,7 +47,7 @@ class ModelError:
     shift
         Two Gauss–Newton steps of the logarithms from there towards the optimum with the reference (p).
     noise
-        Standard deviations of the logarithms that the noise leaves (p).
+        Standard deviations of the logarithms by the noise (p).
     response
         RMS of the difference of the predictions over that of the measured values (channels of all records).
     omega, reference_omega
@@ -70,13 +70,13 @@ class ModelError:
 
     @property
     def warning(self) -> str:
-        """Warnings about the reduction; empty where the noise leaves a larger error."""
+        """Warning about the reduction; empty where the error by the noise is larger."""
         if not self.dominant.any():
             return ""
         k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE)))
         name, shift = self.unknowns[k].name, self.shift[k]
         if np.abs(self.shift).max() >= _LONGEST:
-            effect = f"the {self.reference} asks for far other values"
+            effect = f"the estimates with the {self.reference} are far from these"
         else:
             size, way = 100 * abs(np.expm1(shift)), "higher" if shift > 0 else "lower"
             left = 100 * self.noise[k]
@@ -108,7 +108,7 @@ def model_error(
     dofs: list[Label],
     refitted: Callable[[StructuralModel], Likelihood],
 ) -> ModelError:
-    """Compare a reduced model with what it was made from, at the estimate.
+    """Compare a reduced model with the full one, at the estimate.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def model_error(
     reference = refitted(finer)
     other = reference.fit(fit.logs)
     shift = _step(reference, other)
-    # From where it leads: what is left there is noise, and the rest of the way.
+    # The second step; the residual there is noise.
     nearer = reference.fit(fit.logs + shift)
     each = zip(fit.parts, other.parts, likelihood.records, strict=True)
     response = [
@@ -148,13 +148,13 @@ def model_error(
 
 
 def _noise(likelihood: Likelihood, fit: Fit) -> list[Array]:
-    """Return the noise seen, not below rounding."""
+    """Return the residual noise, not below rounding."""
     each = zip(fit.parts, likelihood.records, strict=True)
     return [np.maximum(part.noise, np.finfo(float).eps * record.data.rms) for part, record in each]
 
 
 def _step(likelihood: Likelihood, fit: Fit) -> Array:
-    """Return the Gauss–Newton step of the logarithms, no longer than where it means anything."""
+    """Return the Gauss–Newton step of the logarithms, no longer than is valid to first order."""
     noise = _noise(likelihood, fit)
     step = likelihood.information(fit, noise).step(likelihood.weighted(fit, noise))
     return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
@@ -165,7 +165,7 @@ def _reference(
 ) -> tuple[StructuralModel, str]:
     """Return the full model, or one of many more modes with the joints as estimated, and its name.
 
-    Residual vectors keep it from the weakness of modes alone, which it would share with the reduced model.
+    Residual vectors correct the truncation of modes, an error that it would share with the reduced model.
     """
     count = _FINER * model.size
     if full.size <= max(_MOST_DOFS, count):

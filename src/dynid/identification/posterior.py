@@ -1,7 +1,7 @@
 """Posterior of the parameters at an estimate: information, intervals, bounds, and tests of the residuals.
 
 It is Gaussian in the logarithms of the parameters, and the same for records of time and frequency responses.
-`dynid.identification.verdict` puts it into words, `dynid.identification.write_result` into named arrays.
+`dynid.identification.verdict` states it in words, `dynid.identification.write_result` as named arrays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, NotIdentifiable
 from dynid.identification.calibration import CalibrationSlopes, calibration_slopes
 from dynid.identification.estimators.estimate import Estimate
-from dynid.identification.information import Information, drowned_in_noise
+from dynid.identification.information import Information, below_noise
 from dynid.identification.lack_of_fit import ModelComparison, compare_models
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.model_error import ModelError
@@ -47,7 +47,7 @@ _NOTHING = 1.0
 _ROUND_OFF = 1e-6
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
 _UNKNOWN = 10.0
-# Errors of logarithms below this are round-off, of which a bound of clean data may say anything.
+# Errors of logarithms below this are round-off, for which the bound of clean data has no meaning.
 _LEAST_BOUND = 1e-9
 
 
@@ -67,11 +67,11 @@ class Posterior:
     Attributes
     ----------
     likelihood
-        The likelihood of all records that `estimate` is the optimum of.
+        The likelihood of all records, which `estimate` maximises.
     method
         Name of the estimator.
     estimate
-        What the estimator returned.
+        The estimate.
     dofs
         Labels of the DOFs of the model.
     model_error
@@ -112,13 +112,13 @@ class Posterior:
 
     @property
     def noise(self) -> list[Array]:
-        """Noise of each record, given or seen in the residuals (channels); above round-off, as a divisor."""
+        """Noise of each record, given or that of the residuals (channels); above round-off, as a divisor."""
         each = zip(self.fit.noise, self.likelihood.records, strict=True)
         return [np.maximum(noise, np.finfo(float).eps * record.data.rms) for noise, record in each]
 
     @cached_property
     def information(self) -> Information:
-        """The Fisher information at the estimate, for the noise given or seen in the residuals."""
+        """The Fisher information at the estimate, for the noise given or that of the residuals."""
         return self.likelihood.information(self.fit, self.noise)
 
     @cached_property
@@ -128,12 +128,12 @@ class Posterior:
 
     @property
     def distance_to_optimum(self) -> Array:
-        """The length of that step in standard errors (p)."""
+        """Length of the Gauss–Newton step in standard errors (p)."""
         return np.asarray(np.abs(self.step) / self.information.deviations())
 
     @cached_property
     def held(self) -> NDArray[np.bool_]:
-        """Parameters that stand at a bound which the records would pass (p)."""
+        """Mask of parameters at a bound beyond which the likelihood is greater (p)."""
         direction = self.information.projected.T @ self.likelihood.weighted(self.fit, self.noise)
         return self.likelihood.priors.blocked(self.fit.logs, direction)
 
@@ -144,7 +144,7 @@ class Posterior:
 
     @cached_property
     def scaled_deviations(self) -> Array:
-        """Standard errors of the logarithms (p) for the noise seen instead of the noise given.
+        """Standard errors of the logarithms (p) for the observed noise instead of the given one.
 
         The weights stay those of the noise given: H^-1 J^T D J H^-1, with D the ratios of variances.
         """
@@ -152,7 +152,7 @@ class Posterior:
         for record, part in zip(self.likelihood.records, self.fit.parts, strict=True):
             rows.append(record.by_row(ratio[first : first + len(part.counts)]))
             first += len(part.counts)
-        projected, root = self.information.projected, self.information.root()
+        projected, root = self.information.projected, self.information.root
         scale = np.concatenate([*rows, np.ones(len(projected) - sum(map(len, rows)))])
         spread = root @ (root.T @ (projected * scale[:, None]).T)
         return np.asarray(np.sqrt(np.sum(spread**2, axis=1)))
@@ -169,13 +169,13 @@ class Posterior:
         return self.bound_with(prior=True)
 
     def bound_with(self, *, prior: bool) -> Array:
-        """Return the bound (p), with the priors or of the records alone: infinite if these see nothing."""
+        """Return the bound (p), with the priors or of the records alone: infinite where not identifiable."""
         likelihood, fit, values, true = self.likelihood, self.fit, np.exp(self.fit.logs), self.true
         if not np.isnan(true).any():
             likelihood = self.likelihood.ideal
             fit, values = likelihood.at_truth, true
         each = zip(self.likelihood.records, self.noise, strict=True)
-        noise = [seen if record.data.noise is None else record.data.noise for record, seen in each]
+        noise = [level if record.data.noise is None else record.data.noise for record, level in each]
         if not all(level.all() for level in noise):
             return np.zeros(len(true))  # clean data
         found = likelihood.information(fit, noise, prior=prior)
@@ -200,7 +200,7 @@ class Posterior:
         names, priors = self.likelihood.names, self.likelihood.priors.rows()
         return calibration_slopes(names, derivatives, priors, self.held)
 
-    # Convergence, and what the records say of the model.
+    # Convergence, and tests of the model.
 
     @cached_property
     def comparison(self) -> ModelComparison:
@@ -221,20 +221,20 @@ class Posterior:
     def check(self) -> None:
         """Refuse estimates whose prediction does not explain the records.
 
-        The prediction must explain some of the records as a whole; and what it leaves of a channel may be
-        more than half only where that looks like white noise. Records without any response are not refused:
-        the verdict says so.
+        The prediction must explain a part of the records as a whole; and the residual of a channel may exceed
+        half of its signal only where it is white noise. Records without any response are not refused: the
+        verdict states that.
 
         Raises
         ------
         Diverged
             Naming the parameters.
         NotIdentifiable
-            Naming those of which the records do not show even the order of magnitude.
+            Naming those whose order of magnitude the records do not determine.
         """
         unexplained = self._unexplained()
         unknown = self.information.deviations() > _UNKNOWN
-        # Of a record that is noise alone the verdict says so; there is no estimate to refuse.
+        # Of a record that is noise alone there is no estimate to refuse; the verdict states that.
         if (unexplained or unknown.any()) and not self.comparison.has_signal:
             return
         names = self.likelihood.names
@@ -247,12 +247,12 @@ class Posterior:
                 names=names,
             )
         if unknown.any():
-            raise drowned_in_noise([name for name, yes in zip(names, unknown, strict=True) if yes])
+            raise below_noise([name for name, yes in zip(names, unknown, strict=True) if yes])
 
     def _unexplained(self) -> str:
         """Return why the prediction does not explain the records; empty where it does."""
         each = zip(self.likelihood.records, self.fit.parts, strict=True)
-        # Corrected for what the fit takes up of any record.
+        # Corrected for the degrees of freedom of the fit.
         left = np.concatenate([record.scatter(p.counts, p.size) / record.data.rms for record, p in each])
         if not np.mean(left**2) < _NOTHING**2:
             return f"the prediction explains nothing of the {self.noun}{'s' * self.several}"
@@ -320,33 +320,27 @@ class Posterior:
     def noise_test(self) -> NoiseTest:
         """Test of the residuals against the noise that is given (channels of all records).
 
-        Of prepared records only the part of the values counts that the filters have left of white noise.
-        With a robust loss it is the robust deviation that is compared.
+        Of prepared records only the part of the values counts that the filters pass of white noise. With a
+        robust loss the robust deviation is compared.
         """
-        squares, degrees, robust = [], [], []
-        taken = self._degrees_taken()
-        for record, part, fitted in zip(self.likelihood.records, self.fit.parts, taken, strict=True):
-            given, count = record.data.told, record.data.passed * part.counts
+        squares, degrees, robust, first = [], [], [], 0
+        # Degrees of freedom that the parameters take from each row of the information.
+        shares = np.sum((self.information.projected @ self.information.root) ** 2, axis=1)
+        for record, part, noise in zip(self.likelihood.records, self.fit.parts, self.noise, strict=True):
+            column = record.by_row(np.arange(len(noise)))
+            own = shares[first : first + len(column)]
+            first += len(column)
+            fitted = record.taken(part, noise) + np.bincount(column, own, len(noise))
+            given, count = record.data.given_noise, record.data.passed * part.counts
             if record.data.robust is not None:
-                seen = record.data.robust.scale**2 / record.data.passed
-                squares.append(seen / given**2 * count)
+                variance = record.data.robust.scale**2 / record.data.passed
+                squares.append(variance / given**2 * count)
                 degrees.append(count)
             else:
                 squares.append(part.counts * (part.size / given) ** 2)
                 degrees.append(count - fitted)
             robust.append(np.full(len(given), record.data.robust is not None))
         return noise_test(np.concatenate(squares), np.concatenate(degrees), np.concatenate(robust))
-
-    def _degrees_taken(self) -> list[Array]:
-        """Return the degrees of freedom that the fit takes from each channel of each record (channels)."""
-        shares = np.sum((self.information.projected @ self.information.root()) ** 2, axis=1)
-        taken, first = [], 0
-        for record, part, noise in zip(self.likelihood.records, self.fit.parts, self.noise, strict=True):
-            column = record.by_row(np.arange(len(noise)))
-            here = shares[first : first + len(column)]
-            first += len(column)
-            taken.append(record.taken(part, noise) + np.bincount(column, here, len(noise)))
-        return taken
 
     @property
     def contradicted_noise(self) -> list[int]:

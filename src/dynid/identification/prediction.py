@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.kernels import compiled
-from dynid.identification.record_model import RecordModel, Transition
+from dynid.identification.parametric_model import ParametricModel, Transition
 from dynid.lti.recurrence import free_response, recurrence
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Steps: TypeAlias = "list[Transition] | Linear"
 """The steps of all lengths at some parameters, as NumPy or as kernels have them."""
 
-# Runs are cut at so many steps: what is in work does not grow with the record.
+# Runs are cut at so many steps: work arrays do not grow with the record.
 _LONGEST_RUN = 4096
 
 
@@ -54,8 +54,8 @@ class Prediction(NamedTuple):
     by_state: Array
 
 
-def free_prediction(model: RecordModel, logs: Array) -> tuple[Free, Steps]:
-    """Return the prediction for every initial state, and the steps it was made with.
+def free_prediction(model: ParametricModel, logs: Array) -> tuple[Free, Steps]:
+    """Return the prediction for every initial state, and the steps that it uses.
 
     Parameters
     ----------
@@ -66,37 +66,33 @@ def free_prediction(model: RecordModel, logs: Array) -> tuple[Free, Steps]:
     """
     line, n = model.line, model.states
     if compiled(len(line.nodes), n + len(line.G), model.parameters):
-        return _free_compiled(model, logs)
+        from dynid.identification.kernels import prediction_kernel  # loads numba
+        from dynid.identification.kernels.steps import tables
+
+        at = prediction_kernel.steps_at(model, logs)
+        outputs = np.empty(model.feedthrough.shape)
+        by_state = np.empty((*outputs.shape, n))
+        prediction_kernel.free(tables(model), at, model.output(logs)[0], outputs, by_state)
+        return Free(outputs, by_state), at
     transitions = [model.transition(logs, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     forced = np.zeros((len(line.nodes), n))
     C, state = model.output(logs)[0], np.eye(n)
     sample_of = line.sample_of()
-    # Of the response to the state only what the channels see is kept: all of it would be n times as much.
+    # Of the response to the state only that of the channels is kept: all of it would be n times as large.
     by_state = np.empty((len(line.wanted), len(C), n))
     by_state[sample_of[:1]] = C
     for first, last, k in runs(line.which):
         Phi = transitions[k].step[:, :n]
         after = slice(first + 1, last + 1)
         forced[after] = recurrence(Phi, forcing[first:last, None], forced[first, None])[:, 0]
-        seen, state = free_response(Phi, state, C, last - first)
+        by_nodes, state = free_response(Phi, state, C, last - first)
         here = sample_of[after]
-        by_state[here[here >= 0]] = seen[here >= 0]
+        by_state[here[here >= 0]] = by_nodes[here >= 0]
     return Free(forced[line.wanted] @ C.T + model.feedthrough, by_state), transitions
 
 
-def _free_compiled(model: RecordModel, logs: Array) -> tuple[Free, Steps]:
-    from dynid.identification.kernels import prediction_kernel  # loads numba
-    from dynid.identification.kernels.steps import tables
-
-    C, at = model.output(logs)[0], prediction_kernel.steps_at(model, logs)
-    forced = np.empty(model.feedthrough.shape)
-    by_state = np.empty((*forced.shape, model.states))
-    prediction_kernel.free(tables(model), at, C, forced, by_state)
-    return Free(forced, by_state), at
-
-
-def prediction(model: RecordModel, logs: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
+def prediction(model: ParametricModel, logs: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
     """Return the prediction from `x0` with its sensitivities to the parameters' logarithms.
 
     Parameters
@@ -106,44 +102,38 @@ def prediction(model: RecordModel, logs: Array, x0: Array, free: Free, steps: St
     x0
         Initial state (n), scaled.
     free, steps
-        What `free_prediction` returned for the same parameters.
+        The result of `free_prediction` for the same parameters.
     """
-    if not isinstance(steps, list):
-        return _compiled(model, logs, x0, free, steps)
-    transitions = steps
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
+    C, C_slopes = model.output(logs)
+    if not isinstance(steps, list):
+        from dynid.identification.kernels import prediction_kernel  # loads numba
+        from dynid.identification.kernels.steps import tables
+
+        outputs = np.empty(model.feedthrough.shape)
+        by_time, by_parameter = np.empty((len(outputs), n)), np.empty((*outputs.shape, p))
+        varying = C_slopes if C_slopes.any() else C_slopes[:0]
+        prediction_kernel.sensitive(tables(model), steps, C, varying, x0, outputs, by_time, by_parameter)
+        return Prediction(outputs, by_time, by_parameter, free.by_state)
+    transitions = steps
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     drift = _forcing(model, [transition.derivatives[:, :, n:] for transition in transitions])
     states, slopes = np.empty((nodes, 1, n)), np.empty((nodes, p, n))
     states[0], slopes[0] = x0, 0.0
     for first, last, k in runs(model.line.which):
-        Phi, by_parameter = transitions[k].step[:, :n], transitions[k].derivatives[:, :, :n]
+        Phi, Phi_slopes = transitions[k].step[:, :n], transitions[k].derivatives[:, :, :n]
         after = slice(first + 1, last + 1)
         states[after] = recurrence(Phi, forcing[first:last, None], states[first])
-        moved = (states[first:last, 0] @ by_parameter.swapaxes(1, 2)).swapaxes(0, 1)
-        slopes[after] = recurrence(Phi, moved + drift[first:last], slopes[first])
+        driven = (states[first:last, 0] @ Phi_slopes.swapaxes(1, 2)).swapaxes(0, 1)
+        slopes[after] = recurrence(Phi, driven + drift[first:last], slopes[first])
     trajectory, slopes = states[model.line.wanted, 0], slopes[model.line.wanted]
-    C, C_slopes = model.output(logs)
-    seen = (slopes.reshape(-1, n) @ C.T).reshape(-1, p, len(C)).swapaxes(1, 2)
+    moved = (slopes.reshape(-1, n) @ C.T).reshape(-1, p, len(C)).swapaxes(1, 2)
     direct = np.moveaxis(trajectory @ C_slopes.swapaxes(1, 2), 0, -1)
     outputs = trajectory @ C.T + model.feedthrough
-    return Prediction(outputs, trajectory, seen + direct, free.by_state)
+    return Prediction(outputs, trajectory, moved + direct, free.by_state)
 
 
-def _compiled(model: RecordModel, logs: Array, x0: Array, free: Free, at: Linear) -> Prediction:
-    from dynid.identification.kernels import prediction_kernel  # loads numba
-    from dynid.identification.kernels.steps import tables
-
-    C, C_slopes = model.output(logs)
-    outputs = np.empty(model.feedthrough.shape)
-    states = np.empty((len(outputs), model.states))
-    by_parameter = np.empty((*outputs.shape, model.parameters))
-    varying = C_slopes if C_slopes.any() else C_slopes[:0]
-    prediction_kernel.sensitive(tables(model), at, C, varying, x0, outputs, states, by_parameter)
-    return Prediction(outputs, states, by_parameter, free.by_state)
-
-
-def forced_by(model: RecordModel, logs: Array, loads: Sequence[int]) -> Array:
+def forced_by(model: ParametricModel, logs: Array, loads: Sequence[int]) -> Array:
     """Return the response to some of the loads alone, from the state that they prescribe (times x channels).
 
     Parameters
@@ -158,7 +148,7 @@ def forced_by(model: RecordModel, logs: Array, loads: Sequence[int]) -> Array:
     return np.asarray(free.forced + free.by_state @ part.initial)
 
 
-def rates(model: RecordModel, logs: Array, states: Array) -> Array:
+def rates(model: ParametricModel, logs: Array, states: Array) -> Array:
     """Return the derivatives of the outputs by time (times x channels).
 
     Parameters
@@ -169,7 +159,7 @@ def rates(model: RecordModel, logs: Array, states: Array) -> Array:
         States at the sampling times (times x n), scaled.
     """
     line = model.line
-    A = model.A + np.einsum("p,pij->ij", np.exp(logs), model.A_slopes)
+    A, _ = model.system(logs)
     moving = states @ A.T + model.W[line.wanted] @ model.drive.T
     return np.asarray(moving @ model.output(logs)[0].T + line.inputs(order=1) @ model.D.T)
 
@@ -182,7 +172,7 @@ def runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
             yield first, min(first + _LONGEST_RUN, end), int(which[first])
 
 
-def _forcing(model: RecordModel, gammas: list[Array]) -> Array:
+def _forcing(model: ParametricModel, gammas: list[Array]) -> Array:
     """Return ``Gamma w`` of every interval (intervals x …)."""
     shape = gammas[0].shape[:-1] if gammas else (0,)
     out = np.empty((len(model.line.which), *shape))

@@ -1,15 +1,15 @@
 """Preparation of measured records by named steps: detrending, band-pass, decimation.
 
 A filter that treats outputs and inputs alike leaves the linear relation between them unchanged, as far from
-the ends of the record as its response reaches; so the ends are cut off. Inside, the filtered state follows
-the same equations of motion: free vibration and unknown initial states stay what they are.
+the ends of the record as its response reaches; so the ends are cut off. Between them, the filtered state
+follows the same equations of motion, with free vibration and an unknown initial state as before.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.measurement import Experiment, Measurement, Simulation, as_estimated
-from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, RecordTimes, Sampled, Signal, Step
+from dynid.identification.measurement import Experiment, Simulation, as_estimated
+from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
 from dynid.structure.response import Load
 
 Array = NDArray[np.float64]
 
-# What is left of a filter's response where the ends of a record are cut off.
+# Remainder of a filter's response where the ends of a record are cut off.
 _TAIL = 1e-5
 # Cut-off of the anti-alias filter as a part of the new Nyquist frequency, its ripple in dB and its order
 # (as scipy.signal.decimate has them; it passes twice).
@@ -50,21 +50,21 @@ class Samples(NamedTuple):
 class Preparation(Protocol):
     """One step of a preparation.
 
-    `name` is its key in scenes, `refused` the signals that it cannot treat as it treats samples.
+    `name` is its key in scenes, `refused` the signals that it cannot be applied to.
     """
 
     name: ClassVar[str]
     refused: ClassVar[tuple[type, ...]]
 
     @property
-    def said(self) -> str:
-        """The step in words."""
+    def description(self) -> str:
+        """Description of the step."""
 
     def apply(self, samples: Samples) -> Samples:
-        """Return the samples it makes of samples; it may cut off both ends."""
+        """Return the prepared samples; both ends may be cut off."""
 
     def gain(self, omega: Array, samples: Samples) -> Array:
-        """Return what it multiplies endless sines of these frequencies (rad/s) with."""
+        """Return the gain on endless sines of these frequencies (rad/s)."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class Detrend:
     refused: ClassVar[tuple[type, ...]] = (Step,)
 
     @property
-    def said(self) -> str:
-        """The step in words."""
+    def description(self) -> str:
+        """Description of the step."""
         return f"detrend {('constant', 'linear')[self.degree]}"
 
     def apply(self, samples: Samples) -> Samples:
@@ -99,7 +99,7 @@ class Detrend:
 
 
 class _Filter(ABC):
-    """A filter that runs forth and back (zero phase): its gain is that of one run, squared."""
+    """A zero-phase filter, applied forwards and backwards: its gain is that of one run, squared."""
 
     refused: ClassVar[tuple[type, ...]] = (Step, Impulse, Impact)
 
@@ -133,7 +133,7 @@ class _Filter(ABC):
 
 @dataclass(frozen=True)
 class BandPass(_Filter):
-    """Pass the band from `low` to `high` (rad/s): Butterworth of this `order`, run forth and back.
+    """Zero-phase Butterworth filter of this `order` that passes the band from `low` to `high` (rad/s).
 
     Without a low end (0) it is a low-pass.
     """
@@ -145,8 +145,8 @@ class BandPass(_Filter):
     name: ClassVar[str] = "band_pass"
 
     @property
-    def said(self) -> str:
-        """The step in words."""
+    def description(self) -> str:
+        """Description of the step."""
         return f"band-pass {self.low:.5g} … {self.high:.5g} rad/s"
 
     def design(self, samples: Samples) -> Design:
@@ -168,7 +168,7 @@ class BandPass(_Filter):
 
 @dataclass(frozen=True)
 class Decimate(_Filter):
-    """Keep every `factor`-th sample, behind an anti-alias filter (Chebyshev, run forth and back).
+    """Keep every `factor`-th sample, after a zero-phase anti-alias filter (Chebyshev).
 
     Inputs known by samples are filtered alike, but keep their samples: a response to them is exact as before.
     """
@@ -178,8 +178,8 @@ class Decimate(_Filter):
     name: ClassVar[str] = "decimate"
 
     @property
-    def said(self) -> str:
-        """The step in words."""
+    def description(self) -> str:
+        """Description of the step."""
         return f"decimate {self.factor}"
 
     def design(self, samples: Samples) -> Design:
@@ -210,7 +210,7 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
     Experiment
         The record, shorter by the reach of the filters at both ends. Sines are scaled by the filters' gain
         and keep their continuous form; what is known by samples, and sweeps, are filtered as the channels
-        are. Detrending leaves sines and transients as they are. `Measurement.prepared` tells the steps.
+        are. Detrending leaves sines and transients as they are. `Measurement.prepared` names the steps.
 
     Raises
     ------
@@ -219,9 +219,9 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
 
     Notes
     -----
-    White noise comes out of a filter coloured. A noise that is given is passed on as its density in the band
-    that is left, so that error bars are right there; one that is estimated from the residuals is taken for
-    white noise of which the filters have left the part `Measurement.passed`.
+    A filter colours white noise. A given noise is passed on as its density in the pass band, for which error
+    bars are valid; one that is estimated from the residuals is taken for white noise of which the filters
+    pass the part `Measurement.passed`.
     """
     given = experiment.measurement
     if not steps:
@@ -229,10 +229,11 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
     if isinstance(given.source, Simulation):
         raise UsageError("a simulated record needs no preparation", names=("prepare",))
     channels = len(given.channels)
-    loads = [
-        load._replace(signal=_as_samples(load.signal, given.record))
-        for load in as_estimated(experiment.loads, given.record)
-    ]
+    loads = as_estimated(experiment.loads, given.record)
+    for k, load in enumerate(loads):  # sweeps as samples, and samples at those of the record
+        if isinstance(signal := load.signal, Sampled | Chirp):
+            hold, sampled = getattr(signal, "hold", "spline"), signal.value(given.record.times)
+            loads[k] = load._replace(signal=Sampled(sampled, given.step, hold, given.record.start))
     inputs = [load.signal for load in loads if isinstance(load.signal, Sampled)]
     values = np.column_stack([np.asarray(given.source), *(signal.values for signal in inputs)])
     samples = Samples(values, given.step, given.record.start)
@@ -241,52 +242,40 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
     for place, step in enumerate(steps):
         try:
             loads = [_scaled(load, step, samples) for load in loads]
-            _check_whole(experiment, step, samples.values)
+            missing = np.isnan(samples.values).sum(axis=0)
+            if missing.any() and not isinstance(step, Detrend):
+                channel = given.channels[int(np.flatnonzero(missing)[0])]
+                raise UsageError(
+                    f"{channel.name} has {int(missing.max())} missing samples, which a filter would spread",
+                    remedy="Fill the gaps, take a stretch without any, or leave the filter out.",
+                )
             power *= step.gain(omega, samples) ** 2
             samples = step.apply(samples)
         except UsageError as error:
             name = f"prepare.{place}.{step.name}"
             raise UsageError(error.problem, remedy=error.remedy, names=(name,)) from error
     columns = iter(samples.values[:, channels:].T)
+    for k, load in enumerate(loads):
+        if isinstance(load.signal, Sampled):
+            signal = Sampled(next(columns), samples.step, load.signal.hold, samples.start)
+            loads[k] = load._replace(signal=signal)
+    kept = samples.values[:: samples.stride, :channels]
     measurement = replace(
-        _measured(given, samples),
-        passed=samples.stride * float(np.mean(power)),
-        prepared=tuple(step.said for step in steps),
-    )
-    return Experiment([_sampled(load, columns, samples) for load in loads], measurement)
-
-
-def _measured(given: Measurement, samples: Samples) -> Measurement:
-    """Return a measurement with the prepared samples of its channels, which stand first."""
-    kept = samples.values[:: samples.stride, : len(given.channels)]
-    return replace(
         given,
         step=given.step * samples.stride,
         samples=len(kept),
         source=kept,
-        # Of white noise this much is left in the band that is kept, per sample.
+        # The density of white noise in the band that is kept, per sample.
         noise=None if given.given_noise is None else list(given.given_noise / math.sqrt(samples.stride)),
         start=samples.start,
+        passed=samples.stride * float(np.mean(power)),
+        prepared=tuple(step.description for step in steps),
     )
-
-
-def _as_samples(signal: Signal, record: RecordTimes) -> Signal:
-    """Return a signal that is known by samples, or sweeps, as its samples at those of the record."""
-    if isinstance(signal, Sampled | Chirp):
-        hold = getattr(signal, "hold", "spline")
-        return Sampled(signal.value(record.times), record.step, hold, record.start)
-    return signal
-
-
-def _sampled(load: Load, columns: Iterator[Array], samples: Samples) -> Load:
-    """Return a load with the next of the prepared columns, if it is known by samples."""
-    if not isinstance(load.signal, Sampled):
-        return load
-    return load._replace(signal=Sampled(next(columns), samples.step, load.signal.hold, samples.start))
+    return Experiment(loads, measurement)
 
 
 def _scaled(load: Load, step: Preparation, samples: Samples) -> Load:
-    """Return a load with its sines scaled by the step's gain; what the step cannot treat is refused."""
+    """Return a load with its sines scaled by the step's gain; other continuous signals are refused."""
     signal = load.signal
     if isinstance(signal, step.refused):
         raise UsageError(
@@ -297,16 +286,3 @@ def _scaled(load: Load, step: Preparation, samples: Samples) -> Load:
         return load
     amplitude = np.asarray(signal.amplitude) * step.gain(np.asarray(signal.frequency), samples)
     return load._replace(signal=Multisine(amplitude.tolist(), signal.frequency, signal.phase))
-
-
-def _check_whole(experiment: Experiment, step: Preparation, values: Array) -> None:
-    """Refuse to filter a record with missing samples."""
-    if isinstance(step, Detrend):
-        return
-    missing = np.isnan(values).sum(axis=0)
-    if missing.any():
-        channel = experiment.measurement.channels[int(np.flatnonzero(missing)[0])]
-        raise UsageError(
-            f"{channel.name} has {int(missing.max())} missing samples, which a filter would spread",
-            remedy="Fill the gaps, take a stretch without any, or leave the filter out.",
-        )

@@ -50,40 +50,36 @@ def whiteness(*residuals: Array) -> float:
     Returns
     -------
     float
-        Near 0: coloured. 1 where the records are too short to tell.
+        Near 0: coloured. 1 where the records are too short to be tested.
 
     Notes
     -----
     Q = N (N + 2) sum_l r_l^2 / (N - l), summed over channels and records, against chi-squared; lags up to
     min(20, N / 4). G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297–303.
     """
-    degrees, statistics = zip(*(_ljung_box(residual) for residual in residuals), strict=True)
-    return chi_squared_tail(sum(degrees), sum(statistics)) if any(degrees) else 1.0
-
-
-def _ljung_box(residual: Array) -> tuple[int, float]:
-    """Return degrees of freedom and statistic of one record."""
-    n = len(residual)
-    lags = min(20, n // 4)
-    if lags == 0:
-        return 0, 0.0
-    centred = standardised(residual)
-    power = np.einsum("tc,tc->c", centred, centred)
-    channels = np.flatnonzero(power > 0)
-    if not len(channels):
-        return 0, 0.0
-    r = autocovariances(centred, lags)[:, channels] / power[channels]
-    weights = n * (n + 2) / (n - np.arange(1, lags + 1))
-    return lags * len(channels), float(np.sum(weights[:, None] * r**2))
+    degrees, statistic = 0, 0.0
+    for residual in residuals:
+        n = len(residual)
+        lags = min(20, n // 4)
+        centred = standardised(residual)
+        power = np.einsum("tc,tc->c", centred, centred)
+        channels = np.flatnonzero(power > 0)
+        if lags == 0 or not len(channels):
+            continue
+        r = autocovariances(centred, lags)[:, channels] / power[channels]
+        weights = n * (n + 2) / (n - np.arange(1, lags + 1))
+        degrees += lags * len(channels)
+        statistic += float(np.sum(weights[:, None] * r**2))
+    return chi_squared_tail(degrees, statistic) if degrees else 1.0
 
 
 def is_coloured(whiteness_p: float) -> bool:
-    """Tell whether residuals are clearly no white noise."""
+    """Return True if residuals are clearly not white noise."""
     return whiteness_p < _WHITE_P
 
 
 def is_optimal(step: Array, deviations: Array) -> bool:
-    """Tell whether an estimate is at the optimum of the record.
+    """Return True if an estimate is at the optimum of the record.
 
     Parameters
     ----------
@@ -96,7 +92,7 @@ def is_optimal(step: Array, deviations: Array) -> bool:
 
 
 def is_explained(residual_ratio: Array, whiteness_p: float) -> bool:
-    """Tell whether residuals are small, or noise.
+    """Return True if residuals are small, or white noise.
 
     Parameters
     ----------
@@ -209,10 +205,10 @@ def _interval(degrees: int) -> tuple[float, float]:
 
 
 class NoiseTest(NamedTuple):
-    """Residuals against the noise that is given.
+    """Test of residuals against the given noise.
 
     `p` of all channels together; of each channel (NaN where no noise is given) `channel_p` and `ratio`, the
-    standard deviation seen over that given.
+    observed standard deviation over the given one.
     """
 
     p: float
@@ -221,7 +217,7 @@ class NoiseTest(NamedTuple):
 
 
 class ResidualShape(NamedTuple):
-    """ResidualShape of the distribution of one channel's residual.
+    """Shape of the distribution of one channel's residual.
 
     Attributes
     ----------
@@ -260,15 +256,16 @@ def noise_test(squares: Array, degrees: Array, robust: NDArray[np.bool_]) -> Noi
     squares
         Sums of squared residuals over the given variance (channels), NaN where none is given.
     degrees
-        Their degrees of freedom: values less what the fit takes of them (channels). Without any left there
-        is nothing to test.
+        Their degrees of freedom: values less those of the fit (channels). Channels without any are not
+        tested.
     robust
-        Of which channels `squares` are so many squares of a median absolute deviation instead (channels).
+        Mask of channels whose `squares` are those of a median absolute deviation times `degrees` (channels).
 
     Notes
     -----
     The sum over all channels and each channel by itself are tested; the p-value of all is the smallest of
-    these times their number (Bonferroni), so that a channel that is too quiet hides none that is too loud.
+    these times their number (Bonferroni), so that too small a noise in one channel does not mask too large a
+    noise in another.
     """
     tested = ~np.isnan(squares) & (degrees >= 0.5)
     p, ratio = np.full((2, len(squares)), np.nan)
@@ -325,14 +322,22 @@ def residual_shape(residual: Array, level: float) -> ResidualShape | None:
     deviation = float(np.median(sizes) / NORMAL_MAD) or float(np.sqrt(np.mean(sizes**2)))
     if not (deviation > 0 and spread > 0):
         return None
-    # Of few samples the median absolute deviation is uncertain: an outlier has to stand out beyond that.
+    # Of few samples the median absolute deviation is uncertain, which the level of outliers includes.
     sure = deviation * (1 + 2 * _MAD_SPREAD / math.sqrt(n))
     ranked = np.argsort(-sizes, kind="stable")
     beyond = ranked[: sum(1 for _ in takewhile(lambda k: n * _tails(sizes[k] / sure) < level, ranked))]
     kurtosis, kurtosis_p = _kurtosis(z)
+    t = abs(mean) / spread  # the mean in its standard errors
+    mean_p = _tails(t)
+    if order:
+        from scipy.special import stdtr  # heavy import, needed here only
+
+        # The density at frequency 0 of an autoregression is known to n / (2 order) degrees of freedom
+        # (K. N. Berk, Ann. Statist. 2 (1974) 489–502).
+        mean_p = 2 * float(stdtr(n / (2 * order), -t))
     return ResidualShape(
         mean * unit,
-        _mean_p(abs(mean) / spread, n, order),
+        mean_p,
         deviation * unit,
         kurtosis,
         kurtosis_p,
@@ -347,19 +352,6 @@ def residual_shape(residual: Array, level: float) -> ResidualShape | None:
 def _tails(x: float) -> float:
     """Return the probability that a standard normal number is farther from zero than x."""
     return math.erfc(x / math.sqrt(2))
-
-
-def _mean_p(t: float, n: int, order: int) -> float:
-    """Return the p-value of a mean of n samples, t of its standard errors away from zero.
-
-    The density at frequency 0 of an autoregression is known to so many degrees of freedom: n / (2 order)
-    (K. N. Berk, Ann. Statist. 2 (1974) 489–502).
-    """
-    if not order:
-        return _tails(t)
-    from scipy.special import stdtr  # heavy import, needed here only
-
-    return 2 * float(stdtr(n / (2 * order), -t))
 
 
 def _whitened(residual: Array) -> tuple[Array, float, int]:

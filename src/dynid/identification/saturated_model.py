@@ -1,11 +1,11 @@
-"""Regressors of the saturated model of a record: what its channels would show of any linear structure.
+"""Regressors of the saturated model of a record: the response of any linear structure, channel by channel.
 
-The scene's model ties all amplitudes and poles to a few unknowns. The saturated model has them free, channel
-by channel: a complex amplitude at every excited frequency; where a force is no sum of sines, a residue of
-every pole and a direct term; free decays; and the poles themselves, to first order. The scene's prediction
-and its derivatives belong to it as well, so that the scene's model is nested in it to first order. What
-follows these shows other faults of a model: a trend, and harmonics (powers of the prediction: J. B. Ramsey,
-J. R. Stat. Soc. B 31 (1969) 350–371). What residuals tell of the next one is no noise either.
+The scene's model ties all amplitudes and poles to a few unknowns. In the saturated model they are free,
+channel by channel: a complex amplitude at every excited frequency; where a force is not a sum of sines, a
+residue of every pole and a direct term; free decays; and the poles themselves, to first order. The scene's
+prediction and its derivatives belong to it as well, so that the scene's model is nested in it to first order.
+Further regressors are for other faults of a model: a trend, and harmonics (powers of the prediction: J. B.
+Ramsey, J. R. Stat. Soc. B 31 (1969) 350–371). Delayed residuals take up the predictable part of the noise.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ ComplexArray = NDArray[np.complex128]
 
 # Part of the values of a channel that the regressors may be.
 _COLUMN_PART = 3
-# Residuals before a value that may tell of it, at the most; and the part of the values that they may be.
+# Most delayed residuals that are regressors; and the part of the values that they may be.
 _LAGS, _LAG_PART = 8, 20
-# A pole this many times faster than the sampling rate has died within a sample.
+# A pole this many times faster than the sampling rate has decayed within a sample.
 _FAST = 3.0
 # Largest growth over a record that a column may have.
 _GROWTH = 30.0
-# Norm that is left of a column of norm 1 beside those before it, below which it tells nothing new.
+# Norm of a column of norm 1, projected off those before it, below which it is linearly dependent.
 _NEW = 1e-5
 
 
 class RegressorKind(IntEnum):
     """The kind of a regressor.
 
-    A line or direct term, a mode, the move of a pole, the scene's own, a fault, or residuals before.
+    Lines and direct terms, modes, derivatives by poles, the scene's own, faults, delayed residuals.
     """
 
     LINE = 0
@@ -55,10 +55,10 @@ class RegressorKind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """Regressors (rows x d): what `kind` each is of (d), and which `group` (d) of one complex number.
+    """Regressors (rows x d) with their `kind` (d) and `group` (d): columns of one complex number.
 
-    The move of a pole has the group of the mode's amplitude. `rate` (d) is the change of a pole's column by a
-    relative change of the pole, and the `pole` (d) itself, NaN of other columns.
+    The derivative by a pole has the group of the mode's amplitude. `rate` (d) is the change of a pole's
+    column by a relative change of the pole, and `pole` (d) the pole itself, NaN of other columns.
     """
 
     values: Array
@@ -123,7 +123,7 @@ class SaturatedCoordinates:
     by_state, by_parameter
         Derivatives of the prediction (m x n, m x p).
     count
-        How many independent values there are.
+        Number of independent values.
     energy, left
         Sums of squares of the measured values and of the residuals.
     """
@@ -145,7 +145,8 @@ class SaturatedCoordinates:
 class ChannelColumns(NamedTuple):
     """The saturated model of one channel (rows): `prediction`, `residual`, derivatives.
 
-    `by_state` (rows x n), `by_parameter` (rows x p), `faults` and residuals `before` (rows x any).
+    `by_state` (rows x n), `by_parameter` (rows x p), `faults` and delayed residuals `before` (rows x
+    any).
     """
 
     prediction: Array
@@ -164,7 +165,7 @@ def regressors_in_time(
     Parameters
     ----------
     signals
-        What acts.
+        The inputs as signals.
     inputs
         Their values, and their derivatives (times x signals).
     poles
@@ -174,11 +175,19 @@ def regressors_in_time(
     most
         How many regressors there may be.
     """
-    lines = _lines(signals)
-    broad = [k for k, signal in enumerate(signals) if _source(signal) is None]
+    # The sums of sines among the signals, or those of which a signal is a derivative.
+    sources = [getattr(signal, "signal", signal) for signal in signals]
+    sines = [source for source in sources if isinstance(source, Multisine)]
+    excited = [np.abs(sine.frequency)[np.asarray(sine.amplitude) != 0] for sine in sines]
+    lines = np.unique(np.concatenate([np.empty(0), *excited]))
+    broad = [k for k, source in enumerate(sources) if not isinstance(source, Multisine)]
     if 2 * len(lines) > most // 2:  # too many to be free: as a broadband force
         lines, broad = np.empty(0), list(range(len(signals)))
-    found = [_waves(omega, times) for omega in lines]
+    found = []
+    for omega in lines:
+        phase = omega * times
+        sine = np.column_stack([np.cos(phase), np.sin(phase)])
+        found.append(sine if omega else np.ones((len(times), 1)))
     found += [_unit(values[:, [k]]) for values in inputs for k in broad]
     direct = Regressors.of(RegressorKind.LINE, found, len(times))
     step, span = _spacing(times)
@@ -204,27 +213,8 @@ def _spacing(times: Array) -> tuple[float, float]:
     return (span / (len(times) - 1), span) if span else (1.0, 1.0)
 
 
-def _source(signal: Signal) -> Multisine | None:
-    """Return the sum of sines that a signal is, or is a derivative of."""
-    given = getattr(signal, "signal", signal)
-    return given if isinstance(given, Multisine) else None
-
-
-def _lines(signals: Sequence[Signal]) -> Array:
-    """Return the frequencies of all sines that act, rad/s."""
-    found = [source for signal in signals if (source := _source(signal)) is not None]
-    each = [np.abs(source.frequency)[np.asarray(source.amplitude) != 0] for source in found]
-    return np.unique(np.concatenate([np.empty(0), *each]))
-
-
-def _waves(omega: float, times: Array) -> Array:
-    """Return cosine and sine of a frequency, rad/s; of frequency 0 a constant."""
-    phase = omega * times
-    return np.column_stack([np.cos(phase), np.sin(phase)]) if omega else np.ones((len(times), 1))
-
-
 def upper_poles(poles: ComplexArray, fastest: float, shortest: float) -> ComplexArray:
-    """Return one pole of each pair, the slow ones first; none that sampling does not show."""
+    """Return one pole of each pair, the slow ones first; none beyond the limits of sampling."""
     real = np.abs(poles.imag) <= 1e-9 * np.abs(poles)
     upper = np.where(real, poles.real, poles)[real | (poles.imag > 0)]
     upper = upper[(upper.imag < fastest) & (upper.real > -shortest)]
@@ -238,7 +228,7 @@ def _modes(poles: ComplexArray, forces: Array, times: Array) -> tuple[list[list[
     moves: list[list[Array]] = []
     since = (times - times[0]) / span
     for pole in poles:
-        # What grows is taken backwards: only its direction counts.
+        # A growing mode is scaled to its end: only the direction of a column matters.
         decay = np.exp(pole * span * (since - (1.0 if pole.real > 0 else 0.0)))
         forced, moved = _forced(pole, forces, times)
         modes.append([_pair(column, pole) for column in (*forced, decay)])
@@ -276,13 +266,13 @@ def most_regressors(rows: int) -> int:
 
 
 def fault_columns(prediction: Array) -> Array:
-    """Return columns of what no linear structure does (times x 4): a trend and harmonics of a prediction."""
+    """Return regressors of faults (times x 4): a trend, and harmonics of a prediction."""
     rows = len(prediction)
     return np.column_stack([np.ones(rows), np.linspace(-1, 1, rows), prediction**2, prediction**3])
 
 
 def delayed_residuals(residual: Array) -> Array:
-    """Return the residuals before (times x any) of a channel (times), 0 where a value is missing."""
+    """Return the delayed residuals (times x any) of a channel (times), 0 where a value is missing."""
     return np.column_stack([np.zeros((len(residual), 0)), *_delayed(residual)])
 
 
@@ -296,7 +286,7 @@ def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, most: 
     omega
         Lines (L), rad/s.
     profile
-        What values count by (L).
+        Deviation by line by which values are divided (L).
     most
         How many regressors there may be.
     """
@@ -324,7 +314,7 @@ def _parts(values: ComplexArray) -> Array:
 
 
 def delayed_residuals_by_line(residual: Array) -> Array:
-    """Return the residuals of lines before (2 L x any), real parts above imaginary ones."""
+    """Return the residuals delayed by lines (2 L x any), real parts above imaginary ones."""
     real, imaginary = np.split(residual, 2)
     each = [*zip(_delayed(real), _delayed(imaginary), strict=True)]
     turned = [part for a, b in each for part in (np.concatenate([a, b]), np.concatenate([-b, a]))]
@@ -337,20 +327,26 @@ def _delayed(residual: Array) -> Iterator[Array]:
         yield np.concatenate([np.zeros(lag), residual[:-lag]])
 
 
-def saturated_coordinates(shared: Regressors, seen: ChannelColumns, count: float) -> SaturatedCoordinates:
+def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: float) -> SaturatedCoordinates:
     """Return a channel in orthonormal directions of its saturated model, in the order of its regressors.
 
     Parameters
     ----------
     shared
         The regressors besides the scene's own (rows x d), 0 where a value is missing.
-    seen
-        The channel, alike.
+    channel
+        The columns of the channel itself, alike.
     count
         How many independent values it has.
     """
-    named = [seen.prediction[:, None], seen.by_parameter, seen.by_state, seen.faults, seen.before]
-    own = np.concatenate([*named, seen.residual[:, None]], axis=1)
+    named = [
+        channel.prediction[:, None],
+        channel.by_parameter,
+        channel.by_state,
+        channel.faults,
+        channel.before,
+    ]
+    own = np.concatenate([*named, channel.residual[:, None]], axis=1)
     largest = np.abs(own).max(axis=0, initial=0.0)
     own /= np.where(largest > 0, largest, 1.0)
     across = shared.values.T @ own
@@ -359,9 +355,9 @@ def saturated_coordinates(shared: Regressors, seen: ChannelColumns, count: float
     unit = np.where(size > 0, size, 1.0)
     gram = gram / unit / unit[:, None]
     norms = size * np.concatenate([np.ones(len(shared.kind)), largest])
-    first, p = shared.values.shape[1], seen.by_parameter.shape[1]
-    last = first + 1 + p + seen.by_state.shape[1]
-    widths = [last - first, seen.faults.shape[1], seen.before.shape[1]]
+    first, p = shared.values.shape[1], channel.by_parameter.shape[1]
+    last = first + 1 + p + channel.by_state.shape[1]
+    widths = [last - first, channel.faults.shape[1], channel.before.shape[1]]
     kinds = np.repeat([RegressorKind.SCENE, RegressorKind.FAULT, RegressorKind.BEFORE], widths)
     group, pole, rate = (
         np.concatenate([part, np.full(len(kinds), -1)]) for part in (shared.group, shared.pole, shared.rate)
@@ -379,13 +375,13 @@ def saturated_coordinates(shared: Regressors, seen: ChannelColumns, count: float
         by_state=R[:, first + 1 + p : last],
         by_parameter=R[:, first + 1 : first + 1 + p],
         count=count,
-        energy=float(np.sum((seen.prediction + seen.residual) ** 2)),
-        left=float(np.sum(seen.residual**2)),
+        energy=float(np.sum((channel.prediction + channel.residual) ** 2)),
+        left=float(np.sum(channel.residual**2)),
     )
 
 
 def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Array]:
-    """Return which of the active columns tell something new, and all columns in their directions.
+    """Return the linearly independent active columns, and all columns in their directions (Cholesky).
 
     Parameters
     ----------
@@ -394,7 +390,7 @@ def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Ar
     active
         How many of them are regressors.
     most
-        How many directions there may be.
+        Most directions.
     """
     left = gram.copy()
     places: list[int] = []

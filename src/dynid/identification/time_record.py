@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.calibration import DELAY, GAIN_CHANGE, CalibrationDerivatives
-from dynid.identification.filter import FilterPrior
+from dynid.identification.filter import FilterPrior, stored_rows
 from dynid.identification.information import Information, information
 from dynid.identification.kernels import compiled
 from dynid.identification.least_squares import (
@@ -21,8 +21,9 @@ from dynid.identification.least_squares import (
     triangular_factors,
     without_state,
 )
-from dynid.identification.likelihood import Likelihood, RecordFit, RecordLikelihood
+from dynid.identification.likelihood import Likelihood
 from dynid.identification.measurement import Experiment, RecordData
+from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.prediction import (
     Free,
     Trajectory,
@@ -30,8 +31,9 @@ from dynid.identification.prediction import (
     free_prediction,
     prediction,
     rates,
+    runs,
 )
-from dynid.identification.record_model import RecordModel
+from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.saturated_model import (
     ChannelColumns,
@@ -43,6 +45,7 @@ from dynid.identification.saturated_model import (
     saturated_coordinates,
 )
 from dynid.identification.statistics import root_mean_square
+from dynid.lti.recurrence import recurrence
 from dynid.structure.joints import Unknown
 from dynid.structure.response import Channel
 
@@ -50,7 +53,7 @@ Array = NDArray[np.float64]
 
 # The prior lets every channel be this many times larger than measured.
 _WIDE = 10.0
-# FilterPrior standard deviation of the logarithms in the first pass: a factor of e squared.
+# Prior standard deviation of the logarithms in the first pass: a factor of e squared.
 _FACTOR = 2.0
 # Noise below this part of the RMS is not assumed: the covariance would lose its digits.
 _LEAST_NOISE = 1e-4
@@ -72,7 +75,7 @@ class TimeRecord(RecordLikelihood):
         Number of records that share the parameters.
     """
 
-    model: RecordModel
+    model: ParametricModel
     data: RecordData
     experiment: Experiment | None = None
     sharing: int = 1
@@ -132,9 +135,9 @@ class TimeRecord(RecordLikelihood):
         return self.model.states
 
     def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:
-        """RecordFit the initial state to `values` (times x channels) at the parameters exp(logs).
+        """Fit the initial state to `values` (times x channels) at the parameters exp(logs).
 
-        Channels count by `noise`, their standard deviations (channels); absent: by their RMS.
+        Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
         free, steps = free_prediction(self.model, logs)
         x0 = self._start(free, values, noise)
@@ -146,7 +149,7 @@ class TimeRecord(RecordLikelihood):
         return RecordFit(logs, trajectory, residual, counts, size, self.noise_in(counts, size), found)
 
     def residual(self, logs: Array) -> Array:
-        """Return what the fit at exp(logs) leaves of the record (times x channels), NaN where missing."""
+        """Return the residual of the fit at exp(logs) (times x channels), NaN where missing."""
         free, _ = free_prediction(self.model, logs)
         x0 = self._start(free, self.data.values, None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
@@ -157,7 +160,7 @@ class TimeRecord(RecordLikelihood):
         weight = 1.0 if noise is None else (self.data.rms / noise)[:, None, None]
         rows = self._triangles(values - forced, free.by_state, free.by_state[..., :0])[0] * weight
         matrix = (rows[..., :-1] @ self.root).reshape(-1, len(self.root))
-        # Rank-revealing: initial states that the record does not show stay at zero.
+        # Rank-revealing: initial states that are not observable stay at zero.
         shift = least_squares(matrix, rows[..., -1].ravel(), STATE_RANK)
         return np.asarray(self.model.initial + self.root @ shift)
 
@@ -167,7 +170,7 @@ class TimeRecord(RecordLikelihood):
         return self._weighted(fit, noise)[:, n : n + p]
 
     def by_start(self, fit: RecordFit, noise: Array) -> Array:
-        """Return, row by row beside `slopes`, those by the first state in the units of its prior (… x n)."""
+        """Return the derivatives by the first state in units of its prior (… x n), rows as of `slopes`."""
         return np.asarray(self._weighted(fit, noise)[:, : self.model.states] @ self.root)
 
     def taken(self, fit: RecordFit, noise: Array) -> Array:
@@ -182,7 +185,7 @@ class TimeRecord(RecordLikelihood):
         return np.repeat(level, self.model.states + self.model.parameters + 1)
 
     def on(self, data: RecordData) -> Self:
-        """Return the fitter of other values of the same record."""
+        """Return the likelihood of other values of the same record."""
         return replace(self, data=data)
 
     def information(self, fit: RecordFit, noise: Array) -> Information:
@@ -212,26 +215,26 @@ class TimeRecord(RecordLikelihood):
             residual = np.nan_to_num(fit.residual[:, c]) * weight
             by_state = predicted.by_state[:, c] @ self.root * weight[:, None]
             by_parameter = predicted.by_parameter[:, c] * weight[:, None]
-            # A filter before the estimator makes white residuals follow another.
+            # A preparation filter correlates residuals that were white.
             before = (delayed_residuals(residual) if white else np.zeros((len(there), 0))) * there[:, None]
             faults = fault_columns(outputs) * there[:, None]
-            seen = ChannelColumns(outputs, residual, by_state, by_parameter, faults, before)
+            columns = ChannelColumns(outputs, residual, by_state, by_parameter, faults, before)
             found.append(
                 saturated_coordinates(
-                    shared.where(there), seen, int(self.data.counts[c]) * min(1.0, self.data.passed)
+                    shared.where(there), columns, int(self.data.counts[c]) * min(1.0, self.data.passed)
                 )
             )
         return found
 
     def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return the derivatives by what calibration settles, for a noise of this deviation (channels)."""
+        """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
         model, n, p = self.model, self.model.states, self.model.parameters
         names, changes, columns = self._by_loads(fit)
         free, steps = free_prediction(model, fit.logs)
         found = prediction(model, fit.logs, fit.predicted.states[0], free, steps)
         columns = [*columns, np.nan_to_num(self.data.recorded)]
         beside = np.concatenate([found.by_parameter, np.stack(columns, axis=2)], axis=2)
-        rows = self._triangles(self.yielding(fit), found.by_state, beside)[0][..., :-1]
+        rows = self._triangles(self.influential(fit), found.by_state, beside)[0][..., :-1]
         rows *= (self.data.rms / noise)[:, None, None]
         # The gain of a channel acts on the rows of that channel alone.
         own = -rows[..., -1:] * np.eye(len(rows))[:, None, :]
@@ -249,9 +252,9 @@ class TimeRecord(RecordLikelihood):
     def _by_loads(self, fit: RecordFit) -> tuple[list[str], list[float], list[Array]]:
         """Return names, changes, and derivatives of the prediction by gains and delay of the loads.
 
-        They are exact but for motions that start otherwise, of which nothing is left beside the initial
-        state: so the whole prediction stands for what a single load forces, and minus its rate for the
-        derivative by the delay.
+        They are exact but for free motions, which are projected out with the initial state: so the whole
+        prediction is taken for the response to a single load, and minus its rate for the derivative by the
+        delay.
         """
         model, loads = self.model, self.model.gains[0]
         names = list(dict.fromkeys(loads))
@@ -282,10 +285,10 @@ class TimeRecord(RecordLikelihood):
         """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter."""
         line = self.model.line
         if compiled(len(line.nodes), self.model.states + len(line.G), self.model.parameters):
-            from dynid.identification.kernels import steps, triangle_kernel  # loads numba
+            from dynid.identification.kernels import prediction_kernel, steps  # loads numba
 
             every = (steps.plain(each) for each in (by_state, by_parameter, residual, self.data.rms))
-            return triangle_kernel.triangles(*every)
+            return prediction_kernel.triangles(*every)
         rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
         rows /= self.data.rms[:, None]
         missing = np.isnan(residual)
@@ -293,7 +296,7 @@ class TimeRecord(RecordLikelihood):
         return triangular_factors(rows), np.count_nonzero(~missing, axis=0)
 
     def floored(self, noise: Array) -> Array:
-        """Return the noise to assume: never less than a small part of each channel's RMS."""
+        """Return the noise to assume: not less than a small part of each channel's RMS."""
         return np.maximum(noise, _LEAST_NOISE * self.data.rms)
 
     def wide_prior(self, logs: Array, spread: float = _FACTOR) -> FilterPrior:
@@ -309,9 +312,9 @@ class TimeRecord(RecordLikelihood):
         root = self._wide_root()
         rows = self._weighted(fit, self.floored(fit.noise))[:, :-1]
         _, s, Vt = thin_svd(rows @ root)
-        seen = np.zeros(len(root))
-        seen[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
-        return FilterPrior(fit.predicted.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + seen)))
+        share = np.zeros(len(root))
+        share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
+        return FilterPrior(fit.predicted.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + share)))
 
     def continued(self, prior: FilterPrior, logs: Array, root: Array) -> FilterPrior:
         """Return a prior of this record's state, with logarithms as another record left them.
@@ -352,3 +355,65 @@ class TimeLikelihood(Likelihood):
     """
 
     records: tuple[TimeRecord, ...]
+
+
+def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:
+    """Return the standard deviations of the states (stored rows x n, scaled), given all records.
+
+    The covariance of initial state and parameters, propagated exactly. Initial states that are not observable
+    in the record keep the deviation of the wide prior.
+
+    Parameters
+    ----------
+    record
+        Model and record.
+    fit
+        Its fit at the estimate.
+    noise
+        Standard deviation of the noise (channels).
+    known
+        A root of the covariance of the logarithms, given all records (p x p).
+    """
+    model, n = record.model, record.model.states
+    transitions = [model.transition(fit.logs, h) for h in model.line.lengths]
+    stored = np.zeros(len(model.line.nodes), dtype=bool)
+    stored[model.line.wanted[stored_rows(len(model.line.wanted))]] = True
+    root = _initial_root(record, fit, noise, known)
+    by_logs, columns = root[n:].T, root[:n].T
+    x = fit.predicted.states[0]
+    out = [_sizes(columns[None])] if stored[0] else []
+    for first, last, k in runs(model.line.which):
+        step, slopes = transitions[k]
+        Phi, W = step[:, :n], model.W[first:last]
+        path = recurrence(Phi, (W @ step[:, n:].T)[:, None], x[None])[:, 0]
+        driven = np.concatenate([np.concatenate([x[None], path[:-1]]), W], axis=1)
+        moved = (driven @ slopes.swapaxes(1, 2)).swapaxes(0, 1)  # steps x p x n
+        spread = recurrence(Phi, by_logs @ moved, columns)
+        x, columns = path[-1], spread[-1]
+        out.append(_sizes(spread[stored[first + 1 : last + 1]]))
+    return np.concatenate(out)
+
+
+def _sizes(columns: Array) -> Array:
+    """Return the lengths of states (steps x columns x n) over the columns, however large or small."""
+    unit = np.abs(columns).max(axis=1)  # squares of large units overflow
+    shares = columns / np.where(unit > 0, unit, 1.0)[:, None]
+    return np.asarray(np.sqrt(np.einsum("ijk,ijk->ik", shares, shares)) * unit)
+
+
+def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:
+    """Return a root of the covariance of initial state (scaled) and logarithms (n + p x n + p).
+
+    Given the logarithms, the state has the mean and covariance of its regression on them.
+    """
+    n = record.model.states
+    by_state, by_parameter = record.by_start(fit, noise), record.slopes(fit, noise)
+    U, s, Vt = thin_svd(by_state)
+    size = np.zeros(n)
+    size[: len(s)] = s
+    follows = np.zeros((n, len(known)))
+    follows[: len(s)] = U[:, : len(s)].T @ by_parameter @ known
+    follows *= -(size / (1 + size**2))[:, None]
+    left = Vt.T @ np.concatenate([np.diag(1 / np.sqrt(1 + size**2)), follows], axis=1)
+    below = np.concatenate([np.zeros((len(known), n)), known], axis=1)
+    return np.concatenate([record.root @ left, below])

@@ -29,7 +29,7 @@ _DOMINANT = 0.5
 
 
 def verdict(posterior: Posterior) -> str:
-    """Return one line: whether the estimate is at the optimum, and whether the model explains the records."""
+    """Return the verdict in one line: convergence of the estimate, and fit of the model."""
     names, distance, compared = (
         posterior.likelihood.names,
         posterior.distance_to_optimum,
@@ -62,23 +62,14 @@ def verdict(posterior: Posterior) -> str:
 
 def warnings(posterior: Posterior) -> list[str]:
     """Return the warnings in words; none where all is well."""
-    said = [
-        *_fit_warnings(posterior),
-        *_prior_warnings(posterior),
-        *_parameter_warnings(posterior),
-        *_residual_warnings(posterior),
-        *_record_warnings(posterior),
-        *_filter_warnings(posterior),
-        *_noise_warnings(posterior),
-        *_shape_warnings(posterior),
-    ]
+    found = [*_estimate_warnings(posterior), *_record_warnings(posterior), *_noise_warnings(posterior)]
     if posterior.model_error is not None and posterior.model_error.warning:
-        said.append(posterior.model_error.warning)
-    return said
+        found.append(posterior.model_error.warning)
+    return found
 
 
-def _fit_warnings(posterior: Posterior) -> Iterator[str]:
-    """Warn of a model that lacks fit although it explains the records, and name the worst channel."""
+def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of lack of fit, contradicted priors, and uncertain or hardly distinguishable parameters."""
     compared = posterior.comparison
     if compared.lacks_fit and compared.explained:
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
@@ -86,19 +77,13 @@ def _fit_warnings(posterior: Posterior) -> Iterator[str]:
             f"the model lacks fit (p = {compared.lack_of_fit_p:.1g}), most of all in {worst}: it explains "
             f"{100 * compared.signal_explained:.4g} % of the signal; standard errors are nominal"
         )
-
-
-def _prior_warnings(posterior: Posterior) -> Iterator[str]:
-    for name, apart in zip(posterior.likelihood.names, posterior.prior_conflict, strict=True):
+    names, errors = posterior.likelihood.names, posterior.error_in_bounds
+    for name, apart in zip(names, posterior.prior_conflict, strict=True):
         if apart > CONTRADICTED:
             yield (
                 f"the prior of {name} and the record contradict each other ({apart:.2g} deviations apart): "
                 "correct its value, or give it a larger relative_deviation"
             )
-
-
-def _parameter_warnings(posterior: Posterior) -> Iterator[str]:
-    names, errors = posterior.likelihood.names, posterior.error_in_bounds
     deviations, correlation = posterior.information.deviations(), posterior.information.correlation()
     for k, name in enumerate(names):
         if errors[k] > _OFF:
@@ -108,28 +93,24 @@ def _parameter_warnings(posterior: Posterior) -> Iterator[str]:
         for other in range(k):
             rho = correlation[k, other]
             if abs(rho) > _CORRELATED:
-                shown = "ratio" if rho > 0 else "product"
+                combination = "ratio" if rho > 0 else "product"
                 yield (
                     f"{names[other]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
-                    f"the record determines their {shown} better than either"
+                    f"the record determines their {combination} better than either"
                 )
 
 
-def _residual_warnings(posterior: Posterior) -> Iterator[str]:
-    """Warn of channels whose residuals are coloured, with the frequency where they are strongest."""
+def _record_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of coloured residuals, few values, missing samples and clipped channels."""
+    records = posterior.likelihood.records
     for place in posterior.channels:
-        record, fit = posterior.likelihood.records[place.record], posterior.fit.parts[place.record]
+        record, fit = records[place.record], posterior.fit.parts[place.record]
         part, series = record.unexplained(fit, place.column)
         if part >= _ROUND_OFF and is_coloured(whiteness(series)):
             yield (
                 f"the residual of {place.name} ({100 * part:.2g} % of the signal) is not white noise; "
                 f"it is strongest at {frequency_text(record.residual_peak(fit, place.column), 3)}"
             )
-
-
-def _record_warnings(posterior: Posterior) -> Iterator[str]:
-    """Warn of few values, missing samples and clipped channels."""
-    records = posterior.likelihood.records
     if any(np.isnan(record.given).any() for record in records):
         spare = posterior.information.freedom - len(posterior.likelihood.names)
         if spare < _LEAST_SPARE:
@@ -147,7 +128,8 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
             yield f"{place.name} stands at its extreme value in {extreme} samples: it may be clipped"
 
 
-def _filter_warnings(posterior: Posterior) -> Iterator[str]:
+def _noise_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of inconsistent innovations, a contradicted noise, offsets, outliers and heavy tails."""
     found = posterior.consistency
     if found is not None and not found.consistent:
         size = "larger" if found.overall > 1 else "smaller"
@@ -155,63 +137,53 @@ def _filter_warnings(posterior: Posterior) -> Iterator[str]:
             f"the filter's innovations are {size} than it assumes: mean square {found.overall:.3g}, "
             f"{found.overall_low:.3g} … {found.overall_high:.3g} expected"
         )
-
-
-def _noise_warnings(posterior: Posterior) -> Iterator[str]:
-    """Warn of a given noise that the residuals contradict."""
     places, test = posterior.contradicted_noise, posterior.noise_test
-    if not places:
-        return
-    said = [f"{posterior.channels[k].name} {_number(test.ratio[k])} times" for k in places]
-    remedy = "correct measurement.noise or leave it out"
-    if all(test.ratio[k] > 1 for k in places):
-        remedy += "; if it is right, the model leaves something unexplained"
-    bars = "" if posterior.robust else "; standard_error_scaled has the error bars for the noise that is seen"
-    yield (
-        f"the residuals contradict the given noise ({_p_value(test.p)}): "
-        f"{', '.join(said)} what is given is seen: {remedy}{bars}"
-    )
-
-
-def _shape_warnings(posterior: Posterior) -> Iterator[str]:
-    """Warn of offsets, outliers and heavy tails, with channel and time or frequency."""
+    if places:
+        ratios = [f"{posterior.channels[k].name} {_number(test.ratio[k])} times" for k in places]
+        remedy = "correct measurement.noise or leave it out"
+        if all(test.ratio[k] > 1 for k in places):
+            remedy += "; if it is right, the model leaves something unexplained"
+        bars = "; standard_error_scaled has the error bars for the observed noise"
+        yield (
+            f"the residuals contradict the given noise ({_p_value(test.p)}): observed are "
+            f"{', '.join(ratios)} the given deviation: {remedy}{'' if posterior.robust else bars}"
+        )
     for place, shape in zip(posterior.channels, posterior.shapes, strict=True):
-        if shape is None:
-            continue
-        record = posterior.likelihood.records[place.record]
-        if record.mean_is_offset and shape.mean_p < OFFSET.value:
-            part = shape.mean**2 / float(np.nanmean(posterior.raw_residual(place) ** 2))
-            yield (
-                f"the residual of {place.name} has the mean {shape.mean:.3g} {place.unit} "
-                f"({_p_value(shape.mean_p)}): an offset of the sensor?{_weight_lost(place, part)} "
-                "Remedy: prepare: [{detrend: constant}] in the measurement"
-            )
-        if posterior.robust:
-            continue
-        if len(shape.outliers):
-            labels = [record.row_label(int(row)) for row in shape.outliers[:_NAMED]]
-            yield _outlier_warning(place, shape, labels)
-        elif shape.kurtosis_p < HEAVY_TAILS.value:
-            yield (
-                f"the residual of {place.name} has heavy tails (kurtosis {shape.kurtosis:.3g}, of Gaussian "
-                f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "
-                "the influence of large residuals"
-            )
+        if shape is not None:
+            yield from _shape_warnings(posterior, place, shape)
 
 
-def _outlier_warning(place: ChannelOfRecord, shape: ResidualShape, labels: list[str]) -> str:
-    count = len(shape.outliers)
-    others = f" and at {count - _NAMED} more" if count > _NAMED else ""
-    many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
-    return (
-        f"{place.name} has {many} at {', '.join(labels)}{others}: up to {_number(shape.largest)} standard "
-        f"deviations of its residual.{_weight_lost(place, shape.share)} Correct {it} or leave {it} out "
-        "(empty cells), or use estimator: {loss: huber}"
-    )
+def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: ResidualShape) -> Iterator[str]:
+    """Warn of an offset, and of outliers or heavy tails, with channel and time or frequency."""
+    record = posterior.likelihood.records[place.record]
+    if record.mean_is_offset and shape.mean_p < OFFSET.value:
+        part = shape.mean**2 / float(np.nanmean(posterior.raw_residual(place) ** 2))
+        yield (
+            f"the residual of {place.name} has the mean {shape.mean:.3g} {place.unit} "
+            f"({_p_value(shape.mean_p)}): an offset of the sensor?{_weight_lost(place, part)} "
+            "Remedy: prepare: [{detrend: constant}] in the measurement"
+        )
+    if posterior.robust:
+        return
+    if count := len(shape.outliers):
+        labels = ", ".join(record.row_label(int(row)) for row in shape.outliers[:_NAMED])
+        others = f" and at {count - _NAMED} more" if count > _NAMED else ""
+        many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
+        yield (
+            f"{place.name} has {many} at {labels}{others}: up to {_number(shape.largest)} standard "
+            f"deviations of its residual.{_weight_lost(place, shape.share)} Correct {it} or leave {it} out "
+            "(empty cells), or use estimator: {loss: huber}"
+        )
+    elif shape.kurtosis_p < HEAVY_TAILS.value:
+        yield (
+            f"the residual of {place.name} has heavy tails (kurtosis {shape.kurtosis:.3g}, of Gaussian "
+            f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "
+            "the influence of large residuals"
+        )
 
 
 def _weight_lost(place: ChannelOfRecord, part: float) -> str:
-    """Say how much weight a channel loses by what makes up a part of its residual's mean square."""
+    """Return a sentence on the weight that a channel loses by a part of its residual's mean square."""
     if part < _DOMINANT:
         return ""
     return (

@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from dynid.defaults import HUBER
 from dynid.identification.calibration import GROUP as CONSIDERED
 from dynid.identification.calibration import add_calibration_slopes
-from dynid.identification.estimators.estimate import Sweep
 from dynid.identification.filter import Pass, stored_rows
-from dynid.identification.frf.record import FrfRecord
-from dynid.identification.likelihood import RecordFit
+from dynid.identification.frf_record import FrfRecord
 from dynid.identification.measurement import Measurement
 from dynid.identification.posterior import Posterior
+from dynid.identification.record_likelihood import RecordFit
 from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum, whiteness
-from dynid.identification.states import state_deviations
-from dynid.identification.time_record import TimeRecord
+from dynid.identification.time_record import TimeRecord, state_deviations
 from dynid.identification.verdict import CONTRADICTED, verdict, warnings
 from dynid.result import Result
 from dynid.structure.excitation import inputs_of
@@ -58,7 +56,7 @@ def write_result(
     posterior: Posterior,
     true_states: Callable[[], Sequence[Array | None]] | None = None,
 ) -> Result:
-    """Add a posterior to a result, as far as it is wanted there, and return it.
+    """Add to a result those arrays of a posterior that are wanted there, and return it.
 
     Parameters
     ----------
@@ -74,7 +72,16 @@ def write_result(
         add_calibration_slopes(result, posterior.calibration_slopes)
     if any(map(result.wants_below, _SAMPLED)):
         _add_records(result, posterior, true_states)
-    _add_stages(result, posterior)
+    stages = posterior.estimate.stages
+    result.annotate("identification", estimator=posterior.method)
+    result.add_axis(f"{_STAGES}/stage", [stage.name for stage in stages])
+    result.add_axis(f"{_STAGES}/parameter", posterior.likelihood.names)
+    estimates = np.exp([stage.logs for stage in stages])
+    result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), _unit(posterior))
+    result.add(f"{_STAGES}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
+    result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
+    chosen = [stage.logs is posterior.fit.logs for stage in stages].index(True) + 1
+    result.add(f"{_STAGES}/chosen", chosen)
     _add_diagnostics(result, posterior)
     if posterior.model_error is not None:
         posterior.model_error.add_to(result, [place.name for place in posterior.channels])
@@ -102,7 +109,7 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     if result.wants(f"{group}/cramer_rao"):
         result.add(f"{group}/cramer_rao", posterior.bound, dims, unit)
     result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.logs), dims)
-    if priors.believed.any():
+    if priors.given.any():
         result.add(f"{group}/cramer_rao_without_prior", posterior.bound_with(prior=False), dims, unit)
     result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
     # An axis of its own: two axes of one name could not be distinguished.
@@ -111,23 +118,8 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
 
 
 def _unit(posterior: Posterior) -> str:
-    """Return the unit that all parameters share, if they do."""
+    """Return the common unit of the parameters, if there is one."""
     return common_unit(unknown.unit for unknown in posterior.likelihood.unknowns)
-
-
-def _add_stages(result: Result, posterior: Posterior) -> None:
-    """Add ``stages/``: the estimate of each stage of the estimator."""
-    group, stages = _STAGES, posterior.estimate.stages
-    result.annotate("identification", estimator=posterior.method)
-    result.add_axis(f"{group}/stage", [stage.name for stage in stages])
-    result.add_axis(f"{group}/parameter", posterior.likelihood.names)
-    estimates = np.exp([stage.logs for stage in stages])
-    result.add(f"{group}/estimate", estimates, ("stage", "parameter"), _unit(posterior))
-    left = [np.max(stage.residual_ratio) for stage in stages]
-    result.add(f"{group}/residual_ratio", left, ("stage",))
-    result.add(f"{group}/iterations", [stage.iterations for stage in stages], ("stage",))
-    chosen = [stage.logs is posterior.fit.logs for stage in stages].index(True) + 1
-    result.add(f"{group}/chosen", chosen)
 
 
 # Diagnostics.
@@ -142,7 +134,7 @@ def _add_diagnostics(result: Result, posterior: Posterior) -> None:
         _add_comparison(result, posterior)
     result.add_axis(f"{group}/parameter", posterior.likelihood.names)
     result.add(f"{group}/distance_to_optimum", posterior.distance_to_optimum, ("parameter",))
-    if posterior.likelihood.priors.believed.any():
+    if posterior.likelihood.priors.given.any():
         conflict = posterior.prior_conflict
         result.add(f"{group}/prior_conflict", conflict, ("parameter",))
         result.add(f"{group}/prior_contradicted", conflict > CONTRADICTED, ("parameter",))
@@ -226,17 +218,24 @@ def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
 def _add_records(
     result: Result, posterior: Posterior, true_states: Callable[[], Sequence[Array | None]] | None
 ) -> None:
-    """Add what has samples or lines for an axis, record by record."""
+    """Add the groups that have samples or lines for an axis, record by record."""
     first = posterior.likelihood.records[0]
     if isinstance(first, FrfRecord):
         _add_responses(result, first, posterior.fit.parts[0])
         return
     records = [record for record in posterior.likelihood.records if isinstance(record, TimeRecord)]
     true = [None] * len(records) if true_states is None else true_states()
-    known, parts = posterior.information.root(), posterior.fit.parts
+    information, parts = posterior.information, posterior.fit.parts
     each = zip(records, parts, posterior.noise, strict=True)
-    bands = [state_deviations(record, part, noise, known) for record, part, noise in each]
-    sweeps = posterior.estimate.histories or [_whole_records(posterior, bands)]
+    bands = [state_deviations(record, part, noise, information.root) for record, part, noise in each]
+    sweeps = posterior.estimate.histories
+    if not sweeps:  # an estimator of whole records has the same information at any time
+        deviations, whole = information.deviations(), []
+        for part, band in zip(parts, bands, strict=True):
+            states = part.predicted.states[stored_rows(len(part.residual))]
+            every = np.ones((len(states), 1))
+            whole.append(Pass(every * part.logs, every * deviations, states, band, np.diag(deviations)))
+        sweeps = [whole]
     named = {"history": sweeps[-1]} | ({"first_pass": sweeps[0]} if len(sweeps) > 1 else {})
     for name, sweep in named.items():
         for k, (record, history) in enumerate(zip(records, sweep, strict=True)):
@@ -244,16 +243,6 @@ def _add_records(
             _add_history(result, group, record, posterior.dofs, history)
     for k, (record, part) in enumerate(zip(records, parts, strict=True)):
         _add_record(result, posterior, k, record, part, bands[k], true[k])
-
-
-def _whole_records(posterior: Posterior, bands: Sequence[Array]) -> Sweep:
-    """Return the history of an estimator of whole records: it knows as much at any time."""
-    sweep, deviations = [], posterior.information.deviations()
-    for part, band in zip(posterior.fit.parts, bands, strict=True):
-        states, root = part.predicted.states[stored_rows(len(part.residual))], np.diag(deviations)
-        every = np.ones((len(states), 1))
-        sweep.append(Pass(every * part.logs, every * deviations, states, band, root))
-    return sweep
 
 
 def _add_record(
@@ -265,7 +254,7 @@ def _add_record(
     band: Array,
     true: Array | None,
 ) -> None:
-    """Add what is known of a record beside its histories; `band` and `true` of its states (rows x n)."""
+    """Add measurement, states and residuals of a record; `band` and `true` of its states (rows x n)."""
 
     def group(name: str) -> str:
         return f"identification/{name}/record_{k + 1}" if posterior.several else f"identification/{name}"
@@ -285,9 +274,23 @@ def _add_record(
     result.add(f"{states}/standard_deviation", band * model.scale, dims)
     if true is not None:
         result.add(f"{states}/true", true, dims)
-    _add_spectrum(result, group("residual_spectrum"), measurement, fit)
+    names, spectra = [channel.name for channel in measurement.channels], group("residual_spectrum")
+    omega, amplitude = spectrum(fit.residual, measurement.step)  # roots of power spectral densities
+    units = [f"{channel.unit}.(s/rad)^0.5" for channel in measurement.channels]
+    result.add_axis(f"{spectra}/omega", omega, "rad/s")
+    result.add_axis(f"{spectra}/channel", names)
+    result.add(f"{spectra}/unit", units, ("channel",))
+    result.add(f"{spectra}/amplitude", amplitude, ("omega", "channel"), common_unit(units))
     if posterior.innovations is not None:
-        _add_innovations(result, group("innovations"), measurement, posterior.innovations[k])
+        own, innovations = posterior.innovations[k], group("innovations")
+        found = consistency(own)
+        result.add_axis(f"{innovations}/time", _times(measurement), "s")
+        result.add_axis(f"{innovations}/channel", names)
+        result.add(f"{innovations}/normalised", own, ("time", "channel"))
+        for name in ("mean_square", "low", "high"):
+            result.add(f"{innovations}/{name}", getattr(found, name), ("channel",))
+        for name in ("overall", "overall_low", "overall_high", "consistent"):
+            result.add(f"{innovations}/{name}", getattr(found, name))
 
 
 def _add_history(
@@ -335,30 +338,8 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
         result.annotate(group, prepared="; ".join(measurement.prepared), start=measurement.start)
     if data.noise is not None:
         result.add(f"{group}/noise", data.noise, ("channel",), unit)
-    if not np.isnan(data.told).all():
-        result.add(f"{group}/given_noise", data.told, ("channel",), unit)
-
-
-def _add_spectrum(result: Result, group: str, measurement: Measurement, fit: RecordFit) -> None:
-    """Add the spectra of the residuals of a record, as roots of power spectral densities."""
-    omega, amplitude = spectrum(fit.residual, measurement.step)
-    units = [f"{channel.unit}.(s/rad)^0.5" for channel in measurement.channels]
-    result.add_axis(f"{group}/omega", omega, "rad/s")
-    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
-    result.add(f"{group}/unit", units, ("channel",))
-    result.add(f"{group}/amplitude", amplitude, ("omega", "channel"), common_unit(units))
-
-
-def _add_innovations(result: Result, group: str, measurement: Measurement, innovations: Array) -> None:
-    """Add the normalised innovations of a record (times x channels) and their mean squares."""
-    found = consistency(innovations)
-    result.add_axis(f"{group}/time", _times(measurement), "s")
-    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
-    result.add(f"{group}/normalised", innovations, ("time", "channel"))
-    for name in ("mean_square", "low", "high"):
-        result.add(f"{group}/{name}", getattr(found, name), ("channel",))
-    for name in ("overall", "overall_low", "overall_high", "consistent"):
-        result.add(f"{group}/{name}", getattr(found, name))
+    if not np.isnan(data.given_noise).all():
+        result.add(f"{group}/given_noise", data.given_noise, ("channel",), unit)
 
 
 def _add_stored_times(result: Result, group: str, measurement: Measurement) -> None:

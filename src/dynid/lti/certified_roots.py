@@ -151,7 +151,7 @@ def _simple_roots(
     polynomial: Any, multiplicity: int, starts: Sequence[complex] | None
 ) -> list[CertifiedRoot]:
     """Return the roots of a square-free polynomial."""
-    from flint import fmpz_poly
+    from flint import acb, arb, ctx, fmpz_poly
 
     from dynid.lti.enclosures import enclosures
 
@@ -165,27 +165,17 @@ def _simple_roots(
     if shared.degree() > 0:
         pairs = fmpz_poly([c for w in shared.coeffs() for c in (w, 0)])
         polynomial = polynomial // pairs
-        found += [root for pair in _paired_roots(shared, multiplicity) for root in pair]
+        for square in enclosures(shared, sides=False):
+            with ctx.workprec(max(_PRECISION, square.real.bits(), square.imag.bits())):
+                # A negative w lies on the imaginary axis; else the principal branch is the right half-plane.
+                on_axis = bool(square.imag == 0 and square.real < 0)
+                s = acb(arb(0), (-square.real).sqrt()) if on_axis else square.sqrt()
+                side = 0 if on_axis else 1
+                found += [_rounded(s, multiplicity, side), _rounded(-s, multiplicity, -side)]
     if polynomial.degree() > 0:
         balls = enclosures(polynomial, starts)
         found += [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
     return found
-
-
-def _paired_roots(shared: Any, multiplicity: int) -> Iterable[tuple[CertifiedRoot, CertifiedRoot]]:
-    """Return s and -s for the roots w = s^2; a negative real w lies on the imaginary axis."""
-    from flint import acb, arb, ctx
-
-    from dynid.lti.enclosures import enclosures
-
-    for square in enclosures(shared, sides=False):
-        with ctx.workprec(max(_PRECISION, square.real.bits(), square.imag.bits())):
-            if square.imag == 0 and square.real < 0:
-                frequency = acb(arb(0), (-square.real).sqrt())
-                yield _rounded(frequency, multiplicity, 0), _rounded(-frequency, multiplicity, 0)
-            else:
-                s = square.sqrt()  # the principal branch: right half-plane
-                yield _rounded(s, multiplicity, 1), _rounded(-s, multiplicity, -1)
 
 
 def _rounded(ball: Any, multiplicity: int, side: int) -> CertifiedRoot:

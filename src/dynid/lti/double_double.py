@@ -39,13 +39,6 @@ def _halves(a: Array) -> tuple[Array, Array]:
     return high, a - high
 
 
-def _two_product(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return a b rounded, and its error."""
-    p = a * b
-    (ah, al), (bh, bl) = _halves(a), _halves(b)
-    return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
-
-
 @dataclass(frozen=True, eq=False)
 class Doubled:
     """Real numbers high + low, where high is the double nearest to the sum.
@@ -74,7 +67,9 @@ class Doubled:
         return self + (-other)
 
     def __mul__(self, other: Doubled) -> Doubled:
-        p, e = _two_product(self.high, other.high)
+        p = self.high * other.high
+        (ah, al), (bh, bl) = _halves(self.high), _halves(other.high)
+        e = ((ah * bh - p) + ah * bl + al * bh) + al * bl  # the error of p
         return Doubled(*_quick_two_sum(p, e + (self.high * other.low + self.low * other.high)))
 
     def __getitem__(self, place: Any) -> Doubled:

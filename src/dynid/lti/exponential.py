@@ -48,12 +48,33 @@ def exponential_with_derivatives(A: Array, dA: Array, h: float) -> tuple[Array, 
     NumericalError
         If A h is not finite, or the exponential overflows.
     """
-    stack = np.concatenate([A[None], dA])
+    S = np.concatenate([A[None], dA])
     with np.errstate(over="ignore", invalid="ignore"):
-        result = _exponential(np.multiply(stack, h, out=stack))
-    if not np.isfinite(result).all():
+        np.multiply(S, h, out=S)
+        norm = float(np.abs(S[0]).sum(axis=0).max(initial=0.0))
+        if not math.isfinite(norm):
+            raise NumericalError("the matrix of an exponential has entries that are not finite")
+        squarings = max(0, math.ceil(math.log2(norm / _LARGEST_NORM))) if norm > 0 else 0
+        if squarings:
+            S = S * 0.5**squarings
+        powers = np.zeros((4, *S.shape))
+        powers[0, 0].flat[:: S.shape[1] + 1] = 1.0
+        powers[1] = S
+        powers[2] = _product(S, S)
+        powers[3] = _product(powers[2], S)
+        fourth = _product(powers[2], powers[2])
+        blocks = (_BLOCKS @ powers.reshape(4, -1)).reshape(powers.shape)
+        D: Array = blocks[3] + _COEFFICIENTS[_DEGREE] * fourth
+        for block in blocks[2::-1]:
+            D = _product(D, fourth)
+            D += block
+        # exp - 1 is squared, not exp: beside a stiff part the slow one would be lost in the rounding of 1.
+        for _ in range(squarings):
+            D = _product(D, D) + 2 * D
+        D[0].flat[:: S.shape[1] + 1] += 1.0
+    if not np.isfinite(D).all():
         raise NumericalError("a matrix exponential overflows", remedy="Shorten the time span.")
-    return result[0], result[1:]
+    return D[0], D[1:]
 
 
 def exponential(A: Array, h: float) -> Array:
@@ -73,32 +94,6 @@ def accurate_exponential(A: Array, h: float) -> Array:
     with ctx.workprec(128 + 2 * math.ceil(math.log2(1.0 + norm))):
         E = (arb_mat(A.tolist()) * arb(h)).exp()
         return np.array([[float(E[i, j].mid()) for j in range(n)] for i in range(n)]).reshape(n, n)
-
-
-def _exponential(S: Array) -> Array:
-    """Return the exponential of S[0], and its derivatives in the directions S[1:]."""
-    norm = float(np.abs(S[0]).sum(axis=0).max(initial=0.0))
-    if not math.isfinite(norm):
-        raise NumericalError("the matrix of an exponential has entries that are not finite")
-    squarings = max(0, math.ceil(math.log2(norm / _LARGEST_NORM))) if norm > 0 else 0
-    if squarings:
-        S = S * 0.5**squarings
-    powers = np.zeros((4, *S.shape))
-    powers[0, 0].flat[:: S.shape[1] + 1] = 1.0
-    powers[1] = S
-    powers[2] = _product(S, S)
-    powers[3] = _product(powers[2], S)
-    fourth = _product(powers[2], powers[2])
-    blocks = (_BLOCKS @ powers.reshape(4, -1)).reshape(powers.shape)
-    D: Array = blocks[3] + _COEFFICIENTS[_DEGREE] * fourth
-    for block in blocks[2::-1]:
-        D = _product(D, fourth)
-        D += block
-    # exp - 1 is squared, not exp: beside a stiff part the slow one would be lost in the rounding of 1.
-    for _ in range(squarings):
-        D = _product(D, D) + 2 * D
-    D[0].flat[:: S.shape[1] + 1] += 1.0
-    return D
 
 
 def _product(X: Array, Y: Array) -> Array:
@@ -125,25 +120,23 @@ def balance(A: Array) -> Array:
     exponents = np.zeros(len(A), dtype=int)
     with np.errstate(over="ignore", divide="ignore"):
         for _ in range(30):
-            if not sum(_balanced_one(size, exponents, i) for i in range(len(A))):  # all, not the first
+            balanced = True
+            for i in range(len(A)):  # scale a state where that makes its row and column smaller
+                column, row = float(size[:, i].sum()), float(size[i].sum())
+                if not (0 < column < math.inf and 0 < row < math.inf):
+                    continue
+                e = round((math.log2(row) - math.log2(column)) / 2)  # never a quotient: it may overflow
+                so_far = int(exponents[i])
+                e = max(-_FARTHEST - so_far, min(_FARTHEST - so_far, e))
+                if e == 0 or not math.ldexp(column, e) + math.ldexp(row, -e) < 0.95 * (column + row):
+                    continue
+                size[:, i] = np.ldexp(size[:, i], e)
+                size[i] = np.ldexp(size[i], -e)
+                exponents[i] += e
+                balanced = False
+            if balanced:
                 break
     return np.ldexp(1.0, exponents)
-
-
-def _balanced_one(size: Array, exponents: NDArray[np.int_], i: int) -> bool:
-    """Scale one state where that makes its row and column smaller; return True if it did."""
-    column, row = float(size[:, i].sum()), float(size[i].sum())
-    if not (0 < column < math.inf and 0 < row < math.inf):
-        return False
-    e = round((math.log2(row) - math.log2(column)) / 2)  # never a quotient: it may overflow
-    so_far = int(exponents[i])
-    e = max(-_FARTHEST - so_far, min(_FARTHEST - so_far, e))
-    if e == 0 or not math.ldexp(column, e) + math.ldexp(row, -e) < 0.95 * (column + row):
-        return False
-    size[:, i] = np.ldexp(size[:, i], e)
-    size[i] = np.ldexp(size[i], -e)
-    exponents[i] += e
-    return True
 
 
 def rescaled(A: Array, d: Array) -> Array:

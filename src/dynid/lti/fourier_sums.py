@@ -46,8 +46,15 @@ def sum_lines(omega: Array, weights: ComplexArray, times: Array, period: float |
         Before the computation, where there are too many lines and times.
     """
     count = None if period is None else _samples_of_a_period(times, period, len(omega))
-    if count is not None and period is not None:
-        return _by_fft(np.rint(omega * period / (2 * np.pi)).astype(np.int64), omega, weights, times, count)
+    if count is not None and period is not None:  # by FFT; harmonics beyond `count` alias
+        place = np.rint(omega * period / (2 * np.pi)).astype(np.int64) % count
+        again, turned = np.arange(len(times)) % count, np.exp(1j * omega * times[0])
+        out = np.empty((len(times), weights.shape[1]))
+        for column in range(weights.shape[1]):
+            w = weights[:, column] * turned
+            spectrum = np.bincount(place, w.real, count) + 1j * np.bincount(place, w.imag, count)
+            out[:, column] = (np.fft.ifft(spectrum).real * count)[again]
+        return out
     terms = float(len(times)) * len(omega) * weights.shape[1]
     if terms > _MOST_TERMS:
         raise UsageError(
@@ -68,20 +75,6 @@ def _samples_of_a_period(times: Array, period: float, lines: int) -> int | None:
     exact = times[0] + np.arange(len(times)) * (period / count)
     rounding = 8 * np.finfo(float).eps * float(np.abs(times).max())
     return count if np.abs(times - exact).max() <= rounding else None
-
-
-def _by_fft(
-    numbers: NDArray[np.int64], omega: Array, weights: ComplexArray, times: Array, count: int
-) -> Array:
-    """Sum harmonics `numbers` of a period of `count` equidistant times; higher harmonics alias."""
-    place, again = numbers % count, np.arange(len(times)) % count
-    turned = np.exp(1j * omega * times[0])
-    out = np.empty((len(times), weights.shape[1]))
-    for column in range(weights.shape[1]):
-        w = weights[:, column] * turned
-        spectrum = np.bincount(place, w.real, count) + 1j * np.bincount(place, w.imag, count)
-        out[:, column] = (np.fft.ifft(spectrum).real * count)[again]
-    return out
 
 
 def _by_blocks(omega: Array, weights: ComplexArray, times: Array) -> Array:

@@ -84,11 +84,13 @@ def peaks(
         grid = np.concatenate([grid, wanted])[order]
     shape = sizes.shape[1:]
     flat = sizes.reshape(len(grid), -1)
-    brackets = [
-        _Bracket(column, grid, flat[:, column], at)
-        for column in range(flat.shape[1])
-        for at in _local_maxima(flat[:, column])
-    ]
+    brackets = []
+    for column, values in enumerate(flat.T):
+        left = np.concatenate([[True], values[1:] > values[:-1]])
+        right = np.concatenate([values[:-1] >= values[1:], [True]])
+        maxima = np.flatnonzero(left & right & (values > 0))  # of equal neighbours the first
+        largest = maxima[np.argsort(-values[maxima], kind="stable")][:_BRACKETS]
+        brackets += [_Bracket(column, grid, values, int(at)) for at in largest]
     for _ in range(_ROUNDS):  # each round evaluates the response once for all brackets
         active = [bracket for bracket in brackets if bracket.open]
         if not active:
@@ -146,14 +148,6 @@ class _Bracket:
             self.open = False
             if self.sizes.min() < 0.5 * self.top:  # between neighbouring doubles: a pole on the axis
                 self.top = np.inf
-
-
-def _local_maxima(sizes: Array) -> list[int]:
-    """Return the indices of the largest local maxima; of equal neighbours the first."""
-    left = np.concatenate([[True], sizes[1:] > sizes[:-1]])
-    right = np.concatenate([sizes[:-1] >= sizes[1:], [True]])
-    found = np.flatnonzero(left & right & (sizes > 0))
-    return [int(at) for at in found[np.argsort(-sizes[found], kind="stable")][:_BRACKETS]]
 
 
 def _sizes(evaluate: ResponseFunction, omega: Array) -> Array:

@@ -114,28 +114,24 @@ def hold_coefficients(values: Array, hold: str) -> Array:
     rise = np.diff(values)
     if hold == "linear":
         return np.stack([values[:-1], rise], axis=1)
-    slope = _spline_slopes(values)
-    left, right = slope[:-1], slope[1:]
-    return np.stack([values[:-1], left, 3 * rise - 2 * left - right, left + right - 2 * rise], axis=1)
-
-
-def _spline_slopes(y: Array) -> Array:
-    """Return the slopes (per step) of the not-a-knot cubic spline through equidistant samples."""
-    n = len(y)
+    n = len(values)
     if n < 4:  # one polynomial through all points
-        p = np.polynomial.Polynomial.fit(np.arange(n), y, n - 1).deriv()
-        return np.asarray(p(np.arange(n)))
-    from scipy.linalg import solve_banded
+        p = np.polynomial.Polynomial.fit(np.arange(n), values, n - 1).deriv()
+        slope = np.asarray(p(np.arange(n)))
+    else:
+        from scipy.linalg import solve_banded
 
-    # Interior rows: curvature is continuous; end rows: so is the third derivative one knot inside.
-    band = np.ones((3, n))
-    band[1, 1:-1] = 4.0
-    band[0, 1] = band[2, -2] = 2.0
-    right = np.empty(n)
-    right[1:-1] = 3 * (y[2:] - y[:-2])
-    right[0] = (-5 * y[0] + 4 * y[1] + y[2]) / 2
-    right[-1] = (5 * y[-1] - 4 * y[-2] - y[-3]) / 2
-    return np.asarray(solve_banded((1, 1), band, right))
+        # Interior rows: curvature is continuous; end rows: so is the third derivative one knot inside.
+        band = np.ones((3, n))
+        band[1, 1:-1] = 4.0
+        band[0, 1] = band[2, -2] = 2.0
+        rhs = np.empty(n)
+        rhs[1:-1] = 3 * (values[2:] - values[:-2])
+        rhs[0] = (-5 * values[0] + 4 * values[1] + values[2]) / 2
+        rhs[-1] = (5 * values[-1] - 4 * values[-2] - values[-3]) / 2
+        slope = np.asarray(solve_banded((1, 1), band, rhs))
+    left, right = slope[:-1], slope[1:]  # per step
+    return np.stack([values[:-1], left, 3 * rise - 2 * left - right, left + right - 2 * rise], axis=1)
 
 
 def shifted_polynomials(c: Array, s: Array) -> Array:

@@ -124,8 +124,8 @@ def zero_stability(zeros: Sequence[SidedRoot], poles: Sequence[SidedRoot], *, va
         where = f"{_place(axis, 'zero')} on the imaginary axis"
         repeated = any(zero.multiplicity > 1 for zero in axis)
         frequencies = sorted({float(f"{abs(zero.value):.4g}") for zero in axis if zero.value})
-        seen = ", ".join(map(frequency_text, frequencies))
-        motion = f"oscillate at {seen}" if seen else "hold a constant state"
+        named = ", ".join(map(frequency_text, frequencies))
+        motion = f"oscillate at {named}" if named else "hold a constant state"
         growth = " and grow" if repeated else ""
         dynamics = f"the zero dynamics {motion}{growth}, unobservable at the output"
         return f"marginal, not minimum phase: {where}: {dynamics}"
@@ -178,14 +178,13 @@ def _undecided(roots: list[SidedRoot], what: str) -> str:
 
 
 def _place(roots: list[SidedRoot], what: str) -> str:
+    """Return the places of roots in words, with the verb."""
     count = sum(root.multiplicity for root in roots)
     upper = [root.value for root in roots if root.value.imag >= 0]
-    shown = [_number(value) for value in upper[:_SHOWN]]
-    text = ", ".join(shown) + (", …" if len(upper) > _SHOWN else "")
+    named = []
+    for value in upper[:_SHOWN]:
+        real = f"{value.real:.4g}"
+        pair = f"{real} ± {abs(value.imag):.4g}j" if value.real else f"±{abs(value.imag):.4g}j"
+        named.append(pair if value.imag else real)
+    text = ", ".join(named) + (", …" if len(upper) > _SHOWN else "")
     return f"{what} at {text} lies" if count == 1 else f"{what}s at {text} lie"
-
-
-def _number(value: complex) -> str:
-    if value.imag == 0:
-        return f"{value.real:.4g}"
-    return f"±{abs(value.imag):.4g}j" if value.real == 0 else f"{value.real:.4g} ± {abs(value.imag):.4g}j"

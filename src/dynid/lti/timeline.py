@@ -92,8 +92,22 @@ def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
         raise UsageError(f"a response cannot start at {start:g} s, after its first time {times[0]:g} s")
     jumps = np.array([signal.jump for signal in signals], dtype=float)
     nodes = _nodes(signals, times, start, bool(np.any(jumps)))
-    lengths, which = _distinct(np.diff(nodes), float(np.max(np.abs(nodes))))
-    G, H = _joint_generator(signals)
+    gaps = np.diff(nodes)
+    lengths, which = np.empty(0), np.empty(len(gaps), dtype=np.int64)
+    if len(gaps):  # lengths that are equal to rounding are one, their mean
+        order = np.argsort(gaps)
+        new_group = np.diff(gaps[order]) > 8 * np.finfo(float).eps * float(np.max(np.abs(nodes)))
+        which[order] = np.concatenate([[0], np.cumsum(new_group)])
+        lengths = np.bincount(which, weights=gaps) / np.bincount(which)
+    generators = [signal.generator() for signal in signals]
+    size = sum(len(block) for block, _ in generators)
+    G, H = np.zeros((size, size)), np.zeros((len(generators), size))
+    first = 0
+    for row, (block, readout) in enumerate(generators):
+        here = slice(first, first + len(block))
+        G[here, here] = block
+        H[row, here] = readout
+        first += len(block)
     if len(nodes) * len(G) > _MOST_STATES:
         largest = max(signals, key=lambda signal: len(signal.generator()[1]))
         raise UsageError(
@@ -146,28 +160,3 @@ def _subdivided(nodes: Array, fastest: Signal) -> Array:
     fraction = (np.arange(repeats.sum()) - first) / np.repeat(repeats, repeats)
     inner = np.repeat(nodes[:-1], repeats) + fraction * np.repeat(gaps, repeats)
     return np.append(inner, nodes[-1])
-
-
-def _distinct(gaps: Array, latest: float) -> tuple[Array, Indices]:
-    """Group interval lengths equal to rounding; return the mean lengths and the group of each."""
-    if not len(gaps):
-        return np.empty(0), np.empty(0, dtype=np.int64)
-    order = np.argsort(gaps)
-    new_group = np.diff(gaps[order]) > 8 * np.finfo(float).eps * latest
-    group = np.concatenate([[0], np.cumsum(new_group)])
-    which = np.empty(len(gaps), dtype=np.int64)
-    which[order] = group
-    return np.bincount(which, weights=gaps) / np.bincount(which), which
-
-
-def _joint_generator(signals: Sequence[Signal]) -> tuple[Array, Array]:
-    parts = [signal.generator() for signal in signals]
-    size = sum(len(G) for G, _ in parts)
-    G, H = np.zeros((size, size)), np.zeros((len(parts), size))
-    first = 0
-    for row, (block, readout) in enumerate(parts):
-        here = slice(first, first + len(block))
-        G[here, here] = block
-        H[row, here] = readout
-        first += len(block)
-    return G, H

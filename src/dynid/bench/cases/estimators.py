@@ -47,7 +47,7 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     import numpy as np
 
     from dynid.identification.measurement import Measurement, Simulation, data
-    from dynid.identification.record_model import record_model
+    from dynid.identification.parametric_model import parametric_model
     from dynid.identification.time_record import TimeLikelihood, TimeRecord
     from dynid.lti.signals import Multisine
     from dynid.structure.joints import Joint, JointParameter
@@ -65,7 +65,7 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     channels = (Channel(2, "velocity"), Channel(3, "velocity"))
     measurement = Measurement(STEP, samples, channels, Simulation(0.05, seed, 10.0))
     record = data(model, loads, measurement)
-    joint = record_model(model, loads, channels, measurement.record.times)
+    joint = parametric_model(model, loads, channels, measurement.record.times)
     ensemble = TimeLikelihood((TimeRecord(joint, record),))
     truth = np.log(list(model.true_values().values()))
     start = np.log([unknown.start for unknown in model.unknowns])

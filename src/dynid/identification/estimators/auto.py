@@ -1,17 +1,20 @@
-"""The default estimator: the cheapest that the residuals accept.
+"""The default estimators: a local fit first, a multi-start search only where the residuals reject that.
 
-A pass of the filter goes over local optima that a fit of the whole record from far off ends at; Levenberg–
-Marquardt then goes to the maximum of the likelihood, where the filter does not. Where the residuals reject
-what that gives, fits to segments of the records lead from the given start, then passes of the filter whose
-assumed noise is annealed, and then segments from other starts (`search`).
+A pass of the filter avoids local optima at which a fit of the whole record from a poor initial guess ends;
+Levenberg–Marquardt then goes on to the maximum of the likelihood, which the filter does not reach exactly.
+Where the residuals of that are not noise, fits to segments of the records are tried from the given start,
+then passes of the filter whose assumed noise is annealed, and then segments from other starts.
 
-The search for the greatest likelihood makes attempts from several starts, until no more are needed.
+Frequency responses: the misfit of a response has a local minimum wherever a measured and a predicted
+resonance do not overlap; that of the logarithms of magnitudes slopes towards the resonances from afar. So
+where the likelihood ends in residuals that are not noise, magnitudes are fitted first, from the given start
+and then from others.
 
-One attempt is enough where its residuals are noise and the parameters are well known. Otherwise further
-starts are drawn: a Latin hypercube in logarithms around the given start, within bounds and priors, of which
-the best ones by the misfit of an easier likelihood (`guide`) are tried first, led by such likelihoods to
-where the optimum of the true one is near. The search ends when several starts end at the best optimum, or
-when the starts are used up.
+One attempt is enough where its residuals are noise and the parameters are well determined. Otherwise further
+starts are drawn: a Latin hypercube in logarithms around the given start, within bounds and priors. The best
+ones by the misfit of a likelihood with fewer local optima (`guide`) are tried first; each is improved on such
+likelihoods before the true one. The search ends when several starts end at the best optimum, or when the
+starts are used up.
 """
 
 from __future__ import annotations
@@ -27,13 +30,13 @@ from numpy.typing import NDArray
 
 from dynid.defaults import AGREEING_STARTS, MOST_STARTS
 from dynid.errors import DynidError
-from dynid.identification.estimators.estimate import Estimate, Stage, Sweep
+from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
-from dynid.identification.estimators.maximum_likelihood import Refined, refine
+from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.estimators.segments import in_segments
+from dynid.identification.frf_record import FrfLikelihood
 from dynid.identification.lack_of_fit import ModelComparison, compare_models
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.priors import Priors
+from dynid.identification.likelihood import Fit, Likelihood, Priors
 from dynid.identification.residual_tests import is_explained
 from dynid.identification.time_record import TimeLikelihood
 from dynid.progress import report_progress, tracked
@@ -44,9 +47,9 @@ Array = NDArray[np.float64]
 _ROUNDS = ((256, 20.0, 1 / 3), (512, 100.0, 1 / 3), (1024, 300.0, 1 / 3))
 # A prior bounds what is drawn to so many of its deviations.
 _PRIOR = 4.0
-# Most steps on a guide, which is to lead near, not to the end.
+# Most steps on a guide, of which only the neighbourhood of the optimum is needed.
 _STEPS = 15
-# Most steps of an attempt, and further ones where it is the best so far and has not ended.
+# Most steps of an attempt, and further ones where it is the best so far and has not converged.
 _MOST_STEPS, _FURTHER_STEPS = 50, 200
 # Two ends are one optimum if the logarithms agree to this, or the misfits to this.
 _SAME, _AS_GOOD = 0.02, 0.02
@@ -57,25 +60,26 @@ _WHITE = 1e-4
 # A parameter is vague beyond this standard error of its logarithm: other optima may be as white. So many
 # starts are drawn to look for them, besides those so many standard errors away (of at most so much).
 _VAGUE, _CONFIRMING, _AWAY, _FARTHEST = 0.05, 4, 3.0, 2.0
-# Beyond this one nothing is known of it, whatever the start.
+# Beyond this one the parameter is not identifiable, whatever the start.
 _BLIND = 10.0
-# Segments that lead one after the other, as parts of a record; of the shortest ones starts are chosen by. No
-# such route is the best for all records: short segments go over more local optima, but show less.
+# Lengths of segments that are fitted one after the other, as fractions 1/n of a record; starts are chosen by
+# the shortest. No route is the best for all records: short segments have fewer local optima, but are less
+# sensitive.
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
 
 
 SearchStart: TypeAlias = tuple[Array, list[Sweep]]
-"""Where an attempt begins: logarithms (p), and the sweeps that led there."""
+"""Start of an attempt: logarithms (p), and the sweeps before it."""
 
 
 class Attempt(NamedTuple):
-    """An attempt that came to an end: its `stage`, its `fit`, the `sweeps` that led there.
+    """A completed attempt: its `stage`, its `fit`, the `sweeps` before it.
 
     `drawn`: not from the given start; `accepted`: its residuals are noise, or round-off; `comparison`: of
     the model with others, if that was needed.
     """
 
-    stage: Stage
+    stage: EstimationStage
     fit: Fit
     sweeps: list[Sweep]
     drawn: bool
@@ -84,12 +88,12 @@ class Attempt(NamedTuple):
 
 
 class Search:
-    """Attempts so far, and whether they are enough.
+    """A multi-start search for the greatest likelihood: the attempts so far.
 
     Parameters
     ----------
     likelihood
-        What is observed.
+        The records and the model.
     accept_small
         True: residuals that are small are accepted whatever their colour.
     """
@@ -102,29 +106,25 @@ class Search:
         self.drawn = 0
 
     def attempt(self, name: str, begun: Callable[[], SearchStart], *, drawn: bool = False) -> None:
-        """Begin, and go from where that ends to the nearest optimum."""
+        """Begin, and go from there to the nearest optimum."""
         report_progress(name)
         self.drawn += drawn
         try:
             logs, sweeps = begun()
-            fit, steps = self._refined(logs)
-        except DynidError as error:  # far off an attempt may run away: another start may not
+            fit, steps = refine(self.likelihood, logs, _MOST_STEPS)
+            best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
+            if steps == _MOST_STEPS and self.likelihood.misfit(fit) < best:
+                # Further steps, as in a narrow valley, are for the best attempt alone.
+                fit, further = refine(self.likelihood, fit.logs, _FURTHER_STEPS)
+                steps += further
+        except DynidError as error:  # from a poor start an attempt may diverge, from another one not
             self.failure = self.failure or error
             return
-        stage = Stage.at(name, self.likelihood, fit, steps)
+        stage = EstimationStage.at(name, self.likelihood, fit, steps)
         self.tried.append(Attempt(stage, fit, sweeps, drawn, *self._judged(stage, fit)))
 
-    def _refined(self, logs: Array) -> Refined:
-        """Return the nearest optimum; further steps, as in a narrow valley, go to the best attempt alone."""
-        way = refine(self.likelihood, logs, _MOST_STEPS)
-        best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
-        if way.steps == _MOST_STEPS and self.likelihood.misfit(way.fit) < best:
-            further = refine(self.likelihood, way.fit.logs, _FURTHER_STEPS)
-            return Refined(further.fit, way.steps + further.steps)
-        return way
-
-    def _judged(self, stage: Stage, fit: Fit) -> tuple[bool, ModelComparison | None]:
-        """Tell whether residuals are accepted; and what the records say of the model, if that was needed."""
+    def _judged(self, stage: EstimationStage, fit: Fit) -> tuple[bool, ModelComparison | None]:
+        """Return True if residuals are accepted, and the comparison of models if that was needed."""
         ratio, whiteness_p = stage.residual_ratio, self.likelihood.whiteness(fit)
         if np.mean(ratio**2) >= 1:  # nothing is explained, in few values or in many
             return False, None
@@ -136,28 +136,17 @@ class Search:
         return not compared.lacks_fit, compared
 
     def draw(self, guide: Likelihood, routes: Sequence[Sequence[Likelihood]], origin: Array) -> None:
-        """Try other starts until enough of them agree, or all are used up.
+        """Try other starts, the most promising first, until enough of them agree or all are used up.
 
         Parameters
         ----------
         guide
-            The likelihood that the starts of routes are chosen by.
+            The likelihood by whose misfit the starts of routes are ranked.
         routes
-            Likelihoods that lead to the optimum one after the other; starts take them in turn.
+            Sequences of likelihoods that are maximised one after the other; starts take the routes in turn.
+            An empty one begins with the true likelihood, whose own misfit ranks its starts.
         origin
             Logarithms around which starts are drawn (p).
-        """
-        for name, route, logs in self._starts(guide, routes, origin):
-            self.attempt(name, partial(guided, route, logs), drawn=True)
-            if self.ended:
-                break
-
-    def _starts(
-        self, guide: Likelihood, routes: Sequence[Sequence[Likelihood]], origin: Array
-    ) -> Iterator[tuple[str, Sequence[Likelihood], Array]]:
-        """Yield names, routes and logarithms of starts (p), those likely to succeed first.
-
-        An empty route begins in the likelihood itself, whose own misfit chooses its starts.
         """
         turn = cycle(routes)
         for seed, (count, reach, part) in enumerate(_ROUNDS):
@@ -166,20 +155,22 @@ class Search:
             taken: set[int] = set()
             for place in range(1, round(part * MOST_STARTS.value) + 1):
                 route = next(turn)
-                guided_start = bool(route)
-                if guided_start not in ranked:
-                    chooser = guide if guided_start else self.likelihood
+                is_guided = bool(route)
+                if is_guided not in ranked:
+                    chooser = guide if is_guided else self.likelihood
                     misfits = [_misfit_at(chooser, logs) for logs in tracked(starts, "start")]
-                    ranked[guided_start] = iter(np.argsort(misfits, kind="stable").tolist())
-                chosen = next(k for k in ranked[guided_start] if k not in taken)
+                    ranked[is_guided] = iter(np.argsort(misfits, kind="stable").tolist())
+                chosen = next(k for k in ranked[is_guided] if k not in taken)
                 taken.add(chosen)
-                yield f"start {place} of {count}", route, starts[chosen]
+                self.attempt(f"start {place} of {count}", partial(guided, route, starts[chosen]), drawn=True)
+                if self.ended:
+                    return
 
     def look_around(self) -> None:
-        """Try both sides of the best end in the direction that is known least, until none is better."""
+        """Try starts on both sides of the best optimum, in the direction that is determined least."""
         for side in (1.0, -1.0, 1.0, -1.0):
             fit = self.best_tried.fit
-            U, s, _ = np.linalg.svd(self.likelihood.information(fit, fit.noise).root())
+            U, s, _ = np.linalg.svd(self.likelihood.information(fit, fit.noise).root)
             away = side * U[:, 0] * min(_AWAY * s[0], _FARTHEST)
             logs = self.likelihood.priors.clipped(fit.logs + away)
             self.attempt("a start nearby", partial(guided, (), logs), drawn=False)
@@ -204,7 +195,12 @@ class Search:
     def agreeing(self) -> int:
         """Number of starts that ended at the best optimum; all attempts from the given one count as one."""
         best = self.best_tried.stage
-        there = [tried.drawn for tried in self.tried if _same(best, tried.stage)]
+        there = [
+            tried.drawn
+            for tried in self.tried
+            if np.all(np.abs(best.logs - tried.stage.logs) <= _SAME)
+            or abs(best.misfit - tried.stage.misfit) <= _AS_GOOD
+        ]
         return sum(there) + (not all(there))
 
     @property
@@ -238,7 +234,7 @@ class Search:
 
 
 def guided(route: Sequence[Likelihood], logs: Array) -> SearchStart:
-    """Begin where likelihoods lead, one after the other."""
+    """Begin at the end of a few steps on each likelihood of a route."""
     for guide in route:
         logs = refine(guide, logs, _STEPS).fit.logs
     return logs, []
@@ -251,19 +247,15 @@ def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: 
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     strata = rng.permuted(np.tile(np.arange(count), (len(origin), 1)), axis=1).T
-    centre = np.where(priors.believed, priors.means, origin)
+    centre = np.where(priors.given, priors.means, origin)
     spread = np.fmin(np.log(reach), _PRIOR * priors.deviations)
     low, high = np.maximum(centre - spread, priors.low), np.minimum(centre + spread, priors.high)
     places = (strata + rng.random(strata.shape)) / count
     return priors.clipped(low + (high - low) * places)
 
 
-def _same(one: Stage, other: Stage) -> bool:
-    """Tell whether two attempts ended at one optimum."""
-    return bool(np.all(np.abs(one.logs - other.logs) <= _SAME)) or abs(one.misfit - other.misfit) <= _AS_GOOD
-
-
 def _misfit_at(guide: Likelihood, logs: Array) -> float:
+    """Return the misfit at logarithms (p), infinite where the prediction leaves the range of numbers."""
     try:
         return guide.misfit_at(logs)
     except DynidError:
@@ -272,15 +264,15 @@ def _misfit_at(guide: Likelihood, logs: Array) -> float:
 
 @dataclass(frozen=True)
 class Auto:
-    """Estimator: a filter pass and maximum likelihood; other starts only where they are needed.
+    """Estimator of records of time: a filter pass and maximum likelihood; other starts where needed.
 
     Parameters
     ----------
-    escalates
-        Whether more than the first pass may be tried.
+    multi_start
+        True: more than the first attempt may be made.
     """
 
-    escalates: bool = True
+    multi_start: bool = True
     name: str = "auto"
 
     def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
@@ -289,11 +281,11 @@ class Auto:
         Raises
         ------
         DynidError
-            What went wrong at first, if no attempt came to an end.
+            The first error, if no attempt was completed.
         """
         search = Search(likelihood)
-        search.attempt("a filter pass", partial(_filtered, likelihood, origin))
-        if not self.escalates or (search.accepted and not search.vague):
+        search.attempt("a filter pass", partial(_filtered, partial(run_passes, passes=1), likelihood, origin))
+        if not self.multi_start or (search.accepted and not search.vague):
             return search.best()
         guides = {part: in_segments(likelihood, part) for route in _ROUTES for part in route}
         routes: list[list[Likelihood]] = [[guides[part] for part in route] for route in _ROUTES]
@@ -302,19 +294,48 @@ class Auto:
         else:
             search.attempt("segments", partial(guided, routes[0], origin))
         if not search.accepted:
-            search.attempt("annealed passes", partial(_annealed, likelihood, origin))
+            search.attempt("annealed passes", partial(_filtered, annealed_passes, likelihood, origin))
         if not search.ended:
             search.draw(guides[_ROUTES[0][0]], routes, origin)
         return search.best()
 
 
-def _filtered(likelihood: TimeLikelihood, logs: Array) -> SearchStart:
-    """Begin with one pass of the filter."""
-    sweeps = run_passes(likelihood, 1, logs)
+def _filtered(
+    passes: Callable[[TimeLikelihood, Array], list[Sweep]], likelihood: TimeLikelihood, logs: Array
+) -> SearchStart:
+    """Begin with passes of the filter."""
+    sweeps = passes(likelihood, logs)
     return last(likelihood, sweeps), sweeps
 
 
-def _annealed(likelihood: TimeLikelihood, logs: Array) -> SearchStart:
-    """Begin with passes whose assumed noise is annealed."""
-    sweeps = annealed_passes(likelihood, logs)
-    return last(likelihood, sweeps), sweeps
+@dataclass(frozen=True)
+class FrfAuto:
+    """Estimator of frequency responses: maximum likelihood; magnitudes and other starts where needed.
+
+    Parameters
+    ----------
+    accept_small
+        True: residuals that are small are accepted whatever their colour.
+    multi_start
+        True: other starts than the given one may be tried.
+    """
+
+    accept_small: bool = False
+    multi_start: bool = True
+    name: str = "auto"
+
+    def run(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:
+        """Estimate, from the logarithms `origin` (p).
+
+        Raises
+        ------
+        DynidError
+            The first error, if no attempt was completed.
+        """
+        search, magnitudes = Search(likelihood, accept_small=self.accept_small), likelihood.by_magnitude()
+        search.attempt("the start", lambda: (origin, []))
+        if not search.accepted:
+            search.attempt("magnitudes", partial(guided, [magnitudes], origin))
+        if self.multi_start and not search.accepted:
+            search.draw(magnitudes, [[magnitudes]], origin)
+        return search.best()

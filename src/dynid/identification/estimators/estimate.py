@@ -22,15 +22,15 @@ Sweep: TypeAlias = Sequence[Pass]
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """One attempt of an estimator, without arrays that are as long as the records.
+class EstimationStage:
+    """The end of one attempt of an estimator, without arrays that are as long as the records.
 
     Attributes
     ----------
     name
         Name of the attempt.
     logs
-        The logarithms that it came to (p).
+        The logarithms that it ended with (p).
     residual_ratio
         RMS of the residuals there over that of the measured values (channels of all records).
     misfit
@@ -53,7 +53,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The estimate that an estimator returns, and the way to it.
+    """The estimate that an estimator returns, with its history.
 
     Attributes
     ----------
@@ -62,20 +62,20 @@ class Estimate:
     histories
         The sweeps over the records, in order; none where the estimator takes each record as a whole.
     stages
-        Attempts, in order.
+        The attempts, in order.
     counts
         Numbers of starts, equations and the like, by name.
     likelihood
-        The likelihood that `fit` is the optimum of, where it is not the one that was given: of a robust loss.
+        The likelihood that `fit` maximises, where it is not the given one: that of a robust loss.
     disputed
-        True: starts ended at different optima, of which none reaches the noise; this one may be local.
+        True: starts ended at different optima, none of which leaves white residuals; this one may be local.
     comparison
-        The model at `fit` compared with others, if that was needed already.
+        Comparison of the model at `fit` with others, if it was made already.
     """
 
     fit: Fit
     histories: Sequence[Sweep]
-    stages: Sequence[Stage]
+    stages: Sequence[EstimationStage]
     counts: Mapping[str, int] = field(default_factory=dict)
     likelihood: Likelihood | None = None
     disputed: bool = False
@@ -83,7 +83,7 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """A way to estimate."""
+    """An estimator of parameters from records of time."""
 
     @property
     def name(self) -> str:

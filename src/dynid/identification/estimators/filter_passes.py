@@ -1,9 +1,9 @@
 """The schedule of filter passes, and its limit.
 
-The last pass leaves the filter's fixed point, where each sample is linearised about the estimate before it.
-It is near the maximum-likelihood point of the record, but not that point: with acceleration channels or loud
-noise it can be several standard errors off, and more passes do not move it. How far it is the result says
-(`identification/diagnostics/distance_to_optimum`); beyond half a standard error it is not `settled`.
+The last pass ends at the filter's fixed point, where each sample is linearised about the estimate before it.
+This is near the maximum-likelihood point of the record, but not that point: with acceleration channels or
+strong noise it can be several standard errors off, and more passes do not move it. The result gives the
+distance (`identification/diagnostics/distance_to_optimum`); beyond half a standard error it is not `settled`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.defaults import FILTER_PASSES
 from dynid.errors import UsageError
-from dynid.identification.estimators.estimate import Estimate, Stage, Sweep
+from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
 from dynid.identification.filter import FilterPrior, Pass, filter_pass, thinned
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress, tracked
@@ -24,7 +24,7 @@ from dynid.progress import report_progress, tracked
 Array = NDArray[np.float64]
 
 # The first pass assumes a noise that falls from twice the RMS to a twentieth, over an eighth of the record:
-# from far off the early samples must not narrow the covariance, the linearisation is wrong there.
+# far from the optimum early samples must not narrow the covariance, since the linearisation is wrong there.
 _FIRST_NOISE = 2.0
 _LAST_NOISE = 0.05
 _FALL = 0.125
@@ -62,9 +62,9 @@ class Filter:
         Diverged
             If the parameters run away.
         """
-        histories = run_passes(likelihood, self.passes, origin)
+        histories = run_passes(likelihood, origin, self.passes)
         fit = likelihood.fit(last(likelihood, histories))
-        return Estimate(fit, histories, [Stage.at("filter", likelihood, fit)])
+        return Estimate(fit, histories, [EstimationStage.at("filter", likelihood, fit)])
 
 
 def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
@@ -72,17 +72,17 @@ def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
     return likelihood.priors.clipped(sweeps[-1][-1].logs[-1])
 
 
-def run_passes(likelihood: TimeLikelihood, passes: int, origin: Array) -> list[Sweep]:
+def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[Sweep]:
     """Run passes of the filter.
 
     Parameters
     ----------
     likelihood
         The records and the model.
-    passes
-        How many.
     origin
         Logarithms of the initial parameters (p).
+    passes
+        How many.
 
     Raises
     ------
@@ -104,9 +104,9 @@ def run_passes(likelihood: TimeLikelihood, passes: int, origin: Array) -> list[S
 
 
 def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
-    """Run passes that trust the records, and themselves, more from one to the next.
+    """Run passes whose assumed noise and prior deviations decrease from one to the next.
 
-    It takes longer than `run_passes` and gets there from farther away.
+    It takes longer than `run_passes` and converges from poorer initial guesses.
 
     Parameters
     ----------
@@ -134,20 +134,20 @@ def chained(
     priors: Sequence[FilterPrior],
     passed: Callable[[int, TimeRecord, FilterPrior], Pass],
 ) -> Sweep:
-    """Run one pass over each record; what it tells of the parameters is the prior of the next.
+    """Run one pass over each record; its estimate of the parameters is the prior of the next one.
 
     Parameters
     ----------
     likelihood
         The records.
     priors
-        Of each record the state it starts from; of the first one the parameters, too, to which what is
-        known of them beforehand is added.
+        Of each record the prior of its first state; of the first one that of the parameters, too, which is
+        combined with their priors.
     passed
         Runs the pass over a record, numbered from 0.
     """
     sweep: list[Pass] = []
-    first = likelihood.priors.informed(priors[0])
+    first = likelihood.priors.combined(priors[0])
     for k, (record, prior) in enumerate(zip(likelihood.records, priors, strict=True)):
         before = record.continued(prior, sweep[-1].logs[-1], sweep[-1].root) if sweep else first
         sweep.append(thinned(passed(k, record, before)))

@@ -7,7 +7,7 @@ Source: K. T. Yang 1997, eqs 19–20 (D. M. Detchmendy, R. Sridhar, J. Basic Eng
 
 with X the augmented state, its parameters as logarithms, and y(t) the record between its samples by a cubic
 spline. N states make N + N (N + 1)/2 equations. With Q = 1/(2 sigma^2 step) it is the Kalman–Bucy filter of
-white noise of deviation sigma; what `filter` solves exactly and in a hundredth of the time.
+white noise of deviation sigma, which `filter` solves exactly and in a hundredth of the time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
-from dynid.identification.estimators.estimate import Estimate, Stage
+from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.estimators.filter_passes import chained, last
 from dynid.identification.filter import ASTRAY, FilterPrior, Pass, check_run_away
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
@@ -78,7 +78,7 @@ class InvariantImbedding:
 
         sweep = chained(likelihood, [record.wide_prior(origin) for record in likelihood.records], passed)
         fit = likelihood.fit(last(likelihood, [sweep]))
-        return Estimate(fit, [sweep], [Stage.at("invariant imbedding", likelihood, fit)], counts)
+        return Estimate(fit, [sweep], [EstimationStage.at("invariant imbedding", likelihood, fit)], counts)
 
     def _integrated(self, record: TimeRecord, prior: FilterPrior, origin: Array) -> tuple[Pass, int, int]:
         """Return the pass over one record, its number of equations, and that of their evaluations."""
@@ -109,17 +109,17 @@ class InvariantImbedding:
 class Flow:
     """Right-hand side of eqs 19 and 20, and its derivatives; the covariance as its upper triangle."""
 
-    def __init__(self, fitter: TimeRecord, options: InvariantImbedding) -> None:
-        self.model = model = fitter.model
+    def __init__(self, record: TimeRecord, options: InvariantImbedding) -> None:
+        self.model = model = record.model
         self.size = model.states + model.parameters
         self.upper = np.triu_indices(self.size)
         times = model.line.nodes[model.line.wanted]
         step = float(np.mean(np.diff(times))) if len(times) > 1 else 1.0
-        self.weight = 1 / (2 * (options.noise_ratio * fitter.data.rms) ** 2 * step)  # Q
+        self.weight = 1 / (2 * (options.noise_ratio * record.data.rms) ** 2 * step)  # Q
         self.unmodelled = np.zeros((self.size, self.size))
         n = model.states
         self.unmodelled[:n, :n] = options.input_deviation**2 * step * model.B @ model.B.T
-        self._splines = _splines(times, fitter.data.values - model.feedthrough)
+        self._splines = _splines(times, record.data.values - model.feedthrough)
 
     def packed(self, z: Array, P: Array) -> Array:
         """Join augmented state and covariance."""
@@ -146,23 +146,12 @@ class Flow:
         deviations, root = np.sqrt(variances), np.asarray(np.linalg.cholesky(left))
         return Pass(rows[:, n:N], deviations[:, n:], rows[:, :n], deviations[:, :n], root)
 
-    def _input(self, t: float) -> Array:
-        """Return the generators' state at any time, by the series of their exponential from the last node."""
-        line = self.model.line
-        node = int(np.clip(np.searchsorted(line.nodes, t, side="right") - 1, 0, len(line.nodes) - 1))
-        tau, w = t - line.nodes[node], self.model.W[node]
-        term, total = w, w
-        for k in range(1, _TERMS):
-            term = (line.G @ term) * (tau / k)
-            total = total + term
-        return np.asarray(total)
-
     def _linearised(self, z: Array) -> tuple[Array, Array, Array]:
         """Return F (N x N), H^T (channels x N) and the parameters' shares of A (p x n x n)."""
         model, n = self.model, self.model.states
-        change = np.exp(z[n:])[:, None, None] * model.A_slopes
+        A, change = model.system(z[n:])
         F = np.zeros((self.size, self.size))
-        F[:n, :n] = model.A + change.sum(axis=0)
+        F[:n, :n] = A
         F[:n, n:] = (change @ z[:n]).T
         C, C_change = model.output(z[n:])
         return F, np.concatenate([C, (C_change @ z[:n]).T], axis=1), change
@@ -174,8 +163,16 @@ class Flow:
         F, Ht, _ = self._linearised(z)
         gain = 2 * P @ Ht.T * self.weight
         innovation = self._splines(t) - Ht[:, :n] @ z[:n]
+        # The generators' state between two nodes, by the series of their exponential.
+        line = self.model.line
+        node = int(np.clip(np.searchsorted(line.nodes, t, side="right") - 1, 0, len(line.nodes) - 1))
+        tau, w = t - line.nodes[node], self.model.W[node]
+        term = w
+        for k in range(1, _TERMS):
+            term = (line.G @ term) * (tau / k)
+            w = w + term
         dz = gain @ innovation
-        dz[:n] += F[:n, :n] @ z[:n] + self.model.drive @ self._input(t)
+        dz[:n] += F[:n, :n] @ z[:n] + self.model.drive @ w
         FP = F @ P
         return self.packed(dz, FP + FP.T - gain @ (Ht @ P) + self.unmodelled)
 

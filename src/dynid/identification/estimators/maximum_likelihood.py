@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
 from dynid.errors import Diverged, DynidError, UsageError
-from dynid.identification.estimators.estimate import Estimate, Stage
+from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.filter import check_run_away
 from dynid.identification.information import Information
 from dynid.identification.least_squares import least_squares
-from dynid.identification.likelihood import Fit, Likelihood, RecordFit, RecordLikelihood
+from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.measurement import RecordData, RobustLoss
 from dynid.identification.residual_tests import robust_deviation
 from dynid.identification.statistics import root_mean_square
@@ -45,13 +45,13 @@ Array = NDArray[np.float64]
 _LONGEST = 1.5
 #: First damping, its least and its most; it falls and rises tenfold.
 _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
-#: A step is the last if what is left after it is below this part of the standard errors, or this size.
+#: A step is the last if the distance left is below this part of the standard errors, or this size.
 _PART, _SIZE = 1e-3, 1e-11
 L = TypeVar("L", bound=Likelihood)
 #: Most iterations, and the step (in standard errors) that is the last.
 _MOST_ITERATIONS, _LAST_STEP = 100, 1e-3
-# Iterations after which scales and parts of bounded values stay: both jump where a sample crosses the bound,
-# and could go to and fro for ever. With fixed ones the iteration contracts.
+# Iterations after which scales and parts of bounded values are fixed: both jump where a sample crosses the
+# bound, and could alternate for ever. With fixed ones the iteration contracts.
 _SETTLING = 10
 # A robust deviation below this part of a channel's RMS is rounding.
 _ROUNDING = 1e-12
@@ -90,7 +90,7 @@ class OutputError:
             If the parameters run away.
         """
         way = refine(likelihood, origin, self.iterations)
-        return Estimate(way.fit, [], [Stage.at("output error", likelihood, way.fit, way.steps)])
+        return Estimate(way.fit, [], [EstimationStage.at("output error", likelihood, way.fit, way.steps)])
 
 
 def refine(likelihood: Likelihood, logs: Array, iterations: int = 50) -> Refined:
@@ -130,15 +130,12 @@ def refine(likelihood: Likelihood, logs: Array, iterations: int = 50) -> Refined
         fit, misfit = better
         check_run_away(likelihood.unknowns, fit.logs, logs)
         size = float(np.max(np.abs(step) / np.maximum(_PART * information.deviations(), _SIZE)))
-        if _left(size, before) <= 1.0:
+        # The sum of all steps to come, after two of these sizes: a geometric series.
+        left = size * size / (before - size) if size < before / 2 else size
+        if left <= 1.0:
             return Refined(fit, number)
         damping, before = max(damping / 10, _LEAST), size
     return Refined(fit, iterations)
-
-
-def _left(size: float, before: float) -> float:
-    """Return the size of all steps to come, after two of these sizes: a geometric series."""
-    return size * size / (before - size) if size < before / 2 else size
 
 
 def _damped_step(information: Information, residual: Array, damping: float) -> Array:
@@ -159,7 +156,7 @@ def _improved(
     """Return the fit at these logarithms and its misfit if that is below this one, else None."""
     try:
         new = likelihood.fit(logs, noise)
-    except DynidError:  # so far off that numbers leave their range
+    except DynidError:  # numbers leave their range
         return None
     reached = likelihood.misfit(new)
     return (new, reached) if reached < misfit else None
@@ -183,7 +180,7 @@ class Huber:
     Parameters
     ----------
     inner
-        The estimator whose answer it starts from.
+        The estimator from whose estimate it starts.
     """
 
     inner: MaximumLikelihoodEstimator
@@ -210,7 +207,7 @@ class Huber:
             change, fit = np.abs(way.fit.logs - fit.logs), way.fit
             deviations = pseudo.information(fit, pseudo.likeliest(fit)).deviations()
             if np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10)):
-                stage = Stage.at("Huber's loss", pseudo, fit, number)
+                stage = EstimationStage.at("Huber's loss", pseudo, fit, number)
                 stages = [*found.stages, stage]
                 return replace(found, fit=fit, stages=stages, likelihood=pseudo, comparison=None)
         raise Diverged(
@@ -223,25 +220,18 @@ class Huber:
 def bounded(likelihood: L, fit: Fit) -> L:
     """Return the likelihood of the pseudo-values about a fit.
 
-    Records that are such already keep their scales, and the parts of them that are bounded.
+    Records of pseudo-values keep their scales, and the parts of them that are bounded.
     """
-    each = zip(likelihood.records, fit.parts, strict=True)
-    return replace(likelihood, records=tuple(_bounded(record, part) for record, part in each))
-
-
-def _bounded(record: RecordLikelihood, fit: RecordFit) -> RecordLikelihood:
-    data = record.data
-    residual = data.recorded - fit.predicted.outputs
-    robust = data.robust or _robust(record, fit, residual)
-    psi = np.clip(residual / robust.scale, -HUBER.value, HUBER.value)
-    values = fit.predicted.outputs + robust.scale * psi / (1 - robust.clipped)
-    return record.on(RecordData(values, data.noise, data.clean, None, data.passed, robust))
-
-
-def _robust(record: RecordLikelihood, fit: RecordFit, residual: Array) -> RobustLoss:
-    """Return scales, and parts of the residuals beyond the bound."""
-    data = record.data
-    rounding = _ROUNDING * root_mean_square(data.recorded)
-    scale = np.maximum(record.scatter(fit.counts, robust_deviation(residual)), rounding)
-    beyond = np.where(np.isnan(residual), np.nan, np.abs(residual) >= HUBER.value * scale)
-    return RobustLoss(data.recorded, scale, np.nanmean(beyond, axis=0), data.told)
+    records = []
+    for record, part in zip(likelihood.records, fit.parts, strict=True):
+        data, predicted = record.data, part.predicted.outputs
+        residual, robust = data.recorded - predicted, data.robust
+        if robust is None:
+            rounding = _ROUNDING * root_mean_square(data.recorded)
+            scale = np.maximum(record.scatter(part.counts, robust_deviation(residual)), rounding)
+            beyond = np.where(np.isnan(residual), np.nan, np.abs(residual) >= HUBER.value * scale)
+            robust = RobustLoss(data.recorded, scale, np.nanmean(beyond, axis=0), data.given_noise)
+        psi = np.clip(residual / robust.scale, -HUBER.value, HUBER.value)
+        values = predicted + robust.scale * psi / (1 - robust.clipped)
+        records.append(record.on(RecordData(values, data.noise, data.clean, None, data.passed, robust)))
+    return replace(likelihood, records=tuple(records))

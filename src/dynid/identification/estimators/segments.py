@@ -1,9 +1,9 @@
 """The likelihood of segments of a record whose initial states are each their own (multiple shooting).
 
-Phase errors of a wrong model grow with time: the longer what is predicted from one initial state, the more
-local minima its misfit has. Segments are predicted from initial states of their own, which are linear and
-projected out, so that a fit to them leads towards the optimum of the record from far off; segments that grow
-lead to it. H. G. Bock, in: Modelling of Chemical Reaction Systems, Springer 1981, 102–125; L. Kaufman, BIT 15
+Phase errors of a wrong model grow with time: the longer the prediction from one initial state, the more local
+minima its misfit has. Segments are predicted from initial states of their own, which are linear and projected
+out, so that fits to segments of growing length converge to the optimum of the record from poor initial
+guesses. H. G. Bock, in: Modelling of Chemical Reaction Systems, Springer 1981, 102–125; L. Kaufman, BIT 15
 (1975) 49–57.
 """
 
@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from dynid.identification.calibration import CalibrationDerivatives
 from dynid.identification.information import Information, information
-from dynid.identification.likelihood import Likelihood, RecordFit, RecordLikelihood
+from dynid.identification.likelihood import Likelihood
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory, free_prediction, prediction
+from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.saturated_model import SaturatedCoordinates
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.floating import finite
@@ -30,8 +31,8 @@ from dynid.structure.joints import Unknown
 
 Array = NDArray[np.float64]
 
-# The initial states of segments are held to those of their prior by this part of the information of one value
-# of a channel's RMS: what a segment does not show of them stays where the forces alone would bring it.
+# The prior of the initial states of segments has this part of the information of one value of RMS size:
+# states that are not observable in a segment stay those of the forced response.
 _RIDGE = 1e-6
 # A segment has at least this many values for each of its initial states.
 _LEAST = 2
@@ -43,53 +44,53 @@ class Segments(RecordLikelihood):
 
     Attributes
     ----------
-    fitter
+    record
         The record as a whole.
     length
         Samples of a segment.
     """
 
-    fitter: TimeRecord
+    record: TimeRecord
     length: int
     sharing: int = 1
 
     @cached_property
     def data(self) -> RecordData:  # type: ignore[override]
         """All values over their channel's RMS, as one channel whose noise is given."""
-        whole = self.fitter.data
+        whole = self.record.data
         return RecordData((whole.values / whole.rms).reshape(-1, 1), given=np.ones(1))
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         """The unknown parameters (p)."""
-        return self.fitter.unknowns
+        return self.record.unknowns
 
     @property
     def nuisances(self) -> int:
         """Number of initial states of all segments."""
-        return self.fitter.nuisances * math.ceil(len(self.fitter.data.values) / self.length)
+        return self.record.nuisances * math.ceil(len(self.record.data.values) / self.length)
 
     def residual(self, logs: Array) -> Array:
         """Return a residual with the RMS of those of all segments (1 x 1)."""
-        model = self.fitter.model
+        model = self.record.model
         free, _ = free_prediction(model, logs)
-        left = self._cut(self.fitter.data.values - free.forced - free.by_state @ model.initial)[..., None]
+        left = self._cut(self.record.data.values - free.forced - free.by_state @ model.initial)[..., None]
         by_start = self._by_start(free.by_state)
-        seen = by_start.swapaxes(-1, -2) @ left
-        return self._sized(float(np.sum(left**2) - np.sum(seen * _starts(by_start, seen))))
+        projected = by_start.swapaxes(-1, -2) @ left
+        return self._sized(float(np.sum(left**2) - np.sum(projected * _starts(by_start, projected))))
 
     def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
-        """RecordFit the initial states of all segments at the parameters exp(logs)."""
-        model = self.fitter.model
+        """Fit the initial states of all segments at the parameters exp(logs)."""
+        model = self.record.model
         free, steps = free_prediction(model, logs)
         whole = prediction(model, logs, model.initial, free, steps)
-        left = self._cut(self.fitter.data.values - whole.outputs)[..., None]
+        left = self._cut(self.record.data.values - whole.outputs)[..., None]
         by_start = self._by_start(free.by_state)
         starts = _starts(by_start, by_start.swapaxes(-1, -2) @ left)[..., 0]
         slopes = self._cut(whole.by_parameter) + self._moved(logs, starts)
         every = np.where(self._present[..., None], np.concatenate([slopes, left], axis=2), 0.0)
-        seen = by_start.swapaxes(-1, -2) @ every
-        products = every.swapaxes(1, 2) @ every - seen.swapaxes(1, 2) @ _starts(by_start, seen)
+        projected = by_start.swapaxes(-1, -2) @ every
+        products = every.swapaxes(1, 2) @ every - projected.swapaxes(1, 2) @ _starts(by_start, projected)
         finite("the sensitivity of the record", products)
         size, V = np.linalg.eigh(products.sum(axis=0))
         rows = np.sqrt(np.maximum(size, 0.0))[:, None] * V.T  # as many as there are columns, same products
@@ -110,16 +111,16 @@ class Segments(RecordLikelihood):
         return np.tile(level, len(self.unknowns) + 1)
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:  # noqa: ARG002
-        """Return none: segments lead to an optimum, and judge no model."""
+        """Return none: segments are a step of the search, and no test of the model."""
         return []
 
     def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
         """Return that of the record as a whole."""
-        return self.fitter.calibration(fit, noise)
+        return self.record.calibration(fit, noise)
 
     def on(self, data: RecordData) -> Self:
         """Return the same segments of other values."""
-        return replace(self, fitter=self.fitter.on(data))
+        return replace(self, record=self.record.on(data))
 
     def information(self, fit: RecordFit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this part of the RMS."""
@@ -130,63 +131,59 @@ class Segments(RecordLikelihood):
     @cached_property
     def _present(self) -> NDArray[np.bool_]:
         """Return the mask of measured rows of each segment (segments x rows)."""
-        there = ~np.isnan(self.fitter.data.values)
+        there = ~np.isnan(self.record.data.values)
         filled = np.concatenate([there, np.zeros((-len(there) % self.length, there.shape[1]), dtype=bool)])
         return filled.reshape(-1, self.length * there.shape[1])
 
     def _cut(self, values: Array) -> Array:
         """Return values (times x channels x …) over RMS by segments (segments x rows x …), 0 if missing."""
         samples, channels, *more = values.shape
-        scaled = values / self.fitter.data.rms.reshape(channels, *(1 for _ in more))
+        scaled = values / self.record.data.rms.reshape(channels, *(1 for _ in more))
         filled = np.concatenate([scaled, np.zeros((-samples % self.length, channels, *more))])
         cut = filled.reshape(-1, self.length * channels, *more)
         return cut if more else np.where(self._present, cut, 0.0)
 
     def _by_start(self, by_state: Array) -> Array:
         """Return the response to initial states in the units of their prior ((segments x) rows x n)."""
-        root, rms = self.fitter.root, self.fitter.data.rms
-        seen = ((by_state[: self.length] @ root) / rms[:, None]).reshape(-1, len(root))
-        return seen if self._present.all() else np.where(self._present[..., None], seen, 0.0)
+        root, rms = self.record.root, self.record.data.rms
+        projected = ((by_state[: self.length] @ root) / rms[:, None]).reshape(-1, len(root))
+        return projected if self._present.all() else np.where(self._present[..., None], projected, 0.0)
 
     def _moved(self, logs: Array, starts: Array) -> Array:
         """Return the derivatives of the free decays from initial states (segments x rows x p)."""
-        model, line = self.fitter.model, self.fitter.model.line
+        model, line = self.record.model, self.record.model.line
         (K, n), p, L = starts.shape, model.parameters, self.length
         sampled = line.nodes[line.wanted]
         transition = model.transition(logs, float(sampled[-1] - sampled[0]) / (len(sampled) - 1))
         Phi, by_parameter = transition.step[:, :n], transition.derivatives[:, :, :n]
         states, slopes = np.empty((L, K, n)), np.zeros((L, K, p, n))
-        states[0] = starts @ self.fitter.root.T
+        states[0] = starts @ self.record.root.T
         states[1:] = recurrence(Phi, np.zeros((L - 1, K, n)), states[0])
         forcing = (states[:-1, :, None, None] @ by_parameter.swapaxes(1, 2))[:, :, :, 0]
         slopes.reshape(L, K * p, n)[1:] = recurrence(
             Phi, forcing.reshape(L - 1, K * p, n), np.zeros((K * p, n))
         )
         C, C_slopes = model.output(logs)
-        seen = slopes @ C.T + (states[:, :, None, None] @ C_slopes.swapaxes(1, 2))[:, :, :, 0]
-        return np.asarray((seen / self.fitter.data.rms).transpose(1, 0, 3, 2).reshape(K, -1, p))
+        projected = slopes @ C.T + (states[:, :, None, None] @ C_slopes.swapaxes(1, 2))[:, :, :, 0]
+        return np.asarray((projected / self.record.data.rms).transpose(1, 0, 3, 2).reshape(K, -1, p))
 
     def _sized(self, square: float) -> Array:
         """Return a residual whose RMS is that of all values, of a sum of squares (1 x 1)."""
         return np.full((1, 1), math.sqrt(max(square, 0.0) / int(self.data.counts[0])))
 
 
-def _starts(by_start: Array, seen: Array) -> Array:
+def _starts(by_start: Array, projected: Array) -> Array:
     """Return the initial states that fit best, in the units of their prior (segments x n x …)."""
     products = by_start.swapaxes(-1, -2) @ by_start
-    return np.asarray(np.linalg.solve(products + _RIDGE * np.eye(products.shape[-1]), seen))
+    return np.asarray(np.linalg.solve(products + _RIDGE * np.eye(products.shape[-1]), projected))
 
 
 def in_segments(likelihood: TimeLikelihood, part: int) -> Likelihood:
     """Return the likelihood of records in segments of this part of their length, or somewhat longer ones."""
-    return Likelihood(
-        tuple(
-            Segments(record, _length(record, part), len(likelihood.records)) for record in likelihood.records
-        )
-    )
-
-
-def _length(record: TimeRecord, part: int) -> int:
-    samples, channels = record.data.values.shape
-    least = math.ceil(_LEAST * record.nuisances / channels)
-    return int(min(samples, max(least, samples // part)))
+    segments = []
+    for record in likelihood.records:
+        samples, channels = record.data.values.shape
+        least = math.ceil(_LEAST * record.nuisances / channels)
+        length = int(min(samples, max(least, samples // part)))
+        segments.append(Segments(record, length, len(likelihood.records)))
+    return Likelihood(tuple(segments))

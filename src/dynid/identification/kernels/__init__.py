@@ -1,10 +1,10 @@
 """Kernels compiled by numba, and the choice of when they are used.
 
-Compiling takes ten seconds, once; to load what was compiled takes every process three quarters of one, and a
-pass over a thousand samples a twentieth. So the kernels are for long records, and for those who ask for them:
-the environment variable DYNID_COMPILED is 1 (always), 0 (never) or auto (default). The choice depends on the
-sizes of the problem alone, never on what ran before it or on what is compiled already: the same problem
-gives the same bytes. Of a study, all samples count.
+Compilation takes ten seconds, once; loading the compiled kernels takes three quarters of a second in every
+process, and a pass over a thousand samples a twentieth. So the kernels are used for long records, and on
+request: the environment variable DYNID_COMPILED is 1 (always), 0 (never) or auto (default). The choice
+depends on the sizes of the problem alone, never on earlier runs or on kernels that are compiled already: the
+same problem gives the same bytes. Of a study, all samples count.
 
 Whole runs of configs/table2.yaml in fresh processes, kernels compiled before, s of the processor:
 
@@ -13,7 +13,7 @@ Whole runs of configs/table2.yaml in fresh processes, kernels compiled before, s
 | without | 0.89 | 0.77 | 1.40 | 2.08 | 6.6 |
 | with | 1.66 | 1.52 | 1.75 | 1.84 | 2.4 |
 
-They cross at 14,000 samples; the threshold stands at 18,000, since somebody pays for the compilation.
+They cross at 14,000 samples; the threshold is 18,000, to allow for the compilation.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _REPEATS: ContextVar[int] = ContextVar("repeats", default=1)
 
 @contextmanager
 def repeated(times: int) -> Iterator[None]:
-    """Within, count every pass so many times: so many identifications are alike."""
+    """Count every pass so many times in this context, in which so many identifications are alike."""
     token = _REPEATS.set(times)
     try:
         yield
@@ -49,7 +49,7 @@ def repeated(times: int) -> Iterator[None]:
 
 
 def compiled(nodes: int, size: int, parameters: int) -> bool:
-    """Return whether a pass is to be compiled.
+    """Return True if a pass is to be compiled.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def compiled(nodes: int, size: int, parameters: int) -> bool:
     Raises
     ------
     UsageError
-        If the environment variable is none of the words it may be.
+        If the environment variable has another value.
     """
     wish = os.environ.get(VARIABLE, "auto")
     if wish not in ("0", "1", "auto"):

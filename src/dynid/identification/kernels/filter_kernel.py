@@ -58,7 +58,7 @@ def _room(t: Tables, at: Linear, size: int, width: int) -> Room:
 
 @inlined
 def _stale(at: Linear, z: Array, spread: Array, part: float, most: float) -> bool:
-    """Tell whether logarithms are too far from those of the steps."""
+    """Return True if logarithms are too far from those of the steps."""
     n = len(z) - len(spread)
     left = False
     for j in range(len(spread)):

@@ -74,10 +74,6 @@ def _load(builder: Any, pointer: Any) -> Any:
     return loaded
 
 
-def _store(builder: Any, value: Any, pointer: Any) -> None:
-    builder.store(value, builder.bitcast(pointer, _VECTOR.as_pointer())).align = 8
-
-
 def _everywhere(builder: Any, number: Any) -> Any:
     """Return a register full of a number."""
     none = ir.Constant(_VECTOR, ir.Undefined)
@@ -132,7 +128,8 @@ def _panel(
                 total = next(each)
                 builder.store(_fused(builder, a, x, builder.load(total)), total)
     for total, (r, c) in zip(sums, places, strict=True):
-        _store(builder, builder.load(total), out.at(builder, r, c))
+        place = builder.bitcast(out.at(builder, r, c), _VECTOR.as_pointer())
+        builder.store(builder.load(total), place).align = 8
 
 
 def _tiled(high: int, wide: int, *, add: bool) -> Any:

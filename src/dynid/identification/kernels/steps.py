@@ -1,8 +1,8 @@
-"""The exact step and its derivatives at given parameters, as a kernel; see `RecordModel.transition`.
+"""The exact step and its derivatives at given parameters, as a kernel; see `ParametricModel.transition`.
 
 They are summed from a Taylor series, which the lower half of the system matrix alone drives: the upper half
-says that velocities are rates of displacements. Where a step is too long for the series the kernel says so,
-and its caller asks `RecordModel.transition`, which squares.
+states that velocities are rates of displacements. Where a step is too long for the series the kernel returns
+that, and its caller uses `ParametricModel.transition`, which squares.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.defaults import FORCING_TABLE
 from dynid.identification.kernels.simd import LANES, accumulate, inlined, kernel, product
-from dynid.identification.record_model import RecordModel, Transition
+from dynid.identification.parametric_model import ParametricModel, Transition
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Tables(NamedTuple):
     sample: NDArray[np.int64]
 
 
-_TABLES: WeakKeyDictionary[RecordModel, Tables] = WeakKeyDictionary()
+_TABLES: WeakKeyDictionary[ParametricModel, Tables] = WeakKeyDictionary()
 
 
 class Linear(NamedTuple):
@@ -80,7 +80,7 @@ class Work(NamedTuple):
 
 
 def plain(array: Array) -> Array:
-    """Return it as every kernel has it: they are compiled for one type of array."""
+    """Return an array of the one type that kernels are compiled for."""
     return np.require(array, float, ["C", "W"])
 
 
@@ -89,23 +89,21 @@ def lanes(count: int) -> int:
     return -(-count // LANES) * LANES
 
 
-def tables(model: RecordModel) -> Tables:
+def tables(model: ParametricModel) -> Tables:
     """Return the tables of a model, which are made once."""
     found = _TABLES.get(model)
-    if found is None:
-        found = _TABLES[model] = _tables(model)
-    return found
-
-
-def _tables(model: RecordModel) -> Tables:
+    if found is not None:
+        return found
     line, m = model.line, model.states // 2
-    left, right = _factors(model.A_slopes[:, m:])
+    # The changes of the lower half, factorised by their largest rank.
+    U, s, Vt = np.linalg.svd(model.A_slopes[:, m:], full_matrices=False)
+    rank = max(1, int((s > 8 * np.finfo(float).eps * s[:, :1]).sum(axis=1).max()))
     forcing = _forcing(model)
     reach = np.abs(line.G).sum(axis=0).max(initial=0.0) * line.lengths
-    return Tables(
+    found = _TABLES[model] = Tables(
         lower=plain(model.A[m:]),
-        left=plain(left),
-        right=plain(right),
+        left=plain(U[:, :, :rank] * s[:, None, :rank]),
+        right=plain(Vt[:, :rank]),
         rates=plain(model.A[:m, m:].diagonal()),
         lengths=plain(line.lengths),
         forcing=forcing,
@@ -117,16 +115,10 @@ def _tables(model: RecordModel) -> Tables:
         which=line.which,
         sample=line.sample_of(),
     )
+    return found
 
 
-def _factors(slopes: Array) -> tuple[Array, Array]:
-    """Factorise matrices (p x n/2 x n) by their largest rank r: p x n/2 x r, p x r x n."""
-    U, s, Vt = np.linalg.svd(slopes, full_matrices=False)
-    rank = max(1, int((s > 8 * np.finfo(float).eps * s[:, :1]).sum(axis=1).max()))
-    return U[:, :, :rank] * s[:, None, :rank], Vt[:, :rank]
-
-
-def _forcing(model: RecordModel) -> Array:
+def _forcing(model: ParametricModel) -> Array:
     """Return the table of forcing, by Horner's scheme from the highest degree down; empty if it is large."""
     line, drive = model.line, model.drive[model.states // 2 :]
     degrees = _degree(REACH) + 1
@@ -141,7 +133,7 @@ def _forcing(model: RecordModel) -> Array:
     return forcing
 
 
-def linear(model: RecordModel) -> Linear:
+def linear(model: ParametricModel) -> Linear:
     """Return room for the steps of a model, none of which is ready."""
     n, p, lengths = model.states, model.parameters, len(model.line.lengths)
     return Linear(
@@ -153,7 +145,7 @@ def linear(model: RecordModel) -> Linear:
 
 
 def place(at: Linear, length: int, transition: Transition) -> None:
-    """Put in a step that the series does not reach."""
+    """Insert a step for which the series does not converge fast enough."""
     step, derivatives = transition
     n = len(step)
     both = np.concatenate([step[None], derivatives]).transpose(2, 1, 0).reshape(step.shape[1], -1)
@@ -250,7 +242,7 @@ def _summed(t: Tables, length: int, degree: int, room: Work) -> Array:
 
 @kernel
 def linearise(t: Tables, length: int, at: Linear, room: Work) -> bool:
-    """Make the step of a length ready; tell whether the series reaches."""
+    """Compute the step of a length; return False where the series does not converge fast enough."""
     norm = max(t.lengths[length] * _norm(t, at.logs, room), t.reach[length])
     if not norm <= REACH:
         return False

@@ -3,7 +3,7 @@
 A sine of amplitude A at omega gives a channel the steady motion Re(A H e^(i omega t)); N samples of it hold
 the information N A^2 / (2 sigma^2) Re(g^H g) on the parameters, with g = dH/dlog(theta). All forces have the
 same RMS, so that designs compare as places for one shaker. What the unknown initial state takes is left out
-here; what a design gives with it is told by `exact_bounds`.
+here; `exact_bounds` takes it into account.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from dynid.errors import UsageError
 from dynid.identification.identifiability import ExpectedTimeRecords, relative_bounds
 from dynid.identification.information import information
 from dynid.identification.measurement import Experiment
+from dynid.identification.parametric_model import parametric_model
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.prediction import free_prediction, prediction
-from dynid.identification.record_model import record_model
 from dynid.lti.frequency_response import WORST_CONDITION
 from dynid.lti.signals import Multisine, Sine
 from dynid.number_format import frequency_text
@@ -40,7 +40,7 @@ _MOST_LINES, _BELOW, _ABOVE, _NYQUIST = 300, 0.3, 1.5, 0.9
 
 @dataclass(frozen=True, eq=False)
 class CandidateSines:
-    """Candidate sines for a record, and what each would tell if it had the whole force.
+    """Candidate sines for a record, with the information of each if it had the whole force.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class CandidateSines:
     def candidates(self, count: int) -> Candidates:
         """Return the candidates, frequency by frequency, for a design of so many lines."""
         rows, columns = self.roots.shape[2:]
-        # Forces of one frequency at two DOFs make one motion: their information does not add up.
+        # Forces of one frequency at two DOFs cause one motion: their information does not add up.
         alike = np.repeat(np.arange(len(self.omega)), len(self.dofs))
         return Candidates(self.roots.reshape(-1, rows, columns) / np.sqrt(count), 0, alike)
 
@@ -131,7 +131,7 @@ def candidate_sines(
     dofs: Sequence[Label],
     band: tuple[float, float] | None = None,
 ) -> CandidateSines:
-    """Return what candidate sines at DOFs would tell the record's channels, whose noise stays as it is.
+    """Return candidate sines at DOFs with their information, the noise of the record's channels unchanged.
 
     The force has the RMS of the present one; 1 N where there is none.
     """
@@ -149,9 +149,13 @@ def candidate_sines(
     weight = rms * np.sqrt(measurement.samples) / expected.noise[0]
     kept, roots = [], []
     for w in omega:
-        solved = _solved(K + 1j * w * C - w**2 * M, np.hstack([forces, rows.T]))
-        if solved is None:
-            continue
+        Z = K + 1j * w * C - w**2 * M
+        scale = 1 / np.sqrt(np.linalg.norm(Z, axis=0))  # invariant to units
+        balanced = Z * scale * scale[:, None]
+        if not np.linalg.cond(balanced, 1) < WORST_CONDITION:
+            continue  # an undamped pole, where there is no steady state
+        both = np.hstack([forces, rows.T])
+        solved = scale[:, None] * np.linalg.solve(balanced, scale[:, None] * both)
         by_force, by_row = solved[:, : len(dofs)], solved[:, len(dofs) :]
         power = (1j * w) ** np.array(orders)
         slopes = [-by_row.T @ (P * (1j * w if letter == "c" else 1.0)) @ by_force for letter, P in patterns]
@@ -162,59 +166,39 @@ def candidate_sines(
         raise UsageError(
             "every candidate frequency lies on an undamped mode", names=("plan.excitation.band",)
         )
-    return CandidateSines(tuple(dofs), np.array(kept), rms, np.array(roots), _bands(np.array(kept), natural))
-
-
-def _solved(Z: NDArray[np.complex128], forces: Array) -> NDArray[np.complex128] | None:
-    """Solve for the steady state; None on an undamped pole, where there is none."""
-    scale = 1 / np.sqrt(np.linalg.norm(Z, axis=0))  # so that units do not count
-    balanced = Z * scale * scale[:, None]
-    if not np.linalg.cond(balanced, 1) < WORST_CONDITION:
-        return None
-    return np.asarray(scale[:, None] * np.linalg.solve(balanced, scale[:, None] * forces))
-
-
-def _bands(omega: Array, natural: Array) -> list[tuple[float, float]]:
-    """Return a band around each natural frequency among these frequencies."""
-    inside = np.unique(natural[(natural >= omega[0]) & (natural <= omega[-1])])
-    edges = [float(omega[0]), *np.sqrt(inside[:-1] * inside[1:]).tolist(), float(omega[-1])]
-    return list(pairwise(edges))
+    inside = np.unique(natural[(natural >= kept[0]) & (natural <= kept[-1])])
+    edges = [float(kept[0]), *np.sqrt(inside[:-1] * inside[1:]).tolist(), float(kept[-1])]
+    return CandidateSines(tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
 
 
 def exact_bounds(
     model: StructuralModel, experiment: Experiment, expected: ExpectedTimeRecords, loads: Sequence[Load]
 ) -> Array:
-    """Return the relative bounds (p) of a record under sines that have settled, initial state unknown."""
+    """Return the relative bounds (p) of a record of the steady state under sines, initial state unknown."""
     measurement = experiment.measurement
     times = measurement.record.times
-    joint = record_model(model, loads, measurement.channels, times)
+    joint = parametric_model(model, loads, measurement.channels, times)
     free, steps = free_prediction(joint, expected.fit.logs)
-    x0 = _steady_state(model, loads, float(times[0]), expected.values) / joint.scale
-    seen = prediction(joint, expected.fit.logs, x0, free, steps)
-    root = expected.likelihood.records[0].root
-    weight = 1 / expected.noise[0][:, None]
-    by_parameter = (seen.by_parameter * weight).reshape(-1, len(expected.values))
-    by_state = (seen.by_state @ root * weight).reshape(len(by_parameter), -1)
-    signal = float(np.linalg.norm(seen.outputs / expected.noise[0]))
-    names = tuple(expected.likelihood.names)
-    return relative_bounds(information(names, by_parameter, by_state, signal, seen.outputs.size))
-
-
-def _steady_state(
-    model: StructuralModel, loads: Sequence[Load], time: float, values: dict[str, float]
-) -> Array:
-    """Return displacements and velocities of the steady state at a time (2 n)."""
-    M, C, K = model.dense(values)
-    x = np.zeros(2 * model.size)
+    M, C, K = model.dense(expected.values)
+    settled = np.zeros(2 * model.size)  # displacements and velocities of the steady state at the first sample
     for load in loads:
         assert isinstance(load.signal, Multisine)
         assert load.dof is not None
         for w, c in zip(*load.signal.lines, strict=True):
             moved = (
-                np.linalg.solve(K + 1j * w * C - w**2 * M, model.row(load.dof)) * c * np.exp(1j * w * time)
+                np.linalg.solve(K + 1j * w * C - w**2 * M, model.row(load.dof))
+                * c
+                * np.exp(1j * w * float(times[0]))
             )
-            x += np.concatenate([moved.real, (1j * w * moved).real])
-    return x
+            settled += np.concatenate([moved.real, (1j * w * moved).real])
+    found = prediction(joint, expected.fit.logs, settled / joint.scale, free, steps)
+    root = expected.likelihood.records[0].root
+    weight = 1 / expected.noise[0][:, None]
+    by_parameter = (found.by_parameter * weight).reshape(-1, len(expected.values))
+    by_state = (found.by_state @ root * weight).reshape(len(by_parameter), -1)
+    signal = float(np.linalg.norm(found.outputs / expected.noise[0]))
+    names = tuple(expected.likelihood.names)
+    return relative_bounds(information(names, by_parameter, by_state, signal, found.outputs.size))
 
 
 def add_excitation(
@@ -241,7 +225,14 @@ def add_excitation(
     result.add_axis(f"{group}/omega", found.omega, "rad/s")
     alone = found.candidates(1).gains([]).reshape(len(found.omega), len(found.dofs))
     result.add(f"{group}/worth", np.exp(-alone / (2 * len(names))), ("omega", "dof"))
-    chosen = _add_choice(result, found, count)
+    every = found.candidates(count)
+    chosen = select(every, count)
+    at = [found.line(candidate) for candidate in chosen]
+    result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
+    result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
+    result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
+    result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), "N")
+    result.add(f"{group}/gain", every.steps(chosen), ("choice",))
     best = exact_bounds(model, experiment, expected, found.loads(chosen))
     present = relative_bounds(expected.information())
     result.add(f"{group}/best_bound", best, ("parameter",))
@@ -255,19 +246,6 @@ def add_excitation(
     if slowest > 0:
         result.add(f"{group}/settling_time", np.log(100) / slowest, (), "s")
     _add_bands(result, found, names)
-
-
-def _add_choice(result: Result, found: CandidateSines, count: int) -> list[int]:
-    """Add the lines that are best together; return which candidates they are."""
-    group, every = "plan/excitation", found.candidates(count)
-    chosen = select(every, count)
-    at = [found.line(candidate) for candidate in chosen]
-    result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
-    result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
-    result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
-    result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), "N")
-    result.add(f"{group}/gain", every.steps(chosen), ("choice",))
-    return chosen
 
 
 def present_lines(experiment: Experiment) -> int:
@@ -288,7 +266,7 @@ def _add_bands(result: Result, found: CandidateSines, names: Sequence[str]) -> N
         inside = np.flatnonzero((found.omega >= low) & (found.omega <= high))
         for k, dof in enumerate(found.dofs):
             if len(inside):
-                # CandidateSines that thin out count by the width that each stands for.
+                # Lines that are not evenly spaced are weighted by the width that each represents.
                 width = np.gradient(found.omega)[inside] if len(found.omega) > 1 else np.ones(1)
                 share = np.sqrt(width / width.sum())[:, None, None]
                 root = np.linalg.qr((found.roots[inside, k] * share).reshape(-1, columns), mode="r")

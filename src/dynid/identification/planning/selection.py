@@ -1,4 +1,4 @@
-"""The subset of candidates that tells most: greedy, then by exchange (D-optimal).
+"""D-optimal subset of candidates: greedy, then by exchange.
 
 V. V. Fedorov, Theory of Optimal Experiments (1972), ch. 3. Where no nuisance is projected off, the logarithm
 of the determinant of the information is monotone and submodular in the candidates: the greedy choice then
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# What is known of a logarithm before: a factor of e^1000 either way. It keeps first choices comparable that
-# cannot tell all parameters, and weighs nothing against any record.
+# Root of the prior information on a logarithm: a factor of e^1000 either way. It makes first choices
+# comparable from which not all parameters are identifiable, and is negligible beside that of any record.
 _BEFORE = 1e-3
-# What is known of the initial state before, in parts of what its wide prior says.
+# Root of the prior information on the initial state, as a part of that of its wide prior.
 _STATE = 1e-6
-# An exchange must gain this much, or it goes on with rounding.
+# An exchange must gain this much: less is round-off.
 _GAIN = 1e-9
 _MOST_ROUNDS = 20
 # So many numbers are factorised at a time (80 MB).
@@ -52,12 +52,12 @@ class Candidates:
         return int(self.roots.shape[2]) - self.nuisance
 
     def before(self) -> Array:
-        """Return the root of what is known before."""
+        """Return the root of the prior information."""
         known = [_STATE] * self.nuisance + [_BEFORE] * self.parameters
         return np.diag(known)
 
     def root(self, chosen: Sequence[int]) -> Array:
-        """Return the triangle of what is known after these candidates."""
+        """Return the triangular root of the information of these candidates and the prior."""
         rows = self.roots[list(chosen)].reshape(-1, self.roots.shape[2])
         return np.asarray(np.linalg.qr(np.concatenate([self.before(), rows]), mode="r"))
 
@@ -75,7 +75,7 @@ class Candidates:
         return np.concatenate(worths)
 
     def closed(self, chosen: Sequence[int]) -> NDArray[np.bool_]:
-        """Tell which candidates these leave no place for, themselves among them."""
+        """Return the mask of candidates that these exclude, themselves among them."""
         alike = np.arange(len(self.roots)) if self.alike is None else self.alike
         return np.asarray(np.isin(alike, alike[list(chosen)]))
 
@@ -86,12 +86,12 @@ class Candidates:
     def steps(self, chosen: Sequence[int]) -> Array:
         """Return by which factor each narrows the bounds that those before it give (geometric mean).
 
-        Infinite for the one with which all parameters are told.
+        Infinite for the one with which all parameters become identifiable.
         """
         worths = [self.worth(chosen[:k]) for k in range(len(chosen) + 1)]
         factors = np.exp(np.diff(worths) / (2 * self.parameters))
-        told = [bool(np.isfinite(self.bounds(chosen[:k])).all()) for k in range(len(chosen))]
-        return np.where(told, factors, np.inf)
+        identifiable = [bool(np.isfinite(self.bounds(chosen[:k])).all()) for k in range(len(chosen))]
+        return np.where(identifiable, factors, np.inf)
 
     def worth(self, chosen: Sequence[int]) -> float:
         """Return the logarithmic determinant of the information on the parameters."""
@@ -99,7 +99,7 @@ class Candidates:
         return float(2 * np.log(pivots).sum())
 
     def bounds(self, chosen: Sequence[int]) -> Array:
-        """Return the relative bounds on the parameters, infinite where next to nothing is told."""
+        """Return the relative bounds on the parameters, infinite where they are not identifiable."""
         R = self.root(chosen)[self.nuisance :, self.nuisance :]
         inverse = np.linalg.solve(R, np.eye(len(R)))
         bounds = np.linalg.norm(inverse, axis=1)
@@ -107,7 +107,7 @@ class Candidates:
 
 
 def select(candidates: Candidates, count: int) -> list[int]:
-    """Return the candidates that tell most together, in the order in which they help.
+    """Return the D-optimal set of candidates, in the order of their gains.
 
     Parameters
     ----------
@@ -116,24 +116,7 @@ def select(candidates: Candidates, count: int) -> list[int]:
     count
         How many to choose; no more than there are.
     """
-    count = min(count, candidates.most())
-    return _in_order(candidates, _exchanged(candidates, _in_order(candidates, None, count)))
-
-
-def _in_order(candidates: Candidates, of: Sequence[int] | None, count: int | None = None) -> list[int]:
-    """Choose greedily, of these candidates or of all."""
-    count = len(of or ()) if count is None else count
-    allowed = np.zeros(len(candidates.roots), dtype=bool)
-    allowed[slice(None) if of is None else list(of)] = True
-    chosen: list[int] = []
-    for _ in range(count):
-        open_to = allowed & ~candidates.closed(chosen)
-        chosen.append(int(np.argmax(np.where(open_to, candidates.gains(chosen), -np.inf))))
-    return chosen
-
-
-def _exchanged(candidates: Candidates, chosen: list[int]) -> list[int]:
-    """Exchange a chosen candidate for another as long as that gains something."""
+    chosen = _in_order(candidates, None, min(count, candidates.most()))
     best = candidates.worth(chosen)
     for _ in range(_MOST_ROUNDS):
         before = best
@@ -145,4 +128,16 @@ def _exchanged(candidates: Candidates, chosen: list[int]) -> list[int]:
                 chosen, best = [*others[:place], new, *others[place:]], float(gains[new])
         if best <= before + _GAIN:
             break
+    return _in_order(candidates, chosen)
+
+
+def _in_order(candidates: Candidates, of: Sequence[int] | None, count: int | None = None) -> list[int]:
+    """Choose greedily, of these candidates or of all."""
+    count = len(of or ()) if count is None else count
+    allowed = np.zeros(len(candidates.roots), dtype=bool)
+    allowed[slice(None) if of is None else list(of)] = True
+    chosen: list[int] = []
+    for _ in range(count):
+        open_to = allowed & ~candidates.closed(chosen)
+        chosen.append(int(np.argmax(np.where(open_to, candidates.gains(chosen), -np.inf))))
     return chosen

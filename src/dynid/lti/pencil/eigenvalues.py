@@ -15,6 +15,7 @@ problems", SIAM Journal on Matrix Analysis and Applications 20 (1998) 493-512.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,9 @@ from numpy.typing import NDArray
 
 from dynid.defaults import SPARSE_REFINEMENT
 from dynid.errors import Singular, Undecided
-from dynid.lti.pencil.blocks import diagonal_blocks
 
 Real = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Complex = NDArray[np.complex128]
 EPSILON = float(np.finfo(float).eps)
 #: Sweeps that scale rows and columns; steps of inverse iteration.
@@ -111,6 +112,33 @@ def finite_eigenvalues(
         z, error = value[poor[0]], bound[poor[0]]
         raise Undecided(f"the error of the eigenvalue near {z:.4g} may be {error:.1g}", remedy=EXACT)
     return FiniteEigenvalues(value, bound, F.shape[0] - len(value))
+
+
+def diagonal_blocks(pattern: Any) -> list[tuple[Indices, Indices]] | None:
+    """Return rows and columns of the irreducible diagonal blocks; None for a structurally singular pattern.
+
+    The determinant of a pencil is the product of those of the blocks.
+
+    Parameters
+    ----------
+    pattern
+        Sparse square matrix, nonzero where the pencil is.
+
+    References
+    ----------
+    A. Pothen, C.-J. Fan, "Computing the block triangular form of a sparse matrix", ACM Transactions on
+    Mathematical Software 16 (1990) 303-324.
+    """
+    from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+    rows = pattern.tocsr()
+    partner = maximum_bipartite_matching(rows, perm_type="column")
+    if (partner < 0).any():
+        return None
+    count, label = connected_components(rows[:, partner], connection="strong")
+    order = np.argsort(label, kind="stable")
+    starts = np.searchsorted(label[order], np.arange(count + 1))
+    return [(order[a:b], np.sort(partner[order[a:b]])) for a, b in pairwise(starts)]
 
 
 def settle_origin(value: Complex, bound: Real, origin: int | None) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from flint import fmpz, fmpz_mat, fmpz_poly, nmod_mat, nmod_poly
 from numpy.typing import NDArray
 
-from dynid.lti.pencil.blocks import diagonal_blocks
+from dynid.lti.pencil.eigenvalues import diagonal_blocks
 
 Rows = list[list[Fraction]]
 Real = NDArray[np.float64]

@@ -128,13 +128,13 @@ def _expected(scene: Scene, structure: StructuralModel, result: Result) -> Expec
     assert model.measurement is not None
     report_progress("what the record can tell")
     if model.measurement.frf is not None:
-        from dynid.identification.frf.identify import likelihood_of
-        from dynid.identification.frf.measurement import frf_data
+        from dynid.identification.frf_measurement import frf_data
+        from dynid.identification.frf_record import frf_likelihood
         from dynid.scene.kinds.measurements import frf_measurement
 
         measurement = frf_measurement(scene, model.measurement)
         small, truth = models_of(scene, structure, expected_values(structure))
-        likelihood = likelihood_of(small, measurement, frf_data(truth, measurement))
+        likelihood = frf_likelihood(small, measurement, frf_data(truth, measurement))
         channels = [(frf.name, frf.unit) for frf in measurement.channels]
         expected = identifiability.expected_records(likelihood)
         result.merge(identifiability.identifiability_result(small, expected, channels))

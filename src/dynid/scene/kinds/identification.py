@@ -209,9 +209,9 @@ def _identified_by_records(scene: Scene, structure: StructuralModel) -> Result:
 
 def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     """Identify from frequency response functions, and say before what they can tell."""
+    from dynid.identification.estimators.auto import FrfAuto
     from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-    from dynid.identification.frf.identify import frf_identifiability, identify_frf
-    from dynid.identification.frf.record import FrfAuto
+    from dynid.identification.identify import identify_frf
 
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
@@ -224,6 +224,8 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     estimator = Huber(method) if chosen.loss == "huber" else method
     result = identify_frf(reduced, measurement, estimator, truth=truth, rebuild=rebuild)
     if model.identifiability:
+        from dynid.identification.identifiability import frf_identifiability
+
         reduced, truth = models_of(scene, structure, expected_values(structure))
         result.merge(frf_identifiability(reduced, measurement, truth))
     return result

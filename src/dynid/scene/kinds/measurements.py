@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dynid.identification.frf.measurement import Frf, FrfMeasurement
+    from dynid.identification.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.measurement import Experiment, Measurement
     from dynid.identification.preparation import Preparation
     from dynid.lti.generator import RecordTimes
@@ -177,7 +177,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
     UsageError
         Where they make no sense.
     """
-    from dynid.identification.frf.measurement import Frf, FrfMeasurement
+    from dynid.identification.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.measurement import Simulation
 
     assert given.frf is not None

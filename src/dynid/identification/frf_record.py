@@ -1,17 +1,12 @@
-"""Likelihood of frequency response functions with circular complex Gaussian noise, and its estimator.
+"""Likelihood of frequency response functions with circular complex Gaussian noise.
 
 Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. 2012, ch. 9.
-
-The misfit of a response has a local minimum wherever a measured and a predicted resonance do not overlap;
-that of the logarithms of magnitudes slopes towards the resonances from afar. So where the likelihood ends in
-residuals that are not noise, magnitudes lead, from the given start and then from others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -25,13 +20,19 @@ from dynid.identification.calibration import (
     channel_gain,
     load_gain,
 )
-from dynid.identification.estimators.auto import Search, guided
-from dynid.identification.estimators.estimate import Estimate
-from dynid.identification.frf.measurement import Frf, FrfMeasurement, responses, stacked, unstacked
+from dynid.identification.frf_measurement import (
+    Frf,
+    FrfMeasurement,
+    check_cost,
+    responses,
+    stacked,
+    unstacked,
+)
 from dynid.identification.information import Information, information
-from dynid.identification.likelihood import Likelihood, RecordFit, RecordLikelihood, weights
+from dynid.identification.likelihood import Likelihood
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory
+from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, weights
 from dynid.identification.saturated_model import (
     ChannelColumns,
     SaturatedCoordinates,
@@ -52,7 +53,7 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class FrfRecord(RecordLikelihood):
-    """Compares measured frequency response functions with those of a structure.
+    """Likelihood of measured frequency response functions with a structure.
 
     Attributes
     ----------
@@ -63,7 +64,7 @@ class FrfRecord(RecordLikelihood):
     data
         The measured values over the noise's profile, real parts above imaginary ones (2 L x channels).
     magnitudes
-        Whether only the logarithms of the magnitudes are compared (L x channels): less precise, but with far
+        True if only the logarithms of the magnitudes are compared (L x channels): less precise, but with far
         fewer local minima.
     """
 
@@ -107,7 +108,7 @@ class FrfRecord(RecordLikelihood):
 
     @property
     def nuisances(self) -> int:
-        """None: a frequency response does not depend on how it began."""
+        """0: a frequency response does not depend on an initial state."""
         return 0
 
     def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
@@ -125,8 +126,8 @@ class FrfRecord(RecordLikelihood):
         residual = values - outputs
         predicted = Trajectory(outputs, none)
         counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
-        seen = self.noise_in(counts, size)
-        return RecordFit(logs, predicted, residual, counts, size, seen, by_parameter=by_parameter)
+        level = self.noise_in(counts, size)
+        return RecordFit(logs, predicted, residual, counts, size, level, by_parameter=by_parameter)
 
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
         """Return the derivatives by the logarithms over noise (values x p), 0 where a value is missing."""
@@ -139,7 +140,7 @@ class FrfRecord(RecordLikelihood):
         return np.tile(level, len(self.data.values))
 
     def on(self, data: RecordData) -> Self:
-        """Return the fitter of other values of the same responses."""
+        """Return the likelihood of other values of the same responses."""
         return replace(self, data=data)
 
     def information(self, fit: RecordFit, noise: Array) -> Information:
@@ -166,12 +167,12 @@ class FrfRecord(RecordLikelihood):
             by_parameter = np.nan_to_num(fit.by_parameter[:, c]) * weight[:, None]
             before = delayed_residuals_by_line(residual) * there[:, None]
             none = np.zeros((len(weight), 0))
-            seen = ChannelColumns(outputs, residual, none, by_parameter, none, before)
-            found.append(saturated_coordinates(shared.where(there), seen, count))
+            columns = ChannelColumns(outputs, residual, none, by_parameter, none, before)
+            found.append(saturated_coordinates(shared.where(there), columns, count))
         return found
 
     def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return the derivatives by what calibration settles, for a noise of this deviation (channels)."""
+        """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
         frfs, omega = self.measurement.channels, self.measurement.omega
         H, measured = fit.predicted.outputs, np.nan_to_num(self.data.recorded)
         late = stacked(-1j * omega[:, None] * unstacked(H))  # a delay turns the phase
@@ -181,7 +182,7 @@ class FrfRecord(RecordLikelihood):
         every[DELAY] = late
         every |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
         changes = [GAIN_CHANGE / (omega[-1] or 1.0) if name == DELAY else GAIN_CHANGE for name in every]
-        left = self.yielding(fit)
+        left = self.influential(fit)
         weighted = np.stack(list(every.values()), axis=2) * weights(noise, left)[..., None]
         by_parameter = self.slopes(replace(fit, residual=left), noise)
         by_quantity = weighted.reshape(-1, len(every))
@@ -226,34 +227,13 @@ class FrfLikelihood(Likelihood):
         return FrfLikelihood(tuple(record.by_magnitude() for record in self.records))
 
 
-@dataclass(frozen=True)
-class FrfAuto:
-    """Estimator: maximum likelihood; by magnitudes and from other starts only where it is needed.
+def frf_likelihood(model: StructuralModel, measurement: FrfMeasurement, data: RecordData) -> FrfLikelihood:
+    """Return the likelihood of measured responses with a model.
 
-    Parameters
-    ----------
-    accept_small
-        True: residuals that are small are accepted whatever their colour.
-    multi_start
-        True: other starts than the given one may be tried.
+    Raises
+    ------
+    UsageError
+        If there is more to solve than can be.
     """
-
-    accept_small: bool = False
-    multi_start: bool = True
-    name: str = "auto"
-
-    def run(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
-
-        Raises
-        ------
-        DynidError
-            What went wrong at first, if no attempt came to an end.
-        """
-        search, magnitudes = Search(likelihood, accept_small=self.accept_small), likelihood.by_magnitude()
-        search.attempt("the start", lambda: (origin, []))
-        if not search.accepted:
-            search.attempt("magnitudes", partial(guided, [magnitudes], origin))
-        if self.multi_start and not search.accepted:
-            search.draw(magnitudes, [[magnitudes]], origin)
-        return search.best()
+    check_cost(model, len(measurement.omega))
+    return FrfLikelihood((FrfRecord(model, measurement, data),))

@@ -1,4 +1,4 @@
-"""Corrupted records: no answer is wrong without a word where a test of the fit could have seen it."""
+"""Corrupted records: no wrong answer without a warning where a test of fit has the power to give one."""
 
 import numpy as np
 import pytest

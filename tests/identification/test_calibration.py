@@ -14,9 +14,8 @@ from scipy.linalg import expm
 from dynid.identification import posterior
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber
-from dynid.identification.frf.identify import identify_frf
-from dynid.identification.frf.measurement import Frf, FrfMeasurement
-from dynid.identification.identify import identify_all
+from dynid.identification.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.identify import identify_all, identify_frf
 from dynid.identification.kernels import VARIABLE
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.planning.plan import PlanRequest, plan
@@ -428,7 +427,7 @@ def test_what_is_not_identifiable_has_no_slope():
     assert list(calibration_sentences(planned)) == []
 
 
-def test_they_are_computed_only_where_they_are_wanted(monkeypatch):
+def test_slopes_are_computed_only_where_they_are_wanted(monkeypatch):
     def refused(*_):
         raise AssertionError
 
@@ -453,7 +452,7 @@ def result_with(slope, change, errors, quantities=("force gain of 5", "trigger d
     return result
 
 
-def test_the_largest_effects_are_said():
+def test_the_largest_effects_are_printed():
     change = [0.01, 0.002, 0.01]
     slope = [[0.2, 10.0, 0.0], [-1.6, 5.0, 0.003]]
     assert list(calibration_sentences(result_with(slope, change, [0.001, 0.01]))) == [

@@ -1,4 +1,4 @@
-"""Sensitivities, bound, filter and diagnostics, each against an oracle of its own."""
+"""Sensitivities, bound, filter and diagnostics, each against an independent oracle."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.filter import FilterPrior, filter_pass
 from dynid.identification.information import information
 from dynid.identification.measurement import data
+from dynid.identification.parametric_model import parametric_model
 from dynid.identification.prediction import free_prediction, prediction
-from dynid.identification.record_model import record_model
 from dynid.identification.residual_tests import is_explained, is_optimal, whiteness
 from dynid.identification.time_record import TimeRecord
 from dynid.lti.signals import Impact, Sine
@@ -56,7 +56,7 @@ def oracle(logs, x0):
 def test_sensitivities_are_the_derivatives_of_the_prediction():
     model = oscillator()
     channels = tuple(Channel(1, q) for q in ("displacement", "velocity", "acceleration"))
-    joint = record_model(model, LOADS, channels, T)
+    joint = parametric_model(model, LOADS, channels, T)
     logs, x0 = np.log([K, C]), np.array([0.01, -0.3])
     y = oracle(logs, x0)
     record = data(model, LOADS, simulated(channels=channels, samples=60, settle=0.0))
@@ -107,9 +107,9 @@ def test_nearly_collinear_parameters_pass_and_collinear_ones_do_not():
     record(a + 1e-6 * rng.standard_normal(a.shape)).check()
     with pytest.raises(NotIdentifiable, match="a, b cannot be distinguished"):
         record(2 * a).check()
-    with pytest.raises(NotIdentifiable, match="b cannot be seen"):
+    with pytest.raises(NotIdentifiable, match="b cannot be identified"):
         record(0 * a).check()
-    with pytest.raises(NotIdentifiable, match="b cannot be seen"):
+    with pytest.raises(NotIdentifiable, match="b cannot be identified"):
         record(3 * x0).check()  # a change of the initial state explains it
 
 
@@ -119,7 +119,7 @@ def test_the_filter_is_the_extended_kalman_filter_of_the_augmented_state():
     channels = (Channel(1, "velocity"), Channel(1, "acceleration"))
     count, sigma = 12, np.array([0.02, 0.5])
     loads = LOADS[:1]
-    joint = record_model(model, loads, channels, T[:count])
+    joint = parametric_model(model, loads, channels, T[:count])
     y = oracle(np.log([K, C]), [0.0, 0.0])[:count, 1:] + 0.01 * np.sin(np.arange(2 * count)).reshape(count, 2)
     z, P = np.array([0.001, 0.02, np.log(0.8 * K), np.log(1.3 * C)]), np.diag([1e-4, 1e-2, 0.04, 0.09])
     S = np.concatenate([joint.scale, np.ones(2)])
@@ -226,7 +226,7 @@ def test_the_distance_to_the_optimum_is_the_one_that_a_search_of_the_maximum_lik
     model = suspension()
     result = run(model, measurement, estimator=Filter(2))
     record = data(model, CASE_LOADS, measurement)
-    joint = record_model(model, CASE_LOADS, measurement.channels, measurement.record.times)
+    joint = parametric_model(model, CASE_LOADS, measurement.channels, measurement.record.times)
     fits = TimeRecord(joint, record)
     start = np.log(parameter(result, "estimate"))
     noise = fits.fit(start, record.values).noise

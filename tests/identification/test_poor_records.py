@@ -1,4 +1,4 @@
-"""Hard records end in an answer that knows its errors, or in a refusal: never in NaN or silently wrong."""
+"""Poor records: an estimate with right error bars, or a refusal; never NaN, never silently wrong."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from tests.identification.cases import (
     simulated,
     suspension,
 )
-from tests.identification.test_reduced import BEAM
+from tests.identification.test_reduced_models import BEAM
 from tests.scene.written import check
 
 # The force had been acting for 10 s when the record began.
@@ -72,7 +72,7 @@ def clipped(level):
     return Measurement(0.002, 800, VELOCITIES, np.clip(clean, -size, size))
 
 
-def test_a_clipped_record_is_told_or_refused():
+def test_a_clipped_record_is_a_warning_or_refused():
     result = run(measurement=clipped(1.2), loads=LOADS, estimator=OutputError())
     said = " ".join(result["identification/diagnostics/warnings"].data)
     assert "it may be clipped" in said
@@ -96,7 +96,7 @@ def test_records_of_a_few_samples(samples, noise):
 
 
 @pytest.mark.parametrize(("samples", "noise", "said"), [(5, None, True), (5, 1e-4, False), (40, None, False)])
-def test_a_noise_told_by_a_few_values_is_a_warning(samples, noise, said):
+def test_a_noise_estimated_from_few_values_is_a_warning(samples, noise, said):
     scene = {
         "dynid": 1,
         "kind": "identification",

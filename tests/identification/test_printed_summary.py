@@ -1,4 +1,4 @@
-"""What the screen says of an identification."""
+"""The printed summary of an identification."""
 
 from types import SimpleNamespace
 

@@ -39,7 +39,7 @@ def decays(count=3, samples=400):
     return model, experiments
 
 
-def test_two_records_know_more_than_either():
+def test_two_records_have_more_information_than_either():
     both = identify_all(suspension(), [ONE, OTHER])
     alone = [identify_all(suspension(), [each]) for each in (ONE, OTHER)]
     together = parameter(both, "cramer_rao")
@@ -70,7 +70,7 @@ def test_a_simulated_ring_down_starts_from_its_initial_motion():
 
 
 @pytest.mark.parametrize("estimator", [None, OutputError(), Filter(2)], ids=lambda e: e and e.name)
-def test_free_decays_from_unknown_states_tell_the_joints(estimator):
+def test_free_decays_from_unknown_states_identify_the_joints(estimator):
     model, experiments = decays()
     result = identify_all(model, experiments, estimator)
     error = parameter(result, "estimate") - parameter(result, "true")
@@ -110,7 +110,7 @@ def test_every_record_has_its_groups():
     assert np.all(after < 1.1 * before)
 
 
-def test_what_one_record_does_not_see_another_may():
+def test_a_parameter_may_be_identifiable_from_one_record_alone():
     """A record of one sample tells nothing alone; beside a good one it does no harm."""
     short = Experiment(LOADS, Measurement(0.002, 1, VELOCITIES, Simulation(0.05, 1, 10.0)))
     with pytest.raises(NotIdentifiable):

@@ -1,4 +1,4 @@
-"""Other signals, sensors and structures; records that cannot answer."""
+"""Signals, sensors and structures of all kinds; records without enough information."""
 
 import numpy as np
 import pytest
@@ -107,7 +107,7 @@ def test_only_joints_with_unknowns_become_parameters():
     assert np.abs(in_bounds(result)).max() < 3
 
 
-def test_parallel_joints_cannot_be_told_apart():
+def test_parallel_joints_are_not_distinguishable():
     joints = [
         Joint("a", (2, 3), unknown(2e4), 20.0),
         Joint("b", (2, 3), unknown(1e4)),
@@ -118,11 +118,11 @@ def test_parallel_joints_cannot_be_told_apart():
     assert caught.value.names == ("a.k", "b.k")
 
 
-def test_a_joint_that_nothing_moves_cannot_be_seen():
+def test_a_joint_without_motion_is_not_identifiable():
     joints = [Joint("near", (1, 2), unknown(1e4)), Joint("far", (3,), unknown(1e4))]
     model = lumped([1, 1, 1], [Link((1,), 1e4, 5), Link((3,), 1e4, 5)], joints)
     measurement = simulated(settle=0.0, channels=(Channel(1, "velocity"), Channel(2, "velocity")))
-    with pytest.raises(NotIdentifiable, match=r"far\.k cannot be seen"):
+    with pytest.raises(NotIdentifiable, match=r"far\.k cannot be identified"):
         run(model, measurement, loads=(Load(2, Multisine([100], [70])),))
 
 

@@ -1,4 +1,4 @@
-"""After a run: correlations, residuals, innovations, states with bands, and words."""
+"""Diagnostics of a result: correlations, residuals, innovations, bands of states, warnings."""
 
 from types import SimpleNamespace
 
@@ -224,7 +224,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
     )
 
 
-def test_where_all_is_well_nothing_is_said(noisy):
+def test_a_good_result_has_no_warnings(noisy):
     assert warnings(posterior()) == []
     assert diagnostic(noisy, "warnings").tolist() == []
     assert diagnostic(noisy, "verdict") == "converged: optimum found, the model explains the record"

@@ -1,4 +1,4 @@
-"""Model of a record: a map from the unknown parameters to matrices and their exact derivatives.
+"""Parametric model of a record: a map from the unknown parameters to matrices and their exact derivatives.
 
 Physical states and the logarithms of the unknown joint parameters form the augmented state of K. T. Yang
 1997, eqs 12–13. Logarithms keep the parameters positive; joints that are known are part of the physical model
@@ -48,11 +48,15 @@ class Transition(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RecordModel:
+class ParametricModel:
     """A structure with unknown joint parameters, its loads and channels, on the record's timeline.
 
+    The map from parameters to matrices is `system` and `output`, which return values and derivatives by the
+    logarithms of the parameters; `transition` and the predictions follow from them. Only the kernels
+    (`kernels.steps`) use that the matrices are affine in the parameters.
+
     The physical states are displacements and velocities divided by `scale`, powers of two that balance
-    the system matrix. Build it with `record_model`.
+    the system matrix. Build it with `parametric_model`.
 
     Attributes
     ----------
@@ -77,7 +81,7 @@ class RecordModel:
     initials, known
         First state that each load prescribes (loads x n), scaled, zero elsewhere; and where one does (n).
     signals
-        What acts, one signal a load.
+        The inputs, one signal a load.
     channels
         The measured quantities.
     gains
@@ -146,7 +150,7 @@ class RecordModel:
         """Return the poles at the parameters ``exp(logs)`` (n), 1/s."""
         return np.asarray(np.linalg.eigvals(self.system(logs)[0]), dtype=complex)
 
-    def driven_by(self, loads: Sequence[int]) -> RecordModel:
+    def driven_by(self, loads: Sequence[int]) -> ParametricModel:
         """Return the model driven by these loads alone (places, from 0)."""
         read = (self.line.H[loads] != 0).any(axis=0)  # each signal has generator states of its own
         only = np.isin(np.arange(len(self.initials)), loads)
@@ -164,9 +168,9 @@ class RecordModel:
         return self.C + change.sum(axis=0), change
 
 
-def record_model(
+def parametric_model(
     model: StructuralModel, loads: Sequence[Load], channels: Sequence[Channel], times: Array
-) -> RecordModel:
+) -> ParametricModel:
     """Build the augmented model of a structure (Yang, eqs 12–13).
 
     Parameters
@@ -199,8 +203,14 @@ def record_model(
         )
     system = driven.system(*fixed)
     A_slopes, C_slopes = _slopes(driven, driven.mass(fixed[0]), unknowns)
-    initials, known = _prescribed(model, loads, float(times[0]))
-    started, d = _at_start(system.A, A_slopes, unknowns, float(times[-1] - times[0]))
+    prescribed = [prescribed_state(model, [load], float(times[0])) for load in loads]
+    initials = np.array([state for state, _ in prescribed]).reshape(len(prescribed), 2 * model.size)
+    known = np.any([where for _, where in prescribed], axis=0) | np.zeros(2 * model.size, dtype=bool)
+    started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
+    d = balance(started)
+    started = rescaled(started, d)
+    poles = np.linalg.eigvals(started).astype(complex)
+    check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
     signals = signals_of(loads)
     line = timeline(signals, times, float(times[0]))
     _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), driven.rows.size * len(times) * 2)
@@ -208,7 +218,7 @@ def record_model(
     w_scale = drive_scale(started, entering)
     state_root, reach = _wide_prior(model, unknowns, channels, line)
     state_root[known] = 0.0
-    return RecordModel(
+    return ParametricModel(
         unknowns=unknowns,
         scale=d,
         A=rescaled(system.A, d),
@@ -241,7 +251,9 @@ def _wide_prior(
     """
     M, _, K = model.dense({unknown.name: unknown.start for unknown in unknowns})
     length = max(float(np.ptp(line.nodes)), 1.0)
-    mobility = _inverse_root(M)
+    scale = np.sqrt(np.diag(M))
+    lower = np.linalg.cholesky(M / scale / scale[:, None])
+    mobility = np.asarray(np.linalg.solve(lower.T, np.eye(len(M))) / scale[:, None])  # root of M^-1
     stiffness = mobility.T @ K @ mobility
     finite("the stiffness beside the mass", stiffness)
     square, shapes = np.linalg.eigh((stiffness + stiffness.T) / 2)
@@ -260,37 +272,8 @@ def _wide_prior(
     return root, np.array(reach)
 
 
-def _inverse_root(M: Array) -> Array:
-    """Return R with ``R^T M R`` the unit matrix, of a mass matrix that is equilibrated first."""
-    scale = np.sqrt(np.diag(M))
-    lower = np.linalg.cholesky(M / scale / scale[:, None])
-    return np.asarray(np.linalg.solve(lower.T, np.eye(len(M))) / scale[:, None])
-
-
-def _prescribed(
-    model: StructuralModel, loads: Sequence[Load], time: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the state that each load prescribes (loads x 2 n), and where one does (2 n)."""
-    each = [prescribed_state(model, [load], time) for load in loads]
-    states = np.array([state for state, _ in each]).reshape(len(each), 2 * model.size)
-    return states, np.any([known for _, known in each], axis=0) | np.zeros(2 * model.size, dtype=bool)
-
-
-def _at_start(A: Array, slopes: Array, unknowns: Sequence[Unknown], duration: float) -> tuple[Array, Array]:
-    """Return the system matrix where the unknowns start, balanced, and the units that balance it (n).
-
-    What is too fast for a record of this duration, s, is refused.
-    """
-    started = A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], slopes)
-    d = balance(started)
-    started = rescaled(started, d)
-    poles = np.linalg.eigvals(started).astype(complex)
-    check_phase(poles, duration, [unknown.name for unknown in unknowns])
-    return started, d
-
-
 def unknowns_of(model: StructuralModel) -> tuple[Unknown, ...]:
-    """Return the unknown parameters of a structure, of which there must be one.
+    """Return the unknown parameters of a structure, of which there must be at least one.
 
     Raises
     ------
@@ -316,17 +299,10 @@ def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
 
 def _slopes(driven: Excitation, M: Array, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
     """Return the changes of system and output matrix by a unit of each unknown (p x …)."""
-    by_A = np.stack(
-        [_unit_change(M, unknown.letter, driven.others(as_array(unknown.pattern))) for unknown in unknowns]
-    )
-    accelerations = np.array(driven.orders)[:, None] == 2
-    return by_A, np.where(accelerations, driven.rows @ by_A[:, len(M) :], 0.0)
-
-
-def _unit_change(M: Array, letter: str, pattern: Array) -> Array:
-    """Return the change of the system matrix by a unit of an unknown k or c of this pattern."""
     n = len(M)
-    change = np.zeros((2 * n, 2 * n))
-    here = slice(0, n) if letter == "k" else slice(n, 2 * n)
-    change[n:, here] = -np.linalg.solve(M, pattern)
-    return change
+    by_A = np.zeros((len(unknowns), 2 * n, 2 * n))
+    for change, unknown in zip(by_A, unknowns, strict=True):
+        here = slice(0, n) if unknown.letter == "k" else slice(n, 2 * n)
+        change[n:, here] = -np.linalg.solve(M, driven.others(as_array(unknown.pattern)))
+    accelerations = np.array(driven.orders)[:, None] == 2
+    return by_A, np.where(accelerations, driven.rows @ by_A[:, n:], 0.0)

@@ -13,12 +13,11 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf.identify import identify_frf
-from dynid.identification.frf.measurement import Frf, FrfMeasurement, responses
-from dynid.identification.identify import identify
+from dynid.identification.frf_measurement import Frf, FrfMeasurement, responses
+from dynid.identification.identify import identify, identify_frf
 from dynid.identification.kernels import VARIABLE
 from dynid.identification.measurement import Measurement, Simulation
-from dynid.identification.record_model import record_model
+from dynid.identification.parametric_model import parametric_model
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -98,7 +97,7 @@ def test_the_scalar_joint_is_found_from_responses_too():
 def test_the_step_of_a_dense_joint_and_its_derivatives_are_those_of_complex_steps():
     model = dense()
     measured = simulated(samples=5)
-    joint = record_model(model, LOADS, VELOCITIES, measured.record.times)
+    joint = parametric_model(model, LOADS, VELOCITIES, measured.record.times)
     logs, h, n = np.log([0.7, 1.9]), float(joint.line.lengths[0]), 5
     found = joint.transition(logs, h)
     M = np.diag(MASSES).astype(float)

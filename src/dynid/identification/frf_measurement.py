@@ -1,7 +1,7 @@
-"""Measured frequency response functions: at which lines, between which DOFs, given or simulated.
+"""Measured frequency response functions: lines, channels, and their data, measured or simulated.
 
-Complex values are worked on as real ones, their real parts above their imaginary parts, over a deviation by
-line where that differs: what then is left of them is white.
+Complex values are treated as real ones, their real parts above their imaginary parts, over a deviation by
+line where that differs: residuals then are white.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ ComplexArray = NDArray[np.complex128]
 _MOST_NUMBERS = 100_000_000
 # The most multiplications of one evaluation: some seconds.
 _MOST_WORK = 3e10
-# A line that is said to have no noise at all still has this part of the largest.
+# Least deviation of a line, as a part of the largest.
 _LEAST_DEVIATION = 1e-6
 
 
 class Frf(NamedTuple):
-    """A frequency response function: what `channel` reads of a unit force at the DOF `force`."""
+    """A frequency response function: the response of `channel` to a unit force at the DOF `force`."""
 
     channel: Channel
     force: Label
@@ -58,7 +58,7 @@ class FrfMeasurement:
     omega
         Lines (L), rad/s, increasing.
     channels
-        What they lie between.
+        The frequency response functions.
     source
         Measured values (L x channels, complex, SI units, NaN where a line is missing), or how to simulate
         them: complex noise whose standard deviation is the ratio times the channel's RMS.
@@ -68,7 +68,7 @@ class FrfMeasurement:
     deviation
         The noise's standard deviation by line (L x channels).
     relative
-        Whether only the ratio of deviations from line to line is known; their size is then `noise`.
+        True if only the ratio of deviations from line to line is known; their size is then `noise`.
     """
 
     omega: Array
@@ -114,7 +114,7 @@ class FrfMeasurement:
 
     @property
     def given_noise(self) -> Array | None:
-        """Deviations of the noise that the estimator is told (channels): complex, in units of `profile`."""
+        """The given deviations of the complex noise (channels), in units of `profile`."""
         if self.deviation is not None and not self.relative:
             return np.ones(len(self.channels))
         return (
@@ -123,7 +123,7 @@ class FrfMeasurement:
 
     @property
     def profile(self) -> Array:
-        """Deviation by line (L x channels) that values count by; 1 where all lines are alike."""
+        """Deviation by line (L x channels) by which values are divided; 1 where none is given."""
         if self.deviation is None:
             return np.ones((len(self.omega), len(self.channels)))
         deviation = np.asarray(self.deviation, dtype=float)
@@ -142,7 +142,7 @@ class Response(NamedTuple):
 
 
 def check_cost(model: StructuralModel, lines: int) -> None:
-    """Refuse what would take too long or too much memory, before any work on it.
+    """Refuse a computation that would take too long or too much memory.
 
     Raises
     ------
@@ -157,17 +157,6 @@ def check_cost(model: StructuralModel, lines: int) -> None:
         )
 
 
-def _refuse_poles(solved: NDArray[np.complex128], omega: Array) -> None:
-    infinite = ~np.isfinite(solved).all(axis=(1, 2))
-    if infinite.any():
-        raise Singular(
-            f"at {frequency_text(float(omega[np.argmax(infinite)]), 6)} a frequency response is infinite: "
-            "that line lies on an undamped pole",
-            remedy="Leave that line out, or give the structure some damping.",
-            names=("measurement.frf", "measurement"),
-        )
-
-
 def responses(
     model: StructuralModel, channels: Sequence[Frf], omega: Array, logs: Array | None = None
 ) -> Response:
@@ -178,7 +167,7 @@ def responses(
     model
         The structure.
     channels, omega
-        What between which DOFs, at which lines (L), rad/s.
+        The functions, and their lines (L), rad/s.
     logs
         Logarithms of the unknown parameters (p); absent: their true values, and no slopes.
 
@@ -198,7 +187,14 @@ def responses(
     where = where.reshape(2, len(channels))
     n = len(M)
     solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
-    _refuse_poles(solved, omega)
+    infinite = ~np.isfinite(solved).all(axis=(1, 2))
+    if infinite.any():
+        raise Singular(
+            f"at {frequency_text(float(omega[np.argmax(infinite)]), 6)} a frequency response is infinite: "
+            "that line lies on an undamped pole",
+            remedy="Leave that line out, or give the structure some damping.",
+            names=("measurement.frf", "measurement"),
+        )
     driven, read = solved[:, :, where[0]], solved[:, :, where[1]]
     factor = (1j * omega[:, None]) ** [channel.channel.order for channel in channels]
     H = factor * np.einsum("cn,lnc->lc", rows, driven)
@@ -223,7 +219,8 @@ def frf_data(model: StructuralModel, measurement: FrfMeasurement) -> RecordData:
         If a simulated line lies on an undamped pole.
     """
     given = measurement.given_noise
-    told = None if given is None else given / np.sqrt(2)
+    if given is not None:
+        given = given / np.sqrt(2)  # of real and imaginary part each
     source = measurement.source
     if isinstance(source, Simulation):
         check_cost(model, len(measurement.omega))
@@ -232,11 +229,11 @@ def frf_data(model: StructuralModel, measurement: FrfMeasurement) -> RecordData:
         if source.noise is not None:
             noise = noise / np.sqrt(2)  # half of the power in each part
         generator = np.random.Generator(np.random.PCG64(source.seed))
-        data = RecordData(clean + noise * generator.standard_normal(clean.shape), noise, clean, told)
+        data = RecordData(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
     else:
         values = np.asarray(source)
         whole = np.where(np.isnan(values), complex(np.nan, np.nan), values)
-        data = RecordData(stacked(np.asarray(whole / measurement.profile)), given=told)
+        data = RecordData(stacked(np.asarray(whole / measurement.profile)), given=given)
     for column, channel in enumerate(measurement.channels):
         if not np.any(np.nan_to_num(data.values[:, column])):
             raise NotIdentifiable(

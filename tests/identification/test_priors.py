@@ -106,7 +106,7 @@ def test_the_information_of_a_prior_adds_to_the_record():
     assert moved == pytest.approx(deviation, rel=0.1)
 
 
-def test_a_prior_stands_in_for_what_the_record_does_not_tell():
+def test_a_prior_replaces_missing_information():
     """Two joints side by side cannot be distinguished, but for a prior on one."""
 
     def twins(belief=None):

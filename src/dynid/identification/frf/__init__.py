@@ -1,1 +1,0 @@
-"""Identification from measured frequency response functions."""

@@ -1,0 +1,220 @@
+"""Likelihood of one record: prediction, residuals, information, and the directions in which it is tested.
+
+Records of time (`time_record`), frequency responses (`frf_record`) and segments of records of time
+(`estimators.segments`) implement it.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import HUBER
+from dynid.identification.calibration import CalibrationDerivatives
+from dynid.identification.information import Information
+from dynid.identification.measurement import RecordData
+from dynid.identification.prediction import Trajectory
+from dynid.identification.saturated_model import SaturatedCoordinates
+from dynid.structure.joints import Unknown
+
+Array = NDArray[np.float64]
+
+
+class NamedChannel(Protocol):
+    """A channel with a name and a unit."""
+
+    @property
+    def name(self) -> str:
+        """Name in results."""
+
+    @property
+    def unit(self) -> str:
+        """Unit, SI."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordFit:
+    """A fit at fixed parameters, the initial state being the best one (linear least squares).
+
+    Attributes
+    ----------
+    logs
+        Logarithms of the parameters (p).
+    predicted
+        Noise-free prediction, the states in SI divided by the model's scale.
+    residual
+        Measured minus predicted (times x channels), NaN where missing.
+    counts, size
+        Number of values of each channel, and RMS of its residuals (channels).
+    noise
+        Standard deviation of the noise (channels): as given, else estimated from the residuals.
+    triangles
+        Of each channel, over its RMS, a triangular factor of the derivatives by the initial state (scaled)
+        and by the logarithms, and the residuals, side by side (channels x n + p + 1 x n + p + 1): it has the
+        information of all values for any weights of the channels. None where `by_parameter` is used.
+    by_parameter
+        Derivatives of the prediction by the logarithms (times x channels x p), where there are no triangles.
+    """
+
+    logs: Array
+    predicted: Trajectory
+    residual: Array
+    counts: NDArray[np.int_]
+    size: Array
+    noise: Array
+    triangles: Array | None = None
+    by_parameter: Array | None = None
+
+
+class RecordLikelihood(ABC):
+    """Likelihood of real values (rows x channels) that depend on the parameters, with white Gaussian noise.
+
+    Attributes
+    ----------
+    data
+        The values.
+    sharing
+        Number of records that share the parameters.
+    """
+
+    data: RecordData
+    sharing: int
+
+    # Description, for messages and results.
+
+    @property
+    def noun(self) -> str:
+        """Noun for what is observed."""
+        return "record"
+
+    @property
+    def channels(self) -> Sequence[NamedChannel]:
+        """The channels."""
+        return ()
+
+    @property
+    def sampling_step(self) -> float | None:
+        """Sampling step, s; None of frequency responses."""
+        return None
+
+    @property
+    def mean_is_offset(self) -> bool:
+        """True if the mean of a residual is an offset of the sensor."""
+        return False
+
+    def row_label(self, row: int) -> str:
+        """Return the time or frequency of a row, with its unit."""
+        return str(row)
+
+    # Prediction, residuals and information.
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The unknown parameters (p)."""
+
+    @property
+    @abstractmethod
+    def nuisances(self) -> int:
+        """Number of nuisances: unknowns beside the parameters."""
+
+    @abstractmethod
+    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:
+        """Fit the nuisances, such as an initial state, to `values` (rows x channels) at exp(logs).
+
+        Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
+        """
+
+    def residual(self, logs: Array) -> Array:
+        """Return the residual of the fit at exp(logs) (rows x channels), NaN where missing."""
+        return self.fit(logs, self.data.values).residual
+
+    @abstractmethod
+    def slopes(self, fit: RecordFit, noise: Array) -> Array:
+        """Return the derivatives by the logarithms over noise (… x p), or few rows with the same products."""
+
+    def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
+        """Return the degrees of freedom of each channel that the nuisances use up (channels)."""
+        return np.zeros(len(fit.counts))
+
+    @abstractmethod
+    def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
+        """Return numbers of channels (channels), one for each row of `weighted` and of the information."""
+
+    @abstractmethod
+    def on(self, data: RecordData) -> Self:
+        """Return the likelihood of other values of the same record."""
+
+    @abstractmethod
+    def information(self, fit: RecordFit, noise: Array) -> Information:
+        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
+
+    @abstractmethod
+    def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
+        """Return the channels, in units of their RMS, in directions of their saturated models."""
+
+    @abstractmethod
+    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+        """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
+
+    def influential(self, fit: RecordFit) -> Array:
+        """Return the residuals (rows x channels), NaN where missing or where a robust loss bounds them.
+
+        To first order the estimate does not depend on a bounded residual.
+        """
+        robust = self.data.robust
+        if robust is None:
+            return fit.residual
+        left = np.abs(self.data.recorded - fit.predicted.outputs)
+        return np.where(left < HUBER.value * robust.scale, fit.residual, np.nan)
+
+    @cached_property
+    def given(self) -> Array:
+        """Deviations of the noise (channels), NaN where none is given."""
+        return np.full(self.data.values.shape[1], np.nan) if self.data.given is None else self.data.given
+
+    def given_or(self, estimated: Array) -> Array:
+        """Return the deviations of the noise (channels): the given ones, else these."""
+        return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
+
+    def scatter(self, counts: NDArray[np.int_], size: Array) -> Array:
+        """Return the RMS of residuals of this size (channels), corrected for the number of fitted values."""
+        fitted = (self.nuisances + len(self.unknowns) / self.sharing) / len(size)
+        return np.asarray(size * np.sqrt(counts / np.maximum(counts - fitted, 1)))
+
+    def noise_in(self, counts: NDArray[np.int_], size: Array) -> Array:
+        """Return the given noise, else the density of the residuals in their band (channels)."""
+        return self.given_or(self.scatter(counts, size) / math.sqrt(self.data.passed))
+
+    def weighted(self, fit: RecordFit, noise: Array) -> Array:
+        """Return the residuals over noise, row by row as the information has them, 0 where missing."""
+        return (np.nan_to_num(fit.residual) * weights(noise, fit.residual)).ravel()
+
+    def series(self, residual: Array) -> Array:
+        """Return residuals (rows x channels) as series that are white if the model is right."""
+        return residual
+
+    def residual_rms(self, fit: RecordFit) -> Array:
+        """Return the RMS of the residuals (channels), in the channels' units."""
+        return fit.size
+
+    def unexplained(self, fit: RecordFit, column: int) -> tuple[float, Array]:
+        """Return the residual of a channel over its signal (RMS), and the series to test for whiteness."""
+        part = float(fit.size[column] / self.data.rms[column])
+        return part, self.series(fit.residual[:, [column]])
+
+    def residual_peak(self, fit: RecordFit, column: int) -> float:  # noqa: ARG002
+        """Return the frequency, rad/s, at which the residual of a channel is strongest."""
+        return math.nan
+
+
+def weights(noise: Array, values: Array) -> Array:
+    """Return one over the noise's deviations (rows x channels), 0 where a value is missing."""
+    return np.asarray(np.where(np.isnan(values), 0.0, 1 / noise))
