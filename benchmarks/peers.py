@@ -1,4 +1,4 @@
-"""Alternatives of `dynid bench` by other projects whose packages no part of dynid uses.
+"""Alternatives of `dynid bench` by other projects, with packages that dynid itself does not use.
 
 `python -m dynid bench`, run from the root of the sources, loads them where the environment variable
 `DYNID_PEERS` names a Python with these packages and dynid. The Kalman filters of filterpy and dynamax are
@@ -29,7 +29,7 @@ from dynid.bondgraph.chains import distinct
 
 
 def _forces(this: SuspensionRecord) -> Any:
-    """Return the force at the begin, the middle and the end of each interval (intervals x 3)."""
+    """Return the force at the start, the middle and the end of each interval (intervals x 3)."""
     times = this.ensemble.records[0].model.line.nodes
     at = times[:-1, None] + STEP * np.array([0.0, 0.5, 1.0])
     return 100 * np.sin(at[..., None] * np.array(OMEGA)).sum(axis=-1)
@@ -115,7 +115,7 @@ def by_dynamax(this: SuspensionRecord) -> Callable[[], Any]:
 
 
 def lcapy(stages: int) -> Callable[[], Any]:
-    """Solve the circuit whose currents are forces and voltages velocities, by symbols."""
+    """Solve the equivalent circuit (currents are forces, voltages velocities) symbolically."""
     circuits = import_module("lcapy")
 
     def work() -> Any:

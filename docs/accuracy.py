@@ -130,7 +130,7 @@ def measured(folder: Path) -> Iterator[Path]:
         file = folder / f"{name}.h5"
         try:
             if not file.exists():
-                write_result(run_benchmarks([name], full=True, clock="processor", tell=print), file)
+                write_result(run_benchmarks([name], full=True, clock="processor", progress=print), file)
             yield file
         except Exception:
             traceback.print_exc()

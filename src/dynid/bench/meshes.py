@@ -19,7 +19,7 @@ def plate(side: int, width: float = 1.0, height: float = 1.3) -> tuple[csc_array
     place = np.indices((side + 1, side + 1)).reshape(2, -1)
     edge = np.any((place == 0) | (place == side), axis=0)
     keep = np.ones(len(edge) * 3, dtype=bool)
-    keep[::3] = ~edge  # w is held
+    keep[::3] = ~edge  # w is fixed
     return csc_array(K[keep][:, keep]), csc_array(M[keep][:, keep])
 
 

@@ -37,7 +37,7 @@ class BenchmarkFigure:
 def run_benchmarks(
     names: Iterable[str],
     sizes: Mapping[str, Sequence[int]] | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
     *,
     full: bool = False,
     clock: str = "wall",
@@ -51,7 +51,7 @@ def run_benchmarks(
         Names from `BENCHMARKS`.
     sizes
         Sizes by name; absent: those of each benchmark.
-    tell
+    progress
         Called with a line before each measurement.
     full
         True to add the larger sizes of the benchmarks, which take minutes.
@@ -79,7 +79,7 @@ def run_benchmarks(
         own = sorted((*case.sizes, *case.full)) if full else case.sizes
         until = began + seconds - sum(BENCHMARKS[later].seconds for later in chosen[place + 1 :])
         where, wanted = f"{place + 1} of {len(chosen)}: {name}", (sizes or {}).get(name, own)
-        _add(result, name, case, _measured(name, case, wanted, tell, where, clock, until))
+        _add(result, name, case, _measured(name, case, wanted, progress, where, clock, until))
     result.annotate("bench", clock=clock, seconds=time.monotonic() - began)
     return result
 
@@ -88,7 +88,7 @@ def _measured(
     name: str,
     case: Benchmark,
     sizes: Sequence[int],
-    tell: Callable[[str], None],
+    progress: Callable[[str], None],
     where: str,
     clock: str,
     until: float,
@@ -112,7 +112,7 @@ def _measured(
         for size in sizes:
             for each in present:
                 if each.at(size):
-                    tell(f"{where}, {case.size} {size:,}, {each.name}")
+                    progress(f"{where}, {case.size} {size:,}, {each.name}")
                     late = size > sizes[0] and time.monotonic() > until
                     answer = {"late": True} if late else workers[each.name].ask(size)
                     figures[each.name].append(BenchmarkFigure(size, **(answer or {"failed": "it ended"})))

@@ -103,7 +103,7 @@ def compute(scene: Scene, listener: Listener, *, accuracy: bool) -> Result:
         if accuracy or getattr(scene.model, "accuracy", None) is not None:
             from dynid.bench.scenes import add_accuracy
 
-            add_accuracy(result, scene, tell=listener)
+            add_accuracy(result, scene, progress=listener)
         return result
     except (NumericalError, UsageError, FileError) as error:
         raise LocatedError(scene, error) from error

@@ -38,11 +38,11 @@ def matrices(stages: int) -> Any:
 
 
 def characteristic(stages: int) -> Any:
-    """Return the characteristic polynomial (flint `fmpq_poly`) that the impedances leave, stage by stage."""
+    """Return the characteristic polynomial (flint `fmpq_poly`) by the impedances, stage by stage."""
     from flint import fmpq, fmpq_poly
 
     s = fmpq_poly([0, 1])
-    above, below = fmpq_poly([1]), fmpq_poly([0])  # what a stage ends at: the ground, at rest
+    above, below = fmpq_poly([1]), fmpq_poly([0])  # the last stage ends at the ground, at rest
     for row in reversed(distinct(stages)):
         m, k, b = (fmpq(v.numerator, v.denominator) for v in row)
         joint = s * b + k
@@ -51,7 +51,7 @@ def characteristic(stages: int) -> Any:
 
 
 def numerator(stages: int) -> Any:
-    """Return what stands above it: s, and ``s b + k`` of every joint that the force passes (`fmpq_poly`)."""
+    """Return the numerator: s times ``s b + k`` of every joint on the path of the force (`fmpq_poly`)."""
     from flint import fmpq, fmpq_poly
 
     product = fmpq_poly([0, 1])
@@ -65,8 +65,8 @@ def numerator(stages: int) -> Any:
 def true_roots(stages: int) -> tuple[Any, Any]:
     """Return zeros and poles, correctly rounded.
 
-    The zeros are 0 and -k/b of all joints but the last; the poles are certified roots of the polynomial that
-    the continued fraction of impedances leaves, begun at the eigenvalues of A.
+    The zeros are 0 and -k/b of all joints but the last; the poles are certified roots of the denominator of
+    the continued fraction of impedances, started from the eigenvalues of A.
     """
     import numpy as np
 
@@ -78,7 +78,7 @@ def true_roots(stages: int) -> tuple[Any, Any]:
 
 
 def exact_response(stages: int, omega: Any) -> list[complex]:
-    """Return the response by superposing impedances to the ground, in as many bits as it takes."""
+    """Return the response by combining impedances from the force to the ground, in as many bits as needed."""
     from flint import acb, arb, ctx, fmpq
 
     def response(w: float, bits: int) -> complex:

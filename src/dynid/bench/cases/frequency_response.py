@@ -36,7 +36,7 @@ def by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Callab
 
 
 def _compiled(stages: int) -> Callable[[], Any]:
-    """Run the reduction compiled, in doubled precision, which loads a compiler; long ones always are."""
+    """Run the reduction compiled, in doubled precision; long reductions are compiled by default."""
     from dynid.bondgraph.program.compiler import sweep_frequencies
 
     omega = frequencies()
@@ -103,7 +103,7 @@ def _control(stages: int) -> Callable[[], Any]:
 
 
 def _polynomials(stages: int) -> Callable[[], Any]:
-    """Evaluate the quotient of polynomials that SciPy makes of the state equations."""
+    """Evaluate the transfer function that SciPy computes from the state equations (`ss2tf`)."""
     import numpy as np
     from scipy.signal import ss2tf
 

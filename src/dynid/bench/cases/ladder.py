@@ -20,7 +20,7 @@ _RAILS = "ab"
 
 
 def _value(kind: str, place: int) -> Fraction:
-    """Return a value spread between 1 and 1.5 of its unit: mH, mF and Ohm, say, in ms."""
+    """Return a value between 1 and 1.5 of its unit: mF of a C, 1 of an I and an R."""
     return (1 + Fraction(place * 7919 % 1000, 2000)) * (Fraction(1, 1000) if kind == "C" else 1)
 
 
@@ -81,7 +81,7 @@ def exact_response(stages: int, omega: Any) -> list[complex]:
                 if k + 1 == stages:
                     break
                 across = acb_mat([[passes[2 * k], 0], [0, passes[2 * k + 1]]])
-                ahead = across * (seen + across).inv()  # the share of what is behind that passes on
+                ahead = across * (seen + across).inv()  # the part of the flow that passes on
                 drive, seen = ahead * drive, ahead * seen
             effort = (seen.inv() * drive)[1, 0]
             found.append(complex(float(effort.real.mid()), float(effort.imag.mid())))
@@ -89,7 +89,7 @@ def exact_response(stages: int, omega: Any) -> list[complex]:
 
 
 def _in_order(stages: int) -> Callable[[], Any]:
-    """Run the first plan alone, from the far end on: what its bounds do not certify, in ball arithmetic."""
+    """Run the first plan alone, from the far end; values that its bounds do not certify by balls."""
     from dynid.bondgraph.frequency_response import on_axis
 
     def work() -> Any:

@@ -1,4 +1,4 @@
-"""Modes of a plate and of a solid: the lowest ten by every solver, and more and more modes of one plate.
+"""Modes of a plate and of a solid: the lowest ten by every solver, and few to many modes of one plate.
 
 With `--size modes=100000` the plate has 99,739 DOFs; with `--size modes-of-solids=86000` the solid has 86,490
 DOFs, whose modes take minutes.
@@ -15,7 +15,7 @@ from dynid.bench.benchmark import Alternative, Benchmark
 #: Approximate DOFs of the plate with many modes.
 _DOFS = 600
 COUNT = 10
-#: Stiffness and mass of a mesh of about so many DOFs.
+#: Stiffness and mass of a mesh, by its approximate number of DOFs.
 Mesh = Callable[[int], tuple[Any, Any]]
 
 
@@ -155,7 +155,7 @@ def _eigh(count: int) -> Callable[[], Any]:
 
 @lru_cache(maxsize=1)
 def _inverse_problem() -> Any:
-    """Return all eigenvalues from the inverse problem, whose largest are the lowest, by Cholesky's factor."""
+    """Return all eigenvalues by the inverse problem, whose largest ones are accurate (Cholesky)."""
     import numpy as np
     from scipy.linalg import cholesky, eigvalsh, solve_triangular
 

@@ -1,4 +1,4 @@
-"""Forward simulation of the five-mass suspension under three sines that a hold knows by their samples."""
+"""Forward simulation of the five-mass suspension under three sampled sines."""
 
 from __future__ import annotations
 

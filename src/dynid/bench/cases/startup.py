@@ -1,4 +1,4 @@
-"""Wall time of whole commands, and of what Python itself needs to import for them."""
+"""Wall time of whole commands, and of the imports that they need."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dynid.identification.kernels import VARIABLE
 
 @cache
 def _folder() -> Path:
-    """Return a folder with the scenes that come along, and their files of data, which are only looked for."""
+    """Return a folder with the template scenes, and empty files in place of their data files."""
     from dynid.scene.files import file_places
     from dynid.scene.yaml.source import read_source
 
@@ -35,7 +35,7 @@ def _folder() -> Path:
 
 
 def _process(*arguments: str) -> Callable[[int], Callable[[], Any]]:
-    """Return work that runs a Python process among the scenes; ``*`` stands for all of them."""
+    """Return the run of a Python process in the folder of the scenes; ``*`` stands for all of them."""
 
     def prepare(_: int) -> Callable[[], Any]:
         scenes = sorted(path.name for path in _folder().glob("*.yaml"))
@@ -58,7 +58,7 @@ def _dynid(*arguments: str) -> Callable[[int], Callable[[], Any]]:
 
 
 def _on_result(command: str, kind: str, *arguments: str) -> Callable[[int], Callable[[], Any]]:
-    """Return work on the result of the scene of a kind, which is run before."""
+    """Return a command on the result of the template scene of a kind, which is run before."""
 
     def prepare(size: int) -> Callable[[], Any]:
         _dynid("run", f"{kind}.yaml", "-q")(size)()
@@ -68,13 +68,13 @@ def _on_result(command: str, kind: str, *arguments: str) -> Callable[[int], Call
 
 
 def _with_kernels(size: int) -> Callable[[], Any]:
-    """Return the run of the identification with compiled kernels, which it is too short for by itself."""
+    """Return the run of the identification with compiled kernels, for which it is too short by default."""
     os.environ[VARIABLE] = "1"  # of this process, which measures nothing else
     return _dynid("run", "identification.yaml", "-q")(size)
 
 
 def _modules(_: int, arguments: Any) -> float:
-    """Return how many modules the command imports."""
+    """Return the number of modules that the command imports."""
     command = [sys.executable, "-X", "importtime", *arguments]
     said = subprocess.run(command, cwd=_folder(), check=True, capture_output=True, text=True).stderr
     return float(sum(line.startswith("import time:") for line in said.splitlines()) - 1)  # less the heading

@@ -1,4 +1,4 @@
-"""The frequency response of a plate at more and more frequencies: by solving at each, or on its modes."""
+"""Frequency response of a plate at few to many frequencies: solved at each one, or by its modes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.defaults import FEW_FREQUENCIES
 
-#: DOFs, about, and modes in the band; frequencies at most that the error is looked at.
+#: Approximate number of DOFs, modes in the band, and most frequencies at which the error is evaluated.
 _DOFS, _MODES, _PLACES = 1000, 10, 8
 
 
 class _Plate(NamedTuple):
-    """Mass, damping and stiffness, a force and a read-out (ports), and the highest frequency, rad/s."""
+    """Mass, damping and stiffness, a force and an output (ports), and the highest frequency, rad/s."""
 
     M: Any
     C: Any
@@ -75,7 +75,7 @@ def _house(method: str) -> Callable[[int], Callable[[], Any]]:
 
 
 def _spsolve(count: int) -> Callable[[], Any]:
-    """Solve at every frequency as SciPy's users do, with nothing checked."""
+    """Solve at every frequency by SciPy, without checks of condition or residual."""
     import numpy as np
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import spsolve
@@ -87,7 +87,7 @@ def _spsolve(count: int) -> Callable[[], Any]:
 
 
 def _superposed(count: int) -> Callable[[], Any]:
-    """Add up the modes of the band, and forget the others."""
+    """Superpose the modes of the band, without the others."""
     M, C, K, ports, _ = _plate()
     omega = _frequencies(count)[:, None]
 
@@ -102,7 +102,7 @@ def _superposed(count: int) -> Callable[[], Any]:
 
 @lru_cache(maxsize=1)
 def _true(count: int) -> Any:
-    """Return the response in some places, of solutions refined by residuals in extended precision."""
+    """Return the response at some frequencies, refined by residuals in extended precision."""
     import numpy as np
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
@@ -141,5 +141,5 @@ BENCHMARK = Benchmark(
     error=_error,
     measure="largest error, relative to the sum of the response and its median",
     default=lambda count: "modal" if count > FEW_FREQUENCIES.value else "direct",
-    remark="modal responses are asked for to 1e-8; spsolve checks neither condition nor residual",
+    remark="modal responses are computed to 1e-8; spsolve checks neither condition nor residual",
 )

@@ -1,4 +1,4 @@
-"""Samples of the isolator over four parameters: together, as a study, one after another, a process each."""
+"""Samples of the isolator over four parameters: in a batch, as a study, one by one, in a process each."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def _as_study(executor: str) -> Callable[[int], Work]:
 
 
 def _processes(samples: int) -> Work:
-    """Return work that runs one command a sample."""
+    """Return one command for each sample."""
     import numpy as np
 
     from dynid.store import read_result

@@ -73,7 +73,7 @@ def _by_engine(model: Callable[[int], ReducedGraph], engine: str) -> Callable[[i
 
 
 def _unstarted(stages: int) -> Callable[[], Any]:
-    """Certify the exact roots without eigenvalues to begin at."""
+    """Certify the exact roots without starting values from eigenvalues."""
     from dynid.bondgraph.exact_engine import TransferFunction
     from dynid.lti.certified_roots import repeated
 
@@ -97,7 +97,7 @@ def _pencil_engine(stages: int) -> Callable[[], Any]:
 
 
 def controlled(stages: int) -> Callable[[], Any]:
-    """Ask control, which takes SLICOT's AB08ND for zeros where slycot is installed."""
+    """Return zeros and poles by control, which uses SLICOT's AB08ND for zeros where slycot is installed."""
     import control
 
     def work() -> Any:
@@ -108,7 +108,7 @@ def controlled(stages: int) -> Callable[[], Any]:
 
 
 def _control_alone(stages: int) -> Callable[[], Any]:
-    """Ask control as it answers without slycot: QZ on the system's pencil."""
+    """Return zeros and poles by control without slycot: QZ on the system's pencil."""
     work = controlled(stages)
 
     def without_slycot() -> Any:

@@ -30,13 +30,13 @@ Work = Callable[[list[Any]], Callable[[], Any]]
 
 
 def nothing(_: Any) -> float | None:
-    """Return None: no yardstick is known."""
+    """Return None: no least error is known."""
     return None
 
 
 @dataclass(frozen=True)
 class Aspect:
-    """Alternatives for the same result, one of which a run took.
+    """Alternatives for the same result, one of which a run has chosen.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Aspect:
         Given the reference twice: the error of the reference.
     measure
         Definition of the error.
-    yardstick
+    least_error
         Function of a result: the least error to be expected; None: unknown.
     """
 
@@ -67,7 +67,7 @@ class Aspect:
     because: str
     error: Callable[[Any, Any], float | None]
     measure: str
-    yardstick: Callable[[Any], float | None] = nothing
+    least_error: Callable[[Any], float | None] = nothing
 
 
 def name_of(part: ReductionModel) -> str:
@@ -78,7 +78,7 @@ def name_of(part: ReductionModel) -> str:
 
 
 def sizes_around(size: int, most: int) -> list[int]:
-    """Return a size and twice that, as far as these are fewer than all coordinates."""
+    """Return a size and twice that size, as far as they are below the number of all coordinates."""
     return [each for each in (size, 2 * size) if each < most] or [size]
 
 
@@ -132,6 +132,12 @@ def solvers(
     def solver(backend: str) -> Callable[[int], Callable[[], Any]]:
         return lambda _: lambda: modes(*matrices, count, below, backend).omega
 
+    def error(found: Any, reference: Any) -> float:
+        if len(found) != len(reference):
+            return float("inf")
+        scale = np.maximum(reference, _RIGID * reference.max(initial=0.0))
+        return float((np.abs(found - reference) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
+
     names = ["dense", *BACKENDS] if size <= ALL_MODES.value else list(BACKENDS)
     needs = {name: () if name == "splu" else (backend.package,) for name, backend in BACKENDS.items()}
     every = [(Alternative(name, solver(name), needs.get(name, ())), size) for name in names]
@@ -141,16 +147,9 @@ def solvers(
         points=every,
         chosen=frozenset({(solver_for(size, count, below), size)}),
         because=f"chosen by default: {DENSE_MODES}; {FEW_MODES}",
-        error=_frequency_error,
+        error=error,
         measure="largest relative difference of a frequency from the reference's",
     )
-
-
-def _frequency_error(found: Any, reference: Any) -> float:
-    if len(found) != len(reference):
-        return float("inf")
-    scale = np.maximum(reference, _RIGID * reference.max(initial=0.0))
-    return float((np.abs(found - reference) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
 
 
 def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) -> Aspect:
@@ -159,7 +158,7 @@ def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) 
     Parameters
     ----------
     work
-        Given signals: what computes the response (times x outputs) to them.
+        Function of signals: the function that computes the response (times x outputs) to them.
     signals
         The signals of the scene. An impulse has no samples and stays as it is.
     times
@@ -176,20 +175,19 @@ def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) 
 
         return prepare
 
+    def error(found: Any, reference: Any) -> float:
+        size = float(np.sqrt(np.mean(reference**2)))
+        return float(np.sqrt(np.mean((found - reference) ** 2))) / (size if size > 0 else 1.0)
+
     sizes = [k * (count - 1) + 1 for k in _FINER if k * count <= _MOST] or [count]
     exact = Alternative("exact", lambda _: work(list(signals)))
     points = [(exact, count), *((Alternative(hold, held(hold)), size) for hold in HOLDS for size in sizes)]
     return Aspect(
-        title="what drives the time response between its samples",
+        title="input of the time response between its samples",
         size="samples",
         points=points,
         chosen=frozenset({("exact", count)}),
-        because="named signals are known in closed form, samples go on by their own hold: propagated exactly",
-        error=_relative_rms,
+        because="named signals are known in closed form, samples by their own hold: propagated exactly",
+        error=error,
         measure="RMS of the error over that of the exact response",
     )
-
-
-def _relative_rms(found: Any, reference: Any) -> float:
-    size = float(np.sqrt(np.mean(reference**2)))
-    return float(np.sqrt(np.mean((found - reference) ** 2))) / (size if size > 0 else 1.0)

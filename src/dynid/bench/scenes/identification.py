@@ -1,7 +1,7 @@
 """Aspects of scenes of kind `identification`: estimator, basis, holds, propagation, mode solver.
 
-Alternatives of the identification are scenes of their own: the same scene with another estimator, reduction
-or hold, without responses.
+Alternatives of the identification are scenes themselves: the same scene with another estimator, reduction or
+hold, without responses.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from dynid.structure.response import time_response
 
 #: Passes of the filter that are tried.
 _PASSES = (1, 2, 3, 4)
-#: What an alternative of the identification leaves out.
+#: Keys of the scene that an alternative of the identification omits.
 _OUTSIDE = ("accuracy", "analysis", "expect", "identifiability", "initial", "plan")
 
 
@@ -113,7 +113,7 @@ def hold(scene: Scene) -> Aspect:
 
 
 def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], EstimatedParameters]]:
-    """Return the identification with this hold for all sampled forces."""
+    """Return the identification with a hold for all sampled forces."""
     data = scene.source.data
     measurement = data["measurement"]
     shared = "simulate" in measurement
@@ -193,6 +193,17 @@ def _of_parameters(
     because: str,
     known: bool,
 ) -> Aspect:
+    """Return an aspect whose error is that of the parameters; its least_error are the Cramér–Rao bounds."""
+
+    def error(found: EstimatedParameters, reference: EstimatedParameters) -> float:
+        true = found.true if np.isfinite(found.true).all() else reference.estimate
+        return float(np.sqrt(np.mean((found.estimate / true - 1) ** 2)))
+
+    def least_error(found: EstimatedParameters) -> float | None:
+        if not np.isfinite(found.true).all():
+            return None
+        return float(np.sqrt(np.mean((found.bound / found.true) ** 2)))
+
     measure = "RMS relative error of the parameters, against their true values"
     if not known:
         measure = "RMS relative distance of the parameters from those of the reference"
@@ -202,22 +213,10 @@ def _of_parameters(
         points=points,
         chosen=frozenset({chosen}),
         because=because,
-        error=_error,
+        error=error,
         measure=measure,
-        yardstick=_yardstick,
+        least_error=least_error,
     )
-
-
-def _error(found: EstimatedParameters, reference: EstimatedParameters) -> float:
-    true = found.true if np.isfinite(found.true).all() else reference.estimate
-    return float(np.sqrt(np.mean((found.estimate / true - 1) ** 2)))
-
-
-def _yardstick(found: EstimatedParameters) -> float | None:
-    """Return the RMS of the relative Cramér–Rao bounds; None where the true values are unknown."""
-    if not np.isfinite(found.true).all():
-        return None
-    return float(np.sqrt(np.mean((found.bound / found.true) ** 2)))
 
 
 ASPECTS = {

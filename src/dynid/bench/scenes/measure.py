@@ -66,7 +66,7 @@ def add_accuracy(
     result: Result,
     scene: Scene,
     options: AccuracyModel | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Add the alternatives to the choices of a run, with their costs and errors.
 
@@ -78,7 +78,7 @@ def add_accuracy(
         The scene.
     options
         Alternatives, repeats and budget of time; absent: the scene's block `accuracy`, or all.
-    tell
+    progress
         Called with a line before each measurement.
 
     Notes
@@ -100,7 +100,7 @@ def add_accuracy(
                 kept = [p for p in points if p[0].name in names or (p[0].name, p[1]) in aspect.chosen]
                 aspect = replace(aspect, points=kept)
             aspects[name] = aspect
-    with _Trial(scene, aspects, asked.budget, tell) as trial:
+    with _Trial(scene, aspects, asked.budget, progress) as trial:
         trial.run(asked.repeats)
     for name, aspect in aspects.items():
         _add(result, f"accuracy/{name}", aspect, trial.tries[name])
@@ -125,9 +125,9 @@ class _Trial:
     """Measurement of all alternatives in turns, in a process that is restarted after it had to be stopped."""
 
     def __init__(
-        self, scene: Scene, aspects: Mapping[str, Aspect], budget: float, tell: Callable[[str], None]
+        self, scene: Scene, aspects: Mapping[str, Aspect], budget: float, progress: Callable[[str], None]
     ) -> None:
-        self._scene, self._budget, self._tell = scene, budget, tell
+        self._scene, self._budget, self._progress = scene, budget, progress
         self._deadline = monotonic() + budget
         self._process: Process | None = None
         self.tries: dict[str, dict[Key, _Try]] = {
@@ -170,7 +170,7 @@ class _Trial:
         if self._left <= 0 or self._process is None:
             found.failed = f"not run: the budget of {self._budget:g} s was used up"
             return
-        self._tell(f"{aspect}: {key[0]}, {key[1]:,}")
+        self._progress(f"{aspect}: {key[0]}, {key[1]:,}")
         seconds = max(0.0, part * self._left)
         answer: TrialResult | None = self._process.ask(TrialRequest(aspect, *key), seconds)
         if answer is None:
@@ -216,7 +216,7 @@ def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) 
         }
         if np.isnan(columns["error"]).any():
             del columns["error"]
-        bounds = [bound for key in keys if (bound := aspect.yardstick(found[key])) is not None]
+        bounds = [bound for key in keys if (bound := aspect.least_error(found[key])) is not None]
         if len(bounds) == len(keys):
             columns["bound"] = bounds
         for column, values in columns.items():

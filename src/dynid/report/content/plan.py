@@ -34,11 +34,38 @@ def sections(result: Result) -> Iterator[ReportSection]:
     heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
     table = TextTable(heads, tuple(rows), caption=f"{count}, the most informative first")
     yield ReportSection("Sensors", (table, _efficiency(result, group, "sensors")))
-    if "plan/excitation/choice" in result:
-        yield ReportSection("Excitation", tuple(_excitation(result)))
-    else:
+    group = "plan/excitation"
+    if f"{group}/choice" not in result:
         text = "The structure is excited by a prescribed motion: forces in its place are not ranked."
         yield ReportSection("Excitation", (Statement(text),))
+    else:
+        choice, gains = chosen_lines(result), result[f"{group}/gain"].data
+        blank = [""] * (len(heads) - 2)
+        best = list(map(bound_text, result[f"{group}/best_bound"].data))
+        rows = [
+            (f"{'+ ' if k else ''}{name}", *(best if k == len(choice) - 1 else blank), gain_text(gain))
+            for k, (name, gain) in enumerate(zip(choice, gains, strict=True))
+        ]
+        rows.append(("now", *map(bound_text, result[f"{group}/present_bound"].data), ""))
+        sines = f"best {counted(len(choice), 'sine')} of {result.value(f'{group}/amplitude'):.3g} N"
+        caption = f"{sines} (the present force's RMS), bounds with the present sensors"
+        blocks: list[Block] = [TextTable(heads, tuple(rows), caption=caption)]
+        blocks.append(_efficiency(result, group, "forces"))
+        if f"{group}/settling_time" in result:
+            wait = f"the slowest mode takes {result.value(f'{group}/settling_time'):.2g} s"
+            blocks.append(Statement(f"In the steady state: {wait} to decay to a hundredth."))
+        bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
+        unit = frequency_unit(result)
+        spans = tuple(
+            (
+                f"{dof}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}",
+                *map(bound_text, bounds),
+            )
+            for dof, low, high, bounds in zip(*bands, strict=True)
+        )
+        caption = "Best bands, the same force spread evenly over one"
+        blocks.append(TextTable(heads[:-1], spans, caption=caption))
+        yield ReportSection("Excitation", tuple(blocks))
     yield from identifiability_sections(result)
     yield from calibration_sections(result)
 
@@ -67,30 +94,3 @@ def efficiency_text(efficiency: float, what: str) -> str:
 
 def _efficiency(result: Result, group: str, what: str) -> Statement:
     return Statement(efficiency_text(result.value(f"{group}/efficiency"), f"the {what}").capitalize())
-
-
-def _excitation(result: Result) -> Iterator[Block]:
-    group = "plan/excitation"
-    heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
-    choice, gains = chosen_lines(result), result[f"{group}/gain"].data
-    blank = [""] * (len(heads) - 2)
-    best = list(map(bound_text, result[f"{group}/best_bound"].data))
-    rows = [
-        (f"{'+ ' if k else ''}{name}", *(best if k == len(choice) - 1 else blank), gain_text(gain))
-        for k, (name, gain) in enumerate(zip(choice, gains, strict=True))
-    ]
-    rows.append(("now", *map(bound_text, result[f"{group}/present_bound"].data), ""))
-    sines = f"best {counted(len(choice), 'sine')} of {result.value(f'{group}/amplitude'):.3g} N"
-    caption = f"{sines} (the present force's RMS), bounds with the present sensors"
-    yield TextTable(heads, tuple(rows), caption=caption)
-    yield _efficiency(result, group, "forces")
-    if f"{group}/settling_time" in result:
-        wait = result.value(f"{group}/settling_time")
-        yield Statement(f"In the steady state: the slowest mode takes {wait:.2g} s to decay to a hundredth.")
-    bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
-    unit = frequency_unit(result)
-    spans = tuple(
-        (f"{dof}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}", *map(bound_text, bounds))
-        for dof, low, high, bounds in zip(*bands, strict=True)
-    )
-    yield TextTable(heads[:-1], spans, caption="Best bands, the same force spread evenly over one")

@@ -51,14 +51,24 @@ def sections(result: Result) -> Iterator[ReportSection]:
         samples.append(TextTable(("samples", "failed with", "numbers"), rows, caption="Reasons of failures"))
         samples += more(len(found), _REASONS, "reason")
     yield ReportSection("Samples", tuple(samples))
-    if blocks := list(_statistics(table, shown, hidden)):
-        yield ReportSection("Statistics", tuple(blocks))
+    numbers: list[tuple[str, ...]] = []
+    items = []
+    for path, column in shown:
+        name, row = display_name(table, path, column), statistics_row(table, path, column)
+        if len(row) == 1:
+            items.append((name, row[0]))
+        else:
+            numbers.append((f"{name} [{column.units}]" if column.units else name, *row))
+    items += [*text_shares(table), *((path, f"{table.size(path):,} numbers a sample") for path in hidden)]
+    if numbers or items:
+        blocks = [TextTable(("", *COLUMNS, "at sample"), tuple(numbers))] if numbers else []
+        yield ReportSection("Statistics", (*blocks, *([definitions(*items)] if items else [])))
     if met := tuple(met_expectations(table)):
         shares = TextTable(("", "share of the samples that meet it"), met)
         yield ReportSection("Expectations of the scene", (shares,))
-    items, notes = variance_sources(table, shown, _RANKED)
-    if items:
-        yield ReportSection("Sources of the variance", (definitions(*items), *map(Statement, notes)))
+    sources, notes = variance_sources(table, shown, _RANKED)
+    if sources:
+        yield ReportSection("Sources of the variance", (definitions(*sources), *map(Statement, notes)))
 
 
 def status_text(table: StudyTable) -> str:
@@ -70,23 +80,6 @@ def status_text(table: StudyTable) -> str:
 def first_samples(failure: Failure) -> str:
     """Return the first samples that failed for one reason."""
     return ", ".join(map(str, failure.samples[:3])) + (", …" if len(failure.samples) > 3 else "")
-
-
-def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list[str]) -> Iterator[Block]:
-    rows: list[tuple[str, ...]] = []
-    items = []
-    for path, column in shown:
-        name, row = display_name(table, path, column), statistics_row(table, path, column)
-        if len(row) == 1:
-            items.append((name, row[0]))
-        else:
-            rows.append((f"{name} [{column.units}]" if column.units else name, *row))
-    if rows:
-        yield TextTable(("", *COLUMNS, "at sample"), tuple(rows))
-    items += list(text_shares(table))
-    items += [(path, f"{table.size(path):,} numbers a sample") for path in hidden]
-    if items:
-        yield definitions(*items)
 
 
 def met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:

@@ -89,7 +89,15 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
         for value, bound in zip(values.tolist(), bounds, strict=True)
     )
     sizes = np.abs(np.concatenate([values for _, values, _ in kinds] or [np.zeros(0, complex)]))
-    maps = [_map(kinds, reach, heading, unit) for reach, heading in _reaches(sizes[np.isfinite(sizes)])]
+    # Roots that lie before a wide gap of magnitudes have a second map.
+    positive = np.sort(sizes[np.isfinite(sizes) & (sizes > 0)])
+    whole = float(positive[-1]) if positive.size else 1.0
+    wide = np.flatnonzero(positive[1:] / positive[:-1] > _FAR)
+    if not positive.size or (whole / positive[0] <= 2 * _FAR and not wide.size):
+        maps = [_map(kinds, whole, "", unit)]
+    else:
+        near = positive[wide[-1]] if wide.size else positive[positive <= whole / _FAR][-1]
+        maps = [_map(kinds, whole, "all", unit), _map(kinds, float(near), "near the origin", unit)]
     counts = ", ".join(f"{len(values)} {what}{'s' * (len(values) != 1)}" for what, values, _ in kinds)
     bounds = np.concatenate([b for _, _, b in kinds] or [np.zeros(0)])
     known = bounds[np.isfinite(bounds)]
@@ -104,20 +112,6 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
     svg = chart(name, title, [maps], about, width=width, height=360.0, legend=legend)
     columns = ("root", *_AXES, f"{unit.symbol}_n ({unit.name})", "ζ", "error bound (rad/s)")
     return Picture(svg, about, FigureTable(columns, rows))
-
-
-def _reaches(sizes: NDArray[np.float64]) -> list[tuple[float, str]]:
-    """Return the radius and title of each subplot: of all roots, and of those before a wide gap."""
-    positive = np.sort(sizes[sizes > 0])
-    if not positive.size:
-        return [(1.0, "")]
-    whole = float(positive[-1])
-    gaps = positive[1:] / positive[:-1]
-    wide = np.flatnonzero(gaps > _FAR)
-    if whole / positive[0] <= 2 * _FAR and not wide.size:
-        return [(whole, "")]
-    near = positive[wide[-1]] if wide.size else positive[positive <= whole / _FAR][-1]
-    return [(whole, "all"), (float(near), "near the origin")]
 
 
 def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) -> Subplot:

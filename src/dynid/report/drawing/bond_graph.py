@@ -294,8 +294,7 @@ class _SnapshotSketch:
             self.bonds.append(SketchBond(tail, two_port, domain=domains[0]))
             self.bonds.append(SketchBond(two_port, head, domain=domains[1]))
         for name in self.shot.junctions:
-            self._add_sources(name)
-            self._add_terms(name)
+            self._add_elements(name)
         if not any(bond.equation_only for bond in self.bonds):
             strokes = Strokes(self.kinds, [(bond.tail, bond.head) for bond in self.bonds])
             one_ports = [key for key, kind in self.kinds.items() if kind in ONE_PORTS]
@@ -321,9 +320,9 @@ class _SnapshotSketch:
     def _add(self, node: SketchNode, kind: str) -> None:
         self.nodes[node.key], self.kinds[node.key] = node, kind
 
-    def _add_sources(self, name: str) -> None:
-        """Add the sources that drive a junction."""
-        state = self.shot.junctions[name]
+    def _add_elements(self, name: str) -> None:
+        """Add the sources that drive a junction, its elements and reduced immittances."""
+        state, domain = self.shot.junctions[name], self.nodes[name].domain
         feeding, fixing = ("Sf", "Se") if state.kind == "0" else ("Se", "Sf")
         given = [(source, feeding) for source in state.drives]
         fixed = self.junctions[name].fixing
@@ -335,15 +334,10 @@ class _SnapshotSketch:
             key = source
             if source in self.nodes:  # a source that drives several junctions
                 key, notes = f"{name}/{source}", (*notes, TextLine(f"at {name}", "note"))
-            domain = self.nodes[name].domain
             lines = (TextLine(f"{kind} : {source}"), *notes)
             self._add(SketchNode(key, lines, domain, "input" if is_input else ""), kind)
             ends = (name, key) if self._is_negative(state.drives.get(source, 0)) else (key, name)
             self.bonds.append(SketchBond(*ends, domain=domain))
-
-    def _add_terms(self, name: str) -> None:
-        """Add the elements and reduced immittances on a junction."""
-        state, domain = self.shot.junctions[name], self.nodes[name].domain
         for term in state.terms:
             title = state.titles[term]
             element = self.drawn.graph.nodes.get(term.name)

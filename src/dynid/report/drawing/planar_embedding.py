@@ -178,7 +178,19 @@ class PlanarEmbedding:
         path = self._path(start, [end], own)
         chain = [start]
         for tail, head in crossed:
-            crossing = self._subdivide(tail, head)
+            crossing, self._next = self._next, self._next + 1
+            self.crossings.append(crossing)
+            self._inside.add(crossing)
+            owner = self._owner.pop(frozenset((tail, head)))
+            for end_of_edge in (tail, head):
+                self._owner[frozenset((end_of_edge, crossing))] = owner
+            for way in [self.chains[owner], *self.faces]:
+                cyclic = way is not self.chains[owner]
+                for a, b in ((tail, head), (head, tail)):
+                    for index in range(len(way) - (not cyclic)):
+                        if way[index] == a and way[(index + 1) % len(way)] == b:
+                            way.insert(index + 1, crossing)
+                            break
             self.split(self._face_with(chain[-1], (tail, crossing), place), chain[-1], crossing, [])
             chain.append(crossing)
             place = None
@@ -225,24 +237,6 @@ class PlanarEmbedding:
                     came[beyond] = (place, (tail, head))
                     queue.append(beyond)
         raise ValueError("the faces are not connected")
-
-    def _subdivide(self, tail: int, head: int) -> int:
-        """Insert a crossing into an edge."""
-        crossing = self._next
-        self._next += 1
-        self.crossings.append(crossing)
-        self._inside.add(crossing)
-        owner = self._owner.pop(frozenset((tail, head)))
-        for end in (tail, head):
-            self._owner[frozenset((end, crossing))] = owner
-        for way in [self.chains[owner], *self.faces]:
-            cyclic = way is not self.chains[owner]
-            for a, b in ((tail, head), (head, tail)):
-                for place in range(len(way) - (not cyclic)):
-                    if way[place] == a and way[(place + 1) % len(way)] == b:
-                        way.insert(place + 1, crossing)
-                        break
-        return crossing
 
 
 @dataclass(frozen=True)
