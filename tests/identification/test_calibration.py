@@ -405,7 +405,7 @@ def test_a_plan_predicts_the_slopes():
     loads, measured = LOADS, simulated(1e-6, samples=300)
     planned = plan(suspension(), [Experiment(loads, measured)], PlanRequest(sensors=1, lines=1))
     found = identify_all(suspension(), [Experiment(loads, measured)])
-    # The channels' weights differ: the plan knows the noise, 300 residuals tell it to 4 %.
+    # The channels' weights differ: the plan knows the noise, 300 residuals determine it to 4 %.
     for name, slope in slopes_of(planned, found).items():
         assert slope[0] == pytest.approx(slope[1], abs=0.02 * np.abs(slope[1]).max()), name
 
@@ -417,7 +417,7 @@ def slopes_of(*results):
 
 
 def test_what_is_not_identifiable_has_no_slope():
-    """Two springs in parallel: only their sum is seen."""
+    """Two springs in parallel: only their sum is identifiable."""
     joints = [Joint(name, (2, 3), JointParameter(start=1e4, true=1e4)) for name in ("one", "other")]
     model = lumped([2, 2, 1], [Link((1,), 2e4, 20), Link((1, 2), 3e4, 30), Link((3,), 1e4, 9)], joints)
     planned = plan(

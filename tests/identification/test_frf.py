@@ -117,14 +117,14 @@ def test_deviations_by_line_weigh_the_lines():
     deviation = np.full(exact().shape, 0.01)
     deviation[:100] = 1.0  # below 155 rad/s the sensor was disturbed
     measured = FrfMeasurement(LINES, CHANNELS, noisy(deviation), deviation=deviation)
-    told, untold = (
+    given, estimated = (
         identify_frf(suspension(), case) for case in (measured, replace(measured, deviation=None))
     )
-    worse = parameter(untold, "standard_error") / parameter(told, "standard_error")
+    worse = parameter(estimated, "standard_error") / parameter(given, "standard_error")
     assert worse.min() > 3
-    errors = parameter(told, "estimate") - [2e4, 20, 2e4, 20]
-    assert np.abs(errors / parameter(told, "standard_error")).max() < 4
-    assert diagnostic(told, "white")
+    errors = parameter(given, "estimate") - [2e4, 20, 2e4, 20]
+    assert np.abs(errors / parameter(given, "standard_error")).max() < 4
+    assert diagnostic(given, "white")
 
 
 def test_of_deviations_known_up_to_a_factor_the_factor_is_estimated():

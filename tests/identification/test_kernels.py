@@ -138,8 +138,8 @@ def test_fits_are_the_same_both_ways(monkeypatch, channels, missing):
     for wish in "01":
         monkeypatch.setenv(VARIABLE, wish)
         fit = fits.fit(origin_of(model), fits.data.values)
-        told = fits.information(fit, fit.noise)
-        both.append((*fit.predicted, fit.noise, told.covariance(), told.total))
+        found = fits.information(fit, fit.noise)
+        both.append((*fit.predicted, fit.noise, found.covariance(), found.total))
     assert_same(*both, 1e-10)  # rounding, times the condition of the state's sensitivities
 
 
@@ -226,8 +226,8 @@ def test_kernels_stay_within_their_arrays(monkeypatch, channels):
     for wish in "01":
         monkeypatch.setenv(VARIABLE, wish)
         fit = fits.fit(origin_of(model), fits.data.values)
-        told = fits.information(fit, fit.noise)
-        both.append((*fit.predicted, fit.noise, told.covariance(), told.total))
+        found = fits.information(fit, fit.noise)
+        both.append((*fit.predicted, fit.noise, found.covariance(), found.total))
     assert_same(*both, 1e-10)
 
 

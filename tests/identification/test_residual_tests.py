@@ -82,7 +82,7 @@ def test_a_noise_that_the_residuals_contradict_is_named_with_both_error_bars(fac
     said = [warning for warning in warnings(result) if "given noise" in warning]
     assert len(said) == 1
     assert all(name in said[0] for name in ("1.acceleration", "2.velocity", "measurement.noise"))
-    # Bars follow what is given; the scaled ones are those of a fit that is not told.
+    # Bars are for the given noise; the scaled ones are those of a fit without it.
     honest = parameter(unknown_noise, "standard_error")
     np.testing.assert_allclose(parameter(result, "standard_error"), factor * honest, rtol=0.1)
     np.testing.assert_allclose(parameter(result, "standard_error_scaled"), honest, rtol=0.1)

@@ -111,7 +111,7 @@ def test_every_record_has_its_groups():
 
 
 def test_a_parameter_may_be_identifiable_from_one_record_alone():
-    """A record of one sample tells nothing alone; beside a good one it does no harm."""
+    """A record of one sample has too little information alone; beside a good one it does no harm."""
     short = Experiment(LOADS, Measurement(0.002, 1, VELOCITIES, Simulation(0.05, 1, 10.0)))
     with pytest.raises(NotIdentifiable):
         identify_all(suspension(), [short])

@@ -146,36 +146,7 @@ def identify_all(
     Returns
     -------
     Result
-        ``identification/{parameters, considered, history, first_pass, stages, states, measurement,
-        innovations, residual_spectrum, diagnostics}``. `history` is the last pass, `first_pass` the first
-        where there are several; `states` are those at the estimate with bands given the whole record and,
-        of a simulated record, the true ones; `innovations` those of the filter's last pass; the `warnings`
-        of the diagnostics are sentences. `predicted` is the noise-free response
-        at the estimate from the best initial state; `error_percent` is unsigned. `true` and `error_percent`
-        are NaN where a true value is not known, `measured` and
-        `normalised` innovations where a sample is missing, nothing else ever. An
-        estimate has `converged` where three things hold. It is at the `optimum`, which is also called
-        `settled`: `distance_to_optimum`, the Gauss–Newton step left in standard errors, is below a half. The
-        model has `explained` the record: there is a response (`signal_p`), and the residuals are noise
-        (`lack_of_fit_p`) or at least 95 % of the signal are the model's (`signal_explained`); see
-        `lack_of_fit`. And the record could contradict it: `redundancy` is above 0. The attribute `error_bars`
-        of `parameters` states where error bars are nominal.
-        `noise_p` is the p-value of the residuals against the given noise (two-sided chi-squared), NaN
-        without one; `channel_noise_p` and `noise_ratio` (observed over given) are NaN of channels without
-        one. `standard_error_scaled` is for the observed noise instead. `residual_<mean|kurtosis|largest>`
-        with their p-values, and the number of `outliers`, describe the residuals where these are more than
-        rounding; coloured ones are whitened before.
-        With Huber's loss ``robust/{channel, scale, clipped}`` has the robust deviation of each channel's
-        residuals and the part that is bounded; the diagnostics are those of the bounded residuals.
-        `starts` of the diagnostics is how many starts were tried, `starts_agreed` how many ended at this
-        optimum; where they disagree and the residuals are not noise, the estimate is not `settled`.
-        Priors count as measurements do, in estimates, `standard_error` and `cramer_rao`;
-        `cramer_rao_without_prior` is the bound of the records alone, infinite where they hold no information.
-        `prior_conflict` of the diagnostics is how many deviations a prior and the records are apart, 0
-        without a prior. `at_bound` marks estimates at a bound: their standard errors are nominal.
-        Variables whose unit differs along an axis have the units beside them, as `unit`.
-        Of several records `history`, `first_pass` and `measurement` hold a group each, ``record_1``, …, and
-        the channels of the diagnostics are called ``record_1.<channel>``.
+        ``identification/…``: the groups that `dynid.identification.write_result` describes.
 
     Raises
     ------
@@ -186,7 +157,7 @@ def identify_all(
     NumericalError
         If a number leaves the range of double precision.
     UsageError
-        If the call makes no sense, or a record is too large to be worked on.
+        If the arguments are inconsistent, or a record is too large.
     """
     if not experiments:
         raise UsageError("there is no record to identify from", names=("measurement",))
@@ -245,11 +216,8 @@ def identify_frf(
     Returns
     -------
     Result
-        ``identification/{parameters, considered, stages, measurement, diagnostics}`` as of `identify_all`,
-        where they are of whole records; ``measurement/{omega, channel, measured, predicted}`` (omega x
-        channel, complex), with `noise`, `given_noise` or `deviation` of the complex values. Residuals are
-        white where neither real nor imaginary parts are correlated from line to line; otherwise the model is
-        at fault.
+        ``identification/{parameters, considered, stages, measurement, diagnostics}``: the groups that
+        `dynid.identification.write_result` describes.
 
     Raises
     ------
@@ -260,7 +228,7 @@ def identify_frf(
     Singular
         If a line lies on an undamped pole.
     UsageError
-        If the call makes no sense, or there is more to solve than can be.
+        If the arguments are inconsistent, or model and lines are too large.
     """
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):

@@ -1,8 +1,45 @@
 """Result of an identification: the posterior of the parameters and its records as named arrays.
 
-Everything is below ``identification/``: `parameters`, `considered`, `stages` and `diagnostics` of every
-identification; of records of time `history`, `first_pass`, `measurement`, `states`, `residual_spectrum` and
-`innovations`; of frequency responses `measurement`.
+Everything is below ``identification/``:
+
+- `parameters`: `estimate` with `standard_error`, `cramer_rao` and `correlation`, in which priors count as
+  measurements do; `standard_error_scaled` (for the observed noise instead of the given one);
+  `cramer_rao_without_prior` (of the records alone, infinite where a parameter is not identifiable);
+  `at_bound` (such estimates have nominal standard errors); `start`, `true` and the unsigned `error_percent`,
+  NaN where no true value is known. The attribute `error_bars` states where error bars are nominal.
+- `considered`: slopes of the estimates by the calibration of the instruments; see `calibration`.
+- `stages`: the attempts of the estimator.
+- `measurement`: `measured` (NaN where a sample is missing) and `predicted`, the noise-free response at the
+  estimate from the best initial state, with the excitation.
+- `history`, `first_pass`: the last pass over a record, and the first one where there are several.
+- `states`: physical states at the estimate with bands given the whole record; the true ones of a simulated
+  record.
+- `innovations`: those of the filter's last pass, normalised (NaN where a sample is missing).
+- `residual_spectrum`: spectra of the residuals.
+- `robust`, with Huber's loss: the robust deviation of each channel's residuals and the part that is bounded;
+  the diagnostics are those of the bounded residuals.
+- `model_error`, of a reduced model: the error of the estimates by the reduction.
+- `diagnostics`, with a `verdict` and `warnings` in words:
+
+  - `optimum`, also called `settled`: `distance_to_optimum`, the Gauss–Newton step left in standard errors, is
+    below a half, and starts do not disagree although the residuals are not noise. `starts` were tried, of
+    which `starts_agreed` ended at this optimum.
+  - `explained`: there is a response (`signal_p`), and the residuals are noise (`lack_of_fit_p`), or the model
+    explains at least 95 % of the signal (`signal_explained`); see `lack_of_fit`.
+  - `converged`: `optimum` and `explained`, and a `redundancy` above 0: the record could contradict the model.
+  - `prior_conflict`: distance of priors and records in deviations of that distance, 0 without a prior.
+  - `noise_p`: p-value of the residuals against the given noise (two-sided chi-squared), NaN without one;
+    `channel_noise_p` and `noise_ratio` (observed over given) by channel.
+  - `residual_<mean|kurtosis|largest>` with their p-values and the number of `outliers`: shape of residuals
+    that are more than round-off; coloured ones are whitened first.
+
+Frequency responses have `parameters`, `considered`, `stages`, `measurement` and `diagnostics`, and
+`model_error`; their `measurement` has complex values (omega x channel), with the `noise`, `given_noise` or
+`deviation` of these. Their residuals are white where neither real nor imaginary parts are correlated from
+line to line.
+
+Variables whose unit differs along an axis have the units beside them, as `unit`. Of several records, groups
+with a time axis hold a group each, ``record_1``, …, and channels are called ``record_1.<channel>``.
 """
 
 from __future__ import annotations
