@@ -25,14 +25,14 @@ from distributed import Client, LocalCluster
 from dynid.scene.batch import run_batch
 from dynid.scene.load import load_scene
 from dynid.scene.outcomes import SampleBlock, SampleOutcomes
-from dynid.study.execute import heading_of
-from dynid.study.executors.executor_base import StudyExecutor
+from dynid.study.executors.base import StudyExecutor
 from dynid.study.file import write_study
 from dynid.study.journal import Journal
 from dynid.study.keys import SIZE, sample_keys
 from dynid.study.packing import packed, unpacked
 from dynid.study.plan import make_plan
-from dynid.study.scheduler import Chunk, Chunks, drive
+from dynid.study.run import heading_of
+from dynid.study.scheduler import Chunk, Chunks, Scheduler
 from dynid.study.work import JUDGE, Done, Job
 
 HERE = Path(__file__).parent
@@ -252,7 +252,7 @@ def simulated(
     held = folder / "outcomes"
     held.write_bytes(packed(outcomes).content)
     pool = Pretenders(client, workers, held, seconds)
-    drive(pool, Job.of(plan.base, (), samples), plan, np.arange(samples), arrived)
+    Scheduler(pool, Job.of(plan.base, (), samples), plan, np.arange(samples), arrived).run()
     journal.close()
     path.unlink()
     # Chunks grow at the start and shrink at the end: what lies between is the steady state.

@@ -180,16 +180,9 @@ def circles(graph):
     return set(found)
 
 
-#: Circles of imports that remain; this list may only shrink.
-KNOWN_CIRCLES = [
-    {"dynid.study.scheduler", "dynid.study.running", "dynid.study.watch"},
-]
-
-
 def test_modules_import_each_other_in_no_circle():
     graph = {}
     for path in sorted(ROOT.rglob("*.py")):
         module = "dynid" if module_of(path) == "__init__" else f"dynid.{module_of(path)}"
         graph[module] = sorted(set(modules_imported(path)) - {module})
-    new = [sorted(circle) for circle in circles(graph) if not any(circle <= known for known in KNOWN_CIRCLES)]
-    assert new == []
+    assert circles(graph) == set()

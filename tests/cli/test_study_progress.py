@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from dynid.cli.progress import Rate, duration, progress_text, showing_study
-from dynid.study.running import Progress
+from dynid.study.run import Progress
 
 
 def test_the_rate_is_that_of_the_last_minute():

@@ -13,8 +13,8 @@ import pytest
 
 from dynid.cli import main
 from dynid.store import write_result
-from dynid.study.execute import run_study
-from dynid.study.executors.serial import SerialExecutor
+from dynid.study.executors.base import SerialExecutor
+from dynid.study.run import run_study
 from tests.report.pages import result_of
 from tests.study.small import STUDY, planned
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from dynid.scene.load import load_scene
 from dynid.study import scheduler
-from dynid.study.execute import journal_name, run_study
-from dynid.study.executors.serial import SerialExecutor
+from dynid.study.executors.base import SerialExecutor
 from dynid.study.journal import Journal
 from dynid.study.keys import Keyring
 from dynid.study.plan import make_plan
+from dynid.study.run import journal_name, run_study
 
 
 class Logged(SerialExecutor):

@@ -8,9 +8,9 @@ import pytest
 from dynid.checks import check_expectations
 from dynid.scene.load import load_scene
 from dynid.store import read_result
-from dynid.study.execute import run_study
 from dynid.study.executors import make_executor
 from dynid.study.plan import make_plan
+from dynid.study.run import run_study
 
 STUDIES = sorted((Path(__file__).parents[2] / "configs/studies").glob("*.yaml"))
 SMALLER = {

@@ -14,10 +14,10 @@ import pytest
 from dynid.errors import FileError, NumericalError
 from dynid.store import read_result
 from dynid.study import work
-from dynid.study.execute import run_study, valid_samples
 from dynid.study.executors import make_executor
+from dynid.study.executors.base import SerialExecutor
 from dynid.study.executors.processes import ProcessExecutor
-from dynid.study.executors.serial import SerialExecutor
+from dynid.study.run import run_study, valid_samples
 from tests.study.small import SCENE, STUDY, assert_same, planned
 
 MANY = STUDY.replace("stop: 4, points: 4", "stop: 40, points: 40")
@@ -239,7 +239,7 @@ def test_a_study_whose_scheduler_is_gone_says_so_and_goes_on_elsewhere(serial, c
         if progress.finished >= 10 and scheduler.poll() is None:
             scheduler.kill()
 
-    with pytest.raises(FileError, match=r"does not answer.*goes on"):
+    with pytest.raises(FileError, match=r"does not answer.*again to resume it"):
         run_study(plan, tmp_path / "s.h5", make_executor(scheduler_file=str(file)), report=kill)
     assert valid_samples(plan, tmp_path / "s.h5") >= 10
     assert run_study(plan, tmp_path / "s.h5", SerialExecutor()).kept >= 10

@@ -16,11 +16,12 @@ from dynid.cli import main
 from dynid.errors import FileError, UsageError
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.store import read_result
-from dynid.study import execute, journal
-from dynid.study.execute import foreign_samples, run_study, valid_samples
-from dynid.study.executors.serial import SerialExecutor
+from dynid.study import journal
+from dynid.study import run as running
+from dynid.study.executors.base import SerialExecutor
 from dynid.study.journal import MAGIC, Journal
 from dynid.study.packing import packed
+from dynid.study.run import foreign_samples, run_study, valid_samples
 from tests.cli import conftest
 from tests.study.small import STUDY, assert_same, planned, written
 
@@ -133,7 +134,7 @@ def test_damage_is_reported_in_numbers_and_run_again(tmp_path, monkeypatch, dyni
     written(tmp_path)
     monkeypatch.setattr("dynid.study.scheduler.Chunks.size", lambda *_: 3)
     with monkeypatch.context() as patch:
-        patch.setattr(execute, "write_study", _stop)
+        patch.setattr(running, "write_study", _stop)
         dynid_cli("study", "masses.yaml", "--executor", "serial", "-q")
     content = bytearray(Path("masses.h5.journal").read_bytes())
     content[len(content) // 2] ^= 0x10
@@ -158,9 +159,9 @@ def test_a_full_disk_at_the_end_names_the_journal(tmp_path, monkeypatch):
     def full(*_, **__):
         raise FileError("s.h5 cannot be written: No space left on device")
 
-    monkeypatch.setattr(execute, "write_study", full)
+    monkeypatch.setattr(running, "write_study", full)
     with pytest.raises(
-        FileError, match=r"No space left.*s\.h5\.journal holds 12 finished samples\. Make room"
+        FileError, match=r"No space left.*s\.h5\.journal holds 12 finished samples\. Free space"
     ):
         run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     monkeypatch.undo()
@@ -196,7 +197,7 @@ def test_another_study_replaces_no_finished_samples(tmp_path, monkeypatch, other
     target = tmp_path / "s.h5"
     with monkeypatch.context() as patch:
         if held == "journal":
-            patch.setattr(execute, "write_study", _stop)
+            patch.setattr(running, "write_study", _stop)
         try:
             run_study(planned(tmp_path), target, SerialExecutor())
         except KeyboardInterrupt:
@@ -246,7 +247,7 @@ def test_the_command_to_go_on_is_the_whole_command(tmp_path, monkeypatch, capsys
         )
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(execute, "run_study", interrupted)
+    monkeypatch.setattr(running, "run_study", interrupted)
 
     def call(arguments):
         with pytest.raises(SystemExit) as left:

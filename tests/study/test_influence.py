@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, sobol_indices, spearmanr
 
-from dynid.study.analysis.correlation import correlations, scatter
 from dynid.study.analysis.design import one_at_a_time, saltelli_design
-from dynid.study.analysis.influence import classes, from_design, from_samples
-from dynid.study.analysis.ranking import Influences
+from dynid.study.analysis.influence import (
+    Influences,
+    classes,
+    correlations,
+    from_design,
+    from_samples,
+    scatter,
+)
+from dynid.study.analysis.statistics import worst, worst_entries
 from dynid.study.analysis.tornado import tornado
-from dynid.study.analysis.worst import worst, worst_entries
 
 A, B = 7.0, 0.1
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from dynid.study.execute import run_study
-from dynid.study.executors.serial import SerialExecutor
+from dynid.study.executors.base import SerialExecutor
 from dynid.study.journal import Journal
+from dynid.study.run import run_study
 from tests.study.small import STUDY, assert_same, planned, written
 
 ROOT = Path(__file__).parents[2]

@@ -17,14 +17,14 @@ from dynid.errors import FileError, UsageError
 from dynid.scene.load import load_scene
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.store import open_stored, read_result
-from dynid.study import execute, journal
-from dynid.study.execute import run_study, valid_samples
+from dynid.study import journal
+from dynid.study import run as running
 from dynid.study.executors import make_executor
-from dynid.study.executors.serial import SerialExecutor
+from dynid.study.executors.base import SerialExecutor
 from dynid.study.merge import merge_studies
 from dynid.study.packing import packed
 from dynid.study.plan import make_plan
-from dynid.study.running import TooManyFailures
+from dynid.study.run import TooManyFailures, run_study, valid_samples
 from dynid.study.stored import StudyFile
 from tests.cli import conftest
 from tests.study.small import SCENE, STUDY, assert_same, planned, written
@@ -198,7 +198,7 @@ def _journal_of(plan, target):
         raise KeyboardInterrupt
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(execute, "write_study", stop)
+        patch.setattr(running, "write_study", stop)
         with pytest.raises(KeyboardInterrupt):
             run_study(plan, target, SerialExecutor())
     return content["journal"]
@@ -363,7 +363,7 @@ def test_a_full_disk_loses_nothing(undisturbed, tmp_path, monkeypatch, step):
         return original(*arguments)
 
     monkeypatch.setattr(journal.os, step, full)
-    with pytest.raises(FileError, match=r"No space left.*run the study again: it goes on"):
+    with pytest.raises(FileError, match=r"No space left.*run the study again to resume it"):
         run_study(plan, tmp_path / "s.h5", SerialExecutor())
     monkeypatch.undo()
     assert not (tmp_path / "s.h5").exists()

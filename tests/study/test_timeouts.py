@@ -13,11 +13,11 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.store import read_result
-from dynid.study import watch, work
-from dynid.study.execute import run_study
-from dynid.study.executors import lanes, make_executor
-from dynid.study.executors.serial import SerialExecutor
+from dynid.study import scheduler, work
+from dynid.study.executors import make_executor, timed
+from dynid.study.executors.base import SerialExecutor
 from dynid.study.executors.timed import TimedExecutor
+from dynid.study.run import run_study
 from tests.study.small import STUDY, assert_same, planned
 from tests.study.test_executors import cluster  # noqa: F401 - a fixture
 
@@ -61,7 +61,7 @@ class Faulty(TimedExecutor):
 @pytest.fixture
 def impatient(monkeypatch):
     """Short times for what is known to hang; a warm process answers in milliseconds."""
-    monkeypatch.setattr(lanes, "_WARM_UP", 60.0)
+    monkeypatch.setattr(timed, "_WARM_UP", 60.0)
     monkeypatch.setattr("dynid.study.scheduler.Chunks.size", lambda _, left, __: 1 if left == 20 else 2)
 
 
@@ -104,7 +104,7 @@ def test_a_limit_that_nothing_reaches_changes_nothing(undisturbed, tmp_path, exe
 
 @pytest.mark.usefixtures("impatient")
 def test_a_sample_that_takes_long_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(watch, "_LONG", 0.5)
+    monkeypatch.setattr(scheduler, "_LONG", 0.5)
     said = []
     plan = planned(tmp_path, MANY)
     run_study(plan, tmp_path / "s.h5", Faulty(1, 5.0, {8: "hangs"}, tmp_path), notice=said.append)
@@ -116,24 +116,24 @@ def test_a_sample_that_takes_long_is_named(tmp_path, monkeypatch):
 
 
 def test_a_process_that_is_gone_is_replaced_and_what_it_raises_comes_through():
-    lane = lanes.Lane()
+    lane = timed.Lane()
     try:
         assert lane.run(60.0, os.getpid) != os.getpid()
         with pytest.raises(ValueError, match="could not convert"):
             lane.run(60.0, float, "x")
-        with pytest.raises(lanes.Died):
+        with pytest.raises(timed.WorkerDied):
             lane.run(60.0, signal.raise_signal, signal.SIGKILL)
-        with pytest.raises(lanes.Overdue):
+        with pytest.raises(timed.TimeLimitExceeded):
             lane.run(0.2, time.sleep, 1000)
         assert lane.run(60.0, abs, -3) == 3
     finally:
         lane.close()
-    with pytest.raises(lanes.Died):
+    with pytest.raises(timed.WorkerDied):
         lane.run(60.0, abs, -3)
 
 
 def test_processes_that_nothing_asks_for_end():
-    of_worker = lanes.Lanes(idle=0.05)
+    of_worker = timed.Lanes(idle=0.05)
     process = of_worker.run(60.0, os.getpid)
     end = time.monotonic() + 60
     while _lives(process):
@@ -145,7 +145,7 @@ def test_processes_that_nothing_asks_for_end():
 
 ORPHAN = """
 import os, sys, time
-from dynid.study.executors.lanes import Lane
+from dynid.study.executors.timed import Lane
 lane = Lane()
 print(lane.run(60.0, os.getpid), flush=True)
 lane.run(60.0, time.sleep, 1000)

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress as Bar
 
-    from dynid.study.running import Notice, Progress, Report
+    from dynid.study.run import Progress, Report
+    from dynid.study.scheduler import Notice
 
 #: Duration of a run without a line, and period of its updates, s.
 _PATIENCE, _PERIOD = 2.0, 0.5

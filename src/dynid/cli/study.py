@@ -14,7 +14,7 @@ from dynid.cli.arguments import is_same, reads_results, refuse_missing_folders, 
 from dynid.errors import UsageError
 
 if TYPE_CHECKING:
-    from dynid.study.analysis.worst import Direction
+    from dynid.study.analysis.statistics import Direction
 
 _LONGEST = 1e6  # longest time limit of a sample, s: more than a week
 
@@ -125,8 +125,8 @@ def study(
     refuse_missing_folders(target, junit, report)
     if dry_run:
         from dynid.cli.summary.study import plan_lines
-        from dynid.study.execute import foreign_samples, shard_of, valid_samples
         from dynid.study.keys import sample_keys
+        from dynid.study.run import foreign_samples, shard_of, valid_samples
 
         numbers = shard_of(plan, shard)
         foreign = foreign_samples(target, sample_keys(plan, numbers))
@@ -137,8 +137,8 @@ def study(
     from dynid.cli.run import checked_expectations, report_expectations
     from dynid.store import open_stored
     from dynid.store.interrupts import Terminated, terminations
-    from dynid.study.execute import run_study
     from dynid.study.executors import make_executor
+    from dynid.study.run import run_study
 
     started = time.perf_counter()
     pool = make_executor(executor, workers, scheduler, scheduler_file, sample_timeout)

@@ -158,8 +158,8 @@ def previews(study: Scene, target: Path) -> Iterator[str]:
 
 def _run(plan: Plan, target: Path, most: int) -> int:
     """Run at most so many samples of a plan that the file does not hold; return the size of the shard."""
-    from dynid.study.execute import run_study, shard_of
     from dynid.study.executors import make_executor
+    from dynid.study.run import run_study, shard_of
 
     shard = (1, -(-plan.size // most))
     run_study(plan, target, make_executor("serial"), shard=shard, force=True)

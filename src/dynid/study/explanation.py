@@ -9,10 +9,10 @@ from dynid.progress import report_progress
 from dynid.scene.batch import why_alone
 from dynid.scene.explanations.explanation import CostEstimate, Explanation, Fact, explain, file_kilobytes
 from dynid.scene.outcomes import SampleOutcome
-from dynid.study.execute import valid_samples
-from dynid.study.executors.processes import cores
+from dynid.study.executors.base import cores
 from dynid.study.packing import unpacked
 from dynid.study.plan import Plan
+from dynid.study.run import valid_samples
 from dynid.study.work import Job, run_chunk
 
 #: A sample that should take longer than this is not tried.

@@ -13,7 +13,9 @@ names the array of their lengths.
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
@@ -21,11 +23,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import FileError, UsageError
 from dynid.result import Result, Scalar, Variable
 from dynid.scene.outcomes import SampleBlock, is_shared, row_of
 from dynid.store import hollow, write_blocks
+from dynid.study.analysis.statistics import computed, declare
 from dynid.study.analysis.table import RESULTS, SAMPLES
-from dynid.study.statistics import computed, declare
 
 
 class StudyArray:
@@ -295,3 +298,58 @@ def _blank(layout: Layout, count: int) -> tuple[dict[str, NDArray[Any]], dict[st
     data = {array.path: np.full((count, *array.shape), array.blank, array.dtype) for array in arrays}
     ragged = [array for array in arrays if array.ragged]
     return data, {array.path: np.zeros((count, len(array.shape)), np.int64) for array in ragged}
+
+
+@contextmanager
+def locked(target: str) -> Iterator[None]:
+    """Lock the file of a study by `<file>.lock`, which is released when its process ends.
+
+    Raises
+    ------
+    FileError
+        If another process holds the lock (it is named), or the lock cannot be taken.
+    UsageError
+        On Windows, which lacks `flock`.
+    """
+    name = f"{target}.lock"
+    descriptor = _acquire(name, target)
+    try:
+        os.truncate(descriptor, 0)
+        os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+        yield
+    finally:
+        os.unlink(name)  # noqa: PTH108 - while it is held: the next holder finds it removed
+        os.close(descriptor)
+
+
+def _acquire(name: str, target: str) -> int:
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        raise UsageError(
+            "a study cannot be run on this system, which lacks file locks (flock)",
+            remedy="Run it on Linux or macOS; on Windows, in its subsystem for Linux (WSL).",
+        ) from None
+    while True:
+        try:
+            descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+        except OSError as error:
+            raise FileError(f"{name} cannot be written: {error.strerror}", names=[name]) from error
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(descriptor, 200, 0).decode(errors="replace") or "another process"
+            os.close(descriptor)
+            problem = f"another study is writing {target}: {holder}"
+            raise FileError(
+                problem, remedy="Wait for it, or write another file with -o.", names=[target]
+            ) from None
+        except OSError as error:
+            os.close(descriptor)
+            raise FileError(f"{name} cannot be locked: {error.strerror}", names=[name]) from error
+        try:
+            if os.path.samestat(os.fstat(descriptor), os.stat(name)):  # noqa: PTH116
+                return descriptor
+        except FileNotFoundError:
+            pass
+        os.close(descriptor)  # its last holder has removed the file in the meantime

@@ -197,7 +197,7 @@ class Journal:
     def _failed(self, error: OSError) -> FileError:
         problem = f"{self.path} cannot be written: {error.strerror or error}"
         held = f"It holds {counted(self._count, 'finished sample')}, which are safe. " if self._count else ""
-        remedy = f"{held}Make room, or see to the disk, and run the study again: it goes on."
+        remedy = f"{held}Free space on the disk, or repair it, and run the study again to resume it."
         return FileError(problem, remedy=remedy, names=[self.path])
 
     def _write(self, content: bytes) -> None:

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from dynid.errors import UsageError
 from dynid.number_format import counted
 from dynid.scene.outcomes import SampleBlock
-from dynid.study.execute import finished_keys
-from dynid.study.file import Heading, write_study
+from dynid.study.file import Heading, locked, write_study
 from dynid.study.keys import Keys, found_in
-from dynid.study.lock import locked
+from dynid.study.run import finished_keys
 from dynid.study.stored import StudyFile, open_study
 
 _PENDING = 2

@@ -1,9 +1,10 @@
-"""Scheduler of a study: chunks of samples to the executor, sized by what samples were measured to cost."""
+"""Scheduler of a study: passes chunks of samples to the executor, sized by the measured time of samples."""
 
 from __future__ import annotations
 
+import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import TYPE_CHECKING, Any
 
@@ -12,30 +13,40 @@ from numpy.typing import NDArray
 
 from dynid.errors import NumericalError
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-from dynid.study.executors.lanes import Overdue
+from dynid.study.executors.timed import TimeLimitExceeded
 from dynid.study.packing import Packed, packed
-from dynid.study.watch import Watch
 from dynid.study.work import Done, Job, run_chunk
 
 if TYPE_CHECKING:
     from dynid.study.executors import StudyExecutor
     from dynid.study.plan import Plan
-    from dynid.study.running import Notice
 
-_SECONDS = 0.5  # a chunk: long against what a message costs, short against what a user waits for
-_SPARE = 4  # chunks that are as long as expected take this part of the time that they may take
-_MOST = 4096
-_GROWTH = 4
-_BYTES = 16 * 2**20  # a chunk: what is in memory at a time
+_SECONDS = 0.5  # of a chunk: long compared with the cost of a message, short for a waiting user
+_SPARE = 4  # a time limit is this many times the expected time of a chunk
+_MOST = 4096  # samples of a chunk
+_GROWTH = 4  # ratio of the sizes of successive chunks
+_BYTES = 16 * 2**20  # of a chunk in memory
+_LONG = 30.0  # s after which running samples are reported; then after twice as long, and so on
+_ATTEMPTS = 3  # of a sample whose worker dies each time
+_HOPELESS = 5  # samples given up in a row: they are not the cause
+_TICK = 1.0  # s between two looks at the running chunks
+
+Numbers = NDArray[np.int64]
+#: Finished chunk: the numbers of its samples in the plan, and their outcomes.
+Chunk = tuple[Numbers, Packed]
+#: Receiver of finished chunks.
+Arrived = Callable[[list[Chunk]], None]
+#: Receiver of sentences for the user.
+Notice = Callable[[str], None]
 
 
 class Chunks:
-    """Sizes of chunks from what samples were measured to cost.
+    """Sizes of chunks, from the measured time and memory of samples.
 
     Parameters
     ----------
     timeout
-        How long a chunk may take, s; absent: any time.
+        Time limit of a chunk, s; None for no limit.
     """
 
     def __init__(self, timeout: float | None = None) -> None:
@@ -43,77 +54,96 @@ class Chunks:
         self._seconds = _SECONDS if timeout is None else min(_SECONDS, timeout / _SPARE)
 
     def size(self, remaining: int, width: int) -> int:
-        """Return how many of the remaining samples to take next; towards the end, fewer, for all workers.
+        """Return the size of the next chunk; it decreases towards the end, to keep all workers busy.
 
         Parameters
         ----------
         remaining
-            How many samples there are to take.
+            Number of samples to run.
         width
-            How many chunks run at once.
+            Number of chunks that run at once.
         """
         return max(1, min(self._size, remaining // (2 * width)))
 
     def learn(self, count: int, seconds: float, size: int = 0) -> None:
-        """Take note of what a chunk has cost in time and bytes.
-
-        Samples that run together cost less time each, the more they are.
-        """
+        """Record the time (s) and size (bytes) of a chunk; samples of larger chunks take less time each."""
         fitting = int(count * min(self._seconds / max(seconds, 1e-9), _BYTES / max(size, 1)))
         self._size = max(1, min(fitting, _GROWTH * count, _MOST))
 
 
-_ATTEMPTS = 3  # of a sample whose worker dies each time
-_HOPELESS = 5  # samples given up in a row: it is not they
-_TICK = 1.0  # s between two looks at what runs
-
-Numbers = NDArray[np.int64]
-#: Chunks that have come back: the numbers of their samples in the plan, and what became of them.
-Chunk = tuple[Numbers, Packed]
-Arrived = Callable[[list[Chunk]], None]
-
-
-def drive(
-    pool: StudyExecutor,
-    job: Job,
-    plan: Plan,
-    numbers: Numbers,
-    arrived: Arrived,
-    notice: Notice | None = None,
-) -> None:
-    """Run samples of a plan.
-
-    A chunk whose worker died is run again with nothing beside it; if its worker dies again, halves of it
-    are, until the sample is found that workers die of. That one has failed after a few attempts. Where the
-    time of a sample is limited, the samples of a chunk that takes longer are run again one by one, and one
-    that takes longer has failed.
+class RunningChunks:
+    """Running chunks with their start times, to report those that take long.
 
     Parameters
     ----------
     pool
-        What runs them.
+        The executor.
+    plan
+        The plan of the study.
+    notice
+        Receiver of reports; None for no reports.
+    """
+
+    def __init__(self, pool: StudyExecutor, plan: Plan, notice: Notice | None) -> None:
+        self._pool, self._plan, self._notice = pool, plan, notice
+        self._long = _LONG if pool.timeout is None else min(_LONG, pool.timeout / 2)
+        self._trouble: str | None = None
+        self._since: dict[Future[Any], float] = {}
+        self._due: dict[Future[Any], float] = {}  # the age at which it is reported next
+
+    def look(self, submitted: Mapping[Future[Any], Numbers]) -> None:
+        """Report chunks that take long, and new trouble of the executor."""
+        if self._notice is None or not submitted:
+            return
+        trouble, before = self._pool.trouble(), self._trouble
+        self._trouble = trouble
+        if trouble is not None:
+            if trouble != before:
+                self._notice(trouble)
+            self._since.clear()  # nothing runs
+            return
+        now = time.monotonic()
+        running = list(submitted)[: self._pool.width]  # the others are queued
+        self._since = {one: self._since.get(one, now) for one in running}
+        self._due = {one: self._due.get(one, self._long) for one in running}
+        for one in running:
+            age = now - self._since[one]
+            if age < self._due[one]:
+                continue
+            self._due[one] = 2 * age
+            numbers = submitted[one]
+            first, last = int(numbers[0]), int(numbers[-1])
+            if len(numbers) > 1:
+                samples = f"{len(numbers)} samples between {first} and {last} have"
+            else:
+                values = self._plan.overrides(numbers)[0].items()
+                samples = f"sample {first} ({', '.join(f'{path}={value}' for path, value in values)}) has"
+            self._notice(f"{samples} been running for {age:.2g} s")
+
+
+class Scheduler:
+    """Run of samples of a plan by an executor.
+
+    A chunk whose worker died is run again alone; if its worker dies again, its halves are, down to the
+    sample that kills workers, which has failed after a few attempts. If the time of a sample is limited, the
+    samples of a chunk that exceeds it are run again one by one, and one that exceeds it alone has failed.
+
+    Parameters
+    ----------
+    pool
+        The executor.
     job
-        What they share.
+        The data that all samples share.
     plan
         The plan.
     numbers
         The samples to run.
     arrived
-        Is called with the outcomes as they come, of many samples at a time.
+        Is called with the outcomes of finished chunks.
     notice
-        Is given sentences for the user: which samples take long, what the executor waits for.
-
-    Raises
-    ------
-    NumericalError
-        Where workers die whatever they run.
-    FileError
-        Where the executor as a whole is gone.
+        Is called with sentences for the user: samples that take long, trouble of the executor.
     """
-    _Drive(pool, job, plan, numbers, arrived, notice).run()
 
-
-class _Drive:
     def __init__(
         self,
         pool: StudyExecutor,
@@ -121,44 +151,53 @@ class _Drive:
         plan: Plan,
         numbers: Numbers,
         arrived: Arrived,
-        notice: Notice | None,
+        notice: Notice | None = None,
     ) -> None:
         self.pool = pool
         self.job = job
         self.plan = plan
         self.numbers = numbers
         self.arrived = arrived
-        self.watch = Watch(pool, plan, notice)
+        self.running = RunningChunks(pool, plan, notice)
         self.chunks = Chunks(pool.timeout)
         self.next = 0
-        self.flying: dict[Future[Any], Numbers] = {}
+        self.submitted: dict[Future[Any], Numbers] = {}
         self.singles: deque[Numbers] = deque()  # of chunks that took too long
-        self.suspects: deque[Numbers] = deque()
-        self.alone: Numbers | None = None  # the suspect that flies alone
+        self.suspects: deque[Numbers] = deque()  # chunks whose worker died
+        self.alone: Numbers | None = None  # the suspect that runs alone
         self.deaths: Counter[int] = Counter()
         self.given_up = 0  # in a row
 
     def run(self) -> None:
-        while self._launch():
-            landed, _ = wait(self.flying, timeout=_TICK, return_when=FIRST_COMPLETED)
-            self._land(landed)
-            self.watch.look(self.flying)
+        """Run all samples.
 
-    def _launch(self) -> bool:
-        """Keep workers busy; a suspect flies alone."""
+        Raises
+        ------
+        NumericalError
+            If workers die whatever they run.
+        FileError
+            If the executor as a whole is lost.
+        """
+        while self._submit_chunks():
+            finished, _ = wait(self.submitted, timeout=_TICK, return_when=FIRST_COMPLETED)
+            self._collect(finished)
+            self.running.look(self.submitted)
+
+    def _submit_chunks(self) -> bool:
+        """Keep the workers busy, a suspect alone; return whether chunks are submitted."""
         if self.suspects:
-            if not self.flying:
+            if not self.submitted:
                 self.alone = self.suspects.popleft()
                 self._submit(self.alone)
             return True
-        while self.singles and len(self.flying) < self.pool.ahead:
+        while self.singles and len(self.submitted) < self.pool.ahead:
             self._submit(self.singles.popleft())
-        while len(self.flying) < self.pool.ahead and self.next < len(self.numbers):
+        while len(self.submitted) < self.pool.ahead and self.next < len(self.numbers):
             size = self.chunks.size(len(self.numbers) - self.next, self.pool.width)
             chunk = self.numbers[self.next : self.next + size]
             self.next += len(chunk)
             self._submit(chunk)
-        return bool(self.flying)
+        return bool(self.submitted)
 
     def _submit(self, chunk: Numbers) -> None:
         try:
@@ -169,57 +208,48 @@ class _Drive:
                 raise
             future = Future()
             future.set_exception(error)
-        self.flying[future] = chunk
+        self.submitted[future] = chunk
 
-    def _land(self, landed: set[Future[Any]]) -> None:
-        came: list[Chunk] = []
+    def _collect(self, finished: set[Future[Any]]) -> None:
+        """Pass on the outcomes of finished chunks, and prepare the others to be run again."""
+        chunks: list[Chunk] = []
         lost = []
-        for future in landed:
-            chunk = self.flying.pop(future)
+        for future in finished:
+            chunk = self.submitted.pop(future)
             try:
                 done: Done = future.result()
+            except TimeLimitExceeded:
+                if len(chunk) > 1:
+                    self.singles.extend(chunk[place : place + 1] for place in range(len(chunk)))
+                else:
+                    self.given_up = 0
+                    limit = f"{self.pool.timeout:g} s of --sample-timeout"
+                    self._fail(chunk, f"it took longer than the {limit}")
             except BaseException as error:
-                if isinstance(error, Overdue):
-                    self._overdue(chunk)
-                    continue
                 if not self.pool.has_died(error):
                     self.pool.refuse(error)
                     raise
                 lost.append(chunk)
-                continue
-            self.chunks.learn(len(chunk), done.seconds, len(done.outcomes.content))
-            self.given_up = 0
-            came.append((chunk, done.outcomes))
-        if came:
-            self.arrived(came)
+            else:
+                self.chunks.learn(len(chunk), done.seconds, len(done.outcomes.content))
+                self.given_up = 0
+                chunks.append((chunk, done.outcomes))
+        if chunks:
+            self.arrived(chunks)
         if lost:
             self.pool.replace()
-            self._suspect(lost)
+            for chunk in lost:
+                self._suspect(chunk)
 
-    def _overdue(self, chunk: Numbers) -> None:
-        """Run the samples of a chunk that took too long one by one; one that did alone has failed."""
-        if len(chunk) > 1:
-            self.singles.extend(chunk[place : place + 1] for place in range(len(chunk)))
+    def _suspect(self, chunk: Numbers) -> None:
+        """Run a chunk whose worker died again: alone; then its halves; then its sample, a few times."""
+        if chunk is not self.alone:
+            self.suspects.append(chunk)
             return
-        self.given_up = 0
-        error = f"it took longer than the {self.pool.timeout:g} s of --sample-timeout"
-        self._failed(chunk, error)
-
-    def _failed(self, chunk: Numbers, error: str) -> None:
-        self.arrived([(chunk, packed(SampleOutcomes.of([SampleOutcome(error=error, exit_code=3)])))])
-
-    def _suspect(self, lost: list[Numbers]) -> None:
-        """Take up chunks whose worker died; one that flew alone is divided, or counted against its sample."""
-        for chunk in lost:
-            if chunk is not self.alone:
-                self.suspects.append(chunk)
-            elif len(chunk) > 1:
-                half = len(chunk) // 2
-                self.suspects.extendleft([chunk[half:], chunk[:half]])
-            else:
-                self._count(chunk)
-
-    def _count(self, chunk: Numbers) -> None:
+        if len(chunk) > 1:
+            half = len(chunk) // 2
+            self.suspects.extendleft([chunk[half:], chunk[:half]])
+            return
         number = int(chunk[0])
         self.deaths[number] += 1
         if self.deaths[number] < _ATTEMPTS:
@@ -229,7 +259,10 @@ class _Drive:
         if self.given_up == _HOPELESS:
             raise NumericalError(
                 f"workers die whatever they run ({_ATTEMPTS * _HOPELESS} times in a row)",
-                remedy="See what kills them: too little memory, or a damaged installation. "
-                "Run the study again then: it goes on.",
+                remedy="Find the cause: too little memory, or a damaged installation. "
+                "Then run the study again to resume it.",
             )
-        self._failed(chunk, f"its worker died {_ATTEMPTS} times: it was killed, or ran out of memory")
+        self._fail(chunk, f"its worker died {_ATTEMPTS} times: it was killed, or ran out of memory")
+
+    def _fail(self, chunk: Numbers, error: str) -> None:
+        self.arrived([(chunk, packed(SampleOutcomes.of([SampleOutcome(error=error, exit_code=3)])))])

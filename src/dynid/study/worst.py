@@ -17,8 +17,8 @@ from dynid.scene.schema.study import paths_of
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import Source, parse_source, path_of, set_values
 from dynid.scene.yaml.writer import edited, flow
+from dynid.study.analysis.statistics import Direction, worst, worst_entries
 from dynid.study.analysis.table import StudyTable, as_numbers
-from dynid.study.analysis.worst import Direction, worst, worst_entries
 
 _WORDS = {"max": "largest", "min": "smallest", "abs": "farthest from 0"}
 

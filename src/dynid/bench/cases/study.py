@@ -96,8 +96,8 @@ def _as_study(executor: str) -> Callable[[int], Work]:
 
     def prepare(samples: int) -> Work:
         from dynid.store import read_result
-        from dynid.study.execute import run_study
         from dynid.study.executors import make_executor
+        from dynid.study.run import run_study
 
         plan = _plan(samples)
 

@@ -23,8 +23,7 @@ from dynid.report.content.study import (
     variance_sources,
 )
 from dynid.result import Result
-from dynid.study.analysis.failures import failures
-from dynid.study.analysis.table import Column, StudyTable
+from dynid.study.analysis.table import Column, StudyTable, failures
 from dynid.suggestions import short_paths
 
 if TYPE_CHECKING:

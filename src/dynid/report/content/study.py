@@ -12,11 +12,9 @@ from dynid.number_format import counted, quantity
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
 from dynid.report.scenes import plain_data
 from dynid.result import Result
-from dynid.study.analysis.failures import Failure, failures
-from dynid.study.analysis.moments import statistics
-from dynid.study.analysis.ranking import Influences
-from dynid.study.analysis.table import Column, StudyTable
-from dynid.study.analysis.worst import worst
+from dynid.study.analysis.influence import Influences
+from dynid.study.analysis.statistics import statistics, worst
+from dynid.study.analysis.table import Column, Failure, StudyTable, failures
 from dynid.suggestions import short_paths
 
 #: The statistics of a number.

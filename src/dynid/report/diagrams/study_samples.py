@@ -28,8 +28,8 @@ from dynid.report.plot import (
     chart,
     parallel_coordinates,
 )
-from dynid.study.analysis.correlation import correlations, scatter
-from dynid.study.analysis.moments import NAMES, statistics
+from dynid.study.analysis.influence import correlations, scatter
+from dynid.study.analysis.statistics import NAMES, statistics
 from dynid.study.analysis.table import StudyTable
 from dynid.suggestions import short_paths
 

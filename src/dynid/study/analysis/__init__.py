@@ -1,14 +1,18 @@
-"""Analysis of a study: statistics, sources of variance, local sensitivities, the worst sample."""
+"""Analysis of a study: statistics, Sobol indices, local sensitivities, the worst sample."""
 
-from dynid.study.analysis.correlation import correlations, scatter
 from dynid.study.analysis.design import one_at_a_time, saltelli_design
-from dynid.study.analysis.failures import failures
-from dynid.study.analysis.influence import Indices, classes, from_design, from_samples
-from dynid.study.analysis.moments import statistics
-from dynid.study.analysis.ranking import Influences
-from dynid.study.analysis.table import StudyTable
+from dynid.study.analysis.influence import (
+    Indices,
+    Influences,
+    classes,
+    correlations,
+    from_design,
+    from_samples,
+    scatter,
+)
+from dynid.study.analysis.statistics import statistics, worst
+from dynid.study.analysis.table import StudyTable, failures
 from dynid.study.analysis.tornado import Tornado, tornado
-from dynid.study.analysis.worst import worst
 
 __all__ = [
     "Indices",

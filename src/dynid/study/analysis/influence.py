@@ -1,20 +1,22 @@
-"""Shares of a result's variance by input: Sobol indices, with their standard errors.
+"""Influence of the inputs on a result: Sobol indices with standard errors, and correlations.
 
-Two ways: from Saltelli's design, first and total order; from any samples with independent inputs, first
-order only. Both are ratios of means, whose errors are those of the ratios' linearisation (the delta
-method), so that 100,000 samples cost no resampling.
+Sobol indices come from Saltelli's design (first and total order), or from any samples with independent
+inputs (first order only). Both are ratios of means; their standard errors are those of the linearized ratios
+(the delta method), without resampling.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.study.analysis.design import sortable
+from dynid.study.analysis.design import SaltelliDesign, saltelli_design, sortable
+from dynid.study.analysis.table import StudyTable
 
 Floats = NDArray[np.float64]
 
@@ -29,16 +31,16 @@ class Indices:
     Parameters
     ----------
     first
-        Which part of the variance each input explains alone, shape (inputs,).
+        Share of the variance that each input explains alone, shape (inputs,).
     first_error
         Its standard error.
     total, total_error
-        Which part is left as long as only this input is unknown: alone and together with others. None where
-        the samples do not tell.
+        Share of the variance that each input explains alone and by interactions. None if it cannot be
+        estimated from the samples.
     estimator
-        How they were found, in words.
+        The estimator, in words.
     samples
-        How many samples they rest on.
+        Number of samples used.
     """
 
     first: Floats
@@ -62,19 +64,19 @@ def from_design(a: Floats, b: Floats, mixed: Floats) -> Indices | None:
     Returns
     -------
     Indices or None
-        None where fewer than two rows are complete, or the result does not vary.
+        None if fewer than two rows are complete, or the result does not vary.
 
     Notes
     -----
     First order: Saltelli et al. 2010, Computer Physics Communications 181, Table 2 (b); total order: Jansen
-    1999 (f there); of centred values. A row with a sample that failed is left out whole.
+    1999 (f there); of centred values. Rows with a failed sample are omitted.
     """
     complete = np.isfinite(a) & np.isfinite(b) & np.isfinite(mixed).all(axis=0)
     a, b, mixed = a[complete], b[complete], mixed[:, complete]
     n = a.size
     if n < 2:
         return None
-    # A shift of every value changes no index, but the rounding and the error of each.
+    # Centring changes no index, but reduces round-off and standard errors.
     mean = (a.mean() + b.mean()) / 2
     a, b, mixed = a - mean, b - mean, mixed - mean
     power = (a * a + b * b) / 2
@@ -100,13 +102,12 @@ def from_samples(inputs: Sequence[NDArray[np.intp]], values: Floats) -> Indices 
     Returns
     -------
     Indices or None
-        None where there are too few samples, or the result does not vary.
+        None if there are too few samples, or the result does not vary.
 
     Notes
     -----
-    The correlation ratio: the part of the variance that is left within an input's classes is what it does
-    not explain. With the correction for the number of classes (Kelley 1935), an input without influence has
-    0 on average.
+    The correlation ratio: an input does not explain the variance within its classes. With the correction for
+    the number of classes (Kelley 1935), an input without influence has 0 on average.
     """
     known = np.isfinite(values)
     y = values[known]
@@ -124,7 +125,7 @@ def from_samples(inputs: Sequence[NDArray[np.intp]], values: Floats) -> Indices 
 
 
 def classes(x: NDArray[Any]) -> NDArray[np.intp]:
-    """Return the class of each sample: its level where there are few, else one of equally full ranges.
+    """Return the class of each sample: its level if there are few, else one of equally populated ranges.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def classes(x: NDArray[Any]) -> NDArray[np.intp]:
 
 
 def _varies(variance: float, mean: float) -> bool:
-    """Tell a variance from the rounding of values that are all the same."""
+    """Return whether a variance exceeds the round-off of equal values."""
     return bool(variance > (4 * np.finfo(float).eps * abs(mean)) ** 2)
 
 
@@ -163,3 +164,116 @@ def _correlation_ratio(own: NDArray[np.intp], y: Floats, variance: float) -> tup
     unexplained = left.mean() / variance
     error = float(np.std(left - unexplained * y * y) / variance / np.sqrt(n))
     return 1 - unexplained * (n - 1) / (n - used), error
+
+
+def correlations(
+    inputs: Sequence[Floats], results: Sequence[Floats], ranks: bool = False
+) -> NDArray[np.float64]:
+    """Return the correlation of each input with each result.
+
+    Parameters
+    ----------
+    inputs, results
+        Samples, NaN for missing ones; pairs with a missing one are omitted.
+    ranks
+        Correlate the ranks (Spearman), which measures monotone relations.
+
+    Returns
+    -------
+    ndarray
+        Correlations (inputs x results); NaN if one of them does not vary.
+    """
+    return np.array([[_correlation(x, y, ranks) for y in results] for x in inputs]).reshape(
+        len(inputs), len(results)
+    )
+
+
+def _correlation(x: Floats, y: Floats, ranks: bool) -> float:
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() < 2:
+        return float("nan")
+    pair = [x[known], y[known]]
+    if ranks:  # equal values have their mean rank
+        for k, values in enumerate(pair):
+            _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+            pair[k] = (np.cumsum(counts) - (counts - 1) / 2)[place]
+    if any(values.min() == values.max() for values in pair):
+        return float("nan")
+    a, b = (values - values.mean() for values in pair)
+    return float(np.clip((a / np.linalg.norm(a)) @ (b / np.linalg.norm(b)), -1, 1))
+
+
+def scatter(x: Floats, y: Floats, most: int = 5000) -> tuple[Floats, Floats]:
+    """Return at most `most` pairs for a scatter diagram, evenly selected in the order of the plan."""
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if len(known) > most:
+        known = known[np.linspace(0, len(known) - 1, most).astype(np.int64)]
+    return x[known], y[known]
+
+
+#: Correlation of two inputs above which their shares of a variance overlap noticeably.
+OVERLAPPING = 0.2
+
+
+class Influences:
+    """Sobol indices of the outputs of a study.
+
+    Parameters
+    ----------
+    table
+        The study. For Saltelli's design, indices are of first and total order, and inputs that change
+        together are one factor; else they are of first order, for every input.
+    """
+
+    def __init__(self, table: StudyTable) -> None:
+        self.inputs = {
+            name: column
+            for name, column in table.inputs.items()
+            if len(column) and (column != column[0]).any()
+        }
+
+    @cached_property
+    def design(self) -> SaltelliDesign | None:
+        """Saltelli's design of the samples; None for other samples."""
+        return saltelli_design(self.inputs)
+
+    @cached_property
+    def factors(self) -> list[str]:
+        """Names of the factors."""
+        return (
+            list(self.inputs) if self.design is None else [", ".join(group) for group in self.design.factors]
+        )
+
+    def of(self, values: NDArray[np.float64]) -> Indices | None:
+        """Return the indices of one output; None if it does not vary, or the samples are too few."""
+        if not self.inputs:
+            return None
+        if self.design is not None:
+            return from_design(*self.design.split(values))
+        return from_samples(self._classes, values)
+
+    def direction(self, factor: int, values: NDArray[np.float64]) -> float:
+        """Return the rank correlation of a factor with an output; NaN for texts and for several inputs."""
+        x = self.inputs.get(self.factors[factor])
+        if x is None or x.dtype.kind not in "bif":
+            return float("nan")
+        return float(correlations([x.astype(float)], [values], ranks=True)[0, 0])
+
+    @cached_property
+    def correlated(self) -> tuple[str, str, float] | None:
+        """The two most correlated inputs, if their shares of a variance overlap; else None."""
+        numbers = {name: x.astype(float) for name, x in self.inputs.items() if x.dtype.kind in "bif"}
+        names = list(numbers)
+        if self.design is not None or len(names) < 2:
+            return None
+        found = np.corrcoef(list(numbers.values()))
+        np.fill_diagonal(found, 0)
+        first, second = np.unravel_index(np.argmax(np.abs(found)), found.shape)
+        value = float(found[first, second])
+        # Five standard errors: of independent samples, one of two million exceeds them.
+        chance = 5 / np.sqrt(len(numbers[names[0]]))
+        return (names[first], names[second], value) if abs(value) > max(OVERLAPPING, chance) else None
+
+    @cached_property
+    def _classes(self) -> list[NDArray[np.intp]]:
+        return [classes(column) for column in self.inputs.values()]

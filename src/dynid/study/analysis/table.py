@@ -1,6 +1,6 @@
-"""A study's file as a table: samples in rows, what varied and what was gathered in columns.
+"""Result of a study as a table: samples in rows, inputs and outputs in columns; its failures by error.
 
-Only what is asked for is read, one array at a time, so that any number of samples fits.
+Arrays are read on access, one at a time, so that any number of samples fits in memory.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from dynid.suggestions import did_you_mean, did_you_mean_path
 
 SAMPLES, RESULTS, STATISTICS = "study/samples", "study/results", "study/statistics"
 
+_NUMBER = re.compile(r"[-+±]?\d[\d.]*(?:[eE][-+]?\d+)?j?")
 _ENTRY = re.compile(r"(?P<path>[^\[]*)\[(?P<labels>.*)\]")
 
 
@@ -197,3 +198,38 @@ def _place(axis: LabelledAxis, label: str, path: str) -> int:
     if found is None:
         raise UsageError(f"{path} has no {axis.dim} {label}{did_you_mean(label, names)}")
     return found
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Samples that failed with the same error, apart from numbers in it.
+
+    Parameters
+    ----------
+    error
+        The message in the first sample; in others the numbers may differ.
+    exit_code
+        2 (the scene), 3 (numerics) or 4 (a file).
+    samples
+        The numbers of the samples.
+    """
+
+    error: str
+    exit_code: int
+    samples: NDArray[np.int64]
+
+
+def failures(table: StudyTable) -> list[Failure]:
+    """Return the failed samples grouped by error, the most frequent first."""
+    if not len(table.failed):
+        return []
+    errors = table.result["study/error"].data[table.failed]
+    codes = table.result["study/exit_code"].data[table.failed]
+    groups: dict[str, list[int]] = {}
+    for place, error in enumerate(errors):
+        groups.setdefault(_NUMBER.sub("#", str(error)), []).append(place)
+    found = [
+        Failure(str(errors[rows[0]]), int(codes[rows[0]]), table.numbers[table.failed[rows]])
+        for rows in groups.values()
+    ]
+    return sorted(found, key=lambda failure: -len(failure.samples))

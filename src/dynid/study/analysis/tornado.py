@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.study.analysis.design import OneAtATime, one_at_a_time
-from dynid.study.analysis.moments import QUANTILES, quantile
+from dynid.study.analysis.statistics import QUANTILES, quantile
 
 Floats = NDArray[np.float64]
 

@@ -1,9 +1,9 @@
-"""Executors of samples: in this process, in several, or on a Dask cluster, with `concurrent.futures`."""
+"""Executors of samples: in this process, in several processes, or on a Dask cluster."""
 
 from __future__ import annotations
 
 from dynid.errors import UsageError
-from dynid.study.executors.executor_base import StudyExecutor
+from dynid.study.executors.base import SerialExecutor, StudyExecutor, cores
 
 __all__ = ["EXECUTORS", "StudyExecutor", "make_executor"]
 
@@ -17,25 +17,25 @@ def make_executor(
     scheduler_file: str | None = None,
     sample_timeout: float | None = None,
 ) -> StudyExecutor:
-    """Return what runs samples.
+    """Return the executor of the samples of a study.
 
     Parameters
     ----------
     executor
-        `serial`, `processes` or `dask`; absent: `dask` where a scheduler is named here or in Dask's own
+        `serial`, `processes` or `dask`; by default `dask` if a scheduler is named here or in Dask's
         configuration (such as DASK_SCHEDULER_ADDRESS), else `processes`.
     workers
-        How many processes, by default one for each core; on a cluster, how many of its threads to use.
+        Number of processes, by default one per core; on a cluster, the number of its threads to use.
     scheduler, scheduler_file
-        The address of a Dask scheduler, or the file in which it has written it.
+        The address of a Dask scheduler, or the file with its address.
     sample_timeout
-        How long a sample may take, s; absent: any time. What takes longer is killed, so that `serial` runs
-        samples in a process of its own then.
+        Time limit of a sample, s; None for no limit. With a limit, `serial` runs samples in a second process,
+        which can be killed.
 
     Raises
     ------
     UsageError
-        Where these do not go together, or there is no scheduler to ask.
+        If these are contradictory, or no scheduler is named.
     """
     from dynid.study.executors.dask import DaskExecutor, configured_address
 
@@ -51,7 +51,6 @@ def make_executor(
     if executor == "dask":
         return DaskExecutor(scheduler or configured_address(), scheduler_file, workers, sample_timeout)
     if sample_timeout is not None:
-        from dynid.study.executors.processes import cores
         from dynid.study.executors.timed import TimedExecutor
 
         return TimedExecutor(1 if executor == "serial" else workers or cores(), sample_timeout)
@@ -59,6 +58,4 @@ def make_executor(
         from dynid.study.executors.processes import ProcessExecutor
 
         return ProcessExecutor(workers)
-    from dynid.study.executors.serial import SerialExecutor
-
     return SerialExecutor()

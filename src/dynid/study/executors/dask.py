@@ -1,4 +1,4 @@
-"""Samples on a Dask cluster."""
+"""Executor that runs samples on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from concurrent.futures import CancelledError, Executor, Future
 from typing import Any
 
 from dynid.errors import FileError, UsageError
-from dynid.study.executors.executor_base import StudyExecutor
-from dynid.study.executors.lanes import Died, run_timed
+from dynid.study.executors.base import StudyExecutor
+from dynid.study.executors.timed import WorkerDied, run_timed
 
-_PATIENCE = 10.0  # seconds to find the scheduler, or to find it again
+_PATIENCE = 10.0  # seconds to connect to the scheduler
 _TALKATIVE = ("distributed", "tornado", "asyncio")  # loggers
-_ASK = 2.0  # seconds between two questions for the number of threads
+_ASK = 2.0  # seconds between two queries of the number of threads
 
 
 class DaskExecutor(StudyExecutor):
-    """The workers of a Dask scheduler.
+    """Executor with the workers of a Dask scheduler.
 
     Parameters
     ----------
     address
-        Of the scheduler, such as `tcp://10.0.0.1:8786`.
+        Address of the scheduler, such as `tcp://10.0.0.1:8786`.
     file
         The file in which the scheduler has written its address.
     workers
-        How many of its threads to keep busy; absent: all.
+        Number of its threads to use; None for all.
     timeout
-        How long a chunk may take, s; absent: any time.
+        Time limit of a chunk, s; None for no limit.
     """
 
     def __init__(
@@ -57,19 +57,19 @@ class DaskExecutor(StudyExecutor):
         return max(1, self._workers or self._counted())
 
     def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
-        """Have a call run by a worker, in a process beside it where its time is limited."""
+        """Submit a call to a worker; with a time limit, it runs in a child process of the worker."""
         if self.timeout is not None:
             return super().submit(run_timed, self.timeout, call, *args)
         return super().submit(call, *args)
 
     def trouble(self) -> str | None:
-        """Say so where the scheduler has no workers."""
+        """Return a sentence if the scheduler has no workers."""
         if self._client is None or self._counted():
             return None
         return f"the Dask scheduler at {self._where} has no workers; the study waits for the first one"
 
     def _counted(self) -> int:
-        """Return how many threads the cluster has; the question is repeated every few seconds."""
+        """Return the number of threads of the cluster, queried every few seconds."""
         if self._client is not None and time.monotonic() > self._asked + _ASK:
             try:
                 self._threads = sum(self._client.nthreads().values())
@@ -86,7 +86,10 @@ class DaskExecutor(StudyExecutor):
                 "the executor 'dask' needs the package distributed",
                 remedy="Install it with: pip install 'dynid[cluster]'",
             ) from None
-        _silence()
+        # Our sentence replaces the tracebacks that Dask logs; its loggers have their own levels.
+        for name in [*logging.root.manager.loggerDict, *_TALKATIVE]:
+            if name.partition(".")[0] in _TALKATIVE:
+                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
             self._client = Client(  # type: ignore[no-untyped-call]
                 **self._options, timeout=_PATIENCE, set_as_default=False
@@ -104,14 +107,14 @@ class DaskExecutor(StudyExecutor):
             client.close(timeout=_PATIENCE)
 
     def replace(self) -> None:
-        """Do nothing: the scheduler sees to its workers itself."""
+        """Do nothing: the scheduler replaces its workers."""
 
     def has_died(self, error: BaseException) -> bool:
-        """Tell whether every worker that was given a chunk died with it."""
-        return isinstance(error, Died) or type(error).__name__ == "KilledWorker"
+        """Return whether every worker that ran a chunk died with it."""
+        return isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker"
 
     def refuse(self, error: BaseException) -> None:
-        """Raise where the scheduler is gone."""
+        """Raise an error if the scheduler is lost."""
         lost = isinstance(error, CancelledError | OSError) or type(error).__name__ == "FutureCancelledError"
         if lost or (self._client is not None and self._client.status not in ("running", "connecting")):
             raise self._gone() from error
@@ -119,20 +122,12 @@ class DaskExecutor(StudyExecutor):
     def _gone(self) -> FileError:
         return FileError(
             f"the Dask scheduler at {self._where} does not answer",
-            remedy="Start it, and run the study again: it goes on.",
+            remedy="Start it, and run the study again to resume it.",
         )
 
 
-def _silence() -> None:
-    """Keep Dask from logging tracebacks of its own beside our sentence; its loggers have their own levels."""
-    known = [*logging.root.manager.loggerDict, *_TALKATIVE]
-    for name in known:
-        if name.partition(".")[0] in _TALKATIVE:
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-
-
 def configured_address() -> str | None:
-    """Return the scheduler's address that Dask's own configuration names."""
+    """Return the address of a scheduler from Dask's configuration; None if it names none."""
     if address := os.environ.get("DASK_SCHEDULER_ADDRESS"):
         return address
     try:

@@ -1,35 +1,25 @@
-"""Samples in processes of this machine."""
+"""Executor that runs samples in processes of this machine."""
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 
-from dynid.study.executors.executor_base import StudyExecutor
-
-#: Environment that limits linear algebra to one thread: the processes share the cores already.
-ONE_THREAD = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "BLIS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
+from dynid.study.executors.base import ONE_THREAD, StudyExecutor, cores
 
 
 class ProcessExecutor(StudyExecutor):
-    """Processes, one for each core unless said otherwise.
+    """Executor in spawned processes.
 
-    They are spawned, not forked: what runs in this process has no part in them.
+    Parameters
+    ----------
+    workers
+        Number of processes; default one per core.
     """
 
     def __init__(self, workers: int | None = None) -> None:
@@ -47,40 +37,29 @@ class ProcessExecutor(StudyExecutor):
         executor.shutdown(wait=True)
 
     def has_died(self, error: BaseException) -> bool:
-        """Tell whether a worker was killed, which breaks the pool for all that it had."""
+        """Return whether a worker was killed, which breaks the whole pool."""
         return isinstance(error, BrokenProcessPool)
 
 
 class _Pool(ProcessPoolExecutor):
-    """A pool whose processes start with linear algebra held to one thread."""
+    """Pool whose processes use one thread for linear algebra."""
 
     def submit(self, *args, **kwargs):  # type: ignore[no-untyped-def]
-        with _one_thread():
+        # Processes that start now inherit the environment; this process restores its own.
+        before = {name: os.environ.get(name) for name in ONE_THREAD}
+        os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+        try:
             return super().submit(*args, **kwargs)
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Have processes that start now inherit an environment of one thread, without keeping it here."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
 
 
 def _begin() -> None:
-    """Begin a worker: Ctrl-C is for the parent to answer, and with the parent it ends."""
+    """Initialize a worker: it ignores Ctrl-C, which the parent handles, and ends with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

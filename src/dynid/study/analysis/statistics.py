@@ -1,0 +1,144 @@
+"""Statistics of the samples of a study: moments, quantiles and the worst sample.
+
+`study/statistics/<path>/<name>` in the file of a study holds them. They are computed from the file when all
+samples are in it, one array at a time, and depend on the samples only, not on how the study was run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.result import Result
+from dynid.study.analysis.table import RESULTS, STATISTICS, StudyTable, as_numbers
+
+#: Fraction of the ordered samples below each quantile.
+QUANTILES = {"min": 0.0, "p05": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
+#: Names of the statistics, in the order of a table.
+NAMES = ("mean", "std", *QUANTILES, "count")
+
+Floats = NDArray[np.float64]
+Direction = Literal["max", "min", "abs"]
+
+_VALUES = 2**22  # values in memory at a time
+
+
+def statistics(values: Floats) -> dict[str, Floats | NDArray[np.int64]]:
+    """Return moments and quantiles of each entry over the samples.
+
+    Parameters
+    ----------
+    values
+        Samples first, then any axes; NaN where a sample has no value.
+
+    Returns
+    -------
+    dict
+        By `NAMES`, each with the axes of one sample: mean, standard deviation (with n - 1), minimum, the
+        quantiles 5 %, 50 % and 95 % (linearly interpolated), maximum, and the number of values. NaN is
+        undefined: all but the count of no sample, the deviation of one, moments of infinite values.
+    """
+    # Ordered and contiguous, so that sums do not depend on the memory layout.
+    ordered = np.sort(np.ascontiguousarray(np.moveaxis(values, 0, -1)), axis=-1)  # NaN last
+    count = ordered.shape[-1] - np.isnan(ordered).sum(axis=-1)
+    # Moments about the median, so that equal values have no deviation at all.
+    centre = quantile(ordered, count, 0.5)
+    centre = np.where(np.isfinite(centre), centre, 0.0)
+    known = ~np.isnan(ordered)
+    with np.errstate(all="ignore"):
+        shifted = ordered - centre[..., None]
+        offset = _sum(shifted, known) / count
+        spread = _sum(np.square(shifted - offset[..., None]), known)
+        std = np.sqrt(spread / np.where(count > 1, count - 1, np.nan))
+    mean = np.where(count > 0, centre + offset, np.nan)
+    quantiles = {name: quantile(ordered, count, share) for name, share in QUANTILES.items()}
+    return {"mean": mean, "std": std, **quantiles, "count": count.astype(np.int64)}
+
+
+def quantile(ordered: Floats, count: NDArray[np.int64], share: float) -> Floats:
+    """Return a quantile of the first `count` of ordered values along the last axis."""
+    if not ordered.shape[-1]:
+        return np.full(count.shape, np.nan)
+    place = share * np.maximum(count - 1, 0)
+    below = np.floor(place).astype(np.int64)
+    above = np.minimum(below + 1, np.maximum(count - 1, 0))
+    low, high = (np.take_along_axis(ordered, at[..., None], axis=-1)[..., 0] for at in (below, above))
+    with np.errstate(invalid="ignore"):
+        between = low + (place - below) * (high - low)
+    return np.where((low == high) | (place == below), low, between)
+
+
+def _sum(values: Floats, known: NDArray[np.bool_]) -> Floats:
+    return np.asarray(np.sum(values, axis=-1, where=known))
+
+
+def worst(values: Floats, direction: Direction = "max") -> int | None:
+    """Return the index of the worst value: the largest, the smallest, or the largest magnitude.
+
+    The first of equal ones; None if all are NaN.
+    """
+    judged = _judged(values, direction)
+    return int(np.argmax(judged)) if not np.isnan(values).all() else None
+
+
+def worst_entries(values: Floats, direction: Direction = "max") -> Floats:
+    """Return the worst value of each row; NaN for a row without values."""
+    if not values.shape[1]:
+        return np.full(len(values), np.nan)
+    places = np.argmax(_judged(values, direction), axis=1)
+    return np.take_along_axis(values, places[:, None], axis=1)[:, 0]
+
+
+def _judged(values: Floats, direction: Direction) -> Floats:
+    """Return values whose largest is the worst; missing ones are -inf."""
+    judged = {"max": values, "min": -values, "abs": np.abs(values)}[direction]
+    known = ~np.isnan(judged)
+    return np.where(known, np.maximum(judged, -np.finfo(float).max), -np.inf)
+
+
+def declare(result: Result) -> None:
+    """Add the arrays of all statistics to a study whose results are declared; `computed` gives their values.
+
+    Statistics of complex numbers are those of the magnitude; they have the attribute `of`.
+    """
+    table = StudyTable(result)
+    for path in filter(table.is_number, table.paths):
+        variable = table.variable(path)
+        dims, shape = variable.dims[1:], variable.shape[1:]
+        for dim in dims:  # copy the coordinates, so that the group is complete in itself
+            group = path
+            while group and dim not in NAMES:
+                group = group.rpartition("/")[0]
+                coordinate = result.get(f"{RESULTS}/{group}/{dim}" if group else f"{RESULTS}/{dim}")
+                if coordinate is not None:
+                    if coordinate.dims == (dim,) and f"{STATISTICS}/{path}/{dim}" not in result:
+                        result.put(f"{STATISTICS}/{path}/{dim}", coordinate)
+                    break
+        attrs = {"of": "magnitude"} if variable.dtype.kind == "c" else {}
+        for name in NAMES:
+            values = np.zeros(shape, np.int64 if name == "count" else np.float64)
+            units = "" if name == "count" else variable.units
+            result.add(f"{STATISTICS}/{path}/{name}", values, dims, units, **attrs)
+
+
+def computed(result: Result) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield path and values of all statistics of a study, from as many values at a time as memory allows."""
+    table = StudyTable(result)
+    for path in filter(table.is_number, table.paths):
+        variable = table.variable(path)
+        samples, *entries = variable.shape
+        if not entries or not math.prod(entries):
+            parts = [statistics(as_numbers(variable.data))]
+        else:
+            step = max(1, _VALUES // max(1, samples * math.prod(entries[1:])))
+            parts = [
+                statistics(as_numbers(variable.entries(start, start + step)))
+                for start in range(0, entries[0], step)
+            ]
+        for name in NAMES:
+            values = parts[0][name] if len(parts) == 1 else np.concatenate([part[name] for part in parts])
+            yield f"{STATISTICS}/{path}/{name}", values

@@ -1,0 +1,108 @@
+"""Base class of the executors that run the samples of a study, and the executor in this process."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any
+
+#: Environment that limits linear algebra to one thread: the processes already share the cores.
+ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class StudyExecutor(ABC):
+    """Executor of chunks of samples, with workers that are started and shut down as needed.
+
+    Attributes
+    ----------
+    width
+        Number of chunks that run at once.
+    ahead
+        Largest number of chunks that run or are queued for the next free worker.
+    timeout
+        Time limit of a chunk, s; None for no limit.
+    """
+
+    width: int = 1
+    timeout: float | None = None
+
+    def __init__(self) -> None:
+        self._executor: Executor | None = None
+
+    @property
+    def ahead(self) -> int:
+        """Maximum number of chunks submitted at a time."""
+        return 2 * self.width
+
+    def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
+        """Submit a call to a worker."""
+        if self._executor is None:
+            self._executor = self._start()
+        return self._executor.submit(call, *args)
+
+    def replace(self) -> None:
+        """Replace the workers that died."""
+        self.dismiss()
+
+    def dismiss(self) -> None:
+        """Shut down all workers, also those that run."""
+        if self._executor is not None:
+            executor, self._executor = self._executor, None
+            self._stop(executor)
+
+    @abstractmethod
+    def _start(self) -> Executor:
+        """Start the workers."""
+
+    def _stop(self, executor: Executor) -> None:
+        executor.shutdown(wait=False, cancel_futures=True)
+
+    def has_died(self, error: BaseException) -> bool:  # noqa: ARG002
+        """Return whether an error of a call means that its worker died."""
+        return False
+
+    def trouble(self) -> str | None:
+        """Return what prevents the workers from running; None for nothing."""
+        return None
+
+    def refuse(self, error: BaseException) -> None:  # noqa: B027
+        """Raise an error of the whole executor, if an error of a call or of a submission indicates one."""
+
+
+class _AtOnce(Executor):
+    """Executor that runs a call when it is submitted."""
+
+    def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(call(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class SerialExecutor(StudyExecutor):
+    """Executor in the process that the study runs in, one sample after another."""
+
+    @property
+    def ahead(self) -> int:
+        """One chunk, which is finished when it has been submitted."""
+        return 1
+
+    def _start(self) -> Executor:
+        return _AtOnce()

@@ -1,0 +1,354 @@
+"""Runs of a study: from its plan to its file, resumed after interruptions."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import FileError, NumericalError, UsageError
+from dynid.number_format import counted
+from dynid.scene.outcomes import SampleBlock, SampleOutcomes
+from dynid.study.file import Heading, locked, write_study
+from dynid.study.journal import Journal
+from dynid.study.keys import SIZE, Keys, as_texts, found_in, sample_keys
+from dynid.study.packing import packed
+from dynid.study.scheduler import Chunk, Notice, Scheduler
+from dynid.study.stored import open_study
+from dynid.study.work import Job
+
+if TYPE_CHECKING:
+    from dynid.study.executors import StudyExecutor
+    from dynid.study.plan import Plan
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a study.
+
+    Parameters
+    ----------
+    total
+        Number of samples.
+    finished
+        Number of samples that are finished and stored.
+    failed
+        Number of finished samples that failed.
+    kept
+        Number of samples that were finished before this run began.
+    """
+
+    total: int
+    finished: int
+    failed: int
+    kept: int
+
+
+#: Receiver of the progress of a study.
+Report = Callable[[Progress], None]
+
+
+class TooManyFailures(NumericalError):
+    """More samples failed than `max_failures`."""
+
+
+def judged(progress: Progress, max_failures: int | None) -> Progress:
+    """Return the progress of a study; raise `TooManyFailures` if more samples failed than allowed."""
+    if max_failures is not None and progress.failed > max_failures:
+        raise TooManyFailures(
+            f"{progress.failed} samples failed, more than the {max_failures} of --max-failures",
+            remedy="Their errors are in study/error.",
+        )
+    return progress
+
+
+class Run:
+    """One run of a study, and its outcomes in the order of the plan.
+
+    Of samples with equal keys, only the first is run; all have its outcome.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        numbers: range,
+        heading: Heading,
+        journal: Journal,
+        max_failures: int | None,
+        report: Report | None,
+        retry_failed: bool,
+    ) -> None:
+        self.plan = plan
+        self.numbers = numbers
+        self.journal = journal
+        self.max_failures = max_failures
+        self.report = report
+        _, first, self.one, self.copies = np.unique(
+            as_texts(heading.keys), return_index=True, return_inverse=True, return_counts=True
+        )
+        self.first = first  # row of the first sample of each key
+        self.keys = heading.keys
+        self.where = journal.numbers(heading.keys[first])  # in the journal; -1: not finished
+        self.failed = np.zeros(len(first), dtype=bool)
+        known = self.where >= 0
+        self.failed[known] = journal.failed[self.where[known]]
+        if retry_failed:
+            self.where[self.failed], self.failed[:] = -1, False
+        self.kept = self._count(self.where >= 0)
+
+    def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
+        """Yield the finished samples of rows start … stop - 1, one record of the journal at a time."""
+        where = self.where[self.one[start:stop]]
+        there = np.flatnonzero(where >= 0)
+        return self.journal.blocks(where[there], there + start)
+
+    @property
+    def progress(self) -> Progress:
+        """Progress so far."""
+        finished, failed = self._count(self.where >= 0), self._count(self.failed)
+        return Progress(len(self.keys), finished, failed, self.kept)
+
+    @property
+    def is_complete(self) -> bool:
+        """True if all samples are finished."""
+        return bool(np.all(self.where >= 0))
+
+    def _count(self, which: NDArray[np.bool_]) -> int:
+        return int(self.copies[which].sum())
+
+    def go(self, pool: StudyExecutor, notice: Notice | None = None) -> None:
+        """Run the samples that are not finished."""
+        self._report()
+        todo = np.sort(self.first[self.where < 0])
+        if len(todo):
+            job = Job.of(self.plan.base, self.plan.collect, self.plan.size)
+            numbers = self.numbers.start + todo * self.numbers.step
+            Scheduler(pool, job, self.plan, numbers, self._store, notice).run()
+
+    def _store(self, chunks: list[Chunk]) -> None:
+        """Append finished chunks to the journal."""
+        rows = [(numbers - self.numbers.start) // self.numbers.step for numbers, _ in chunks]
+        place = self.journal.append(
+            [(self.keys[own], outcomes) for own, (_, outcomes) in zip(rows, chunks, strict=True)]
+        )
+        for own, (_, outcomes) in zip(rows, chunks, strict=True):
+            ones = self.one[own]
+            self.where[ones] = np.arange(place, place + len(own))
+            self.failed[ones] = outcomes.failed
+            place += len(own)
+        self._report()
+
+    def _report(self) -> None:
+        progress = self.progress
+        if self.report is not None:
+            self.report(progress)
+        judged(progress, self.max_failures)
+
+
+def shard_of(plan: Plan, shard: tuple[int, int] | None) -> range:
+    """Return the numbers of the samples of shard I of N (from 1), or of the whole plan."""
+    if shard is None:
+        return range(plan.size)
+    index, count = shard
+    return range(index - 1, plan.size, count)
+
+
+def run_study(
+    plan: Plan,
+    target: str | os.PathLike[str],
+    pool: StudyExecutor,
+    *,
+    shard: tuple[int, int] | None = None,
+    max_failures: int | None = None,
+    retry_failed: bool = False,
+    force: bool = False,
+    report: Report | None = None,
+    notice: Notice | None = None,
+) -> Progress:
+    """Run the samples of a study that are not finished, and write its file.
+
+    Every sample that was reported as finished is stored in `<target>.journal`; after an interruption, the
+    next call resumes from there.
+
+    Parameters
+    ----------
+    plan
+        The study's plan.
+    target
+        The HDF5 file.
+    pool
+        The executor, from `dynid.study.executors.make_executor`. It is shut down at the end.
+    shard
+        (I, N): run only every Nth sample, from the Ith (counted from 1).
+    max_failures
+        Number of samples that may fail; None for no limit.
+    retry_failed
+        Run again the samples that failed before.
+    force
+        Discard finished samples of the file that do not belong to this study.
+    report
+        Is called with the progress.
+    notice
+        Is called with sentences for the user: a damaged journal, samples that take long.
+
+    Returns
+    -------
+    Progress
+        The progress at the end: all samples are finished.
+
+    Raises
+    ------
+    TooManyFailures
+        If more than `max_failures` samples fail; the others are pending in the file.
+    UsageError
+        If the file holds finished samples that do not belong to this study.
+    FileError
+        If the file cannot be written, is being written by another study, or is no file of a study.
+    KeyboardInterrupt
+        If interrupted; the file has been written with pending samples.
+    """
+    name = os.fspath(target)
+    numbers = shard_of(plan, shard)
+    with ExitStack() as stack:
+        stack.enter_context(locked(name))
+        stack.callback(pool.dismiss)
+        heading = heading_of(plan, numbers, sample_keys(plan, numbers))
+        if not force and (foreign := foreign_samples(name, heading.keys)):
+            raise UsageError(
+                f"{name} holds {counted(foreign, 'finished sample')} that "
+                f"{'does' if foreign == 1 else 'do'} not belong to this study, and would be lost",
+                remedy="Write another file with -o, or discard them with --force.",
+                names=[name],
+            )
+        done = _finished_file(name, heading) if not retry_failed else None
+        if done is not None:
+            Journal.discard(journal_name(name))
+            if report is not None:
+                report(done)
+            return judged(done, max_failures)
+        journal = Journal(journal_name(name))
+        stack.callback(journal.close)
+        if journal.damage is not None and notice is not None:
+            notice(str(journal.damage))
+        _import(name, heading.keys, journal, retry_failed)
+        run = Run(plan, numbers, heading, journal, max_failures, report, retry_failed)
+        try:
+            run.go(pool, notice)
+        except (KeyboardInterrupt, TooManyFailures):
+            pool.dismiss()
+            _write(name, heading, run, complete=run.is_complete)
+            raise
+        _write(name, heading, run)
+        Journal.discard(journal.path)
+        return run.progress
+
+
+def _write(name: str, heading: Heading, run: Run, complete: bool = True) -> None:
+    """Write the file; an error of it mentions the journal that holds the finished samples."""
+    try:
+        write_study(name, heading, run, complete)
+    except FileError as error:
+        remedy = (
+            f"{run.journal.path} holds {counted(run.progress.finished, 'finished sample')}. "
+            "Free space on the disk, or repair it, and run the study again to resume it."
+        )
+        raise FileError(error.problem, remedy=remedy, names=error.names) from error
+
+
+def foreign_samples(name: str, keys: Keys) -> int:
+    """Return the number of finished samples of a file and its journal that have none of these keys."""
+    known = [finished_keys(name)] if Path(name).exists() else []
+    if Path(journal_name(name)).exists():
+        known.append(Journal.read_keys(journal_name(name)))
+    known = [some for some in known if len(some)]
+    if not known:
+        return 0
+    every = np.unique(np.concatenate(known), axis=0)
+    return int(np.sum(found_in(keys, every) < 0))
+
+
+def finished_keys(name: str) -> Keys:
+    """Return the keys of the finished samples of a file."""
+    with open_study(name) as study:
+        if study.keys.shape[1] != SIZE:
+            raise ValueError("keys of another length")
+        return study.keys[study.exit_codes >= 0]
+
+
+def journal_name(target: str) -> str:
+    """Return the name of the journal of a study's file."""
+    return f"{target}.journal"
+
+
+def heading_of(plan: Plan, numbers: range, keys: Keys) -> Heading:
+    """Return the heading of the file of a plan, or of a shard of it."""
+    digest = hashlib.sha256(plan.base.source.resolved_text().encode())  # equal for all shards of a study
+    digest.update(plan.study.source.resolved_text().encode())
+    rows = np.arange(plan.size)[numbers.start :: numbers.step]
+    return Heading(
+        title=plan.study.title,
+        text=plan.study.source.resolved_text(),
+        base=plan.base.source.resolved_text(),
+        seed=plan.seed,
+        numbers=np.asarray(rows, dtype=np.int64),
+        columns={path: values[rows] for path, values in plan.arrays.items()},
+        keys=keys,
+        attrs={**plan.attrs, "plan": digest.hexdigest()[:32]},
+        folder=str(plan.base.folder.resolve()),
+    )
+
+
+def _finished_file(name: str, heading: Heading) -> Progress | None:
+    """Return the progress of a file that holds the whole study; None if anything is missing."""
+    if not Path(name).exists():
+        return None
+    with open_study(name) as study:
+        same = (
+            study.result.attrs.get("scene") == heading.text
+            and np.array_equal(study.numbers, heading.numbers)
+            and np.all(study.exit_codes >= 0)
+            and np.array_equal(study.keys, heading.keys)
+        )
+        count = len(study)
+        return Progress(count, count, int(np.sum(study.exit_codes > 0)), count) if same else None
+
+
+def _import(name: str, keys: Keys, journal: Journal, retry_failed: bool) -> None:
+    """Copy the finished samples of an existing file that belong to the study into the journal."""
+    if not Path(name).exists():
+        return
+    with open_study(name) as study:
+        valid = (found_in(keys, study.keys) >= 0) & (journal.numbers(study.keys) < 0)
+        valid &= (study.exit_codes == 0) if retry_failed else (study.exit_codes >= 0)
+        step = study.rows_at_a_time
+        for start in range(0, len(study) if valid.any() else 0, step):
+            rows = start + np.flatnonzero(valid[start : start + step])
+            if len(rows):
+                blocks = []
+                for block in study.between(start, start + step):
+                    _, places, wanted = np.intersect1d(block.rows, rows, return_indices=True)
+                    if len(places):
+                        blocks.append(block.taken(places, wanted))
+                journal.append([(study.keys[rows], packed(SampleOutcomes(blocks, len(rows))))])
+
+
+def valid_samples(plan: Plan, target: str | os.PathLike[str], shard: tuple[int, int] | None = None) -> int:
+    """Return the number of samples of a plan that are finished in a file and its journal.
+
+    The files are only read, without a lock.
+    """
+    name = os.fspath(target)
+    keys = sample_keys(plan, shard_of(plan, shard))
+    finished = np.zeros(len(keys), dtype=bool)
+    if Path(name).exists():
+        finished |= found_in(finished_keys(name), keys) >= 0
+    if Path(journal_name(name)).exists():
+        finished |= found_in(Journal.read_keys(journal_name(name)), keys) >= 0
+    return int(finished.sum())
