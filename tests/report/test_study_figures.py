@@ -7,7 +7,7 @@ import pytest
 
 from dynid.report import figures
 from dynid.result import Result
-from dynid.study.analysis.statistics import statistics
+from dynid.study.analysis.sample_statistics import statistics
 from tests.report.test_plot import well_laid_out
 
 

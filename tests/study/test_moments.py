@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from dynid.study.analysis.statistics import NAMES, statistics
+from dynid.study.analysis.sample_statistics import NAMES, statistics
 
 NUMBERS = npst.arrays(
     float,

@@ -451,7 +451,7 @@ def test_a_lock_whose_last_holder_removes_it_just_then_is_made_anew(undisturbed,
 
 def test_a_system_without_locks_is_told_in_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "fcntl", None)  # as on Windows
-    with pytest.raises(UsageError, match=r"cannot be run on this system: .* \(flock\)\. .*WSL"):
+    with pytest.raises(UsageError, match=r"cannot be run on this system, which lacks .* \(flock\)\. .*WSL"):
         run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
     assert not list(tmp_path.glob("s.h5*"))
 
@@ -577,7 +577,7 @@ def test_samples_without_what_is_gathered_anyway_are_done(tmp_path, monkeypatch,
     code, out, _ = dynid_cli("study", "masses.yaml")
     assert code == 0
     assert "12 done" in out
-    assert "nothing was collected; name in the study's 'collect'" in out
+    assert "nothing was collected; name the outputs in the study's 'collect'" in out
     assert (read_result(tmp_path / "masses.h5")["study/expect/0"].data.sum()) == 2
 
 

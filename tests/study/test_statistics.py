@@ -9,7 +9,7 @@ import xarray as xr
 from dynid.checks import check_expectations, compare
 from dynid.errors import UsageError
 from dynid.store import open_stored, read_result
-from dynid.study.analysis.statistics import NAMES, statistics
+from dynid.study.analysis.sample_statistics import NAMES, statistics
 from dynid.study.analysis.table import StudyTable
 from tests.study.studies import write
 
@@ -67,7 +67,7 @@ def test_entries_that_only_some_samples_have_count_where_they_are(file):
 
 
 def test_statistics_are_the_same_entry_by_entry(file, tmp_path, monkeypatch):
-    monkeypatch.setattr("dynid.study.analysis.statistics._VALUES", 1)
+    monkeypatch.setattr("dynid.study.analysis.sample_statistics._VALUES", 1)
     write(tmp_path / "t.h5", COLUMNS, VALUES, FAILED)
     with open_stored(file) as one, open_stored(tmp_path / "t.h5") as other:
         found = {difference.path for difference in compare(one, other, 0, 0)}

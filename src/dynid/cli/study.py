@@ -14,7 +14,7 @@ from dynid.cli.arguments import is_same, reads_results, refuse_missing_folders, 
 from dynid.errors import UsageError
 
 if TYPE_CHECKING:
-    from dynid.study.analysis.statistics import Direction
+    from dynid.study.analysis.sample_statistics import Direction
 
 _LONGEST = 1e6  # longest time limit of a sample, s: more than a week
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def spread(factor: StudyFactor) -> NDArray[Any]:
-    """Return the values of a factor on a grid: evenly spread, or equally likely."""
+    """Return the values of a factor on a grid: evenly spaced, or at equal steps of probability."""
     count = cast("int", getattr(factor, "points", None))
     if not isinstance(factor, Spread):
         return cast("NDArray[Any]", quantiles(factor, (np.arange(count) + 0.5) / count))
@@ -28,20 +28,13 @@ def spread(factor: StudyFactor) -> NDArray[Any]:
     if factor.scale == "log":
         values = np.geomspace(float(start), float(stop), count)
     else:
-        whole = _whole_numbers(start, stop, count)
-        if whole is not None:
-            return whole
+        step = (stop.exact - start.exact) / max(1, count - 1)
+        whole = start.exact.denominator == step.denominator == 1
+        if whole and abs(start.exact) <= 2**53:  # seeds, sizes, numbers of modes
+            return np.array([int(start.exact + step * place) for place in range(count)], dtype=np.int64)
         values = np.linspace(float(start), float(stop), count)
     values[[0, -1]] = float(start), float(stop) if count > 1 else float(start)
     return values
-
-
-def _whole_numbers(start: Quantity, stop: Quantity, count: int) -> NDArray[np.int64] | None:
-    """Return the values of a range as whole numbers where all of them are: seeds, sizes and modes."""
-    step = (stop.exact - start.exact) / max(1, count - 1)
-    if start.exact.denominator != 1 or step.denominator != 1 or abs(start.exact) > 2**53:
-        return None
-    return np.array([int(start.exact + step * place) for place in range(count)], dtype=np.int64)
 
 
 def quantiles(factor: StudyFactor, unit: NDArray[np.float64]) -> NDArray[Any] | Sequence[Any]:
@@ -50,7 +43,7 @@ def quantiles(factor: StudyFactor, unit: NDArray[np.float64]) -> NDArray[Any] | 
     Parameters
     ----------
     factor
-        A distribution; a range counts as one that is uniform, on its own scale; values are equally likely.
+        A distribution; a range is uniform on its scale; listed values are equally likely.
     unit
         Probabilities strictly between 0 and 1.
     """
@@ -65,7 +58,10 @@ def quantiles(factor: StudyFactor, unit: NDArray[np.float64]) -> NDArray[Any] | 
             return low + np.minimum((unit * (high - low + 1)).astype(np.int64), high - low)
         return _between(float(factor.low), float(factor.high), unit, factor.distribution == "loguniform")
     if isinstance(factor, Triangular):
-        return _triangular(float(factor.low), float(factor.mode), float(factor.high), unit)
+        left, mode, right = float(factor.low), float(factor.mode), float(factor.high)
+        below = left + np.sqrt(unit * (right - left) * (mode - left))
+        above = right - np.sqrt((1 - unit) * (right - left) * (right - mode))
+        return np.where(unit * (right - left) < mode - left, below, above)
     return _normal(factor, unit)
 
 
@@ -77,20 +73,13 @@ def _between(low: float, high: float, unit: NDArray[np.float64], log: bool) -> N
     return low + unit * (high - low)
 
 
-def _triangular(low: float, mode: float, high: float, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-    width, rising = high - low, mode - low
-    below = low + np.sqrt(unit * width * rising)
-    above = high - np.sqrt((1 - unit) * width * (high - mode))
-    return np.where(unit * width < rising, below, above)
-
-
 def _normal(factor: Normal, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quantiles of a Gaussian or lognormal distribution, cut off where it is."""
+    """Return quantiles of a Gaussian or lognormal distribution, truncated at its bounds."""
     from scipy.special import ndtr, ndtri
 
     mean, std = float(factor.mean), float(factor.std)
     log = factor.distribution == "lognormal"
-    if log:  # mean and deviation of the logarithm, from those of the value itself
+    if log:  # mean and deviation of the logarithm, from those of the value
         variance = math.log1p((std / mean) ** 2)
         mean, std = math.log(mean) - variance / 2, math.sqrt(variance)
 
@@ -103,7 +92,7 @@ def _normal(factor: Normal, unit: NDArray[np.float64]) -> NDArray[np.float64]:
         return (value - mean) / std
 
     low, high = score(factor.low, -math.inf), score(factor.high, math.inf)
-    if low > 0:  # in the upper tail probabilities are close to 1: count them from above
+    if low > 0:  # probabilities of the upper tail, close to 1, would lose digits
         scores = -ndtri(ndtr(-low) + unit * (ndtr(-high) - ndtr(-low)))
     else:
         scores = ndtri(ndtr(low) + unit * (ndtr(high) - ndtr(low)))
@@ -114,7 +103,7 @@ def _normal(factor: Normal, unit: NDArray[np.float64]) -> NDArray[np.float64]:
 def unit_samples(
     method: str, count: int, factors: int, seed: int, indices: bool = False
 ) -> NDArray[np.float64]:
-    """Return points of the unit cube (samples x factors), strictly inside it.
+    """Return points inside the unit cube (samples x factors).
 
     Parameters
     ----------
@@ -122,13 +111,13 @@ def unit_samples(
         `random`, `latin-hypercube` (one point at random in each of `count` strata of each factor) or `sobol`
         (scrambled; a power of two is balanced).
     count
-        How many.
+        Number of points.
     factors
-        Of how many dimensions.
+        Number of dimensions.
     seed
-        The same seed gives the same points.
+        Seed; equal seeds give equal points.
     indices
-        Saltelli's design instead, for Sobol indices: `count * (factors + 2)` points, the blocks A, B and, for
+        Return Saltelli's design for Sobol indices: `count * (factors + 2)` points, the blocks A, B and, for
         each factor i, A with its column i from B.
 
     References
@@ -144,7 +133,9 @@ def unit_samples(
         points = qmc.LatinHypercube(factors, rng=np.random.default_rng(seed)).random(count)
     elif indices:
         both = _sobol(count, 2 * factors, seed)
-        return _saltelli(both[:, :factors], both[:, factors:])
+        A, B = both[:, :factors], both[:, factors:]
+        mixed = [np.where(np.arange(factors) == factor, B, A) for factor in range(factors)]
+        return np.concatenate([A, B, *mixed])
     else:
         points = _sobol(count, factors, seed)
     return _inside(points)
@@ -160,39 +151,30 @@ def _sobol(count: int, factors: int, seed: int) -> NDArray[np.float64]:
     return _inside(points)
 
 
-def _saltelli(A: NDArray[np.float64], B: NDArray[np.float64]) -> NDArray[np.float64]:
-    mixed = []
-    for factor in range(A.shape[1]):
-        block = A.copy()
-        block[:, factor] = B[:, factor]
-        mixed.append(block)
-    return np.concatenate([A, B, *mixed])
-
-
 def _inside(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Keep away from the ends, which unbounded distributions have at infinity."""
+    """Clip probabilities to inside (0, 1): the ends of unbounded distributions are infinite."""
     return np.clip(points, 2.0**-54, 1 - 2.0**-53)
 
 
 def correlated(
     unit: NDArray[np.float64], pairs: Sequence[tuple[int, int, float]], strata: bool
 ) -> NDArray[np.float64]:
-    """Give points of the unit cube correlations of their normal scores.
+    """Return points of the unit cube whose normal scores have given correlations.
 
     Parameters
     ----------
     unit
         Independent points (samples x factors).
     pairs
-        Two factors and their correlation, each.
+        Pairs of factors with their correlation.
     strata
-        Whether the values of each factor are only put into another order (Iman & Conover), so that a Latin
-        hypercube stays one; else they are those of a Gaussian copula.
+        Reorder the values of each factor (Iman & Conover), which keeps a Latin hypercube; else use a Gaussian
+        copula.
 
     Raises
     ------
     UsageError
-        Where no distribution has these correlations.
+        If the correlation matrix is not positive definite.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""A study explained: its size, how its samples are run, and what they cost together."""
+"""Explanation of a study: its size, how its samples are run, and their total cost."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from collections.abc import Sequence
 from dynid.progress import report_progress
 from dynid.scene.batch import why_alone
 from dynid.scene.explanations.explanation import CostEstimate, Explanation, Fact, explain, file_kilobytes
-from dynid.scene.outcomes import SampleOutcome
 from dynid.study.executors.base import cores
 from dynid.study.packing import unpacked
 from dynid.study.plan import Plan
 from dynid.study.run import valid_samples
 from dynid.study.work import Job, run_chunk
 
-#: A sample that should take longer than this is not tried.
+#: Estimated time of a sample above which no sample is tried, s.
 _PROBE = 2.0
-#: Samples that are tried, after one that the others share its preparation with.
+#: Samples that are tried after the first, whose preparation they share.
 _TRIED = 4
 
 
@@ -27,15 +26,15 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     Parameters
     ----------
     plan
-        Its samples.
+        The plan of the study.
     target
-        The file that they would be written to; what it holds already is not done again.
+        The file to write; its finished samples are not run again.
 
     Returns
     -------
     Explanation
-        The scene's own causality or identifiability; the cost of all samples that are not finished. Where
-        one takes little, a few are run to measure it.
+        Causality or identifiability of the scene, and the cost of all samples that are not finished. If a
+        sample is fast, a few are run to measure their cost.
     """
     base = explain(plan.base)
     paths = list(plan.settings)
@@ -45,11 +44,11 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     )
     done = valid_samples(plan, target)
     facts = [
-        Fact("scene", f"{plan.attrs['base']} ({plan.base.kind}); what follows of it is at its own values"),
+        Fact("scene", f"{plan.attrs['base']} ({plan.base.kind}); what follows is at its own values"),
         Fact("samples", f"{plan.size:,} by {plan.attrs['method']} over {', '.join(plan.arrays)}"),
         Fact("finished", f"{done:,} of them, in {target}" if done else f"none in {target}"),
         Fact("batched", f"no, one by one: {reason}" if reason else "yes, samples share their preparation"),
-        Fact("processes", f"{cores()}: one a core, unless --workers or --scheduler says otherwise"),
+        Fact("processes", f"{cores()}: one per core, unless --workers or --scheduler is given"),
         *base.facts,
     ]
     if base.cost is None:
@@ -66,16 +65,12 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     return Explanation(base.result, facts, cost)
 
 
-def _numbers(outcome: SampleOutcome) -> float:
-    return sum(value.data.nbytes for value in outcome.values.values()) / 8
-
-
 def _sample(plan: Plan, alone: CostEstimate, numbers: Sequence[int]) -> tuple[float, float, float]:
-    """Return seconds of the first sample beyond those of any other, of another, and kilobytes of each."""
+    """Return the preparation time (s), the time of a sample (s) and its size in the file (kB)."""
     if alone.seconds > _PROBE:
         return 0.0, alone.seconds, alone.kilobytes / 10
     report_progress(f"trying {len(numbers)} samples")
-    job = Job.of(plan.base, plan.collect, len(numbers))  # what repays over the whole study is not compiled
+    job = Job.of(plan.base, plan.collect, len(numbers))  # of a few samples, so that nothing is compiled
     began = time.thread_time()
     outcomes = [run_chunk(job, plan.overrides(numbers[:1])).outcomes]
     first = time.thread_time() - began
@@ -84,9 +79,13 @@ def _sample(plan: Plan, alone: CostEstimate, numbers: Sequence[int]) -> tuple[fl
         done = run_chunk(job, plan.overrides(numbers[1:]))
         outcomes.append(done.outcomes)
         each = done.seconds / (len(numbers) - 1)
-    gathered = max(_numbers(one) for part in outcomes for one in unpacked(part.content))
+    numbers_each = max(
+        sum(value.data.nbytes for value in outcome.values.values()) / 8
+        for part in outcomes
+        for outcome in unpacked(part.content)
+    )
     return (
         max(0.0, first - each),
         each,
-        file_kilobytes(0, gathered + 6 + len(plan.columns)) - file_kilobytes(0, 0),
+        file_kilobytes(0, numbers_each + 6 + len(plan.columns)) - file_kilobytes(0, 0),
     )

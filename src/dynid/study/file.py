@@ -1,13 +1,13 @@
-"""The HDF5 file of a study: sample-first arrays, from outcomes that are never in memory all at once.
+"""The HDF5 file of a study: sample-first arrays, written block by block, and its lock.
 
-`study/sample` numbers the samples; `study/samples/<path>` is what was varied; `study/results/<path>` what
-was gathered, where failed and pending samples are NaN (or an empty text); `study/status`, `study/error`,
-`study/exit_code`, `study/key` and `study/expect/<n>` tell of each sample; `study/statistics/<path>` sums the
-results up. Nothing under `study/` tells of a clock, a host or a duration.
+`study/sample` numbers the samples; `study/samples/<path>` are the inputs; `study/results/<path>` the outputs,
+NaN (or an empty text) for failed and pending samples; `study/status`, `study/error`, `study/exit_code`,
+`study/key` and `study/expect/<n>` are the status of each sample; `study/statistics/<path>` the statistics of
+the outputs. Nothing under `study/` depends on a clock, a host or a duration.
 
-Numbers and truth values are float64, so that what is missing can be NaN; the attribute `stored` keeps
-their own type. Arrays that differ in length from sample to sample are padded; the attribute `lengths`
-names the array of their lengths.
+Numbers and Booleans are float64, so that missing ones can be NaN; the attribute `stored` is their own type.
+Arrays whose length differs between samples are padded; the attribute `lengths` names the array of their
+lengths.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from dynid.errors import FileError, UsageError
 from dynid.result import Result, Scalar, Variable
 from dynid.scene.outcomes import SampleBlock, is_shared, row_of
 from dynid.store import hollow, write_blocks
-from dynid.study.analysis.statistics import computed, declare
+from dynid.study.analysis.sample_statistics import computed, declare
 from dynid.study.analysis.table import RESULTS, SAMPLES
 
 
 class StudyArray:
-    """Layout of one array of the results, known once all samples have been seen.
+    """Layout of one array of the results, complete when all samples have been added.
 
     Parameters
     ----------
     place
-        The row of the first sample that has it, and its place there.
+        The row of the first sample that has the array, and its place there.
     variable
-        What that has (without samples as an axis).
+        The array of that sample.
     """
 
     def __init__(self, path: str, place: tuple[int, int], variable: Variable) -> None:
@@ -51,11 +51,12 @@ class StudyArray:
         self.kinds: set[str] = set()
         self.shape = variable.data.shape
         self.ragged = False
-        # The values of a coordinate that all samples share, as far as each of them reaches.
-        self.shared: NDArray[Any] | None = variable.data if _is_coordinate(path, variable) else None
+        # Coordinates may be shared by all samples, whose own may be shorter.
+        is_coordinate = variable.dims == (path.rpartition("/")[2],)
+        self.shared: NDArray[Any] | None = variable.data if is_coordinate else None
 
-    def see(self, place: tuple[int, int], column: Variable) -> None:
-        """Take note of the values of samples."""
+    def add(self, place: tuple[int, int], column: Variable) -> None:
+        """Add the values of samples."""
         data, shape = column.data, column.data.shape[1:]
         self.kinds.add(data.dtype.kind)
         if place < self.place:
@@ -66,11 +67,15 @@ class StudyArray:
         if self.attrs != column.attrs:
             self.attrs = {key: value for key, value in self.attrs.items() if column.attrs.get(key) == value}
         if self.shared is not None:
-            self.shared = _common(self.shared, row_of(column, 0).data) if _is_one_row(data) else None
+            same = data == data[:1]
+            if data.dtype.kind in "fc":
+                same |= data != data  # NaN
+            one_row = is_shared(data) or bool(np.all(same))
+            self.shared = _common(self.shared, row_of(column, 0).data) if one_row else None
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The type that holds every value, and what stands for none."""
+        """The type that holds every value and the fill value."""
         if "O" in self.kinds:
             return np.dtype(object)
         return np.dtype(np.complex128 if "c" in self.kinds else np.float64)
@@ -82,29 +87,29 @@ class StudyArray:
 
     @property
     def lengths(self) -> str:
-        """The path of the lengths, where samples differ in length."""
+        """The path of the lengths of padded arrays."""
         return f"{self.path}_length"
 
 
 class Layout:
-    """The arrays of the results of a study, gathered from its outcomes in whatever order they come."""
+    """Layouts of the arrays of the results of a study, from its outcomes in any order."""
 
     def __init__(self) -> None:
         self._arrays: dict[tuple[str, tuple[str, ...], bool], StudyArray] = {}
         self.expectations = 0
 
-    def see(self, block: SampleBlock) -> None:
-        """Take note of what samples have."""
+    def add(self, block: SampleBlock) -> None:
+        """Add the arrays of samples."""
         self.expectations = max(self.expectations, block.met.shape[1])
         for number, (path, column) in enumerate(block.values.items()):
             place, kind = (int(block.rows[0]), number), _kind(path, column)
             if kind not in self._arrays:
                 self._arrays[kind] = StudyArray(path, place, row_of(column, 0))
-            self._arrays[kind].see(place, column)
+            self._arrays[kind].add(place, column)
 
     @cached_property
     def arrays(self) -> list[StudyArray]:
-        """All arrays, in the order of the samples, each under a name of its own."""
+        """All arrays, in the order of the samples, with unique names."""
         taken: set[str] = set()
         found = sorted(self._arrays.values(), key=lambda array: array.place)
         for array in found:
@@ -117,11 +122,11 @@ class Layout:
         return found
 
     def array(self, path: str, column: Variable) -> StudyArray:
-        """Return the array that values go to; other axes, or texts for numbers, make it another one."""
+        """Return the array for values; other axes, or texts instead of numbers, belong to another one."""
         return self._arrays[_kind(path, column)]
 
     def declare(self, result: Result, count: int) -> None:
-        """Add all arrays to a result, those with a row for each sample without values."""
+        """Add all arrays to a result, those with a row per sample still without values."""
         for array in self.arrays:
             place, attrs = f"{RESULTS}/{array.path}", dict(array.attrs)
             if array.shared is not None:
@@ -150,17 +155,8 @@ def _kind(path: str, column: Variable) -> tuple[str, tuple[str, ...], bool]:
     return path, column.dims, column.data.dtype.kind == "O"
 
 
-def _is_one_row(data: NDArray[Any]) -> bool:
-    same: Any = data == data[:1] if data.dtype.kind not in "fc" else (data == data[:1]) | (data != data)
-    return is_shared(data) or bool(np.all(same))
-
-
-def _is_coordinate(path: str, variable: Variable) -> bool:
-    return variable.dims == (path.rpartition("/")[2],)
-
-
 def _common(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any] | None:
-    """Return the longer of two coordinates where it begins like the other; else None."""
+    """Return the longer of two coordinates if the other is its beginning; else None."""
     longer, count = (a if len(a) >= len(b) else b), min(len(a), len(b))
     same = a.dtype == b.dtype and np.array_equal(a[:count], b[:count], equal_nan=a.dtype.kind in "fc")
     return longer if same else None
@@ -173,7 +169,7 @@ _STATUS = np.array(["pending", "done", "failed"], dtype=object)
 
 @dataclass(frozen=True)
 class Heading:
-    """Content of the file of a study beside the outcomes.
+    """Content of the file of a study except the outcomes.
 
     Parameters
     ----------
@@ -188,13 +184,13 @@ class Heading:
     numbers
         The number of each row's sample in the plan, from 0: all of them, or those of a shard.
     columns
-        What was varied, by path: a number or text for each row.
+        The inputs, by path: a number or text for each row.
     keys
         The key of each row's sample (rows x bytes).
     attrs
         Further attributes of the group `study`.
     folder
-        Where the files are that the scene names by relative paths.
+        Folder to which relative paths in the scene refer.
     """
 
     title: str
@@ -212,34 +208,34 @@ class Rows(Protocol):
     """Source of the outcomes of a study, row by row."""
 
     def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
-        """Yield the samples of rows start … stop - 1, in any order; what is pending does not come."""
+        """Yield the finished samples of rows start … stop - 1, in any order."""
 
 
 def write_study(
     path: str | os.PathLike[str], heading: Heading, outcomes: Rows, complete: bool = True
 ) -> None:
-    """Write the file of a study, whole or not at all.
+    """Write the file of a study, completely or not at all.
 
     Parameters
     ----------
     path
         The file; an existing one is replaced.
     heading
-        What it says beside the outcomes.
+        Its content except the outcomes.
     outcomes
-        The outcome of each row. They are gone through twice.
+        The outcome of each row; read twice.
     complete
-        Whether this is the end of the study.
+        All samples are finished.
 
     Raises
     ------
     FileError
-        When it cannot be written. An existing file is untouched then.
+        If the file cannot be written. An existing file is kept.
     """
     count, layout = len(heading.numbers), Layout()
     for start in range(0, count, _BLOCK_ROWS):
         for block in outcomes.between(start, min(start + _BLOCK_ROWS, count)):
-            layout.see(block)
+            layout.add(block)
     root: dict[str, Scalar] = {"scene": heading.text, "seed": heading.seed, "folder": heading.folder}
     result = Result("study", heading.title, root)
     result.add_axis("study/sample", heading.numbers)
@@ -258,7 +254,7 @@ def write_study(
 
 
 def _blocks(heading: Heading, layout: Layout, outcomes: Rows) -> Iterator[tuple[str, int, NDArray[Any]]]:
-    """Yield the rows of all arrays, as many at a time as memory shall hold."""
+    """Yield the rows of all arrays, a limited amount of memory at a time."""
     size = max(1, min(_BLOCK_ROWS, _BLOCK_BYTES // layout.row_bytes))
     for start in range(0, len(heading.numbers), size):
         stop = min(start + size, len(heading.numbers))
@@ -269,11 +265,13 @@ def _blocks(heading: Heading, layout: Layout, outcomes: Rows) -> Iterator[tuple[
 
 
 def _rows(layout: Layout, blocks: Iterator[SampleBlock], start: int, stop: int) -> dict[str, NDArray[Any]]:
-    """Return some rows of all arrays."""
+    """Return rows start … stop - 1 of all arrays, from their finished samples."""
     count = stop - start
     codes, errors = np.full(count, -1), np.full(count, "", dtype=object)
     met = np.zeros((layout.expectations, count), dtype=bool)
-    data, lengths = _blank(layout, count)
+    arrays = [array for array in layout.arrays if array.shared is None]
+    data = {array.path: np.full((count, *array.shape), array.blank, array.dtype) for array in arrays}
+    lengths = {array.path: np.zeros((count, len(array.shape)), np.int64) for array in arrays if array.ragged}
     for block in blocks:
         own = block.rows - start
         codes[own] = block.exit_codes if block.errors else 0
@@ -290,14 +288,6 @@ def _rows(layout: Layout, blocks: Iterator[SampleBlock], start: int, stop: int) 
     found |= {f"study/expect/{number}": column for number, column in enumerate(met)}
     found |= {f"{RESULTS}/{path}": rows for path, rows in data.items()}
     return found | {f"{RESULTS}/{path}_length": rows for path, rows in lengths.items()}
-
-
-def _blank(layout: Layout, count: int) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[np.int64]]]:
-    """Return rows without values of all arrays that have rows, and the lengths of those that are padded."""
-    arrays = [array for array in layout.arrays if array.shared is None]
-    data = {array.path: np.full((count, *array.shape), array.blank, array.dtype) for array in arrays}
-    ragged = [array for array in arrays if array.ragged]
-    return data, {array.path: np.zeros((count, len(array.shape)), np.int64) for array in ragged}
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A study as one table: a row for each sample."""
+"""Export of a study as one table with a row per sample."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from dynid.errors import UsageError
 from dynid.store.tables import ColumnKind, ExportTable, TableColumn, kind_of, split
 from dynid.study.analysis.table import SAMPLES, StudyTable
 
-#: Columns beyond which a row for each sample is no table any more.
+#: Most columns of the table.
 MOST_COLUMNS = 16_384
-_VALUES = 2**20  # values that are in memory at a time
+_VALUES = 2**20  # values in memory at a time
 _STATUS = np.array(["pending", "done", "failed"], dtype=object)
 _STORED: dict[str, ColumnKind] = {"bool": "truth", "int64": "integer"}
 
 
 def flat_table(table: StudyTable, name: str) -> ExportTable:
-    """Return a study as a table with a row for each sample.
+    """Return a study as a table with a row per sample.
 
     Parameters
     ----------
@@ -32,28 +32,33 @@ def flat_table(table: StudyTable, name: str) -> ExportTable:
     Returns
     -------
     ExportTable
-        Columns: the sample's number, its status, what was varied (by path in the scene), what was gathered
-        (by path in the result; every entry of an array with its labels: `path[label,…]`; complex numbers as
-        `.re` and `.im`), whether each expectation of the scene is met, and the error of a failed sample,
-        of which all results are missing.
+        Columns: number and status of the sample, inputs (by path in the scene), outputs (by path in the
+        result; every entry of an array with its labels: `path[label,…]`; complex numbers as `.re` and
+        `.im`), the expectations of the scene that are met, and the error of a failed sample, whose outputs
+        are missing.
 
     Raises
     ------
     UsageError
-        Where arrays are so long that no tool would read the row.
+        If the table would have more than `MOST_COLUMNS` columns.
     """
     fields = [TableColumn("sample", "integer"), TableColumn("status", "text")]
     fields += [TableColumn(path, kind_of(column.dtype)) for path, column in table.inputs.items()]
     for path in table.paths:
-        fields += _fields(table, path)
+        variable = table.variable(path)
+        parts = [".re", ".im"] if variable.dtype.kind == "c" else [""]
+        kind = _STORED.get(str(variable.attrs.get("stored")), kind_of(variable.dtype))
+        fields += [
+            TableColumn(f"{entry}{part}", kind, variable.units)
+            for entry, _ in table.entries(path)
+            for part in parts
+        ]
     count = sum(path.startswith("study/expect/") for path in table.result)
     fields += [TableColumn(f"expect[{number + 1}]", "truth") for number in range(count)]
     fields.append(TableColumn("error", "text"))
     if len(fields) > MOST_COLUMNS:
-        problem = f"a row for each sample would have {len(fields):,} columns"
-        raise UsageError(
-            problem, remedy="Export with --long: one table for each group, a row for each entry."
-        )
+        problem = f"the table of samples would have {len(fields):,} columns"
+        raise UsageError(problem, remedy="Export with --long: one table per group, one row per entry.")
 
     def batches() -> Iterator[list[NDArray[Any]]]:
         step = max(1, _VALUES // len(fields))
@@ -61,18 +66,6 @@ def flat_table(table: StudyTable, name: str) -> ExportTable:
             yield _rows(table, start, start + step, count)
 
     return ExportTable(name, tuple(fields), batches, {"kind": "study", "title": table.result.title})
-
-
-def _fields(table: StudyTable, path: str) -> list[TableColumn]:
-    variable = table.variable(path)
-    if variable.dtype.kind == "c":
-        return [
-            TableColumn(f"{name}.{part}", "number", variable.units)
-            for name, _ in table.entries(path)
-            for part in ("re", "im")
-        ]
-    kind = _STORED.get(str(variable.attrs.get("stored")), kind_of(variable.dtype))
-    return [TableColumn(name, kind, variable.units) for name, _ in table.entries(path)]
 
 
 def _rows(table: StudyTable, start: int, stop: int, expectations: int) -> list[NDArray[Any]]:

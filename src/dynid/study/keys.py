@@ -1,8 +1,8 @@
-"""Keys of samples: what they would compute, as a hash.
+"""Keys of samples: hashes of all that their outcomes depend on.
 
-Two samples with one key give the same outcome, whatever study they are in and whatever it is called: the
-key covers the scene with the sample's values in place, the contents of every file that it names, what is
-gathered, and the version of this format, which rises whenever the same scene would give other numbers.
+Samples with equal keys have equal outcomes, in any study: the key covers the scene with the values of the
+sample, the contents of every file that it names, the outputs to collect, and the version of this format,
+which increases when the same scene would give other numbers.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from dynid.study.plan import Plan
 
 FORMAT = 1
-SIZE = 16  # bytes: of 10^7 samples two share a key by chance once in 10^24 studies
+SIZE = 16  # bytes: the probability of equal keys of any two of 10^7 samples is 10^-24
 _CHUNK = 2**20
-_SAMPLES = 4096  # whose values are in memory as text at a time
+_SAMPLES = 4096  # samples whose values are in memory as text at a time
 
 Keys = NDArray[np.uint8]
 """Keys of samples (samples x bytes)."""
 
 
 class Keyring:
-    """Makes the keys of one plan's samples.
+    """Factory of the keys of the samples of a plan.
 
     The scene is written as text once, with gaps where samples differ.
 
@@ -49,18 +49,19 @@ class Keyring:
         data = dict(set_values(plan.base.source, gaps).data)
         data.pop("title", None)  # it changes no number
         document = {"format": FORMAT, "collect": sorted(plan.collect), "scene": data}
-        text = _canonical(document)
-        pieces, order = _split(text, plan.settings)
-        self._places = [plan.settings.index(path) for path in order]
-        self._order = order
+        first, *parts = _canonical(document).split('"\\u0000')
+        gaps_and_pieces = [part.partition('\\u0000"') for part in parts]
+        self._places = [int(gap) for gap, _, _ in gaps_and_pieces]  # of the paths in the plan, one per gap
+        self._order = [plan.settings[place] for place in self._places]
         files = _files(self._folder, _texts(data))
         self._common = hashlib.sha256(b"".join(self._digest(file) for file in files))
-        self._common.update(pieces[0].encode())
-        self._form = b"%s".join(piece.encode().replace(b"%", b"%%") for piece in ("", *pieces[1:]))
+        self._common.update(first.encode())
+        pieces = [piece.encode().replace(b"%", b"%%") for _, _, piece in gaps_and_pieces]
+        self._form = b"%s".join([b"", *pieces])
 
     def key(self, override: dict[str, Any]) -> bytes:
         """Return the key of a sample."""
-        return self._made([self._told(override[path]) for path in self._order])
+        return self._hashed([self._encoded(override[path]) for path in self._order])
 
     def keys(self, columns: Sequence[Sequence[Any]], count: int) -> Keys:
         """Return the keys of samples.
@@ -68,29 +69,29 @@ class Keyring:
         Parameters
         ----------
         columns
-            For each path that is set, in the order of the plan, the values of the samples.
+            The values of the samples, for each path that is set, in the order of the plan.
         count
-            How many samples there are.
+            Number of samples.
         """
-        told = [[self._told(value) for value in columns[place]] for place in self._places]
-        rows = zip(*told, strict=True) if told else iter([()] * count)
-        made = b"".join(self._made(row) for row in rows)
+        columns_encoded = [[self._encoded(value) for value in columns[place]] for place in self._places]
+        rows = zip(*columns_encoded, strict=True) if columns_encoded else iter([()] * count)
+        made = b"".join(self._hashed(row) for row in rows)
         return np.frombuffer(made, np.uint8).reshape(count, SIZE)
 
-    def _made(self, told: Sequence[bytes]) -> bytes:
+    def _hashed(self, encoded: Sequence[bytes]) -> bytes:
         made = self._common.copy()
-        made.update(self._form % tuple(told))
+        made.update(self._form % tuple(encoded))
         return made.digest()[:SIZE]
 
-    def _told(self, value: Any) -> bytes:
-        """Return a value as text, and after it the hashes of the files that it names."""
+    def _encoded(self, value: Any) -> bytes:
+        """Return a value as text, followed by the hashes of the files that it names."""
         if type(value) is float and isfinite(value):
             return repr(value).encode()
         digests = [self._digest(file) for file in _files(self._folder, _texts(value))]
         return b"".join([_canonical(value).encode(), *digests])
 
     def _digest(self, file: Path) -> bytes:
-        """Return the hash of a file's contents; of one that cannot be read, of its name alone."""
+        """Return the hash of a file's contents; of its name, if it cannot be read."""
         name = str(file)
         if name not in self._digests:
             made = hashlib.sha256()
@@ -114,7 +115,7 @@ def sample_keys(plan: Plan, numbers: Sequence[int] | NDArray[np.int64]) -> Keys:
 
 
 def found_in(known: Keys, wanted: Keys) -> NDArray[np.int64]:
-    """Return where the last of the known keys stands that is the wanted one; -1 where there is none."""
+    """Return the last index of each wanted key among the known ones; -1 if it is not there."""
     if not len(known):
         return np.full(len(wanted), -1, dtype=np.int64)
     order = np.argsort(as_texts(known), kind="stable")
@@ -125,7 +126,7 @@ def found_in(known: Keys, wanted: Keys) -> NDArray[np.int64]:
 
 
 def as_texts(keys: Keys) -> NDArray[np.bytes_]:
-    """Return keys in a form that has an order."""
+    """Return keys as byte strings, which can be sorted."""
     texts: NDArray[np.bytes_] = np.ascontiguousarray(keys).view(f"S{SIZE}").reshape(len(keys))
     return texts
 
@@ -135,23 +136,12 @@ def _canonical(value: Any) -> str:
 
 
 def _with_text_keys(value: Any) -> Any:
-    """Give keys of mappings that are numbers a form of their own, which texts do not have."""
+    """Return data with numeric keys of mappings as texts that no text key equals."""
     if isinstance(value, dict):
         return {
             key if isinstance(key, str) else f"\1{key}": _with_text_keys(one) for key, one in value.items()
         }
     return [_with_text_keys(one) for one in value] if isinstance(value, list) else value
-
-
-def _split(text: str, paths: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Split a text at its gaps; return the pieces and which path stands between each two."""
-    parts = text.split('"\\u0000')
-    pieces, order = [parts[0]], []
-    for part in parts[1:]:
-        number, _, rest = part.partition('\\u0000"')
-        order.append(paths[int(number)])
-        pieces.append(rest)
-    return pieces, order
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -168,7 +158,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _files(folder: Path, texts: Iterator[str]) -> list[Path]:
-    """Return what texts name files, in one order."""
+    """Return the files that texts name, sorted."""
     found = set()
     for text in texts:
         try:

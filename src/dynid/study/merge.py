@@ -1,4 +1,4 @@
-"""The shards of a study into one file."""
+"""Merge of the shards of a study into one file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynid.errors import UsageError
 from dynid.number_format import counted
 from dynid.scene.outcomes import SampleBlock
 from dynid.study.file import Heading, locked, write_study
-from dynid.study.keys import Keys, found_in
+from dynid.study.keys import found_in
 from dynid.study.run import finished_keys
 from dynid.study.stored import StudyFile, open_study
 
@@ -29,12 +29,12 @@ def merge_studies(
     *,
     force: bool = False,
 ) -> int:
-    """Write one file out of the shards of a study, the same as if it had been run in one piece.
+    """Merge the shards of a study into one file, equal to that of the study run in one piece.
 
     Parameters
     ----------
     files
-        The shards, in any order; where two have the same sample, the one that is finished counts.
+        The shards, in any order; of equal samples, the finished one is used.
     target
         The file to write.
     partial
@@ -50,67 +50,50 @@ def merge_studies(
     Raises
     ------
     UsageError
-        When the files are not of one study, samples are missing, or finished samples of the target would
-        be lost.
+        If the files are not of one study, samples are missing, or finished samples of the target would be
+        lost.
     FileError
-        When a file cannot be read or written, or the target is no file of a study.
+        If a file cannot be read or written, or the target is no file of a study.
     """
     with ExitStack() as stack:
         stack.enter_context(locked(os.fspath(target)))
         studies = [stack.enter_context(open_study(file)) for file in files]
-        _check_same(studies, files)
+        about = [study.result.group_attrs["study"] for study in studies]
+        for own, file in zip(about, files, strict=True):
+            if own["plan"] != about[0]["plan"]:
+                problem = f"{os.fspath(file)} is of another study than {os.fspath(files[0])}"
+                raise UsageError(problem, remedy="Merge the shards of one study, run from the same scenes.")
         rows = _Rows(studies)
-        size = int(studies[0].result.group_attrs["study"]["size"])
-        missing = _missing(rows, size)
+        size = int(about[0]["size"])
+        missing = np.setdiff1d(np.arange(size), rows.numbers[rows.finished])
         if len(missing) and not partial:
+            listed = ", ".join(map(str, missing[:5])) + (", …" if len(missing) > 5 else "")
             raise UsageError(
-                f"{len(missing)} of {size} samples are finished in none of the files: {_listed(missing)}",
+                f"{len(missing)} of {size} samples are finished in none of the files: {listed}",
                 remedy="Run their shards, or merge what there is with --partial.",
             )
         heading = rows.heading()
-        if not force:
-            _refuse_loss(os.fspath(target), heading.keys[rows.finished])
+        if not force and Path(target).exists():
+            keys = heading.keys[rows.finished]
+            lost = int(np.sum(found_in(keys, finished_keys(os.fspath(target))) < 0))
+            if lost:
+                raise UsageError(
+                    f"{os.fspath(target)} holds {counted(lost, 'finished sample')} that "
+                    f"{'is' if lost == 1 else 'are'} in none of the files, and would be lost",
+                    remedy="Write another file with -o, or discard them with --force.",
+                    names=[os.fspath(target)],
+                )
         write_study(target, heading, rows, complete=not len(missing))
         return len(rows.numbers)
 
 
-def _check_same(studies: Sequence[StudyFile], files: Sequence[str | os.PathLike[str]]) -> None:
-    first = studies[0].result.group_attrs["study"]["plan"]
-    for study, file in zip(studies, files, strict=True):
-        if study.result.group_attrs["study"]["plan"] != first:
-            problem = f"{os.fspath(file)} is of another study than {os.fspath(files[0])}"
-            raise UsageError(problem, remedy="Merge the shards of one study, run from the same scenes.")
-
-
-def _refuse_loss(target: str, keys: Keys) -> None:
-    """Refuse to replace finished samples of the target that are not among the merged ones."""
-    if not Path(target).exists():
-        return
-    lost = int(np.sum(found_in(keys, finished_keys(target)) < 0))
-    if lost:
-        raise UsageError(
-            f"{target} holds {counted(lost, 'finished sample')} that {'is' if lost == 1 else 'are'} in none "
-            "of the files, and would be lost",
-            remedy="Write another file with -o, or discard them with --force.",
-            names=[target],
-        )
-
-
-def _missing(rows: _Rows, size: int) -> NDArray[np.int64]:
-    return np.setdiff1d(np.arange(size), rows.numbers[rows.finished])
-
-
-def _listed(numbers: NDArray[np.int64]) -> str:
-    return ", ".join(map(str, numbers[:5])) + (", …" if len(numbers) > 5 else "")
-
-
 class _Rows:
-    """The outcomes of several files, in the order of the plan."""
+    """Outcomes of several files, in the order of the plan."""
 
     def __init__(self, studies: Sequence[StudyFile]) -> None:
         self.studies = studies
         numbers = np.concatenate([study.numbers for study in studies])
-        # Of several that have a sample, what is done counts before what failed, and that before the rest.
+        # Of several files with a sample, a done one is preferred to a failed one, that to a pending one.
         ranks = np.concatenate([_RANKS[np.sign(study.exit_codes) + 1] for study in studies])
         holders = np.repeat(np.arange(len(studies)), [len(study) for study in studies])
         order = np.lexsort((holders, ranks, numbers))
@@ -124,7 +107,7 @@ class _Rows:
         )
 
     def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
-        """Yield the samples of rows start … stop - 1, file by file."""
+        """Yield the finished samples of rows start … stop - 1, file by file."""
         for holder, study in enumerate(self.studies):
             own = start + np.flatnonzero(self._holders[start:stop] == holder)
             if len(own):
@@ -135,7 +118,7 @@ class _Rows:
                         yield block.taken(places, own[wanted])
 
     def heading(self) -> Heading:
-        """Return what the files say beside the outcomes."""
+        """Return the content of the files except the outcomes."""
         first = self.studies[0].result
         columns = [study.columns() for study in self.studies]
         return Heading(

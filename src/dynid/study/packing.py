@@ -1,8 +1,8 @@
-"""Outcomes as bytes: what goes from a worker to the study, and into its journal as it is.
+"""Outcomes as bytes, as workers send them and the journal stores them.
 
-The length of the heading (little-endian, 4 bytes), the heading (JSON: the arrays of each block, texts), and
-for each block the numbers of its samples (int32), what of the expectations they meet (bytes) and its arrays.
-An array whose rows are all the same is there as one row.
+The format: the length of the heading (little-endian, 4 bytes), the heading (JSON: the arrays of each block,
+texts), and for each block the numbers of its samples (int32), the expectations that they meet (one byte
+each), and its arrays. An array with equal rows is stored as one row.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Packed:
     Parameters
     ----------
     exit_codes
-        One byte a sample.
+        One byte per sample.
     content
-        All else.
+        Everything else.
     """
 
     exit_codes: bytes
@@ -48,7 +48,7 @@ class Packed:
 
 
 def packed(outcomes: SampleOutcomes) -> Packed:
-    """Return outcomes, none of which is pending, as bytes."""
+    """Return outcomes, none of them pending, as bytes."""
     pieces: list[bytes] = []
     heading = {"count": len(outcomes), "blocks": [_packed(block, pieces) for block in outcomes.blocks]}
     text = json.dumps(heading, separators=(",", ":"), default=lambda value: value.item()).encode()
@@ -56,7 +56,7 @@ def packed(outcomes: SampleOutcomes) -> Packed:
 
 
 def unpacked(content: bytes) -> SampleOutcomes:
-    """Return outcomes from bytes, their arrays being parts of these bytes."""
+    """Return outcomes from bytes; their arrays are views of these bytes."""
     (length,) = _LENGTH.unpack_from(content)
     begin = _LENGTH.size + length
     heading = json.loads(content[_LENGTH.size : begin])
@@ -81,18 +81,18 @@ def _packed(block: SampleBlock, pieces: list[bytes]) -> dict[str, Any]:
 
 
 def _is_one_row(data: NDArray[Any]) -> bool:
-    """Tell whether all rows are the same, to the bit."""
+    """Return whether all rows are equal, bit by bit."""
     if is_shared(data) or len(data) == 1:
         return True
     if data.dtype.kind == "O":
         return bool(np.all(data == data[:1]))
     rows = np.ascontiguousarray(data).view(np.uint8).reshape(len(data), -1)
-    # Most arrays differ in their second row already.
+    # Most arrays already differ in their second row.
     return bool(np.array_equal(rows[0], rows[1]) and np.all(rows == rows[:1]))
 
 
 class _Reader:
-    """Takes arrays from bytes, one after the other."""
+    """Reader of successive arrays from bytes."""
 
     def __init__(self, content: bytes, begin: int) -> None:
         self.content, self.place = content, begin
@@ -107,18 +107,15 @@ def _unpacked(heading: dict[str, Any], reader: _Reader) -> SampleBlock:
     count = heading["samples"]
     rows = reader.take("<i4", count).astype(np.intp)
     met = reader.take("?", count, heading["met"])
-    values = {path: _variable(count, given, reader) for path, *given in heading["arrays"]}
+    values = {}
+    for path, dims, units, attrs, kind, shape, *texts in heading["arrays"]:
+        data: NDArray[Any]
+        if texts:
+            data = np.empty(len(texts[0]), dtype=object)
+            data[:] = texts[0]
+            data = data.reshape(shape)
+        else:
+            data = reader.take(kind, *shape)
+        values[path] = Variable(("sample", *dims), np.broadcast_to(data, (count, *shape[1:])), units, attrs)
     errors, codes = (tuple(heading.get(what, ())) for what in ("errors", "exit_codes"))
     return SampleBlock(rows, values, met, errors, codes)
-
-
-def _variable(count: int, given: list[Any], reader: _Reader) -> Variable:
-    dims, units, attrs, kind, shape, *texts = given
-    data: NDArray[Any]
-    if texts:
-        data = np.empty(len(texts[0]), dtype=object)
-        data[:] = texts[0]
-        data = data.reshape(shape)
-    else:
-        data = reader.take(kind, *shape)
-    return Variable(("sample", *dims), np.broadcast_to(data, (count, *shape[1:])), units, attrs)

@@ -1,30 +1,34 @@
-"""The plan of a study: from what varies, and how it is sampled, to the values of every sample."""
+"""Plan of a study: the values of every sample, sampled or derived by expressions."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import SceneError
 from dynid.result import Scalar
+from dynid.scene.arithmetic.expression import Expression, parse
 from dynid.scene.kinds.study import base_scene, study_model
-from dynid.scene.schema.study import Listed, grid_groups, paths_of
-from dynid.study.derived import derived_columns
+from dynid.scene.schema.raw import mapping, written_key
+from dynid.scene.schema.study import Listed, grid_groups, known_names, paths_of
 from dynid.study.designs import correlated, quantiles, spread, unit_samples
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
-    from dynid.scene.schema.study import StudyFactor, StudyScene
+    from dynid.scene.schema.study import StudyScene
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Every sample of a study, in order.
+    """Plan of a study: all samples, in order.
 
     Parameters
     ----------
@@ -33,13 +37,13 @@ class Plan:
     base
         The scene that it varies.
     columns
-        What was varied or derived, by path or name: a value for each sample.
+        Varied and derived values, by path or name: one for each sample.
     settings
-        The paths among them that are set in the scene; the rest are there to be read.
+        The paths among them that are set in the scene.
     size
         The number of samples.
     attrs
-        How the samples came about: attributes of the group `study`.
+        Attributes of the group `study`: method, design, size.
     """
 
     study: Scene
@@ -61,22 +65,22 @@ class Plan:
 
     @property
     def collect(self) -> tuple[str, ...]:
-        """Paths that are gathered from each result."""
+        """Paths that are collected from each result."""
         return tuple(study_model(self.study).collect)
 
     def override(self, number: int) -> dict[str, Any]:
-        """Return what a sample sets in the scene, by dotted path."""
+        """Return the values that a sample sets in the scene, by dotted path."""
         return {path: _plain(self.columns[path][number]) for path in self.settings}
 
     def overrides(self, numbers: Sequence[int] | NDArray[np.int64]) -> list[dict[str, Any]]:
-        """Return what samples set in the scene."""
+        """Return the values that samples set in the scene, as by `override`."""
         if not self.settings:
             return [{} for _ in numbers]
         columns = [self.values(path, numbers) for path in self.settings]
         return [dict(zip(self.settings, row, strict=True)) for row in zip(*columns, strict=True)]
 
     def values(self, path: str, numbers: Sequence[int] | NDArray[np.int64]) -> list[Any]:
-        """Return what samples have at a path."""
+        """Return the values of samples at a path."""
         column = self.columns[path]
         if isinstance(column, np.ndarray):
             values: list[Any] = column[np.asarray(numbers)].tolist()
@@ -102,31 +106,56 @@ def _plain(value: Any) -> Any:
 
 
 def make_plan(study: Scene) -> Plan:
-    """Work out every sample of a study.
+    """Return the plan of a study, with the values of every sample.
 
     Raises
     ------
     FileError, SceneError
-        Where the scene that it varies cannot be read, or is at fault.
+        If the scene that it varies cannot be read, or has faults.
     """
     model, base = study_model(study), base_scene(study)
-    columns, size, attrs = _sampled(model)
+    factors, size, attrs = _sampled(model)
+    columns: dict[str, Any] = {}
+    for key, values in factors.items():
+        paths = paths_of(key)
+        if len(paths) == 1:
+            columns[paths[0]] = values
+        else:
+            columns |= {path: [value[place] for value in values] for place, path in enumerate(paths)}
     settings = [*columns, *(target for target in model.derive if "." in target)]
     columns |= derived_columns(study, base, columns, size)
     return Plan(study, base, columns, tuple(settings), size, {**attrs, "size": size, "base": model.scene})
 
 
-def _sampled(model: StudyScene) -> tuple[dict[str, Any], int, dict[str, Scalar]]:
-    """Return the values of every path that varies, their number, and how they came about."""
+def _sampled(
+    model: StudyScene,
+) -> tuple[Mapping[str, Sequence[Any] | NDArray[Any]], int, dict[str, Scalar]]:
+    """Return the values of every factor, their number, and the attributes of the sampling."""
     sampling = model.sampling
-    attrs: dict[str, Scalar] = {"method": sampling.method, "varied": "\n".join(_each_path(model))}
-    if sampling.method == "grid":
-        places, size = _grid_places(model)
-        picked = {key: _take(_listed(factor), places[key]) for key, factor in model.vary.items()}
-        return _by_path(picked), size, attrs
-    if sampling.method == "list":
-        picked = {key: _listed(factor) for key, factor in model.vary.items()}
-        return _by_path(picked), len(next(iter(picked.values()))), attrs
+    varied = "\n".join(path for key in model.vary for path in paths_of(key))
+    attrs: dict[str, Scalar] = {"method": sampling.method, "varied": varied}
+    if sampling.method in ("grid", "list"):
+        listed = {
+            key: factor.values if isinstance(factor, Listed) else spread(factor)
+            for key, factor in model.vary.items()
+        }
+        if sampling.method == "list":
+            return listed, len(next(iter(listed.values()))), attrs
+        groups = grid_groups(model)  # the last one varies fastest
+        lengths = [len(listed[group[0]]) for group in groups]
+        size = int(np.prod(lengths, dtype=np.int64))
+        places = np.unravel_index(np.arange(size), lengths)
+        place_of = {key: place for group, place in zip(groups, places, strict=True) for key in group}
+        return (
+            {
+                key: values[place_of[key]]
+                if isinstance(values, np.ndarray)
+                else [values[place] for place in place_of[key]]
+                for key, values in listed.items()
+            },
+            size,
+            attrs,
+        )
     count = sampling.samples or 0
     unit = unit_samples(sampling.method, count, len(model.vary), sampling.seed, sampling.indices)
     keys = list(model.vary)
@@ -136,40 +165,103 @@ def _sampled(model: StudyScene) -> tuple[dict[str, Any], int, dict[str, Scalar]]
     unit = correlated(unit, pairs, strata=sampling.method == "latin-hypercube")
     if sampling.indices:
         attrs |= {"design": "saltelli", "base_samples": count, "factors": "\n".join(keys)}
-    picked = {key: quantiles(model.vary[key], unit[:, place]) for place, key in enumerate(keys)}
-    return _by_path(picked), len(unit), attrs
+    drawn = {key: quantiles(model.vary[key], unit[:, place]) for place, key in enumerate(keys)}
+    return drawn, len(unit), attrs
 
 
-def _grid_places(model: StudyScene) -> tuple[dict[str, NDArray[np.int64]], int]:
-    """Return for each key the number of its value in every sample; the last group varies fastest."""
-    groups = grid_groups(model)
-    lengths = [len(_listed(model.vary[group[0]])) for group in groups]
-    size = int(np.prod(lengths, dtype=np.int64))
-    places = np.unravel_index(np.arange(size), lengths)
-    return {key: place for group, place in zip(groups, places, strict=True) for key in group}, size
+#: NumPy functions of the operators of expressions.
+_OPERATIONS: dict[str, Any] = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "**": np.power,
+    "neg": np.negative,
+    "pos": np.positive,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "abs": np.abs,
+    "min": lambda *values: np.minimum.reduce(np.broadcast_arrays(*values)),
+    "max": lambda *values: np.maximum.reduce(np.broadcast_arrays(*values)),
+}
 
 
-def _listed(factor: StudyFactor) -> Sequence[Any] | NDArray[Any]:
-    """Return the values of a factor on a grid or in a list."""
-    return factor.values if isinstance(factor, Listed) else spread(factor)
+def derived_columns(
+    study: Scene, base: Scene, columns: Mapping[str, Any], size: int
+) -> dict[str, NDArray[np.float64]]:
+    """Evaluate the `derive` of a study for every sample.
+
+    Parameters
+    ----------
+    study
+        The study.
+    base
+        The scene that it varies; expressions may use its parameters, with their values in each sample.
+    columns
+        The varied values, by path.
+    size
+        The number of samples.
+
+    Raises
+    ------
+    SceneError
+        If expressions refer to each other in a circle, or to a value that is no number.
+    """
+    return _Columns(study, base, columns, size).all()
 
 
-def _take(values: Sequence[Any] | NDArray[Any], places: NDArray[np.int64]) -> Sequence[Any] | NDArray[Any]:
-    return values[places] if isinstance(values, np.ndarray) else [values[place] for place in places]
+class _Columns:
+    """Columns by path or name, evaluated on demand."""
 
+    def __init__(self, study: Scene, base: Scene, columns: Mapping[str, Any], size: int) -> None:
+        self.study = study
+        self.model = study_model(study)
+        self.base = base
+        self.size = size
+        self.known: dict[str, Any] = dict(columns)
+        self.names = known_names(self.model, mapping(base.source.data, "parameters"))
+        self._open: list[str] = []  # paths in evaluation
 
-def _by_path(picked: Mapping[str, Sequence[Any] | NDArray[Any]]) -> dict[str, Any]:
-    """Give the values of several paths under one key to each of them."""
-    columns: dict[str, Any] = {}
-    for key, values in picked.items():
-        paths = paths_of(key)
-        if len(paths) == 1:
-            columns[paths[0]] = values
-        else:
-            columns |= {path: [value[place] for value in values] for place, path in enumerate(paths)}
-    return columns
+    def all(self) -> dict[str, NDArray[np.float64]]:
+        return {
+            target: np.array(np.broadcast_to(self._column(target), (self.size,)))
+            for target in self.model.derive
+        }
 
+    def _column(self, path: str) -> Any:
+        if path in self._open:
+            raise self._refused(f"it is defined by itself: {' -> '.join([*self._open, path])}")
+        if path not in self.known:
+            self._open.append(path)
+            if path in self.model.derive:
+                self.known[path] = self._value(parse(self.model.derive[path]), self.names)
+            else:  # a parameter of the scene
+                parameters = mapping(self.base.source.data, "parameters")
+                raw = parameters[written_key(parameters, path.removeprefix("parameters."))]
+                own = {str(name): f"parameters.{name}" for name in parameters}
+                self.known[path] = self._value(parse(raw), own) if isinstance(raw, str) else float(raw)
+            self._open.pop()
+        values = self.known[path]
+        if not isinstance(values, np.ndarray | float):
+            if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
+                raise self._refused(f"{path} is not a number in every sample")
+            values = self.known[path] = np.array(values, dtype=float)
+        return values
 
-def _each_path(model: StudyScene) -> Iterator[str]:
-    for key in model.vary:
-        yield from paths_of(key)
+    def _value(self, expression: Expression, names: Mapping[str, str]) -> Any:
+        def leaf(item: Fraction | str) -> Any:
+            if isinstance(item, Fraction):
+                return float(item)
+            return math.pi if item == "pi" else np.asarray(self._column(names[item]), dtype=float)
+
+        # A value that is not finite is rejected when it is set: its sample fails.
+        with np.errstate(all="ignore"):
+            return np.asarray(expression.fold(leaf, lambda name, given: _OPERATIONS[name](*given)))
+
+    def _refused(self, message: str) -> SceneError:
+        target = next((name for name in self._open if name in self.model.derive), "")
+        return SceneError([self.study.source.fault(("derive", target), message)])

@@ -1,4 +1,4 @@
-"""The file of a study, read back: outcomes as those that it was made from."""
+"""Reader of the file of a study, with outcomes equal to those that were written."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _BLOCK_ROWS = 4096
 
 @contextmanager
 def open_study(path: str | os.PathLike[str]) -> Iterator[StudyFile]:
-    """Open the file of a study, also of one that was interrupted; its results stay there until asked for.
+    """Open the file of a study, which may be interrupted; its results are read on access.
 
     Raises
     ------
     FileError
-        When there is no such file, or it holds no study.
+        If there is no such file, or it holds no study.
     """
     with open_stored(path, partial=True) as result:
         if result.kind != "study" or "study/key" not in result:
@@ -43,7 +43,7 @@ def open_study(path: str | os.PathLike[str]) -> Iterator[StudyFile]:
 
 
 class StudyFile:
-    """A study in an open file.
+    """Study in an open file.
 
     Parameters
     ----------
@@ -59,9 +59,11 @@ class StudyFile:
         arrays = [path for path in result if path.startswith(f"{RESULTS}/")]
         lengths = {_lengths_of(path, result[path]) for path in arrays}
         self._arrays = [path for path in arrays if path not in lengths]
-        self._shared = {
-            path: _loaded(result[path]) for path in self._arrays if result[path].dims[:1] != ("sample",)
-        }
+        self._shared: dict[str, Variable] = {}
+        for path in self._arrays:
+            one = result[path]
+            if one.dims[:1] != ("sample",):
+                self._shared[path] = Variable(one.dims, one.data, one.units, one.attrs)
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -74,7 +76,7 @@ class StudyFile:
         return np.frombuffer(b"".join(parts), np.uint8).reshape(len(self), -1)
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return what was varied, by path."""
+        """Return the inputs, by path."""
         head = f"{SAMPLES}/"
         return {
             path.removeprefix(head): variable.data
@@ -89,7 +91,7 @@ class StudyFile:
         return max(1, min(_BLOCK_ROWS, _BLOCK_VALUES // max(1, values)))
 
     def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
-        """Yield the samples of rows start … stop - 1, some at a time; what is pending does not come."""
+        """Yield the finished samples of rows start … stop - 1, some at a time."""
         stop = min(stop, len(self))
         for begin in range(start, stop, self.rows_at_a_time):
             yield from self._block(begin, min(begin + self.rows_at_a_time, stop))
@@ -109,17 +111,21 @@ class StudyFile:
         rows = {
             path: self.result[path].rows(start, stop) for path in self._arrays if path not in self._shared
         }
-        lengths = {path: self._lengths(path, start, stop) for path in rows}
-        for own in _alike(done, [kept for kept in lengths.values() if kept is not None]):
+        lengths = {
+            path: self.result[name].rows(start, stop)
+            for path in rows
+            if (name := _lengths_of(path, self.result[path])) is not None
+        }
+        for own in _alike(done, list(lengths.values())):
             yield SampleBlock(own + start, self._values(own, rows, lengths), judged[own])
 
     def _values(
         self,
         own: NDArray[np.intp],
         rows: Mapping[str, NDArray[Any]],
-        lengths: Mapping[str, NDArray[np.int64] | None],
+        lengths: Mapping[str, NDArray[np.int64]],
     ) -> dict[str, Variable]:
-        """Return what samples have that are of the same lengths."""
+        """Return the values of samples whose arrays have equal lengths."""
         values = {}
         for path in self._arrays:
             name, variable = path.removeprefix(f"{RESULTS}/"), self.result[path]
@@ -128,21 +134,18 @@ class StudyFile:
                 data = np.broadcast_to(one.data, (len(own), *one.data.shape))
                 values[name] = Variable(("sample", *one.dims), data, one.units, one.attrs)
                 continue
-            data, kept = rows[path][own], lengths[path]
-            if kept is not None:
-                data = data[(slice(None), *(slice(int(length)) for length in kept[own[0]]))]
+            data = rows[path][own]
+            if path in lengths:
+                data = data[(slice(None), *(slice(int(length)) for length in lengths[path][own[0]]))]
             if "stored" in variable.attrs:
                 data = data.astype(str(variable.attrs["stored"]))
-            values[name] = Variable(variable.dims, data, variable.units, _own_attrs(variable))
+            attrs = {key: value for key, value in variable.attrs.items() if key not in ("stored", "lengths")}
+            values[name] = Variable(variable.dims, data, variable.units, attrs)
         return values
-
-    def _lengths(self, path: str, start: int, stop: int) -> NDArray[np.int64] | None:
-        lengths = _lengths_of(path, self.result[path])
-        return None if lengths is None else self.result[lengths].rows(start, stop)
 
 
 def _alike(rows: NDArray[np.intp], lengths: Sequence[NDArray[np.int64]]) -> Iterator[NDArray[np.intp]]:
-    """Yield the rows that have the same lengths."""
+    """Yield groups of rows with equal lengths of their arrays."""
     if not lengths:
         yield rows
         return
@@ -153,14 +156,6 @@ def _alike(rows: NDArray[np.intp], lengths: Sequence[NDArray[np.int64]]) -> Iter
 
 
 def _lengths_of(path: str, variable: Variable) -> str | None:
-    """Return the path of the lengths of an array that is padded."""
+    """Return the path of the lengths of a padded array; None for another one."""
     name = variable.attrs.get("lengths")
     return None if name is None else f"{path.rpartition('/')[0]}/{name}"
-
-
-def _own_attrs(variable: Variable) -> dict[str, Any]:
-    return {key: value for key, value in variable.attrs.items() if key not in ("stored", "lengths")}
-
-
-def _loaded(variable: Variable) -> Variable:
-    return Variable(variable.dims, variable.data, variable.units, variable.attrs)

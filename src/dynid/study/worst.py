@@ -1,9 +1,9 @@
-"""The scene of one sample of a study, to be run alone."""
+"""Scene of the worst sample of a study, to run it alone."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +17,30 @@ from dynid.scene.schema.study import paths_of
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import Source, parse_source, path_of, set_values
 from dynid.scene.yaml.writer import edited, flow
-from dynid.study.analysis.statistics import Direction, worst, worst_entries
+from dynid.study.analysis.sample_statistics import Direction, worst, worst_entries
 from dynid.study.analysis.table import StudyTable, as_numbers
 
 _WORDS = {"max": "largest", "min": "smallest", "abs": "farthest from 0"}
 
 
 def worst_sample(table: StudyTable, name: str, direction: Direction) -> tuple[int, float]:
-    """Return the row of the worst sample and what it has there.
+    """Return the row and the value of the worst sample.
 
     Parameters
     ----------
     table
         The study.
     name
-        What is judged: the path of a number, of an array (of which the worst entry counts), or of an entry,
+        The quantity to judge: the path of a number, of an array (its worst entry), or of an entry,
         `path[label]`.
     direction
-        Whether the largest is worst, the smallest, or what is farthest from 0; of complex numbers it is the
-        magnitude.
+        The largest value is worst, the smallest, or the largest magnitude; complex numbers are compared by
+        their magnitude.
 
     Raises
     ------
     UsageError
-        Where there is no such number, or no sample has it.
+        If there is no such number, or no sample has it.
     """
     path, place = table.find(name)
     found = np.full(len(table.numbers), np.nan)
@@ -65,15 +65,15 @@ def worst_scene(result: Result, name: str, direction: Direction, target: Path, c
     name, direction
         As in `worst_sample`.
     target
-        The folder that the scene shall stand in: relative names of files are as seen from there.
+        The folder of the new scene, to which relative names of files refer.
     command
-        What made it, for its first comment.
+        The command, for a comment.
 
     Returns
     -------
     str
-        The text of the scene that the study varies, with the values of the sample and comments on what they
-        were. Run alone it gives the sample's numbers.
+        The text of the scene that the study varies, with the values of the sample and comments on the
+        original ones. Its run gives the numbers of the sample.
 
     Raises
     ------
@@ -83,59 +83,54 @@ def worst_scene(result: Result, name: str, direction: Direction, target: Path, c
     table = StudyTable(result)
     row, value = worst_sample(table, name, direction)
     number = int(table.numbers[row])
-    base = _base(result)
+    folder = str(result.attrs.get("folder", "."))
+    base = parse_source(str(result.value("study/scene")), str(Path(folder) / "scene.yaml"))
     values = _overrides(table, row)
     data, changes = _relocated(base, values, target)
-    notes = {path_of(base, dotted): _note(base, dotted) for dotted in values}
-    said = f"the {_WORDS[direction]} {name}" if direction != "abs" else f"{name} {_WORDS[direction]}"
+    notes = {}
+    for dotted in values:
+        path = path_of(base, dotted)
+        try:
+            notes[path] = f"set by the study; was {flow(_at(base.data, path))}"
+        except (LookupError, TypeError):
+            notes[path] = "set by the study"
+    which = f"the {_WORDS[direction]} {name}" if direction != "abs" else f"{name} {_WORDS[direction]}"
     header = [
-        f"# Sample {number} of the study '{' '.join(result.title.split())}': {said}, {word(value)}.",
+        f"# Sample {number} of the study '{' '.join(result.title.split())}': {which}, {word(value)}.",
         f"# Written by: {command}",
         *(f"# Set: {dotted} = {flow(new)}" for dotted, new in values.items()),
     ]
     return "\n".join([*header, edited(base.text, data, changes, notes)])
 
 
-def _base(result: Result) -> Source:
-    folder = str(result.attrs.get("folder", "."))
-    return parse_source(str(result.value("study/scene")), str(Path(folder) / "scene.yaml"))
-
-
 def _overrides(table: StudyTable, row: int) -> dict[str, Any]:
-    """Return what a sample set in the scene, by dotted path, in the types that it was set in."""
+    """Return the values that a sample set in the scene, by dotted path, with their types in the study."""
     varied = str(table.result.group_attrs.get("study", {}).get("varied", "")).split("\n")
-    choices = _choices(table.result)
-    return {
-        path: _original(column[row], choices.get(path, ()))
-        for path, column in table.inputs.items()
-        if path in varied or "." in path  # a name alone was derived, to be read only
-    }
-
-
-def _choices(result: Result) -> dict[str, list[Any]]:
-    """Return the values that the study lists, by path: text in the file may be a list or mapping there."""
+    # Texts in the file may be lists or mappings in the study, which lists them.
     choices: dict[str, list[Any]] = {}
-    vary = parse_source(str(result.attrs["scene"])).data.get("vary", {})
-    for key, factor in vary.items():
+    for key, factor in parse_source(str(table.result.attrs["scene"])).data.get("vary", {}).items():
         values = factor if isinstance(factor, list) else factor.get("values", [])
         paths = paths_of(key)
         for place, path in enumerate(paths):
             choices[path] = values if len(paths) == 1 else [value[place] for value in values]
-    return choices
+    found = {}
+    for path, column in table.inputs.items():
+        if path in varied or "." in path:  # a derived name without a dot is not set in the scene
+            value = column[row].item() if isinstance(column[row], np.generic) else column[row]
+            found[path] = next(
+                (choice for choice in choices.get(path, ()) if _is_stored_as(choice, value)), value
+            )
+    return found
 
 
-def _original(stored: Any, choices: Sequence[Any]) -> Any:
-    value = stored.item() if isinstance(stored, np.generic) else stored
-    for choice in choices:
-        if value == (
-            json.dumps(choice) if isinstance(value, str) and not isinstance(choice, str) else choice
-        ):
-            return choice
-    return value
+def _is_stored_as(choice: Any, value: Any) -> bool:
+    """Return whether the file holds a listed value as this one."""
+    is_json = isinstance(value, str) and not isinstance(choice, str)
+    return bool(value == (json.dumps(choice) if is_json else choice))
 
 
 def _relocated(base: Source, values: Mapping[str, Any], target: Path) -> tuple[Any, dict[KeyPath, Any]]:
-    """Return a scene with other values, its files as seen from elsewhere, and what of it has changed."""
+    """Return the data of a scene with other values and relocated names of files, and all changes by path."""
     own = [path_of(base, dotted) for dotted in values]
     whole, others = set_values(base, values), []
     for place in file_places(whole.data):
@@ -151,10 +146,3 @@ def _at(data: Any, path: KeyPath) -> Any:
     for key in path:
         data = data[key]
     return data
-
-
-def _note(base: Source, dotted: str) -> str:
-    try:
-        return f"set by the study; was {flow(_at(base.data, path_of(base, dotted)))}"
-    except (LookupError, TypeError):
-        return "set by the study"

@@ -13,7 +13,7 @@ from dynid.report.content.blocks import Block, ReportSection, Statement, TextTab
 from dynid.report.scenes import plain_data
 from dynid.result import Result
 from dynid.study.analysis.influence import Influences
-from dynid.study.analysis.statistics import statistics, worst
+from dynid.study.analysis.sample_statistics import statistics, worst
 from dynid.study.analysis.table import Column, Failure, StudyTable, failures
 from dynid.suggestions import short_paths
 

@@ -29,7 +29,7 @@ from dynid.report.plot import (
     parallel_coordinates,
 )
 from dynid.study.analysis.influence import correlations, scatter
-from dynid.study.analysis.statistics import NAMES, statistics
+from dynid.study.analysis.sample_statistics import NAMES, statistics
 from dynid.study.analysis.table import StudyTable
 from dynid.suggestions import short_paths
 

@@ -10,7 +10,7 @@ from dynid.study.analysis.influence import (
     from_samples,
     scatter,
 )
-from dynid.study.analysis.statistics import statistics, worst
+from dynid.study.analysis.sample_statistics import statistics, worst
 from dynid.study.analysis.table import StudyTable, failures
 from dynid.study.analysis.tornado import Tornado, tornado
 

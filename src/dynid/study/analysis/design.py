@@ -1,4 +1,4 @@
-"""Designs, recognised from the samples themselves, so that a list made elsewhere is as good as our own."""
+"""Recognition of sampling designs from the samples, which may be a list made by other programs."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 def sortable(column: NDArray[Any]) -> NDArray[Any]:
-    """Return a column in a type whose values have an order; texts as such."""
+    """Return a column in a type with an order; texts as strings."""
     return column.astype(str) if column.dtype.kind == "O" else column
 
 
 @dataclass(frozen=True)
 class SaltelliDesign:
-    """Saltelli's design: samples A and B, and for each factor A with this factor of B.
+    """Saltelli's design: samples A and B, and for each factor i, A with its column i from B.
 
     Parameters
     ----------
     factors
         The inputs that change together, for each of the d factors.
     blocks
-        Whether A, B and the mixed samples follow each other as blocks; else in rows of d + 2: one sample of
-        A, the mixed ones, and the one of B.
+        A, B and the mixed samples follow each other as blocks; else as rows of d + 2: one sample of A, the
+        mixed ones, and the one of B.
     """
 
     factors: tuple[tuple[str, ...], ...]
     blocks: bool
 
     def split(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return a result's values at A, at B (each of shape (rows,)) and mixed (factors, rows)."""
+        """Return the values at A, at B (each of shape (rows,)) and at the mixed samples (factors, rows)."""
         rows = _rows(values, len(self.factors), self.blocks)
         return rows[:, 0], rows[:, -1], rows[:, 1:-1].T
 
 
 def saltelli_design(inputs: Columns) -> SaltelliDesign | None:
-    """Recognise Saltelli's design.
+    """Return Saltelli's design of the samples; None if they have another design.
 
     Parameters
     ----------
     inputs
-        The samples, by input. Inputs that change together are one factor; one that follows from several
-        factors is none of its own.
+        The samples, by input. Inputs that change together are one factor; an input that is a function of
+        several factors is no factor.
     """
     count = len(next(iter(inputs.values()), ()))
     for factors in range(len(inputs), 0, -1):
@@ -75,13 +75,12 @@ def _saltelli_factors(inputs: Columns, count: int, blocks: bool) -> tuple[tuple[
             found[int(np.flatnonzero(of_b)[0])].append(name)
     own = [name for group in found for name in group]
     others = [name for name in inputs if name not in own]
-    return tuple(map(tuple, found)) if all(found) and _follow(inputs, others, own) else None
-
-
-def _follow(inputs: Columns, names: list[str], own: list[str]) -> bool:
-    """Tell whether inputs have one value wherever others have theirs: in a part of a grid they have not."""
-    together = len(_levels(inputs, own)) if names else 0
-    return all(len(_levels(inputs, [*own, name])) == together for name in names)
+    if not all(found):
+        return None
+    # The other inputs must be functions of the factors; in a part of a grid they are not.
+    together = len(_levels(inputs, own)) if others else 0
+    dependent = all(len(_levels(inputs, [*own, name])) == together for name in others)
+    return tuple(map(tuple, found)) if dependent else None
 
 
 def _levels(inputs: Columns, names: list[str]) -> NDArray[np.intp]:
@@ -99,7 +98,7 @@ class OneAtATime:
     centre
         The samples at the centre.
     varied
-        For each input the samples in which it alone is changed.
+        For each input, the samples that differ from the centre in this input only.
     """
 
     centre: NDArray[np.intp]
@@ -107,7 +106,7 @@ class OneAtATime:
 
 
 def one_at_a_time(inputs: Columns) -> OneAtATime | None:
-    """Recognise samples around a centre of which each differs from it in at most one input."""
+    """Return a design whose samples differ from a centre in at most one input; None for other samples."""
     changed = {}
     for name, column in inputs.items():
         levels, counts = np.unique(sortable(column), return_counts=True)

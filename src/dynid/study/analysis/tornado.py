@@ -1,4 +1,4 @@
-"""Tornado: how far a result moves when one input goes from its low end to its high end."""
+"""Tornado diagram: change of a result between the low and the high end of each input."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.study.analysis.design import OneAtATime, one_at_a_time
-from dynid.study.analysis.statistics import QUANTILES, quantile
+from dynid.study.analysis.sample_statistics import QUANTILES, quantile
 
 Floats = NDArray[np.float64]
 
-#: Part of the variance above which a linear model is taken for the thing itself.
+#: Explained share of the variance above which a linear model is reliable.
 TRUSTED = 0.9
-#: Condition of the inputs' correlations beyond which the samples cannot tell them apart.
+#: Condition number of the inputs' correlations above which the inputs are not distinguishable.
 _INSEPARABLE = 1e8
 
 
 @dataclass(frozen=True)
 class Bar:
-    """One input's part.
+    """Bar of one input.
 
     Parameters
     ----------
     input
         The input's path in the scene.
     low, high
-        The input's ends.
+        The ends of the input.
     at_low, at_high
-        The result there.
+        The result at these ends.
     slope
         The local sensitivity d result / d input.
     """
@@ -51,7 +51,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Tornado:
-    """All inputs' bars, the longest first; which way they were found, and how far to trust them.
+    """Bars of all inputs, the longest first, with their method and reliability.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class Tornado:
     method
         `one at a time` or `regression`.
     r2
-        Which part of the variance the regression explains; NaN of samples taken one at a time.
+        Share of the variance that the regression explains; NaN for samples one at a time.
     remark
-        How far to trust it, in words.
+        The reliability, in words.
     """
 
     bars: tuple[Bar, ...]
@@ -77,19 +77,19 @@ def tornado(inputs: Mapping[str, NDArray[Any]], values: Floats) -> Tornado | Non
     Parameters
     ----------
     inputs
-        The samples, by input; texts are left out.
+        The samples, by input; texts are omitted.
     values
-        The result, NaN where a sample has none.
+        The result; NaN for a missing one.
 
     Returns
     -------
     Tornado or None
-        None where no number varies, or there are fewer samples than unknowns.
+        None if no number varies, or there are fewer samples than unknowns.
 
     Notes
     -----
-    Samples around a centre that differ from it in one input each are taken as they are: slopes between the
-    input's ends. Other samples are fitted by a linear model; ends are its 5 % and 95 % quantiles.
+    For samples that differ from a centre in one input each, slopes are those between the ends of the input.
+    Other samples are fitted by a linear model; the ends are the 5 % and 95 % quantiles of the input.
     """
     known = np.isfinite(values)
     numbers = {name: column for name, column in inputs.items() if column.dtype.kind in "bif"}
@@ -114,7 +114,7 @@ def _around(design: OneAtATime, inputs: Mapping[str, NDArray[Any]], values: Floa
         bars.append(Bar(name, low, high, float(values[first]), float(values[last]), float(slope)))
     if not bars:
         return None
-    remark = "around one centre: exact there, blind to what inputs do together"
+    remark = "around one centre: exact there, without interactions of inputs"
     return Tornado(_by_swing(bars), "one at a time", float("nan"), remark)
 
 
@@ -129,7 +129,7 @@ def _fitted(inputs: Mapping[str, Floats], y: Floats) -> Tornado | None:
     centred = y - y.mean()
     correlations = standard.T @ standard / n
     if np.linalg.cond(correlations) > _INSEPARABLE:
-        remark = "inputs move together: the samples cannot tell them apart"
+        remark = "the inputs are collinear: the samples do not distinguish them"
         return Tornado((), "regression", float("nan"), remark)
     slopes = np.linalg.solve(correlations, standard.T @ centred / n)
     power = float(centred @ centred)
@@ -141,17 +141,13 @@ def _fitted(inputs: Mapping[str, Floats], y: Floats) -> Tornado | None:
         low, high = (float(quantile(ordered, count, QUANTILES[end])) for end in ("p05", "p95"))
         at = [float(y.mean() + slope * (end - column.mean())) for end in (low, high)]
         bars.append(Bar(name, low, high, at[0], at[1], float(slope)))
-    return Tornado(_by_swing(bars), "regression", r2, _trust(r2))
+    remark = f"a linear model explains {100 * r2:.3g} % of the variance"
+    if np.isnan(r2):
+        remark = "the result does not vary"
+    elif r2 < TRUSTED:
+        remark += ": only order and direction of the longest bars are reliable; prefer the Sobol indices"
+    return Tornado(_by_swing(bars), "regression", r2, remark)
 
 
 def _by_swing(bars: list[Bar]) -> tuple[Bar, ...]:
     return tuple(sorted(bars, key=lambda bar: (-abs(bar.swing), bar.input)))
-
-
-def _trust(r2: float) -> str:
-    if np.isnan(r2):
-        return "the result does not vary"
-    share = f"a linear model explains {100 * r2:.3g} % of the variance"
-    if r2 >= TRUSTED:
-        return share
-    return f"{share}: trust the order and direction of long bars at most, and the Sobol indices before them"

@@ -203,7 +203,11 @@ class TimedExecutor(StudyExecutor):
 
     def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
         """Submit a call to a worker, which a thread waits for."""
-        return super().submit(self._lanes.run, self.timeout, call, *args)
+        return super().submit(self._run, call, args)
+
+    def _run(self, call: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+        assert self.timeout is not None
+        return self._lanes.run(self.timeout, call, *args)  # the lanes exist when the workers have started
 
     def replace(self) -> None:
         """Do nothing: each lane replaces its own process."""
