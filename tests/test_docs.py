@@ -18,7 +18,7 @@ _spec = importlib.util.spec_from_file_location("replay", DOCS / "replay.py")
 replay = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(replay)
 
-#: Pages of which tests/cli/test_pages.py runs the code, in a copy of the examples' project.
+#: Pages of which tests/cli/test_docs_commands.py runs the code, in a copy of the examples' project.
 PROJECT = {"ci.md", "studies.md"}
 #: Pages that start many processes.
 SLOW = {"howto/cluster.md"}

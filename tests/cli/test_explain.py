@@ -1,4 +1,4 @@
-"""`dynid check --explain` tells before a run what the run will say, and about what it costs."""
+"""`dynid check --explain` reports before a run what the run will report, and its approximate cost."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""What explains the suite is true: every scene in a topic runs, every topic and command is found."""
+"""`dynid help` and the topics: every scene in a topic runs, every topic and command exists."""
 
 import re
 from importlib.resources import files

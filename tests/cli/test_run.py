@@ -1,4 +1,4 @@
-"""`dynid run`: what it writes, what it says, and with which exit code it leaves."""
+"""`dynid run`: files, screen and exit codes."""
 
 import html
 import os

@@ -1,4 +1,4 @@
-"""Small things of the screens: units, ranges, plurals, blank lines, and names instead of numbers."""
+"""Screens: units, ranges, plurals, blank lines, and names instead of numbers."""
 
 import h5py
 import pytest

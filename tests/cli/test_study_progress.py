@@ -1,4 +1,4 @@
-"""How far a study is, as it is said while it runs."""
+"""Progress of a study, printed while it runs."""
 
 import io
 import sys

@@ -1,4 +1,4 @@
-"""What `dynid show` says of a study."""
+"""`dynid show` of a study."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Runs a study in children that are killed at a given byte of what they write, and goes on with it.
+"""Run a study in children that are killed at a given byte of what they write, and resume it.
 
 Prints, for each kill, how many samples were finished, and how many of them were run again after it.
 """

@@ -1,4 +1,4 @@
-"""Study files without a study: outcomes made up for the tests of what comes after."""
+"""Files of studies with made-up outcomes, for tests of what reads them."""
 
 import numpy as np
 

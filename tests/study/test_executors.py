@@ -1,4 +1,4 @@
-"""Whatever runs the samples, and whatever becomes of it, the file is the same."""
+"""Executors: the file of a study is the same with all of them, also after workers died."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Studies that are killed at any moment go on as if nothing had been."""
+"""Studies killed at any moment are resumed without loss."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A study from its scene to its file, and on again after whatever came between."""
+"""Runs of a study, from the scene to the file, and repeated runs after changes."""
 
 import errno
 import fcntl

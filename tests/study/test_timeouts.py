@@ -1,4 +1,4 @@
-"""Samples that hang, die or take long: failed rows, named in time, and nothing else is lost."""
+"""Time limits: samples that hang, die or take long are failed rows or are reported."""
 
 import os
 import re

@@ -86,8 +86,17 @@ def _obstacles(scene: Scene) -> tuple[list[str], int]:
     found: list[Fault] = []
     checked = base_scene(scene) if scene.kind == "study" else scene
     errors = preparation_errors(checked)
-    if errors and checked is not scene:
-        shared = _problems_of_first_sample(scene)
+    if errors and checked is not scene:  # only errors that the first sample has, too
+        from dynid.scene.load import check_source
+        from dynid.scene.yaml.source import set_values
+        from dynid.study.plan import make_plan
+
+        plan = make_plan(scene)
+        try:
+            sample = check_source(set_values(plan.base.source, plan.override(0)))
+            shared = {_problem(error) for error in preparation_errors(sample)}
+        except SceneError:  # the sample is a failed row of the study's file
+            shared = set()
         errors = [error for error in errors if _problem(error) in shared]
     for error in errors:
         found += error.faults if isinstance(error, SceneError) else [checked.locate(error)]
@@ -95,21 +104,6 @@ def _obstacles(scene: Scene) -> tuple[list[str], int]:
     missing = missing_files(scene)
     in_order = sorted([*found, *missing], key=lambda fault: (fault.file, fault.line, fault.column))
     return list(dict.fromkeys(map(str, in_order))), code or (FileError.exit_code if missing else 0)
-
-
-def _problems_of_first_sample(study: Scene) -> set[str]:
-    """Return the problems that prevent the first sample of a study, with the values it sets, from running."""
-    from dynid.scene.load import check_source
-    from dynid.scene.run import preparation_errors
-    from dynid.scene.yaml.source import set_values
-    from dynid.study.plan import make_plan
-
-    plan = make_plan(study)
-    try:
-        sample = check_source(set_values(plan.base.source, plan.override(0)))
-    except SceneError:  # the sample is a failed row of the study's file
-        return set()
-    return {_problem(error) for error in preparation_errors(sample)}
 
 
 def _problem(error: DynidError) -> str:

@@ -224,7 +224,16 @@ class Handler(BaseHTTPRequestHandler):
             self.end_headers()
             self.wfile.write(content)
         elif self.path == "/events":
-            self._stream()
+            self._start(200, "text/event-stream")
+            self.end_headers()
+            seen: Notice | None = None
+            while True:
+                notice = self.server.board.wait(seen, _PULSE)
+                state = {"version": notice.version, "fault": notice.fault, "running": notice.running}
+                line = ": still here\n\n" if notice is seen else f"data: {json.dumps(state)}\n\n"
+                self.wfile.write(line.encode())
+                self.wfile.flush()
+                seen = notice
         else:
             self._refuse(404)
 
@@ -238,18 +247,6 @@ class Handler(BaseHTTPRequestHandler):
         self._start(status, "text/plain")
         self.send_header("Content-Length", "0")
         self.end_headers()
-
-    def _stream(self) -> None:
-        self._start(200, "text/event-stream")
-        self.end_headers()
-        seen: Notice | None = None
-        while True:
-            notice = self.server.board.wait(seen, _PULSE)
-            state = {"version": notice.version, "fault": notice.fault, "running": notice.running}
-            line = ": still here\n\n" if notice is seen else f"data: {json.dumps(state)}\n\n"
-            self.wfile.write(line.encode())
-            self.wfile.flush()
-            seen = notice
 
     def log_message(self, format: str, *args: Any) -> None:
         """Log nothing: the terminal is for the scene."""

@@ -2,8 +2,8 @@
 
 The journal begins with a magic line. Each record holds samples that were finished together: its length (8
 bytes, little-endian) and its CRC-32 (4 bytes); then the number of samples (4 bytes), their keys, their exit
-codes (a byte each), and their outcomes (`dynid.study.packing`). Every record whose CRC is right is kept,
-whatever is damaged before it: the next one is found by the beginning of its outcomes.
+codes (one byte each), and their outcomes (`dynid.study.packing`). Every record with a correct CRC is kept,
+even after damaged ones: the next record is found by the beginning of its outcomes.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ MAGIC = b"dynid journal 2\n"
 _ANY_MAGIC = b"dynid journal "
 _HEAD = struct.Struct("<QI")
 _COUNT = struct.Struct("<I")
-_MARK = re.compile(re.escape(START) + rb"(\d{1,9}),")  # outcomes, and the number of samples in them
-_BEFORE = _HEAD.size + 2 * _COUNT.size  # what stands before a mark, beside keys and exit codes
+_MARK = re.compile(re.escape(START) + rb"(\d{1,9}),")  # beginning of outcomes, with their number
+_BEFORE = _HEAD.size + 2 * _COUNT.size  # bytes before a mark, except keys and exit codes
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Damage:
     lost
         The number of samples in the records that cannot be read.
     known
-        Whether that number could be read; else it is the least that it can be.
+        The number could be read; else it is a lower bound.
     kept
-        The file that the damaged journal is kept in.
+        The name of the copy of the damaged journal.
     """
 
     path: str
@@ -64,26 +64,26 @@ class Damage:
 
 
 class Journal:
-    """A journal that is open, with the place of every sample's record in it.
+    """Open journal, with the places of its records.
 
     Samples are numbered in the order in which they were finished.
 
     Parameters
     ----------
     path
-        The file; where there is none, it is begun. A record at its end whose writing was interrupted is cut
-        off. Where anything else is damaged, the file is kept as `<path>.damaged`, and the records that are
-        whole are written anew.
+        The file; created if it does not exist. A record at its end whose writing was interrupted is cut off.
+        If anything else is damaged, the file is kept as `<path>.damaged`, and its valid records are written
+        to a new one.
 
     Attributes
     ----------
     damage
-        What was damaged; None where nothing was.
+        The damage; None for an intact journal.
 
     Raises
     ------
     FileError
-        When it cannot be read or written, or is something else.
+        If it cannot be read or written, or is no journal.
     """
 
     def __init__(self, path: str) -> None:
@@ -94,8 +94,8 @@ class Journal:
         self._keys: list[bytes] = []
         self._codes: list[bytes] = []
         self._count = 0
-        self._last: tuple[int, SampleOutcomes] | None = None  # the record that was read last
-        self._kept = ""  # the damaged file
+        self._last: tuple[int, SampleOutcomes] | None = None  # the last record read
+        self._kept = ""  # name of the copy of a damaged file
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         except OSError as error:
@@ -108,7 +108,7 @@ class Journal:
 
     @staticmethod
     def read_keys(path: str) -> Keys:
-        """Return the keys of all samples in a journal (samples x bytes), and leave it as it is."""
+        """Return the keys of all samples in a journal (samples x bytes), which is only read."""
         try:
             with open(path, "rb") as file:  # noqa: PTH123
                 size = os.fstat(file.fileno()).st_size
@@ -122,13 +122,13 @@ class Journal:
 
     @staticmethod
     def discard(path: str) -> None:
-        """Remove a journal, if there is one: all that it held is safe elsewhere."""
+        """Remove a journal, if it exists, whose samples have been written to the file of the study."""
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)  # noqa: PTH108
 
     @property
     def keys(self) -> Keys:
-        """The keys of all samples (samples x bytes); of several with one key, the last counts."""
+        """The keys of all samples (samples x bytes); of samples with equal keys, the last one is valid."""
         return _as_keys(self._keys)
 
     @property
@@ -137,21 +137,21 @@ class Journal:
         return np.frombuffer(b"".join(self._codes), np.int8).astype(np.bool_)
 
     def numbers(self, keys: Keys) -> NDArray[np.int64]:
-        """Return the numbers of the samples with these keys, -1 where there is none."""
+        """Return the numbers of the samples with given keys; -1 for a key that is not there."""
         return found_in(self.keys, keys)
 
     def append(self, chunks: Iterable[tuple[Keys, Packed]]) -> int:
-        """Add outcomes by their keys; when this returns, they survive whatever comes.
+        """Append outcomes with their keys; when this returns, they are on the disk.
 
         Returns
         -------
         int
-            The number of the first of them; the others follow.
+            The number of the first sample appended.
 
         Raises
         ------
         FileError
-            When they cannot be written. The journal is as it was before then.
+            If they cannot be written. The journal is then unchanged.
         """
         payloads = [
             b"".join([_COUNT.pack(len(one)), keys.tobytes(), one.exit_codes, one.content])
@@ -163,12 +163,12 @@ class Journal:
             raise self._failed(error) from error
         first = self._count
         for payload in payloads:
-            self._note(self._end, payload)
+            self._index(self._end, payload)
             self._end += _HEAD.size + len(payload)
         return first
 
     def blocks(self, numbers: NDArray[np.int64], rows: Indices) -> Iterator[SampleBlock]:
-        """Yield samples, each in the row that it shall have; one record is in memory at a time."""
+        """Yield samples in given rows, with one record in memory at a time."""
         records = np.searchsorted(self._starts, numbers, side="right") - 1
         for record in np.unique(records).tolist():
             own = np.flatnonzero(records == record)
@@ -180,7 +180,7 @@ class Journal:
         os.close(self._descriptor)
 
     def _read(self, record: int) -> SampleOutcomes:
-        """Return the outcomes of a record; the last one stays at hand."""
+        """Return the outcomes of a record; the last one is cached."""
         if self._last is None or self._last[0] != record:
             self._last = None
             payload = self._payload(self._places[record])
@@ -190,7 +190,7 @@ class Journal:
             except (ValueError, LookupError, TypeError, struct.error) as error:
                 problem = f"{self.path} holds samples that cannot be read"
                 raise FileError(
-                    problem, remedy="Remove it: all of it is run again.", names=[self.path]
+                    problem, remedy="Remove it: its samples are run again.", names=[self.path]
                 ) from error
         return self._last[1]
 
@@ -201,7 +201,7 @@ class Journal:
         return FileError(problem, remedy=remedy, names=[self.path])
 
     def _write(self, content: bytes) -> None:
-        """Write at the end, and see to it that it is on the disk; else cut off again what was written."""
+        """Append content and sync it to the disk; if this fails, cut the content off again."""
         view = memoryview(content)
         written = 0
         try:
@@ -213,18 +213,22 @@ class Journal:
             raise
 
     def _recover(self) -> int:
-        """Note where all records are, see to what is damaged, and return the end of the last one."""
+        """Index all records, repair a damaged journal, and return the end of the last record."""
         size = os.fstat(self._descriptor).st_size
         begun = os.pread(self._descriptor, len(MAGIC), 0)
         self._end = 0
         if MAGIC.startswith(begun) and begun != MAGIC:
-            self._begin()
+            try:
+                self._write(MAGIC)
+            except OSError as error:
+                raise self._failed(error) from error
+            sync_folder(os.path.dirname(os.path.realpath(self.path)))  # noqa: PTH120
             return len(MAGIC)
         if begun != MAGIC and begun.startswith(_ANY_MAGIC):
             self._refuse(begun)
         end, scan = len(MAGIC), _Scan(self._descriptor, size)
         for place, payload in scan.records():
-            self._note(place, payload)
+            self._index(place, payload)
             end = place + _HEAD.size + len(payload)
         if begun != MAGIC and not self._places:
             self._refuse(begun)
@@ -236,7 +240,7 @@ class Journal:
         return end
 
     def _renew(self, lengths: list[int]) -> int:
-        """Keep the damaged file under another name, write its whole records anew, and return their end."""
+        """Copy the damaged file, write its valid records to a new one, and return their end."""
         try:
             self._kept = _copied(self._descriptor, f"{self.path}.damaged")
         except OSError as error:
@@ -257,21 +261,14 @@ class Journal:
     def _refuse(self, begun: bytes) -> None:
         if begun.startswith(_ANY_MAGIC):
             problem = f"{self.path} is the journal of another version of dynid"
-            remedy = "Finish the study with that version; or remove the journal, and all of it is run again."
+            remedy = "Finish the study with that version; or remove the journal: its samples are run again."
         else:
             problem = f"{self.path} is no journal of a study"
             remedy = "Remove it, or write another file with -o."
         raise FileError(problem, remedy=remedy, names=[self.path])
 
-    def _begin(self) -> None:
-        try:
-            self._write(MAGIC)
-        except OSError as error:
-            raise self._failed(error) from error
-        sync_folder(os.path.dirname(os.path.realpath(self.path)))  # noqa: PTH120
-
-    def _note(self, place: int, payload: bytes) -> None:
-        """Take note of a record."""
+    def _index(self, place: int, payload: bytes) -> None:
+        """Add a record to the index."""
         keys = _keys_of(payload)
         count = len(keys) // SIZE
         self._places.append(place)
@@ -293,17 +290,17 @@ class Journal:
 
 
 class _Scan:
-    """The whole records of a journal, and what else there is in it.
+    """Scan of a journal for valid records and damage.
 
     Attributes
     ----------
     lengths
-        The lengths of the payloads of the records so far.
+        The lengths of the payloads of the records found.
     damaged
-        Whether anything was damaged so far. A record at the end whose writing was interrupted is not: it was
+        Damage was found. A record at the end whose writing was interrupted is no damage: its samples were
         never reported as finished.
     lost, known
-        The number of samples in damaged records, and whether it could be read from them.
+        The number of samples in damaged records, and whether it could be read.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:
@@ -312,7 +309,7 @@ class _Scan:
         self.damaged, self.lost, self.known = False, 0, True
 
     def records(self) -> Iterator[tuple[int, bytes]]:
-        """Yield where each whole record begins, and its payload."""
+        """Yield the place and the payload of each valid record."""
         place = len(MAGIC)
         while place < self._size:
             payload = self._payload(place)
@@ -325,7 +322,7 @@ class _Scan:
             place = following
 
     def _payload(self, place: int) -> bytes | None:
-        """Return the payload of the record that begins at a place; None where no whole one does."""
+        """Return the payload of the record at a place; None if there is no valid one."""
         head = os.pread(self._descriptor, _HEAD.size, place)
         if len(head) < _HEAD.size:
             return None
@@ -336,7 +333,7 @@ class _Scan:
         return payload if _is_whole(payload, check) else None
 
     def _next(self, begin: int) -> int:
-        """Return where the next whole record begins; the end of the file where none does."""
+        """Return the place of the next valid record, or the end of the file."""
         with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as content:
             for mark in _MARK.finditer(content, begin):
                 place = mark.start() - _BEFORE - int(mark[1]) * (SIZE + 1)
@@ -345,7 +342,7 @@ class _Scan:
         return self._size
 
     def _salvaged(self, place: int, following: int) -> bytes | None:
-        """Return a payload of which nothing but the length is wrong; else count what is lost."""
+        """Return the payload of a record whose length alone is wrong; else count the lost samples."""
         content = _read_at(self._descriptor, following - place, place)
         length, check = _HEAD.unpack(content[: _HEAD.size].ljust(_HEAD.size, b"\xff"))
         payload = content[_HEAD.size :]
@@ -360,7 +357,7 @@ class _Scan:
         return None
 
     def _count(self, content: bytes) -> None:
-        """Count the samples of records that are damaged, as far as their beginnings can be read."""
+        """Count the samples of damaged records, as far as their beginnings can be read."""
         place = 0
         while place < len(content):
             length, _, count = struct.unpack("<QII", content[place : place + 16].ljust(16, b"\xff"))
@@ -380,7 +377,7 @@ class _Scan:
 
 
 def _is_whole(payload: bytes, check: int) -> bool:
-    """Tell whether a payload is what its CRC says, and holds as many keys as it says."""
+    """Return whether a payload has the given CRC and is long enough for its number of keys."""
     if len(payload) <= _COUNT.size or zlib.crc32(payload) != check:
         return False
     (count,) = _COUNT.unpack_from(payload)
@@ -388,7 +385,7 @@ def _is_whole(payload: bytes, check: int) -> bool:
 
 
 def _copied(descriptor: int, path: str) -> str:
-    """Copy an open file to a new one, named like this or with a number behind it; return the name."""
+    """Copy an open file to a new one with this name, or with a number appended; return the name."""
     name, number = path, 1
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Work of an executor: samples of one scene, run together."""
+"""Task of an executor: a chunk of samples of one scene, run together."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class Job:
     Parameters
     ----------
     text, file
-        Their scene, and the name of its file.
+        The text of the scene, and the name of its file.
     collect
-        What is gathered.
+        Paths of the outputs to collect.
     size
-        How many they are.
+        Number of samples.
     version
-        The version of dynid that asks.
+        The version of dynid that runs the study.
     """
 
     text: str
@@ -51,7 +51,7 @@ class Job:
 
     @classmethod
     def of(cls, base: Scene, collect: tuple[str, ...], size: int) -> Job:
-        """Return the job of a scene; workers may stand in other folders."""
+        """Return the job of a scene, with an absolute path for workers in other folders."""
         return cls(base.source.resolved_text(), str(Path(base.source.file).absolute()), collect, size)
 
 
@@ -64,7 +64,7 @@ class Done:
 
 
 def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
-    """Run samples; whatever happens to one of them is its outcome."""
+    """Run samples; the error of a failed one is its outcome."""
     if job.version != __version__:
         problem = f"a worker on {socket.gethostname()} has dynid {__version__}, and the study {job.version}"
         raise FileError(problem, remedy="Install the same version on all workers, and run the study again.")
@@ -76,19 +76,19 @@ def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
 
 @lru_cache(maxsize=4)
 def _template(text: str, file: str) -> Scene:
-    """Read the scene once in each worker."""
+    """Parse the scene, once in each worker."""
     return check_source(parse_source(text, file))
 
 
 class _Judge:
-    """Says which expectations results meet."""
+    """Checker of the expectations that results meet."""
 
     def one(self, result: Result, expected: Expected) -> tuple[bool, ...]:
-        """Judge one result."""
+        """Return for one result whether each expectation is met."""
         return tuple(outcome.passed for outcome in check_expectations(result, expected))
 
     def many(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
-        """Judge samples side by side (sample x expectation)."""
+        """Return for many samples whether each expectation is met (samples x expectations)."""
         return samples_meet(
             block.values, len(block), lambda place: block.result(place, kind, title), expected
         )

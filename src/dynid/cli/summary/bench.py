@@ -14,61 +14,54 @@ from dynid.result import Result
 
 def lines(result: Result) -> list[str]:
     """Return the screen of a benchmark result, line by line."""
-    found: list[str] = []
+    screen: list[str] = []
     for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result):
-        found += [*_benchmark_table(result, group), ""]
+        about = result.group_attrs[group]
+        screen.append(f"  {group.partition('/')[2]}: {about['title']}")
+        names = list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
+        rows = [row for name in names for row in benchmark_rows(result, group, name)]
+        width = max(map(len, names))
+        screen.append(f"    {about['size']:>9}    {'':{width}}  {'time':>10}  {'memory':>9}  {'error':>8}")
+        for size, some in groupby(sorted(rows, key=lambda row: row.size), key=lambda row: row.size):
+            for place, row in enumerate(some):
+                shown, chosen = f"{size:,}" if place == 0 else "", "›" if row.default else " "
+                figures = f"{time_text(row.time):>10}  {memory_text(row.memory):>9}  {row.error:>8.1e}"
+                best = " ●" if row.best else ""
+                screen.append(f"    {shown:>9}  {chosen} {row.name:{width}}  {figures}{best}")
+        for name, text in remarks(result, group):
+            screen += wrap(f"{name}: {text}", 110, initial_indent=" " * 4, subsequent_indent=" " * 6)
+        screen.append("")
     about = result.group_attrs.get("bench", {})  # absent in files of earlier versions
     seconds = float(about.get("seconds", 0))
-    return [*found, f"  measured in {time_text(seconds)}"] if seconds else found[:-1]
-
-
-def _benchmark_table(result: Result, group: str) -> Iterable[str]:
-    about = result.group_attrs[group]
-    yield f"  {group.partition('/')[2]}: {about['title']}"
-    names = list(dict.fromkeys(path.split("/")[2] for path in result if path.startswith(f"{group}/")))
-    rows = [row for name in names for row in benchmark_rows(result, group, name)]
-    width = max(map(len, names))
-    yield f"    {about['size']:>9}    {'':{width}}  {'time':>10}  {'memory':>9}  {'error':>8}"
-    for size, some in groupby(sorted(rows, key=lambda row: row.size), key=lambda row: row.size):
-        for place, row in enumerate(some):
-            shown, chosen = f"{size:,}" if place == 0 else "", "›" if row.default else " "
-            figures = f"{time_text(row.time):>10}  {memory_text(row.memory):>9}  {row.error:>8.1e}"
-            yield f"    {shown:>9}  {chosen} {row.name:{width}}  {figures}{' ●' if row.best else ''}"
-    for name, text in remarks(result, group):
-        yield from wrap(f"{name}: {text}", 110, initial_indent=" " * 4, subsequent_indent=" " * 6)
+    return [*screen, f"  measured in {time_text(seconds)}"] if seconds else screen[:-1]
 
 
 def accuracy_lines(result: Result) -> list[str]:
     """Return the tables of the alternatives to each choice of a scene, line by line; none if not computed."""
-    about = result.group_attrs.get("accuracy")
-    if about is None:
+    summary = result.group_attrs.get("accuracy")
+    if summary is None:
         return []
-    aspects = dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/"))
-    effort = f"median of {about['repeats']}, at most {about['budget']:g} s in all"
-    tables = [line for aspect in aspects for line in _accuracy_table(result, f"accuracy/{aspect}")]
-    legend = "  → the choice · ● Pareto-optimal: nothing is both faster and more accurate"
-    return [f"  alternatives to the choices made: {effort}", *tables, "", legend]
-
-
-def _accuracy_table(result: Result, group: str) -> Iterable[str]:
-    about = result.group_attrs[group]
-    names = [str(name) for name in result[f"{group}/alternative"].data]
-    status = dict(zip(names, result[f"{group}/status"].data, strict=True))
-    width = max(map(len, names))
-    bounded = any(f"{group}/{name}/bound" in result for name in names)
-    heading = f"{about['title']}: {about['because']}"
-    yield ""
-    yield from (f"  {line}" for line in wrap(heading, 100, subsequent_indent="  "))
-    columns = f"{'':{width}}  {about['size']:>11}  {'time':>9}  {'memory':>8}  {'error':>8}"
-    yield f"      {columns}{'  error/bound' if bounded else ''}"
-    for name in names:
-        if f"{group}/{name}/size" in result:
-            yield from _accuracy_rows(result, f"{group}/{name}", f"{name:{width}}")
-        if status[name] != "done":
-            text = f"{name:{width}}  {status[name]}"
-            yield from (f"      {line}" for line in wrap(text, 96, subsequent_indent=" " * (width + 2)))
-    reference = f", against {about['reference']}" if about["reference"] else ""
-    yield f"      error: {about['measure']}{reference}"
+    effort = f"median of {summary['repeats']}, at most {summary['budget']:g} s in all"
+    screen = [f"  alternatives to the choices made: {effort}"]
+    for aspect in dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/")):
+        group = f"accuracy/{aspect}"
+        about = result.group_attrs[group]
+        names = [str(name) for name in result[f"{group}/alternative"].data]
+        width = max(map(len, names))
+        bounded = any(f"{group}/{name}/bound" in result for name in names)
+        heading = f"{about['title']}: {about['because']}"
+        columns = f"{'':{width}}  {about['size']:>11}  {'time':>9}  {'memory':>8}  {'error':>8}"
+        screen += ["", *(f"  {line}" for line in wrap(heading, 100, subsequent_indent="  "))]
+        screen.append(f"      {columns}{'  error/bound' if bounded else ''}")
+        for name, status in zip(names, result[f"{group}/status"].data, strict=True):
+            if f"{group}/{name}/size" in result:
+                screen += _accuracy_rows(result, f"{group}/{name}", f"{name:{width}}")
+            if status != "done":
+                parts = wrap(f"{name:{width}}  {status}", 96, subsequent_indent=" " * (width + 2))
+                screen += (f"      {line}" for line in parts)
+        reference = f", against {about['reference']}" if about["reference"] else ""
+        screen.append(f"      error: {about['measure']}{reference}")
+    return [*screen, "", "  → the choice · ● Pareto-optimal: nothing is both faster and more accurate"]
 
 
 def _accuracy_rows(result: Result, group: str, name: str) -> Iterable[str]:

@@ -36,36 +36,31 @@ _RANKED, _ERRORS, _SAMPLES = 12, 5, 5
 def lines(result: Result) -> list[str]:
     """Return the screen of a study's result, line by line."""
     table = StudyTable(result)
-    shown, hidden = shown_numbers(table)
-    blocks = [
-        list(_status(table)),
-        list(_statistics(table, shown, hidden)),
-        [f"  {path}: {shares}" for path, shares in text_shares(table)],
-        [f"    {share:>8}  {text}" for text, share in met_expectations(table)],
-        list(_influences(table, shown)),
-    ]
-    if blocks[3]:
-        blocks[3].insert(0, "  expectations of the scene, and the share of the samples that meet them")
-    return [line for block in blocks if block for line in (*block, "")][:-1]
-
-
-def _status(table: StudyTable) -> Iterator[str]:
-    """Yield the number of finished samples, the ranges of the inputs, and the errors of failed samples."""
-    yield f"  {status_text(table)}"
     width = max((len(name) for name in table.inputs), default=0)
-    for name, column in table.inputs.items():
-        yield f"    {name:<{width}}  {range_text(column)}"
+    status = [f"  {status_text(table)}"]
+    status += (f"    {name:<{width}}  {range_text(column)}" for name, column in table.inputs.items())
     if len(table.pending):
-        yield "  interrupted: run the study again to resume it"
+        status.append("  interrupted: run the study again to resume it")
     found = failures(table)
-    if found:
-        yield ""
-        yield "  failed"
+    failed = ["  failed"] if found else []
     for failure in found[:_ERRORS]:
         which = "sample" if len(failure.samples) == 1 else "samples"
-        yield f"    {len(failure.samples):>7,}  {failure.error}  ({which} {first_samples(failure)})"
+        failed.append(f"    {len(failure.samples):>7,}  {failure.error}  ({which} {first_samples(failure)})")
     if len(found) > _ERRORS:
-        yield f"    … and {counted(len(found) - _ERRORS, 'other reason')}"
+        failed.append(f"    … and {counted(len(found) - _ERRORS, 'other reason')}")
+    met = [f"    {share:>8}  {text}" for text, share in met_expectations(table)]
+    if met:
+        met.insert(0, "  expectations of the scene, and the share of the samples that meet them")
+    shown, hidden = shown_numbers(table)
+    blocks = [
+        status,
+        failed,
+        list(_statistics(table, shown, hidden)),
+        [f"  {path}: {shares}" for path, shares in text_shares(table)],
+        met,
+        list(_influences(table, shown)),
+    ]
+    return [line for block in blocks if block for line in (*block, "")][:-1]
 
 
 def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list[str]) -> Iterator[str]:

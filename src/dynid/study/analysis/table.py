@@ -29,16 +29,16 @@ _ENTRY = re.compile(r"(?P<path>[^\[]*)\[(?P<labels>.*)\]")
 
 @dataclass(frozen=True)
 class Column:
-    """One number of each sample.
+    """Output of a study, one number per sample.
 
     Parameters
     ----------
     name
-        Its path in the result; of an array's entry with the labels: `path[label,…]`.
+        The path in the result; for an entry of an array with its labels: `path[label,…]`.
     units
         Its units.
     values
-        Float64, shape (samples,); NaN where a sample has no value; magnitudes of complex numbers.
+        Float64, shape (samples,); NaN for missing values; magnitudes of complex numbers.
     """
 
     name: str
@@ -47,17 +47,17 @@ class Column:
 
 
 class StudyTable:
-    """A study as a table.
+    """Result of a study as a table.
 
     Parameters
     ----------
     result
-        A study's result, in memory or stored.
+        The result of a study, in memory or stored.
 
     Raises
     ------
     UsageError
-        Where the result is of another kind.
+        If the result is of another kind.
     """
 
     def __init__(self, result: Result) -> None:
@@ -86,7 +86,7 @@ class StudyTable:
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
-        """The number of each row's sample in the plan."""
+        """The number in the plan of the sample of each row."""
         return self.result["study/sample"].data
 
     @cached_property
@@ -97,7 +97,7 @@ class StudyTable:
 
     @cached_property
     def paths(self) -> list[str]:
-        """The paths of everything that was gathered for each sample, texts too."""
+        """Paths of all outputs, including texts."""
         every = {path: self.variable(path) for path in _below(self.result, RESULTS)}
         found = {path: variable for path, variable in every.items() if variable.dims[:1] == ("sample",)}
         lengths = {
@@ -108,15 +108,15 @@ class StudyTable:
         return [path for path in found if path not in lengths]
 
     def variable(self, path: str) -> Variable:
-        """Return what was gathered at a path, samples first."""
+        """Return the output at a path; its first axis is the samples."""
         return self.result[f"{RESULTS}/{path}"]
 
     def is_number(self, path: str) -> bool:
-        """Tell numbers from texts."""
+        """Return whether the output at a path is numeric."""
         return self.variable(path).dtype.kind in "bifc"
 
     def size(self, path: str) -> int:
-        """Return how many entries a sample has at a path."""
+        """Return the number of entries of one sample at a path."""
         return math.prod(self.variable(path).shape[1:])
 
     def axes(self, path: str) -> list[LabelledAxis]:
@@ -135,7 +135,7 @@ class StudyTable:
             yield Column(name, variable.units, values[:, number])
 
     def entries(self, path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
-        """Yield the name and the place of each entry that a sample has at a path."""
+        """Yield name and index of each entry of one sample at a path."""
         axes = self.axes(path)
         labels = [[_label(label) for label in axis.labels] for axis in axes]
         for place in np.ndindex(*(len(axis.labels) for axis in axes)):
@@ -143,12 +143,12 @@ class StudyTable:
             yield f"{path}[{chosen}]" if axes else path, place
 
     def find(self, name: str) -> tuple[str, tuple[int, ...] | None]:
-        """Return the path and the place of an entry that a name means; no place: all of the array.
+        """Return the path and the index of a named entry; index None for a whole array.
 
         Raises
         ------
         UsageError
-            Where there is no such number.
+            If there is no such number.
         """
         name = name.strip("/").removeprefix(f"{RESULTS}/")
         match = _ENTRY.fullmatch(name)
@@ -156,7 +156,7 @@ class StudyTable:
         if path not in self.paths:
             ends = [known for known in self.paths if known.endswith(f"/{path}")]
             hint = f"; did you mean '{ends[0]}'?" if ends else did_you_mean_path(path, self.paths)
-            raise UsageError(f"the study has gathered nothing at '{path}'{hint}")
+            raise UsageError(f"the study has collected nothing at '{path}'{hint}")
         if not self.is_number(path):
             raise UsageError(f"'{path}' is a text, which has no worst")
         if path == name:
@@ -172,7 +172,7 @@ class StudyTable:
 
 
 def _below(result: Result, group: str) -> list[str]:
-    """Return the paths below a group, from there on."""
+    """Return the paths below a group, relative to it."""
     return [path.removeprefix(f"{group}/") for path in result if path.startswith(f"{group}/")]
 
 

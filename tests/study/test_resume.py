@@ -1,4 +1,4 @@
-"""Going on with a study: nothing that is finished is lost, whatever was damaged, changed or forgotten."""
+"""Resumed studies: no finished sample is lost, whatever was damaged, changed or interrupted."""
 
 import errno
 import os

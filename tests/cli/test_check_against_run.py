@@ -1,4 +1,4 @@
-"""`dynid check` finds what keeps a run from starting: same exit code, and the run's message among its own."""
+"""`dynid check` and `dynid run` agree on errors before the start: same exit code, same message."""
 
 import re
 

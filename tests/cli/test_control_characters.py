@@ -1,4 +1,4 @@
-"""What a file says never moves a cursor, renames a terminal, or computes in a spreadsheet."""
+"""Control characters of files: they reach no terminal and no spreadsheet."""
 
 import csv
 import os

@@ -1,4 +1,4 @@
-"""The pages on studies and CI: their commands run as they stand there."""
+"""Commands in the documentation on studies and CI run as written."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Scenes in Hz are answered in Hz on every screen and page; complex roots keep rad/s, and say so."""
+"""Units of frequencies: scenes in Hz have screens and pages in Hz; complex roots stay in rad/s."""
 
 import re
 
