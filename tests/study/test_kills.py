@@ -121,7 +121,7 @@ def test_an_interrupted_study_ends_cleanly_and_says_how_to_go_on(many, number, c
     os.killpg(process.pid, number)  # as a terminal does: to the workers too
     _, said = process.communicate(timeout=60)
     assert process.returncode == code, said
-    assert "Go on with: dynid study masses.yaml" in said
+    assert "Resume with: dynid study masses.yaml" in said
     assert "Traceback" not in said
     from dynid.store import read_result
 

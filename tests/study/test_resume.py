@@ -253,7 +253,7 @@ def test_the_command_to_go_on_is_the_whole_command(tmp_path, monkeypatch, capsys
         with pytest.raises(SystemExit) as left:
             main(arguments)
         assert left.value.code == 130
-        return capsys.readouterr().err.strip().rpartition("Go on with: ")[2]
+        return capsys.readouterr().err.strip().rpartition("Resume with: ")[2]
 
     again = shlex.split(call(["study", "masses.yaml", *options]))
     assert again[:2] == ["dynid", "study"]

@@ -30,9 +30,9 @@ def refuse_unknown(name: str, known: Collection[str], what: str, remedy: str = "
     known
         The names that exist.
     what
-        What the names are of, such as ``topic``.
+        The kind of name, such as ``topic``.
     remedy
-        How to find the names; by default they are listed.
+        The remedy in the message; by default a list of the names.
 
     Raises
     ------

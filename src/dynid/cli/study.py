@@ -149,7 +149,7 @@ def study(
                 force=force, report=listener, notice=noticing(plan.study.source.file, listener),
             )  # fmt: skip
     except KeyboardInterrupt as end:
-        click.echo(f"interrupted; what is finished is safe. Go on with: {_same_command()}", err=True)
+        click.echo(f"interrupted; finished samples are stored. Resume with: {_same_command()}", err=True)
         return 143 if isinstance(end, Terminated) else 130
     with open_stored(target) as result:
         if report:

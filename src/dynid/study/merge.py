@@ -19,7 +19,7 @@ from dynid.study.run import finished_keys
 from dynid.study.stored import StudyFile, open_study
 
 _PENDING = 2
-_RANKS = np.array([_PENDING, 0, 1])  # of what is pending, done, failed
+_RANKS = np.array([_PENDING, 0, 1])  # of pending, done and failed samples
 
 
 def merge_studies(

@@ -50,7 +50,22 @@ class Packed:
 def packed(outcomes: SampleOutcomes) -> Packed:
     """Return outcomes, none of them pending, as bytes."""
     pieces: list[bytes] = []
-    heading = {"count": len(outcomes), "blocks": [_packed(block, pieces) for block in outcomes.blocks]}
+    blocks = []
+    for block in outcomes.blocks:
+        pieces += [block.rows.astype("<i4").tobytes(), block.met.tobytes()]
+        arrays = []
+        for path, one in block.values.items():
+            kept = one.data[:1] if _is_one_row(one.data) else one.data
+            arrays.append([path, one.dims[1:], one.units, dict(one.attrs), one.data.dtype.str, kept.shape])
+            if one.data.dtype.kind == "O":
+                arrays[-1].append(kept.ravel().tolist())
+            else:
+                pieces.append(kept.tobytes())
+        about: dict[str, Any] = {"samples": len(block), "met": block.met.shape[1], "arrays": arrays}
+        if block.errors:
+            about |= {"errors": block.errors, "exit_codes": block.exit_codes}
+        blocks.append(about)
+    heading = {"count": len(outcomes), "blocks": blocks}
     text = json.dumps(heading, separators=(",", ":"), default=lambda value: value.item()).encode()
     return Packed(outcomes.exit_codes.tobytes(), b"".join([_LENGTH.pack(len(text)), text, *pieces]))
 
@@ -61,23 +76,25 @@ def unpacked(content: bytes) -> SampleOutcomes:
     begin = _LENGTH.size + length
     heading = json.loads(content[_LENGTH.size : begin])
     reader = _Reader(content, begin)
-    return SampleOutcomes([_unpacked(block, reader) for block in heading["blocks"]], heading["count"])
-
-
-def _packed(block: SampleBlock, pieces: list[bytes]) -> dict[str, Any]:
-    pieces += [block.rows.astype("<i4").tobytes(), block.met.tobytes()]
-    arrays = []
-    for path, one in block.values.items():
-        kept = one.data[:1] if _is_one_row(one.data) else one.data
-        arrays.append([path, one.dims[1:], one.units, dict(one.attrs), one.data.dtype.str, kept.shape])
-        if one.data.dtype.kind == "O":
-            arrays[-1].append(kept.ravel().tolist())
-        else:
-            pieces.append(kept.tobytes())
-    heading: dict[str, Any] = {"samples": len(block), "met": block.met.shape[1], "arrays": arrays}
-    if block.errors:
-        heading |= {"errors": block.errors, "exit_codes": block.exit_codes}
-    return heading
+    blocks = []
+    for about in heading["blocks"]:
+        count = about["samples"]
+        rows = reader.take("<i4", count).astype(np.intp)
+        met = reader.take("?", count, about["met"])
+        values = {}
+        for path, dims, units, attrs, kind, shape, *texts in about["arrays"]:
+            data: NDArray[Any]
+            if texts:
+                data = np.empty(len(texts[0]), dtype=object)
+                data[:] = texts[0]
+                data = data.reshape(shape)
+            else:
+                data = reader.take(kind, *shape)
+            shared = np.broadcast_to(data, (count, *shape[1:]))
+            values[path] = Variable(("sample", *dims), shared, units, attrs)
+        errors, codes = (tuple(about.get(what, ())) for what in ("errors", "exit_codes"))
+        blocks.append(SampleBlock(rows, values, met, errors, codes))
+    return SampleOutcomes(blocks, heading["count"])
 
 
 def _is_one_row(data: NDArray[Any]) -> bool:
@@ -101,21 +118,3 @@ class _Reader:
         data = np.frombuffer(self.content, kind, int(np.prod(shape, dtype=np.int64)), self.place)
         self.place += data.nbytes
         return data.reshape(shape)
-
-
-def _unpacked(heading: dict[str, Any], reader: _Reader) -> SampleBlock:
-    count = heading["samples"]
-    rows = reader.take("<i4", count).astype(np.intp)
-    met = reader.take("?", count, heading["met"])
-    values = {}
-    for path, dims, units, attrs, kind, shape, *texts in heading["arrays"]:
-        data: NDArray[Any]
-        if texts:
-            data = np.empty(len(texts[0]), dtype=object)
-            data[:] = texts[0]
-            data = data.reshape(shape)
-        else:
-            data = reader.take(kind, *shape)
-        values[path] = Variable(("sample", *dims), np.broadcast_to(data, (count, *shape[1:])), units, attrs)
-    errors, codes = (tuple(heading.get(what, ())) for what in ("errors", "exit_codes"))
-    return SampleBlock(rows, values, met, errors, codes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
@@ -116,7 +116,12 @@ class StudyFile:
             for path in rows
             if (name := _lengths_of(path, self.result[path])) is not None
         }
-        for own in _alike(done, list(lengths.values())):
+        groups = np.zeros(len(done), dtype=np.intp)  # of samples whose arrays have equal lengths
+        if lengths:
+            table = np.concatenate([kept[done] for kept in lengths.values()], axis=1)
+            groups = np.unique(table, axis=0, return_inverse=True)[1].reshape(-1)  # a column in NumPy 2.0
+        for group in range(int(groups.max()) + 1):
+            own = done[groups == group]
             yield SampleBlock(own + start, self._values(own, rows, lengths), judged[own])
 
     def _values(
@@ -142,17 +147,6 @@ class StudyFile:
             attrs = {key: value for key, value in variable.attrs.items() if key not in ("stored", "lengths")}
             values[name] = Variable(variable.dims, data, variable.units, attrs)
         return values
-
-
-def _alike(rows: NDArray[np.intp], lengths: Sequence[NDArray[np.int64]]) -> Iterator[NDArray[np.intp]]:
-    """Yield groups of rows with equal lengths of their arrays."""
-    if not lengths:
-        yield rows
-        return
-    table = np.concatenate([kept[rows] for kept in lengths], axis=1)
-    _, groups = np.unique(table, axis=0, return_inverse=True)
-    for group in range(int(groups.max()) + 1):
-        yield rows[groups.reshape(-1) == group]  # a column in NumPy 2.0
 
 
 def _lengths_of(path: str, variable: Variable) -> str | None:

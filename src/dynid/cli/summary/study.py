@@ -101,11 +101,11 @@ def _influences(table: StudyTable, shown: list[tuple[str, Column]]) -> Iterator[
     names = [split_name(name) for name, _ in rows]
     width = max(len(name) for _, name in names)
     group = None
-    for (own, name), (_, said) in zip(names, rows, strict=True):
+    for (own, name), (_, inputs) in zip(names, rows, strict=True):
         if own != group:
             yield f"  {own}" if own else ""
             group = own
-        yield f"    {name:<{width}}  {said}"
+        yield f"    {name:<{width}}  {inputs}"
     yield f"    ({notes[0]})"
     yield from (f"    {note}" for note in notes[1:])
 
@@ -122,11 +122,11 @@ def plan_lines(
     numbers
         The samples to run: all, or those of a shard.
     finished
-        How many of them are finished.
+        The number of finished samples among them.
     target
         The file to write.
     foreign
-        How many finished samples of that file do not belong to the study.
+        The number of finished samples of that file that do not belong to the study.
     """
     method = plan.attrs["method"]
     yield f"{plan.study.title}: {counted(len(numbers), 'sample')} of {plan.attrs['base']} ({plan.base.kind})"

@@ -183,24 +183,21 @@ def correlations(
     ndarray
         Correlations (inputs x results); NaN if one of them does not vary.
     """
-    return np.array([[_correlation(x, y, ranks) for y in results] for x in inputs]).reshape(
-        len(inputs), len(results)
-    )
-
-
-def _correlation(x: Floats, y: Floats, ranks: bool) -> float:
-    known = np.isfinite(x) & np.isfinite(y)
-    if known.sum() < 2:
-        return float("nan")
-    pair = [x[known], y[known]]
-    if ranks:  # equal values have their mean rank
-        for k, values in enumerate(pair):
-            _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
-            pair[k] = (np.cumsum(counts) - (counts - 1) / 2)[place]
-    if any(values.min() == values.max() for values in pair):
-        return float("nan")
-    a, b = (values - values.mean() for values in pair)
-    return float(np.clip((a / np.linalg.norm(a)) @ (b / np.linalg.norm(b)), -1, 1))
+    found = np.full((len(inputs), len(results)), np.nan)
+    for place in np.ndindex(found.shape):
+        x, y = inputs[place[0]], results[place[1]]
+        known = np.isfinite(x) & np.isfinite(y)
+        if known.sum() < 2:
+            continue
+        pair = [x[known], y[known]]
+        if ranks:  # equal values have their mean rank
+            for k, values in enumerate(pair):
+                _, level, counts = np.unique(values, return_inverse=True, return_counts=True)
+                pair[k] = (np.cumsum(counts) - (counts - 1) / 2)[level]
+        if all(values.min() < values.max() for values in pair):
+            a, b = (values - values.mean() for values in pair)
+            found[place] = np.clip((a / np.linalg.norm(a)) @ (b / np.linalg.norm(b)), -1, 1)
+    return found
 
 
 def scatter(x: Floats, y: Floats, most: int = 5000) -> tuple[Floats, Floats]:
