@@ -125,7 +125,8 @@ def test_the_pipeline_runs_as_it_is_written_and_sees_a_difference(project):
     scene = project.folder / "studies/tolerances.yaml"
     scene.write_text(scene.read_text().replace("high: 60", "high: 61"))
     left = project(
-        "dynid study studies/tolerances.yaml -q -o results/tolerances.h5; " + github().splitlines()[-2]
+        "dynid study studies/tolerances.yaml -q --force -o results/tolerances.h5; "
+        + github().splitlines()[-2]
     )
     assert left.returncode == 1
     assert "study/samples/parameters.b" in left.stdout

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from dynid.errors import Diverged
 from dynid.identification.estimators import auto
 from dynid.identification.estimators.auto import drawn_starts
 from dynid.identification.estimators.segments import in_segments
@@ -60,6 +61,15 @@ def test_starts_that_end_at_different_optima_are_no_optimum(monkeypatch):
     assert not diagnostic(result, "optimum")
     assert not diagnostic(result, "converged")
     assert "the starts end at different optima" in diagnostic(result, "verdict")
+
+
+def test_a_failed_search_does_not_blame_the_record(monkeypatch):
+    """The record determines every parameter, but all starts end far from the optimum."""
+    monkeypatch.setattr(auto, "MOST_STARTS", replace(auto.MOST_STARTS, value=3))
+    with pytest.raises(
+        Diverged, match=r"4 starts ended at different optima.*, j4.c no longer has any effect"
+    ):
+        suite(case(1431))
 
 
 def test_a_narrow_valley_is_followed_to_its_end():

@@ -228,7 +228,7 @@ class Posterior:
         Raises
         ------
         Diverged
-            Naming the parameters.
+            Naming the parameters; or those without effect at the end of a search that found no optimum.
         NotIdentifiable
             Naming those whose order of magnitude the records do not determine.
         """
@@ -247,7 +247,16 @@ class Posterior:
                 names=names,
             )
         if unknown.any():
-            raise below_noise([name for name, yes in zip(names, unknown, strict=True) if yes])
+            lost = [name for name, yes in zip(names, unknown, strict=True) if yes]
+            if self.estimate.disputed:
+                raise Diverged(
+                    f"{self.estimate.counts['starts']} starts ended at different optima, none of which "
+                    f"explains the {self.noun}{'s' * self.several}; at the best of them, {', '.join(lost)} "
+                    f"no longer {'have' if len(lost) > 1 else 'has'} any effect",
+                    remedy="Start nearer to the true values, bound the unknowns, or check the model.",
+                    names=lost,
+                )
+            raise below_noise(lost)
 
     def _unexplained(self) -> str:
         """Return why the prediction does not explain the records; empty where it does."""

@@ -57,15 +57,17 @@ _SAME, _AS_GOOD = 0.02, 0.02
 _EXACT = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
 _WHITE = 1e-4
-# A parameter is vague beyond this standard error of its logarithm: other optima may be as white. So many
-# starts are drawn to look for them, besides those so many standard errors away (of at most so much).
-_VAGUE, _CONFIRMING, _AWAY, _FARTHEST = 0.05, 4, 3.0, 2.0
+# A parameter is vague beyond this standard error of its logarithm: other optima may be as white. To look for
+# them, starts are drawn, besides those so many standard errors away (of at most so much).
+_VAGUE, _AWAY, _FARTHEST = 0.05, 3.0, 2.0
 # Beyond this one the parameter is not identifiable, whatever the start.
 _BLIND = 10.0
 # Lengths of segments that are fitted one after the other, as fractions 1/n of a record; starts are chosen by
 # the shortest. No route is the best for all records: short segments have fewer local optima, but are less
 # sensitive.
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
+# Starts that confirm an accepted optimum: one by each route.
+_CONFIRMING = len(_ROUTES)
 
 
 SearchStart: TypeAlias = tuple[Array, list[Sweep]]
@@ -212,9 +214,12 @@ class Search:
 
     @property
     def ended(self) -> bool:
-        """True if further starts are of no use."""
+        """True if further starts are of no use.
+
+        An accepted optimum needs no confirmation if the first attempt ended there and it is well known.
+        """
         if self.accepted:
-            return self.drawn >= _CONFIRMING or not self.vague
+            return self.drawn >= _CONFIRMING or (self.tried[0].accepted and not self.vague)
         return self.agreed
 
     def best(self) -> Estimate:
