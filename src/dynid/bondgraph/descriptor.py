@@ -157,7 +157,7 @@ class Descriptor:
         self._owners += self._integrals
 
     def signal(self, source: str) -> LinearForm:
-        """Return what a source imposes."""
+        """Return the signal of a source as a form."""
         if source == self.freed:
             return {("w", source): self.field.one}
         return {("u", source, 0): self.field.one} if source in self.inputs else {}
@@ -168,7 +168,7 @@ class Descriptor:
         return {("w", junction): self.field.one} if fixing is None else self.signal(fixing)
 
     def _response(self, element: str, place: str) -> LinearForm:
-        """Return what an element answers the common variable with (effort on a 1, flow on a 0)."""
+        """Return the effort (on a 1) or flow (on a 0) of an element in terms of the common variable."""
         node, value = self.graph.nodes[element], self.field.value(element)
         on_one = self.structure.junctions[place].kind == "1"
         stored: LinearForm = {("u", f"initial:{element}", 0): -value} if element in self.initial else {}
@@ -205,7 +205,7 @@ class Descriptor:
         return [name for name in self.graph.nodes if name in found]
 
     def output(self, port: Port) -> LinearForm:
-        """Return a variable of the graph as a form; but for a storage's own state q and p are integrals."""
+        """Return a variable of the graph as a form; q and p are integrals unless they are a state."""
         name, quantity = port.node, self.graph.behind(port).quantity
         kind, place = self.graph.nodes[name].type, self.structure.place[name]
         sign = self.field.one * bond_sign(self.graph, name)
@@ -299,7 +299,7 @@ class _IndexReduction:
         return rates, outputs
 
     def _add(self, row: int, form: LinearForm, factor: object) -> None:
-        """Add a multiple of a form to a row, and keep the index of rows true."""
+        """Add a multiple of a form to a row, and keep the index of rows up to date."""
         target = self.rows[row]
         add(target, form, factor)
         for symbol in form:
@@ -383,7 +383,7 @@ def without_input_rates(rates: dict[str, LinearForm], outputs: list[LinearForm])
 
 @dataclass(frozen=True)
 class IrreducibleBlock:
-    """A square part of a system: the places of its equations, and what they say of its own unknowns."""
+    """A square part of a system: the places of its equations, and their terms in its own unknowns."""
 
     rows: list[int]
     forms: list[LinearForm]

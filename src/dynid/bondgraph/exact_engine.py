@@ -335,7 +335,7 @@ def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Def
 
 
 def _root_modulo(factor: Any, reduced: ReducedGraph) -> tuple[int, int]:
-    """Return a prime, of use with the graph's values, and a root of the polynomial modulo it."""
+    """Return a prime at which the polynomial has a root and the graph's values exist, and the root."""
     from flint import nmod_poly
 
     values = [reduced.graph.value(name) for name in reduced.valued]

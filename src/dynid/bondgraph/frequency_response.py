@@ -1,4 +1,4 @@
-"""The frequency response of a graph, with no frequency at which it is silently wrong.
+"""The frequency response of a graph, certified at every frequency.
 
 The reduction runs on complex arrays that carry their error bounds: in double precision where the graph is
 small, in doubled precision, compiled, where it is large and roundings could add up. Where a pivot (nearly)

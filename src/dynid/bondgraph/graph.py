@@ -1,4 +1,4 @@
-"""Bond graphs as the user draws them: nodes, bonds, and what makes them well formed.
+"""Bond graphs as the user draws them: nodes, bonds, units, and tests of well-formedness.
 
 Conventions (Park & Kim 1997, section 2): power e*f is positive along a bond's arrow. One-ports with
 the bond pointing at them obey R: e = R f, I: e = s I f, C: f = s C e. Two-ports, bond 1 in and bond 2
@@ -104,7 +104,7 @@ class ValueExpression(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One node.
+    """A node of a bond graph.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ class ProgramPlan(ABC):
         self._write()
 
     def with_values(self, values: Mapping[str, Fraction]) -> Self:
-        """Return it with other values of some elements, for which the plan is known to hold."""
+        """Return the plan with other values of some elements, for which it is known to hold."""
         other = copy(self)
         other.graph = self.graph.with_values(values)
         other._values = {**self._values, **values}
@@ -76,7 +76,7 @@ class ProgramPlan(ABC):
         return other
 
     def on_axis(self, omega: Fraction) -> Self:
-        """Return it planned for one frequency: no pivot of it is exactly zero at s = j omega.
+        """Return the plan for one frequency: none of its pivots is exactly zero at s = j omega.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class ProgramPlan(ABC):
         return other
 
     def balanced(self) -> Self:
-        """Return it planned, with its numbers, for short ways through its loops (`Reducer`).
+        """Return the plan, with its numbers, for short paths through its loops (`Reducer`).
 
         Bounds on rounding errors, which grow with each step on a loop, stay small in long ladders and rings.
         """
@@ -104,7 +104,7 @@ class ProgramPlan(ABC):
 
     @abstractmethod
     def pivots(self) -> list[int]:
-        """Return what the program divides by."""
+        """Return the registers that the program divides by."""
 
     @abstractmethod
     def answers(self) -> Iterable[int]:
@@ -203,7 +203,7 @@ class ReducedGraph(ProgramPlan):
         }
 
     def pivots(self) -> list[int]:
-        """Return what the program divides by."""
+        """Return the registers that the program divides by."""
         return [pivot for reduction in self.reductions.values() for pivot in reduction.pivots]
 
     def answers(self) -> Iterable[int]:

@@ -187,7 +187,7 @@ class _Solved:
         )
 
     def _lowest_terms(self) -> dict[Register, Printed]:
-        """Write coefficients as quotients of polynomials; nothing where one of them grows long."""
+        """Return coefficients as quotients of polynomials; empty where one of them grows long."""
         from dynid.bondgraph.formulas.symbolic import FormulaTooLong, quotient, variables
 
         try:

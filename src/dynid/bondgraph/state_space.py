@@ -83,7 +83,7 @@ def rational_matrices(
 def _derived(
     reduced: ReducedGraph, initial: Sequence[str]
 ) -> tuple[Descriptor, dict[str, LinearForm], list[LinearForm], list[str]]:
-    """Return the equations of a graph, what they come down to, and its inputs with those of stored energy."""
+    """Return the equations of a graph, its state equations, and its inputs with those of stored energy."""
     junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
     system = Descriptor(
         reduced.structure,

@@ -1,1 +1,1 @@
-"""A graph decomposed at a port: its two sides, the dynamics of the prototype there, the source's line."""
+"""A graph decomposed at a port: its two sides, and the dynamics of the prototype there."""

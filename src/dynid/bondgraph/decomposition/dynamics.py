@@ -88,7 +88,7 @@ class PrototypeDynamics:
 
     @property
     def foreign_zeros(self) -> Any:
-        """The polynomial of what the printed condition gives and the named response has not as zeros."""
+        """The polynomial of roots of the printed condition that are no zeros of the named response."""
         return _without(self.zero, self._named_numerator)
 
     @property
@@ -98,7 +98,7 @@ class PrototypeDynamics:
 
     @property
     def foreign_modes(self) -> Any:
-        """The polynomial of what the printed condition gives and is no natural mode."""
+        """The polynomial of roots of the printed condition that are no natural modes."""
         return _without(self.pole, self.natural)
 
     @property

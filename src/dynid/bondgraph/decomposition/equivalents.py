@@ -115,7 +115,7 @@ def one_port_equivalent(
 def _given(
     cut: GraphBisection, program: Program, end: str, kind: str, registers: Mapping[str, Register]
 ) -> dict[str, Register]:
-    """Return what drives the port out of a side, without the probe and without what does not reach it."""
+    """Return the equivalent source of a side by input, without the probe and inputs that do not reach it."""
     probe = cut.probe(end)
     given = {source: r for source, r in registers.items() if source != probe and not program.is_zero(r)}
     if kind == "1" and not cut.points_out(end):  # the bond as drawn enters here: what drives it counts back
@@ -130,7 +130,7 @@ def _nodes(cut: GraphBisection, reduction: Reduction) -> tuple[str, ...]:
 def _read(
     cut: GraphBisection, program: Program, name: str, end: str, reduction: Reduction
 ) -> OnePortEquivalent:
-    """Read a side's equivalent off its reduction."""
+    """Return the equivalent of a side from its reduction."""
     kind = reduction.prototype.kind
     given = _given(cut, program, end, kind, reduction.drives)
     side = partial(OnePortEquivalent, name, end, _nodes(cut, reduction), reduction)
@@ -176,7 +176,7 @@ class Decomposition(ProgramPlan):
     driven
         The load driven by an ideal source side; None where the source side is not ideal.
     effort, flow
-        What each input makes of the port: its effort, and its flow into the load.
+        The effort at the port, and the flow into the load, by input.
 
     Raises
     ------
@@ -227,7 +227,7 @@ class Decomposition(ProgramPlan):
         self.flow = {name: self._flow(name) for name in self.inputs}
 
     def pivots(self) -> list[int]:
-        """Return what the program divides by."""
+        """Return the registers that the program divides by."""
         found: list[Register] = []
         for side in (self.source, self.load):
             found += side.reduction.pivots if side.reduction is not None else ()

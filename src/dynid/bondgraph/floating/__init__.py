@@ -1,1 +1,1 @@
-"""The float engine: roots of large graphs as eigenvalues, with what can be known exactly kept exact."""
+"""The float engine: roots of large graphs as eigenvalues; counts, orders and gains exact."""

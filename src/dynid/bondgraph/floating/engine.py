@@ -1,4 +1,4 @@
-"""One channel of a large graph: roots as eigenvalues (`roots`), and around them what is exact (`series`)."""
+"""The float engine: roots as eigenvalues (`roots`), gains and orders exact (`series`)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class FloatEngine:
         return RootDiscs.joined([self._spectra[junctions], *[origin] * self.reduced.graph.integrates(port)])
 
     def invariant_zeros(self, channel: Channel) -> RootDiscs:
-        """Return what an input can do while its output is held at zero: zeros and hidden modes."""
+        """Return the invariant zeros of a channel: its zeros and hidden modes."""
         return spectrum(zero_equations(self.reduced, channel))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Roots found in floating point, brought into agreement with what is known of them exactly.
+"""Roots found in floating point, brought into agreement with exact counts.
 
 The program is run on rational functions of s modulo a large prime. Degrees, multiplicities, roots at the
 origin and the roots that come with their mirror image about the imaginary axis are the same there as over
@@ -171,7 +171,7 @@ class RootDiscs:
 
 @dataclass(frozen=True)
 class EstimatedRoot:
-    """One root.
+    """A root with an error estimate.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class EstimatedRoot:
 
 
 def settled(discs: RootDiscs, counts: RootCounts) -> tuple[EstimatedRoot, ...]:
-    """Bring roots into agreement with what is known of them exactly.
+    """Bring roots into agreement with their exact counts.
 
     Roots at the origin become 0; roots that overlap become one root where that is what they are, and keep
     wide errors where they are distinct.
@@ -297,7 +297,7 @@ def cancelling(
 
 
 def checked(discs: RootDiscs, count: int) -> RootDiscs:
-    """Return roots whose number is right.
+    """Return the roots where their number is right.
 
     Raises
     ------

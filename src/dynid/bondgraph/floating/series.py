@@ -1,4 +1,4 @@
-"""Laurent series with a few leading terms: how a transfer function begins at 0, infinity, j omega.
+"""Laurent series with a few leading terms: orders and leading coefficients at 0, infinity, j omega.
 
 Which terms vanish is decided modulo a large prime, where numbers do not grow; what the others are is known
 in balls, as wide as the rounding errors.
@@ -190,7 +190,7 @@ def _sharp(
 def leading_terms(
     reduced: ReducedGraph, registers: Iterable[int], *, at_infinity: bool
 ) -> dict[int, tuple[int, float]]:
-    """Return how registers that do not vanish begin: (k, c) for c s^k as s goes to 0 or to infinity.
+    """Return the leading terms of registers that do not vanish: (k, c) for c s^k at s = 0 or infinity.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def limits_at_rest(
 
 
 def orders_on_axis(planned: ProgramPlan, registers: Iterable[int], omega: Fraction) -> dict[int, int]:
-    """Return how registers begin at s = j omega: -k at a pole, k at a zero of that order, 0 elsewhere.
+    """Return the orders of registers at s = j omega: -k at a pole, k at a zero of order k, 0 elsewhere.
 
     They are expanded modulo a large prime, in which orders are the same but for accidents.
 

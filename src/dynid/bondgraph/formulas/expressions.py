@@ -131,7 +131,7 @@ def length(program: Program, register: Register, limit: int) -> int:
 
 
 def in_order(program: Program, register: Register, stops: Container[Register]) -> Iterator[Register]:
-    """Yield what a register is made of, operands first, without recursion: programs are deep."""
+    """Yield the registers behind one, operands first, without recursion: programs are deep."""
     done: set[Register] = set()
     stack = [register]
     while stack:
@@ -177,7 +177,7 @@ def _write(
 
 
 def shared(program: Program, wanted: Collection[Register], longest: int) -> list[Register]:
-    """Return what is worth a name: the wanted, what is used more than once, and what grows long.
+    """Return the registers to name: the wanted ones, those used more than once, and long ones.
 
     Parameters
     ----------

@@ -238,7 +238,7 @@ def _cancelling(summands: list[SumTerm]) -> Iterator[tuple[SumTerm, SumTerm]]:
 
 
 def added(a: ReducedQuotient, b: ReducedQuotient) -> ReducedQuotient:
-    """Add quotients; it is noted where terms fall together or a factor of the denominator cancels."""
+    """Add quotients, and note whether terms combine or a factor of the denominator cancels."""
     shared = a.below.gcd(b.below)
     left, right = b.below // shared, a.below // shared
     one, other = a.above * left, b.above * right
@@ -251,7 +251,7 @@ def added(a: ReducedQuotient, b: ReducedQuotient) -> ReducedQuotient:
 
 
 def multiplied(a: ReducedQuotient, b: ReducedQuotient, *, same: bool = False) -> ReducedQuotient:
-    """Multiply quotients; what cancels is noted, and what stands twice unless the factors are the same."""
+    """Multiply quotients, and note whether factors cancel or repeat (unless both are the same)."""
     if b.below == 0:
         raise OverflowError  # a value of the scene is identically zero
     if a.above == 0 or b.above == 0:
@@ -264,5 +264,5 @@ def multiplied(a: ReducedQuotient, b: ReducedQuotient, *, same: bool = False) ->
 
 
 def _vary(a: Any, b: Any) -> bool:
-    """Test whether two polynomials have a factor in common that is no number."""
+    """Test whether two polynomials have a common factor that is not constant."""
     return bool(a.gcd(b).total_degree() > 0)

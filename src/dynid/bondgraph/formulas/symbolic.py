@@ -15,7 +15,7 @@ _WORK = 32
 
 
 class FormulaTooLong(ArithmeticError):
-    """A formula has outgrown what it may, or is certain to take far too much work."""
+    """A formula exceeds its limit of terms, or of work."""
 
 
 class SymbolicQuotient(FactoredQuotient):
@@ -82,7 +82,7 @@ def variables(names: list[str], limit: int) -> tuple[dict[str, SymbolicQuotient]
 
 
 def _read(spelled: str) -> str:
-    """Read what flint wrote, in the names as they were given."""
+    """Return the text of flint in the names as they were given."""
     return spelled.encode().decode("unicode_escape")
 
 

@@ -183,7 +183,7 @@ def _operand(registers: RegisterArrays, power: Integers, register: int, draft: _
 
 @compiled
 def _operation(registers: RegisterArrays, power: Integers, register: int, draft: _Draft) -> int:
-    """Write what computes a register from its operands; return its place."""
+    """Write the instruction that computes a register from its operands; return its place."""
     op, a, b = registers.codes[register], registers.first[register], registers.second[register]
     if op == _DIV:
         return _write_quotient(registers, power, register, draft)

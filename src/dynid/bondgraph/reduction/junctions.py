@@ -195,7 +195,7 @@ def unique(name: str, taken: Collection[str]) -> str:
 
 
 class NameRegistry:
-    """Names that are taken, and how far each is numbered: one wanted often takes no longer every time."""
+    """Names that are taken, and the last number given to each, so that numbering stays fast."""
 
     def __init__(self, taken: Iterable[str]) -> None:
         self._taken = set(taken)

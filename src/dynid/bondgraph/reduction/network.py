@@ -80,7 +80,7 @@ class Balance:
 
     @property
     def origin(self) -> str:
-        """The name of what stands on the junction: its only element, or itself."""
+        """The name of the immittance on the junction: its only element, or the junction itself."""
         return self.terms[0].name if len(self.terms) == 1 else self.name
 
 
@@ -143,7 +143,7 @@ class NodalNetwork:
         return law if row.kind == own else program.inv(law)
 
     def feed(self, row: Balance, source: str, amount: Register) -> None:
-        """Add what an input feeds into a balance; nothing is left of what takes each other back."""
+        """Add the contribution of an input to a balance; contributions that cancel disappear."""
         total = self.program.add(row.sources.get(source, self.program.zero), amount)
         if self.program.is_zero(total):
             row.sources.pop(source, None)
@@ -195,7 +195,7 @@ class NodalNetwork:
         return self.program.neg(self.program.one)
 
     def retie(self, a: Balance, b: Balance, tie: Tie) -> None:
-        """Note what alone ties two junctions from now on."""
+        """Note the only tie of two junctions."""
         self._ties[frozenset((a, b))] = tie
 
     def tie(self, a: Balance, b: Balance) -> Tie | None:
@@ -223,7 +223,7 @@ class NodalNetwork:
         return self.program.sum([term.register for term in row.terms])
 
     def remove(self, row: Balance) -> None:
-        """Take an eliminated junction out."""
+        """Remove an eliminated junction."""
         for other in row.entries:
             del other.entries[row]
         row.gone = True

@@ -1,4 +1,4 @@
-"""The four prototypes of Park & Kim 1997, Fig. 2, and which of them a reduction ends in.
+"""The four prototypes of Park & Kim 1997, Fig. 2, and the choice of the systems A and B.
 
 On a 1-junction A and B are impedances, on a 0-junction admittances. Where the source fixes the common
 variable (a, b) both answer it independently: feedforward. Where it does not (c, d) B sets the common
@@ -139,7 +139,7 @@ class DrivenRelation:
 
 
 def split_root(network: NodalNetwork, port: Port, fixed: bool) -> tuple[Immittance, list[Immittance]]:
-    """Split what stands on the root into the systems B and A.
+    """Split the immittances on the root into the systems B and A.
 
     Where a source fixes the common variable (a, b) B is the output's element. Else (c, d) B sets the common
     variable: the storage that integrates it there (I on a 1, C on a 0; the output's own first), else the

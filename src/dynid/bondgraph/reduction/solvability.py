@@ -162,7 +162,7 @@ class ModularNodalForm:
         return law if on == own else pow(law, -1, self.prime)
 
     def driven(self, junctions: Collection[str]) -> dict[str, Sparse]:
-        """Return, for every source, what it feeds into the balances of some junctions."""
+        """Return the contributions of every source to the balances of some junctions."""
         found: dict[str, Sparse] = {}
         for name in junctions:
             for source, sign in self.structure.junctions[name].feeding:
@@ -192,7 +192,7 @@ class ModularNodalForm:
 def undetermined(
     structure: JunctionStructure, junctions: Iterable[str] | None = None
 ) -> tuple[list[Undetermined], ModularNodalForm | None]:
-    """Return what the equations of some junctions leave open; nothing where they have a unique solution.
+    """Return the variables that some equations leave open; none where the solution is unique.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def undetermined(
 
 
 def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[Undetermined]:
-    """Fix at zero what no output depends on, so that the rest has a unique solution.
+    """Fix undetermined variables at zero that no output depends on: the rest has a unique solution.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class NoTrace:
         """Record the reflection of an immittance through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2."""
 
     def moved(self, leaf: Balance, size: Register) -> None:
-        """Turn what drives a leaf into the units of its neighbour, through a coupling of this size."""
+        """Convert the drives of a leaf to the units of its neighbour, through a coupling of this size."""
 
     def swapped(self, leaf: Balance, into: Balance, factor: Register, two_port: str | None) -> None:
         """Record the swap of a Norton form on a leaf for a Thévenin form on its neighbour, or the reverse."""
@@ -109,7 +109,7 @@ class NoTrace:
         """Record the constraint that a bare junction puts on a neighbour, and the gains of entries."""
 
     def driven(self, row: Balance) -> None:
-        """Note that a balance is described from now on by its own sources."""
+        """Note that a balance is described by its own sources from here on."""
 
     def reached(self, prototype: Prototype, port: Port, form: PortForm) -> None:
         """Record the prototype, its systems, what drives them, and the output in these terms."""
@@ -268,7 +268,7 @@ class TraceRecorder(NoTrace):
         return definitions
 
     def title(self, row: Balance, term: Immittance) -> str:
-        """Return the name of an immittance on a junction: its own, or one after what it was reduced from."""
+        """Return the name of an immittance on a junction: its own, or one after the node it comes from."""
         given = self._titles.get((row, term)) or self.labels.get(term.register)
         if given is None:
             given = self._names.fresh(f"{'Z' if row.kind == '1' else 'Y'}_{term.name}")
@@ -355,7 +355,7 @@ class TraceRecorder(NoTrace):
 
 
 def reserve_system_names(names: NameRegistry, suffix: str = "") -> str:
-    """Take the names of a prototype's systems, and return what stands behind them so that they are free."""
+    """Reserve the names of a prototype's systems, and return the suffix that makes them free."""
     while any(names.has(f"{system}{suffix}") for system in SYSTEMS):
         suffix += "_2"
     for system in SYSTEMS:
@@ -364,7 +364,7 @@ def reserve_system_names(names: NameRegistry, suffix: str = "") -> str:
 
 
 def taken_names(graph: BondGraph) -> set[str]:
-    """Collect what nothing that a step defines must be called: nodes, parameters, and s."""
+    """Return the names that no step may define: nodes, parameters, and s."""
     nodes = graph.nodes.values()
     parameters = {name for node in nodes if node.formula for name in node.formula.names}
     return {*graph.nodes, *parameters, "s", "s_value"}

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def add_formulas(result: Result, reduced: ReducedGraph, wanted: FormulaRequest | None) -> None:
-    """Add what there is to read of every channel.
+    """Add the formulas of every channel.
 
     A formula of a page is the attribute `symbolic` (and `latex`) of its channel. On demand a channel has the
     datasets `program` and `program_latex` (named assignments, none expanded), and where it is to be expanded
@@ -83,7 +83,7 @@ _GAINS = frozenset({"dc_gain", "high_frequency_gain"})
 
 
 def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
-    """Add what is asked for of every channel, by the engine that is asked for or fits the size.
+    """Add the requested results of every channel, from the requested engine or the one that fits the size.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
 def add_channel(
     result: Result, engine: ExactEngine | FloatEngine | EngineSample, channel: Channel, asked: frozenset[str]
 ) -> None:
-    """Add what is asked for of one channel."""
+    """Add the requested results of one channel."""
     transfer, group = engine.channel(channel), _group(channel)
     if "transfer_function" in asked:
         if isinstance(transfer, TransferFunction):
@@ -177,7 +177,7 @@ def natural_frequencies(
 def _add_hidden_modes(
     result: Result, engine: ExactEngine | FloatEngine | EngineSample, channel: Channel, *, explained: bool
 ) -> None:
-    """Add the natural modes that cancel in the channel, and why where that is asked for and known."""
+    """Add the natural modes that cancel in the channel; their causes where requested and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
     if not result.wants(f"{group}/hidden_modes"):
         return
@@ -200,7 +200,7 @@ def _add_modes(result: Result, group: str, values: NDArray[Any]) -> None:
 
 
 def roots_of(polynomial: Any) -> tuple[CertifiedRoot, ...]:
-    """Return certified roots; the same polynomial is the answer to several questions of a port."""
+    """Return certified roots, cached: at a port those of one polynomial are requested repeatedly."""
     return _roots(tuple(int(c) for c in (polynomial // polynomial.content()).coeffs()))
 
 

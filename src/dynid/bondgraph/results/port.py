@@ -84,7 +84,7 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
 
 
 def add_requested(result: Result, reduced: ReducedGraph) -> None:
-    """Add the zeros and poles of every channel asked for, to lie beside the dynamics at the port."""
+    """Add the zeros and poles of every requested channel, to compare with the dynamics at the port."""
     channels = reduced.channels()
     ratios = reduced.rational(channels.values())
     for (port, source), register in channels.items():
@@ -94,7 +94,7 @@ def add_requested(result: Result, reduced: ReducedGraph) -> None:
 
 
 def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.float64]) -> None:
-    """Add both sides, effort and flow where they meet, and what eqs 5 to 8 name, over frequency.
+    """Add over frequency: both sides, effort and flow at the port, and the responses of eqs 5 to 8.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class StaticLine:
         return flow, effort
 
     def ends(self, box: tuple[FlowEffort, FlowEffort]) -> tuple[FlowEffort, FlowEffort]:
-        """Return where the line enters and leaves a box, given by two corners."""
+        """Return the points where the line enters and leaves a box, given by two corners."""
         (left, low), (right, high) = box
         sides = [StaticLine(Fraction(0), Fraction(1), left), StaticLine(Fraction(0), Fraction(1), right)]
         sides += [StaticLine(Fraction(1), Fraction(0), low), StaticLine(Fraction(1), Fraction(0), high)]

@@ -191,7 +191,7 @@ def polynomial_text(polynomial: Any) -> str:
 
 
 def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:
-    """Add where a polynomial vanishes; one that vanishes everywhere has no roots to list."""
+    """Add the roots of a polynomial; one that is identically zero has none to list."""
     if polynomial != 0:
         polynomial = polynomial // polynomial.content() * (1 if polynomial.leading_coefficient() > 0 else -1)
     result.add(f"{group}/{prefix}polynomial", polynomial_text(polynomial))

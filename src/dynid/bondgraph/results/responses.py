@@ -177,7 +177,7 @@ def _add_courses(
     outputs: Mapping[str, NDArray[np.float64]],
     sources: NDArray[np.float64],
 ) -> None:
-    """Add what the outputs (times x outputs, by name) and the sources (times x inputs) did, with units."""
+    """Add the histories of outputs (times x outputs, by name) and sources (times x inputs), with units."""
     own = [reduced.units.of_output(port) for port in reduced.outputs]
     driving = [reduced.units.of_input(name) for name in reduced.inputs]
     result.add_axis(f"{_TIME}/time", times, "s")

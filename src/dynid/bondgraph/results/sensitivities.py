@@ -104,7 +104,7 @@ def sensitivity(
     hidden: Iterable[complex],
     parameters: Sequence[SensitivityParameter],
 ) -> Sensitivity:
-    """Return how one channel moves with parameters.
+    """Return the derivatives of one channel's zeros, poles and gains by parameters.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _of_roots(
 def _first_settled(
     circle: _Circle, run: tuple[Bounded, Bounded], again: Callable[[int], tuple[Bounded, Bounded]]
 ) -> NDArray[np.complex128]:
-    """Return the integrals over a circle as soon as the precision is high enough."""
+    """Return the integrals over a circle at the first precision that is high enough."""
     for bits in (*_PRECISIONS, 0):
         transfer, slopes = run
         with np.errstate(all="ignore"):  # what overflows has no finite bound
@@ -237,7 +237,7 @@ def _in_balls(
     points: NDArray[np.complex128],
     bits: int,
 ) -> tuple[Bounded, Bounded]:
-    """Return the same, rounded from ball arithmetic of so many bits."""
+    """Return T and dT/dp as `_in_doubles`, rounded from ball arithmetic of so many bits."""
     from flint import acb, arb, ctx, fmpq
 
     def number(value: Fraction) -> Any:

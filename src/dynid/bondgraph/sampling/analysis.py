@@ -29,7 +29,7 @@ ResultColumn = Sequence[Variable]
 
 
 def columns(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) -> dict[str, ResultColumn]:
-    """Return what is wanted of the channels of all samples, by path.
+    """Return the wanted arrays of the channels of all samples, by path.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class SampledAnalysis:
         count: int,
         initial: Sequence[Mapping[str, float | Fraction]] | None = None,
     ) -> list[Mapping[str, Variable] | None]:
-        """Return what is wanted of every sample; None for one that is to be run alone.
+        """Return the wanted arrays of every sample; None for one that is to be run alone.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class SampledAnalysis:
     def _alone(
         self, values: Mapping[str, Fraction], initial: Mapping[str, float | Fraction], *, channels: bool
     ) -> Result | None:
-        """Return what is computed of a sample by itself; None where it has no answer: alone it says why."""
+        """Return the result of one sample by itself; None where it fails: run alone it reports why."""
         analysis, result = self.analysis, Selection("bond-graph", self.wanted)
         reduced = self._family.at(values)
         try:

@@ -143,7 +143,7 @@ class SampledEngine:
         return EngineSample(self, sample)
 
     def transfer(self, channel: Channel, sample: int) -> TransferFunction:
-        """Return a channel of a sample; its roots are known already."""
+        """Return a channel of a sample, with its roots."""
         from flint import fmpz_poly
 
         solved = self.channels[channel]

@@ -272,7 +272,7 @@ class GraphFamily:
 
 
 def _primitive(polynomial: Any) -> Any:
-    """Return a polynomial less what it is a multiple of without s."""
+    """Return the primitive part of a polynomial in s: without factors that are free of s."""
     ring = polynomial.context()
     parts: dict[int, dict[tuple[int, ...], Any]] = {}
     for powers, coefficient in polynomial.to_dict().items():
