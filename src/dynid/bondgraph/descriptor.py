@@ -208,15 +208,15 @@ class Descriptor:
         """Return a variable of the graph as a form; q and p are integrals unless they are a state."""
         name, quantity = port.node, self.graph.behind(port).quantity
         kind, place = self.graph.nodes[name].type, self.structure.place[name]
-        sign = self.field.one * bond_sign(self.graph, name)
+        sign = bond_sign(self.graph, name)
         if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
             form = self.signal(name)
         elif quantity == ("f" if self.structure.junctions[place].kind == "1" else "e"):
             form = self._common(place)
         elif kind in SOURCES:  # the reaction of a source that fixes the junction
-            form = scaled(self._balance[place], -sign)
+            form = scaled(self._balance[place], -(self.field.one * sign))
         else:
-            form = scaled(self._responses[name], sign)
+            form = scaled(self._responses[name], self.field.one * sign)
         if self.graph.is_state(port):
             value = self.field.value(name) * sign
             return scaled(form, value) if value else {}

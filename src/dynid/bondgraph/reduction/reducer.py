@@ -394,6 +394,7 @@ class Reducer:
                 raise self._singular()
             own = total
         form = port_form(self.net, port, total)
+        self.trace.reached(prototype, port, form)
         channels = {}
         for source in self.net.inputs:  # the root's common variable first (eqs 1 to 4)
             if self.work.held is not None:
@@ -403,7 +404,6 @@ class Reducer:
             else:
                 common = self.program.div(self.root.sources.get(source, self.program.zero), total)
             channels[source] = channel(self.net, form, source, common)
-        self.trace.reached(prototype, port, form)
         return Reduction(
             port=port,
             root=self.root.name,
