@@ -85,6 +85,9 @@ def test_what_cancels_in_a_formula_or_in_a_term_of_it_is_not_written(program):
         program.mul(x, program.add(y, z)), program.add(program.mul(x, y), program.mul(x, z))
     )
     assert print_register(program, program.mul(z, nothing), nodes, {}) == ("0", ATOM)
+    whole = program.add(program.add(x, y), z)
+    shares = program.sum(program.div(part, whole) for part in (x, y, z))
+    assert print_register(program, shares, nodes, {})[0] == "1"  # no two of them cancel, but all three do
 
 
 @pytest.mark.parametrize(

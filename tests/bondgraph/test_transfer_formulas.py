@@ -10,7 +10,7 @@ from sympy import Rational, sympify
 
 import dynid
 from dynid.bondgraph.formulas.symbolic import apply, quotient, variables
-from dynid.bondgraph.formulas.transfer import formulas, readable
+from dynid.bondgraph.formulas.transfer import formulas, nested, readable
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
 from tests.bondgraph.random_graphs import random_graph
@@ -170,3 +170,23 @@ def test_a_factor_that_numerator_and_denominator_share_is_not_written():
     ((above, below),) = readable(graph).values()
     assert above.gcd(below) == 1
     assert (len(above), len(below)) == (1, 2)  # n g/(s n^2 m r + g^2)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(), junctions=st.integers(1, 5), loops=st.sampled_from([0, 1, 2]))
+def test_the_assignments_of_a_nested_formula_end_in_the_transfer_function(seed, junctions, loops):
+    rng = random.Random(seed)
+    types, values, bonds, inputs, output = random_graph(rng, junctions, loops)
+    try:
+        graph = reduced(types, values, bonds, inputs, f"{output[0]}.{output[1]}")
+    except Singular:
+        return
+    expected = transfer_at(types, values, bonds, inputs, output, S)
+    if expected is None:
+        return
+    for (_, source), register in graph.channels().items():
+        known = {name: Rational(v.numerator, v.denominator) for name, v in {**values, "s": S}.items()}
+        for line in nested(graph, [register]).split("\n"):
+            name, _, text = line.partition(" = ")
+            known[name] = sympify(text, known)
+        assert (name, known[name]) == ("T", expected[source])
