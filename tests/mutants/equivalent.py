@@ -47,6 +47,11 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.solvability:ModularNodalForm.driven: ault(fixing, {{}}), name, -size, self.prime) → ault(fixing, {{}}), name, size, self.prime)": (
         "a source that fixes feeds no balance, so that the sign is that of all its entries; zero stays zero"
     ),
+    "dynid.bondgraph.formulas.symbolic:: _WORK = 32 → _WORK = 33": "a limit of cost",
+    "dynid.bondgraph.formulas.lowest_terms:independent: return False → return None": "both count as false",
+    "dynid.bondgraph.formulas.expressions:shared: x(wanted, default=-1), -1, -1): → x(wanted, default=-1), -2, -1):": (
+        "no register is -1"
+    ),
     "dynid.bondgraph.formulas.transfer:: DABLE, _LIMIT = (40, 4000) → DABLE, _LIMIT = (40, 4001)": "a limit of cost",
     f"{_REDUCTION}.network:: BOND = Tie(None, False) → BOND = Tie(None, True)": "a bond has no modulus to invert",
 }
