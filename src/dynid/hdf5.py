@@ -119,7 +119,7 @@ def check_stored(dataset: Any) -> None:
 
 
 def survives(work: Callable[[], object], seconds: float = _SECONDS) -> bool:
-    """Tell whether a copy of this process survives some work, whatever exceptions that raises.
+    """Return True if a copy of this process survives some work; exceptions in it do not count.
 
     Where no safe copy can be made (no `fork`, or several threads) there is no trial.
     """
@@ -136,7 +136,7 @@ def survives(work: Callable[[], object], seconds: float = _SECONDS) -> bool:
 
 def _try(work: Callable[[], object], seconds: float) -> None:
     """Do the work in the copy and leave it: silent, bounded in time, with no clean-up of the original's."""
-    with suppress(BaseException):  # what raises does not crash; the original will see it again
+    with suppress(BaseException):  # an exception is no crash; the original process meets it again
         faulthandler.disable()
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_REAL, seconds)

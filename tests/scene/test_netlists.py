@@ -246,7 +246,7 @@ models:
         (
             "[Vs source, Z load, kvl base/0]\n",
             "[Vs source, Z load, kvl base/0, x base/SS]\n    ports: [x A]\n",
-            "the root model is the whole; it has no ports outside",
+            "the root model has no outer ports",
         ),
     ],
 )

@@ -67,9 +67,9 @@ def test_other_readers_see_no_cells(mat):
 @pytest.mark.parametrize(
     ("columns", "layout", "said"),
     [
-        (None, TableLayout(), "5 variables: table, t, y, runs, z. Say which: variable: NAME"),
+        (None, TableLayout(), "5 variables: table, t, y, runs, z. Name it: variable: NAME"),
         (["yy"], TableLayout(), "has no variable 'yy'; did you mean 'y'?"),
-        ([2], TableLayout("runs"), "2 rows of cells in 'runs'. Say which: row: NUMBER"),
+        ([2], TableLayout("runs"), "2 rows of cells in 'runs'. Give it: row: NUMBER"),
         ([2], TableLayout("runs", 3), "has 2 rows of cells in 'runs', no row 3"),
         ([2], TableLayout("table", 1), "holds a matrix in 'table', no rows of cells"),
         ([3], TableLayout("runs", 1, time=1), "columns of different lengths: 50, 50, 1"),

@@ -180,8 +180,8 @@ def test_a_signal_is_by_default_the_only_column_that_is_not_the_time(written, te
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("time,F,G\n0,1,2\n", "has 2 columns beside the time: F, G. Say which one drives: column: NAME"),
-        ("0,1\n", "has 2 columns beside the time. Say which"),
+        ("time,F,G\n0,1,2\n", "has 2 columns beside the time: F, G. Name the one that drives: column: NAME"),
+        ("0,1\n", "has 2 columns beside the time. Name the one"),
         ("time\n0\n", "has no columns beside the time"),
         ("T,t,F\n300,0,1\n", "has 2 columns beside the time: T, F"),
     ],

@@ -138,19 +138,17 @@ def samples_meet(
         Sample x expectation.
     """
     first = one(0)
-    columns = [
-        [_check(one(place), expectation).passed for place in range(count)]
-        if _labels_vary(samples, expectation.get("at", {}))
-        else _met(samples, count, first, expectation)
-        for expectation in expectations
-    ]
+    columns = []
+    for expectation in expectations:
+        dims = expectation.get("at", {})
+        labels = [
+            variable.data for variable in samples.values() for dim in dims if variable.dims[1:] == (dim,)
+        ]
+        if any(not np.array_equal(data, np.broadcast_to(data[0], data.shape)) for data in labels):
+            columns.append(np.array([_check(one(place), expectation).passed for place in range(count)]))
+        else:
+            columns.append(_met(samples, count, first, expectation))
     return np.column_stack(columns)
-
-
-def _labels_vary(samples: Mapping[str, Variable], dims: Iterable[str]) -> bool:
-    """Return True if coordinates named by an expectation differ between samples."""
-    coordinates = [one.data for one in samples.values() for dim in dims if one.dims[1:] == (dim,)]
-    return any(not np.array_equal(data, np.broadcast_to(data[0], data.shape)) for data in coordinates)
 
 
 def _met(

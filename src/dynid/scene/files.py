@@ -34,9 +34,26 @@ def missing_files(scene: Scene) -> list[Fault]:
     input of a response that is not asked for. Of a study, the files of the scene that it varies, and those
     that it sets.
     """
-    if scene.kind == "study":
-        return _missing_in_study(scene)
-    return _missing(scene, [])
+    if scene.kind != "study":
+        return _missing(scene, [])
+    from dynid.scene.kinds.study import base_scene, study_model
+    from dynid.scene.schema.study import Listed, paths_of
+
+    base, model = base_scene(scene), study_model(scene)
+    paths = [path for key in model.vary for path in paths_of(key)]
+    faults = _missing(base, [path_of(base.source, path) for path in paths])
+    for key, factor in model.vary.items():
+        for number, value in enumerate(factor.values if isinstance(factor, Listed) else []):
+            if isinstance(value, str | list | dict):
+                values = [value] if len(paths_of(key)) == 1 else value
+                source = set_values(base.source, dict(zip(paths_of(key), values, strict=True)))
+                parts = [path_of(source, path) for path in paths_of(key)]
+                places = (place for place in file_places(source.data) if _is_below(place, parts))
+                message = next(filter(None, (_why_not(base.folder, source.data, p) for p in places)), "")
+                listed = ("vary", key, "values", number)
+                place = listed if listed in scene.source.marks else ("vary", key, number)
+                faults += [scene.source.fault(place, message)] if message else []
+    return faults
 
 
 def _missing(scene: Scene, elsewhere: Sequence[KeyPath]) -> list[Fault]:
@@ -60,28 +77,6 @@ def _why_not(folder: Path, data: Any, place: KeyPath) -> str:
     path = folder / (dataset_of(name)[0] if place[:2] == ("structure", "matrices") else name)
     found = obstacle(path)
     return str(FileError(f"{path} {found[0]}", remedy=found[1])) if found else ""
-
-
-def _missing_in_study(scene: Scene) -> list[Fault]:
-    """Return the missing files of the scene that a study varies, and of the values that the study sets."""
-    from dynid.scene.kinds.study import base_scene, study_model
-    from dynid.scene.schema.study import Listed, paths_of
-
-    base, model = base_scene(scene), study_model(scene)
-    paths = [path for key in model.vary for path in paths_of(key)]
-    faults = _missing(base, [path_of(base.source, path) for path in paths])
-    for key, factor in model.vary.items():
-        for number, value in enumerate(factor.values if isinstance(factor, Listed) else []):
-            if isinstance(value, str | list | dict):
-                values = [value] if len(paths_of(key)) == 1 else value
-                source = set_values(base.source, dict(zip(paths_of(key), values, strict=True)))
-                parts = [path_of(source, path) for path in paths_of(key)]
-                places = (place for place in file_places(source.data) if _is_below(place, parts))
-                message = next(filter(None, (_why_not(base.folder, source.data, p) for p in places)), "")
-                listed = ("vary", key, "values", number)
-                place = listed if listed in scene.source.marks else ("vary", key, number)
-                faults += [scene.source.fault(place, message)] if message else []
-    return faults
 
 
 def moved(name: str, folder: Path, target: Path) -> str:

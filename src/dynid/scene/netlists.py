@@ -12,11 +12,12 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Any
 
-from dynid.errors import Fault, SceneError
+from dynid.errors import SceneError
 from dynid.scene.yaml.source import Source, read_source
 from dynid.scene.yaml.writer import dump
 from dynid.suggestions import did_you_mean
@@ -35,7 +36,7 @@ class _SceneGraph:
 
 
 def read_netlist(path: str | os.PathLike[str]) -> str:
-    """Read a netlist, and write the scene of its graph.
+    """Return the scene of a netlist.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
     FileError
         Where the file cannot be read.
     SceneError
-        With the place of what cannot be understood.
+        With the places of faults.
     """
     source = read_source(path)
     root = expand(source, _TYPES)
@@ -72,60 +73,48 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
         raise SceneError(faults)
     for wire in root.wires:
         _connect(graph, root, wire)
-    return _scene(str(source.data["root"]), graph, root)
+    kinds = {name: component.type for name, component in root.components.items()}
+    stored = [name for name, kind in kinds.items() if kind in ("I", "C")]
+    shown = stored or [name for name, kind in kinds.items() if kind == "R"]
+    return dump(
+        {
+            "dynid": 1,
+            "kind": "bond-graph",
+            "title": str(source.data["root"]),
+            "graph": {"nodes": graph.nodes, "bonds": graph.bonds},
+            "analysis": {
+                "inputs": [name for name, kind in kinds.items() if kind in ("Se", "Sf")],
+                "outputs": [f"{name}.{_OUTPUTS[kinds[name]]}" for name in shown],
+            },
+        }
+    )
 
 
 def _connect(graph: _SceneGraph, root: NetlistModel, wire: Wire) -> None:
     """Add the bond of a wire."""
     first, second = (end.component for end in wire)
-    wishes = [_wish(root, end) for end in wire]
+    wishes = []  # the direction of an arrow at each end: in, out, or empty for either
+    for end in wire:
+        kind = root.components[end.component].type
+        if kind == "Sf":
+            wishes.append("out")
+        elif kind == "1":
+            wishes.append("out" if end.port == "inverting" else "in")
+        elif kind in ("TF", "GY"):
+            wishes.append("out" if end.port == "1" else "in")
+        else:
+            wishes.append("")
     if wishes[0] and wishes[0] == wishes[1]:
-        joint = _unused(f"{first}_{second}", graph)
+        names = (f"{first}_{second}{f'_{k}' if k > 1 else ''}" for k in count(1))
+        joint = next(name for name in names if name not in graph.nodes)
         graph.nodes[joint] = "0"
         out = wishes[0] == "out"
-        graph.bonds += [f"{end} -> {joint}" if out else f"{joint} -> {end}" for end in (first, second)]
+        graph.bonds += [f"{name} -> {joint}" if out else f"{joint} -> {name}" for name in (first, second)]
         return
     backwards = wishes[0] == "in" or (not wishes[0] and wishes[1] == "out")
     if wishes == ["", ""]:
         backwards = root.components[first].type in ("R", "C", "I")
     graph.bonds.append(f"{second} -> {first}" if backwards else f"{first} -> {second}")
-
-
-def _wish(root: NetlistModel, end: WireEnd) -> str:
-    """Say which way an arrow must go at a port: in, out, or either."""
-    kind = root.components[end.component].type
-    if kind == "Sf":
-        return "out"
-    if kind == "1":
-        return "out" if end.port == "inverting" else "in"
-    if kind in ("TF", "GY"):
-        return "out" if end.port == "1" else "in"
-    return ""
-
-
-def _unused(wanted: str, graph: _SceneGraph) -> str:
-    name, count = wanted, 1
-    while name in graph.nodes:
-        count += 1
-        name = f"{wanted}_{count}"
-    return name
-
-
-def _scene(title: str, graph: _SceneGraph, root: NetlistModel) -> str:
-    kinds = {name: component.type for name, component in root.components.items()}
-    stored = [name for name, kind in kinds.items() if kind in ("I", "C")]
-    shown = stored or [name for name, kind in kinds.items() if kind == "R"]
-    data = {
-        "dynid": 1,
-        "kind": "bond-graph",
-        "title": title,
-        "graph": {"nodes": graph.nodes, "bonds": graph.bonds},
-        "analysis": {
-            "inputs": [name for name, kind in kinds.items() if kind in ("Se", "Sf")],
-            "outputs": [f"{name}.{_OUTPUTS[kinds[name]]}" for name in shown],
-        },
-    }
-    return dump(data)
 
 
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
@@ -137,7 +126,7 @@ Place = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Component:
-    """One component: its type, its value as written, and where it stands in the file."""
+    """One component: its type, its value as written, and its place in the file."""
 
     type: str
     template: str
@@ -158,7 +147,7 @@ Wire = tuple[WireEnd, WireEnd]
 
 @dataclass
 class NetlistModel:
-    """Components by their names, wires between them, and the ports it shows outside by their labels."""
+    """Components by name, wires between them, and the outer ports by label."""
 
     components: dict[str, Component] = field(default_factory=dict)
     wires: list[Wire] = field(default_factory=list)
@@ -179,7 +168,7 @@ def expand(source: Source, types: Sequence[str]) -> NetlistModel:
     Raises
     ------
     SceneError
-        With the place of what cannot be understood.
+        With the place of the first fault.
     """
     try:
         models = _models(source.data)
@@ -188,14 +177,10 @@ def expand(source: Source, types: Sequence[str]) -> NetlistModel:
             raise _Refusal(("root",), f"no model '{root}'{did_you_mean(root, list(models))}")
         model = _Expansion(models, types).model(root, (), ())
         if model.ports:
-            raise _Refusal(("models", root, "ports"), "the root model is the whole; it has no ports outside")
+            raise _Refusal(("models", root, "ports"), "the root model has no outer ports")
         return _numbered(_without_sensors(model))
     except _Refusal as refusal:
-        raise SceneError([_fault(source, refusal)]) from None
-
-
-def _fault(source: Source, refusal: _Refusal) -> Fault:
-    return source.fault(refusal.place, str(refusal))
+        raise SceneError([source.fault(refusal.place, str(refusal))]) from None
 
 
 def _models(data: Any) -> dict[str, Any]:
@@ -208,7 +193,7 @@ def _models(data: Any) -> dict[str, Any]:
 
 
 class _Expansion:
-    """Expands the models of one file."""
+    """Expansion of the models of one file."""
 
     def __init__(self, models: dict[str, Any], types: Sequence[str]) -> None:
         self._models = models
@@ -228,9 +213,18 @@ class _Expansion:
         for k, text in enumerate(_texts(written, "components", place)):
             self._add(whole, inner, text, (*place, "components", k), path, (*above, name))
         for k, text in enumerate(_texts(written, "netlist", place)):
-            whole.wires.append(_wire(text, (*place, "netlist", k), whole, inner, path))
+            ends = text.split()
+            if len(ends) != 2:
+                raise _Refusal((*place, "netlist", k), f"'{text}' is no wire; write 'a b', or 'a.port b'")
+            first, second = (_end(end, (*place, "netlist", k), whole, inner, path) for end in ends)
+            whole.wires.append((first, second))
         for k, text in enumerate(_texts(written, "ports", place)):
-            _expose(whole, text, (*place, "ports", k), path)
+            label, *names = text.split()
+            full = "_".join((*path, label))
+            if len(names) != 1 or full not in whole.components or whole.components[full].type != "SS":
+                message = f"'{text}' is no port; write 'a B', where a is a component base/SS"
+                raise _Refusal((*place, "ports", k), message)
+            whole.ports[names[0]] = full
         return whole
 
     def _add(
@@ -268,7 +262,14 @@ class _Expansion:
             raise _Refusal(place, message)
         if len(values) > 1:
             raise _Refusal(place, f"a component of type {kind} takes one value, not {len(values)}")
-        return Component(kind, template, _number(values[0], place) if values else None, place)
+        value: int | float | None = None
+        if values:
+            written = values[0].rpartition("=")[2]  # 10 or r=10
+            try:
+                value = int(written) if written.lstrip("+-").isdecimal() else float(written)
+            except ValueError:
+                raise _Refusal(place, f"'{written}' is no number; components need numbers") from None
+        return Component(kind, template, value, place)
 
 
 def _texts(model: dict[str, Any], key: str, place: Place) -> list[str]:
@@ -279,25 +280,6 @@ def _texts(model: dict[str, Any], key: str, place: Place) -> list[str]:
         if not isinstance(item, str):
             raise _Refusal((*place, key, k), f"an entry of '{key}' is a text")
     return listed
-
-
-def _number(text: str, place: Place) -> int | float:
-    """Read the value of a component: 10 or r=10."""
-    written = text.rpartition("=")[2]
-    try:
-        return int(written) if written.lstrip("+-").isdecimal() else float(written)
-    except ValueError:
-        raise _Refusal(place, f"'{written}' is no number; components need numbers") from None
-
-
-def _wire(
-    text: str, place: Place, whole: NetlistModel, inner: dict[str, NetlistModel], path: tuple[str, ...]
-) -> Wire:
-    ends = text.split()
-    if len(ends) != 2:
-        raise _Refusal(place, f"'{text}' is no wire; write 'a b', or 'a.port b'")
-    first, second = (_end(end, place, whole, inner, path) for end in ends)
-    return first, second
 
 
 def _end(
@@ -317,16 +299,8 @@ def _end(
     return WireEnd(full, port)
 
 
-def _expose(whole: NetlistModel, text: str, place: Place, path: tuple[str, ...]) -> None:
-    label, *names = text.split()
-    full = "_".join((*path, label))
-    if len(names) != 1 or full not in whole.components or whole.components[full].type != "SS":
-        raise _Refusal(place, f"'{text}' is no port; write 'a B', where a is a component base/SS")
-    whole.ports[names[0]] = full
-
-
 def _without_sensors(model: NetlistModel) -> NetlistModel:
-    """Join the wires on both sides of every port between models, where `base/SS` stands."""
+    """Return a model without `base/SS`, the ports between models, whose wires are joined."""
     wires = list(model.wires)
     for name, component in model.components.items():
         if component.type != "SS":
@@ -341,12 +315,8 @@ def _without_sensors(model: NetlistModel) -> NetlistModel:
 
 
 def _numbered(model: NetlistModel) -> NetlistModel:
-    """Name the ports of two-ports that the file leaves to their order."""
+    """Return a model whose two-ports have named ports; the file may number them by their order."""
     used: Counter[str] = Counter()
-
-    def ends() -> Iterator[Wire]:
-        for wire in model.wires:
-            yield (named(wire[0]), named(wire[1]))
 
     def named(end: WireEnd) -> WireEnd:
         if model.components[end.component].type not in ("TF", "GY") or end.port:
@@ -354,4 +324,4 @@ def _numbered(model: NetlistModel) -> NetlistModel:
         used[end.component] += 1
         return WireEnd(end.component, str(used[end.component] - 1))
 
-    return NetlistModel(model.components, list(ends()))
+    return NetlistModel(model.components, [(named(first), named(second)) for first, second in model.wires])

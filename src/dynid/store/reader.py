@@ -208,13 +208,12 @@ def _dims(dataset: Any) -> tuple[str, ...]:
     # Like H5DSis_scale, which frees its buffer twice in HDF5 2.0 for another class, and aborts.
     if dataset.attrs.get("CLASS") in (b"DIMENSION_SCALE", "DIMENSION_SCALE"):
         return (str(dataset.name).rsplit("/", 1)[-1],)
-    return tuple(_dim_name(dim) or f"axis_{axis}" for axis, dim in enumerate(dataset.dims, 1))
-
-
-def _dim_name(dim: Any) -> str:
-    # A scale has its name as an attribute; requesting its path from HDF5 would search the whole file.
-    name = dim[0].attrs.get("NAME", "") if len(dim) else ""
-    return name.decode() if isinstance(name, bytes) else str(name)
+    names = []
+    for axis, dim in enumerate(dataset.dims, 1):
+        # A scale has its name as an attribute; requesting its path from HDF5 would search the whole file.
+        name = dim[0].attrs.get("NAME", "") if len(dim) else ""
+        names.append((name.decode() if isinstance(name, bytes) else str(name)) or f"axis_{axis}")
+    return tuple(names)
 
 
 def _check_stored(dataset: Any, path: str, name: str) -> None:

@@ -120,21 +120,14 @@ def tables_of(result: Result) -> list[ExportTable]:
         group, _, name = path.rpartition("/")
         variable = result[path]
         groups.setdefault(group, {}).setdefault(variable.dims, []).append((name, variable))
-    return [
-        _table(result, group, dims, members, len(found) > 1)
-        for group, found in groups.items()
-        for dims, members in _worth_it(found)
-    ]
-
-
-def _worth_it(
-    found: dict[tuple[str, ...], list[NamedArray]],
-) -> Iterator[tuple[tuple[str, ...], list[NamedArray]]]:
-    """Yield the tables of a group, without coordinates that are columns of other tables."""
-    for dims, members in found.items():
-        used = any(dims != other and set(dims) <= set(other) for other in found)
-        if not (used and all((name,) == dims for name, _ in members)):
-            yield dims, members
+    tables = []
+    for group, found in groups.items():
+        for dims, members in found.items():
+            # Coordinates that are columns of other tables make none of their own.
+            used = any(dims != other and set(dims) <= set(other) for other in found)
+            if not (used and all((name,) == dims for name, _ in members)):
+                tables.append(_table(result, group, dims, members, len(found) > 1))
+    return tables
 
 
 def _table(

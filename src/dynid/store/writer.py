@@ -32,7 +32,9 @@ class ArrayWriter:
         self.result = result
         self.hollow = hollow  # arrays whose values come later
         self._attached: dict[str, int] = {}  # scale: arrays that use it
-        self._taken = {prefix for path in (*result, *result.group_attrs) for prefix in _prefixes(path)}
+        self._taken: set[str] = set()  # paths of arrays and groups
+        for path in (*result, *result.group_attrs):
+            self._taken |= {path, *_groups_above(path)}
 
     def write(self) -> None:
         """Write all arrays, then the groups' attributes, then connect arrays and scales."""
@@ -114,11 +116,6 @@ def _is_coordinate(path: str, variable: Variable) -> bool:
 def _check_name(path: str) -> None:
     if path == "scene" or not all(part.strip(".") and "\0" not in part for part in path.split("/")):
         raise ValueError(f"'{path}' cannot be the name of an array")
-
-
-def _prefixes(path: str) -> Iterator[str]:
-    yield path
-    yield from (group for group in _groups_above(path) if group)
 
 
 def _groups_above(group: str) -> Iterator[str]:

@@ -77,7 +77,7 @@ class MeasuredResponses(NamedTuple):
 
 
 def read_responses(path: Path, given: ResponseLayout, place: str) -> MeasuredResponses:
-    """Read frequency response functions.
+    """Return measured frequency response functions.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ def read_responses(path: Path, given: ResponseLayout, place: str) -> MeasuredRes
         A text file with one line a row, an HDF5 or MATLAB file, or a Universal File of data sets 58. Complex
         numbers are columns of such (in text ``1.5-2e-3j``), or pairs of columns.
     given
-        What the scene says of it.
+        The columns that the scene names.
     place
         The dotted place of the file in the scene, for errors.
 
     Raises
     ------
     FileError
-        Where the file cannot be read, a column is missing, or numbers make no sense.
+        Where the file cannot be read, a column is missing, or numbers are invalid.
     """
     file = existing(path, place)
     if file_format(path) == "uff":
@@ -108,7 +108,6 @@ def read_responses(path: Path, given: ResponseLayout, place: str) -> MeasuredRes
             for name, columns in (("deviation", given.deviation), ("coherence", given.coherence))
         )
         found = MeasuredResponses(omega, _paired(table, given.columns), deviation, coherence)
-    # Refuse lines and numbers that make no sense.
     if not np.isfinite(found.omega).all() or np.any(found.omega < 0) or np.any(np.diff(found.omega) <= 0):
         file.refuse("has frequencies that are missing, negative, or do not increase", key="frequency")
     if np.isinf(found.values).any():
@@ -157,15 +156,15 @@ class _ResponseFile(ABC):
 
     @abstractmethod
     def frequency(self, name: ColumnName | None) -> NDArray[Any]:
-        """Return the lines: the column that is named, else one with a known name."""
+        """Return the lines: the named column, else one with a known name."""
 
     @abstractmethod
     def column(self, name: ColumnName, key: str) -> NDArray[Any]:
-        """Return what is named: one column or several; `key` is what names it in the scene."""
+        """Return the named column or columns; `key` is their key in the scene."""
 
     @abstractmethod
     def every(self) -> NDArray[Any]:
-        """Return all responses, where none are named."""
+        """Return all responses; the scene names none."""
 
 
 class _TextResponses(_ResponseFile):
@@ -180,7 +179,7 @@ class _TextResponses(_ResponseFile):
         """Return the lines; without a name and a header the first column."""
         if name is None and self.table.names and not _is_frequency(self.table.names[self.at]):
             known = ", ".join(self.table.names)
-            self.file.refuse(f"has no column of frequencies; it has {known}", "Say which: frequency: NAME.")
+            self.file.refuse(f"has no column of frequencies; it has {known}", "Name it: frequency: NAME.")
         self.at = self.at if name is None else self.table.find(name, "frequency")
         return self.table.values[:, [self.at]]
 
@@ -207,7 +206,7 @@ class _Hdf5Responses(_ResponseFile):
     """Datasets of an HDF5 file."""
 
     def frequency(self, name: ColumnName | None) -> NDArray[Any]:
-        """Return the lines: the dataset that is named, else one of the known names beside the responses."""
+        """Return the lines: the named dataset, else one of the known names beside the responses."""
         if name is not None:
             return self._read([str(name)], "frequency")
         at = next(iter(present(self.file, _MEASURED)), "")
@@ -224,7 +223,7 @@ class _Hdf5Responses(_ResponseFile):
         return self._read(_MEASURED, "columns")
 
     def _read(self, names: Sequence[str], key: str) -> NDArray[Any]:
-        """Return the first of these datasets that is there, as columns."""
+        """Return the first of these datasets in the file, as columns."""
         name = next(iter(present(self.file, names)), names[0])
         return complex_datasets(self.file, name, key)
 
@@ -233,7 +232,7 @@ class _MatlabResponses(_ResponseFile):
     """Variables of a MATLAB file."""
 
     def frequency(self, name: ColumnName | None) -> NDArray[Any]:
-        """Return the lines: the variable that is named, else one of the known names."""
+        """Return the lines: the named variable, else one of the known names."""
         return complex_columns(self.file, _FREQUENCY if name is None else [str(name)], "frequency")
 
     def column(self, name: ColumnName, key: str) -> NDArray[Any]:
@@ -246,7 +245,7 @@ class _MatlabResponses(_ResponseFile):
 
 
 def _universal(file: DataFile, given: ResponseLayout) -> MeasuredResponses:
-    """Read the functions of a Universal File that are frequency responses, and coherences if asked for."""
+    """Return the frequency responses in a Universal File, and the coherences that the scene names."""
     every = read_functions(file)
     found = _chosen(file, every, _FRF, "frequency response", given.columns, "columns")
     lines = found[0].x
@@ -276,7 +275,7 @@ def _chosen(
     wanted: Sequence[Any] | None,
     key: str,
 ) -> list[UniversalFunction]:
-    """Return the functions of a type that are named, or numbered among their like; absent: all."""
+    """Return the functions of a type by name, or by number among those of the type; absent: all."""
     known = [function for function in every if function.kind == kind]
     if not known:
         file.refuse(f"holds no {what}", f"Data sets 58 of function type {kind} are read.")

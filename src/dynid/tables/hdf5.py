@@ -16,7 +16,7 @@ from dynid.tables.table import TIME, DataFile, DataTable, are_numbers
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-#: Where the columns are looked for when a scene names none.
+#: The datasets of the columns where a scene names none.
 _MEASURED = ("measured", "identification/measurement/measured")
 
 
@@ -27,9 +27,9 @@ def read_datasets(
     time: str | None = None,
     rows: int | None = None,
 ) -> DataTable:
-    """Read datasets as one table: those that are named, else the columns of the measured ones.
+    """Return datasets as one table: the named ones, else the columns of the measured ones.
 
-    `time` is the dataset of the times; absent: `time` or `t` beside the first one. Of longer ones `rows` are
+    `time` is the dataset of the times; absent: `time` or `t` beside the first one. At most `rows` rows are
     read.
     """
     with _opened(file) as store:
@@ -37,7 +37,14 @@ def read_datasets(
         if columns is not None and named:
             names = [str(name) for name in columns]
         elif single and columns is None:
-            names = [_only_dataset(file, store)]
+            names = [name for name in _numeric(store) if name not in TIME]
+            if len(names) != 1:
+                beside = f": {', '.join(names)}" if names else ""
+                file.refuse(
+                    f"has {len(names) or 'no'} datasets of numbers beside the time{beside}",
+                    "Name the one that drives: column: NAME.",
+                    key="column",
+                )
         else:
             names = [next((name for name in _MEASURED if inside(store, name) is not None), _MEASURED[0])]
         key = "column" if single else "columns"
@@ -58,7 +65,7 @@ def read_datasets(
 
 @contextmanager
 def _opened(file: DataFile) -> Iterator[Any]:
-    """Open a file, and say of this file whatever goes wrong with reading it."""
+    """Open a file; errors of reading it name the file."""
     try:
         with open_hdf5(file.path) as store:
             yield store
@@ -68,18 +75,6 @@ def _opened(file: DataFile) -> Iterator[Any]:
         raise
     except Exception as error:  # a damaged file makes h5py raise nearly anything
         file.refuse(f"cannot be read as HDF5: {' '.join(str(error).split())}")
-
-
-def _only_dataset(file: DataFile, store: Any) -> str:
-    known = [name for name in _numeric(store) if name not in TIME]
-    if len(known) != 1:
-        named = f": {', '.join(known)}" if known else ""
-        file.refuse(
-            f"has {len(known) or 'no'} datasets of numbers beside the time{named}",
-            "Say which one drives: column: NAME.",
-            key="column",
-        )
-    return known[0]
 
 
 def _numeric(group: Any, kinds: str = "iuf") -> list[str]:
@@ -103,7 +98,7 @@ def _is_table(item: Any, kinds: str) -> bool:
 def _times(
     file: DataFile, store: Any, names: Sequence[str], length: int, time: str | None, rows: int | None
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return the times beside the data, and what they are rounded by."""
+    """Return the times beside the data, and their rounding."""
     if time is not None and _found(file, store, time, "time", "iuf").shape != (length,):
         file.refuse(f"has {length} rows of data, but another number of times in '{time}'", key="time")
     folder = names[0].rpartition("/")[0]
@@ -119,7 +114,7 @@ def _times(
 
 
 def present(file: DataFile, names: Sequence[str]) -> list[str]:
-    """Return which of these names a file has."""
+    """Return those of these names that a file has."""
     with _opened(file) as store:
         return [name for name in names if inside(store, name) is not None]
 

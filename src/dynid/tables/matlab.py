@@ -15,7 +15,7 @@ from dynid.tables.table import DataFile, DataTable, TableLayout, are_numbers
 
 
 def read_matlab(file: DataFile, columns: Sequence[str | int] | None, layout: TableLayout) -> DataTable:
-    """Read named vectors as one table, or the columns of one variable.
+    """Return named vectors as one table, or the columns of one variable.
 
     Of a cell array a row is a table, its cells the columns.
     """
@@ -28,7 +28,11 @@ def read_matlab(file: DataFile, columns: Sequence[str | int] | None, layout: Tab
             wanted.append(layout.time)
             parts.append(_vector(file, layout.time, _cells(file, layout.time, "time", None)[0]))
     else:
-        variable = layout.variable or _only(file)
+        known = names(file.path) if layout.variable is None else [layout.variable]
+        if len(known) != 1:
+            listed = f": {', '.join(known[:20])}" if known else ""
+            file.refuse(f"has {len(known) or 'no'} variables{listed}", "Name it: variable: NAME.")
+        variable = known[0]
         wanted, parts = [], _cells(file, variable, "variable", layout.row)
         if len(parts) > 1:
             numbers = {number for number in (*(columns or ()), layout.time) if isinstance(number, int)}
@@ -58,14 +62,6 @@ def complex_columns(file: DataFile, wanted: Sequence[str], key: str) -> NDArray[
     return values.reshape(-1, 1) if min(values.shape) == 1 else values
 
 
-def _only(file: DataFile) -> str:
-    known = names(file.path)
-    if len(known) != 1:
-        listed = f": {', '.join(known[:20])}" if known else ""
-        file.refuse(f"has {len(known) or 'no'} variables{listed}", "Say which: variable: NAME.")
-    return known[0]
-
-
 def _cells(file: DataFile, name: str, key: str, row: int | None) -> list[Array]:
     """Return the arrays of a variable: one, or those of a row of cells."""
     known = names(file.path)
@@ -78,7 +74,7 @@ def _cells(file: DataFile, name: str, key: str, row: int | None) -> list[Array]:
             file.refuse(f"holds a matrix in '{name}', no rows of cells", key="row")
         return found
     if row is None and shape[0] > 1:
-        file.refuse(f"has {shape[0]} rows of cells in '{name}'", "Say which: row: NUMBER.", key=key)
+        file.refuse(f"has {shape[0]} rows of cells in '{name}'", "Give it: row: NUMBER.", key=key)
     if row is not None and row > shape[0]:
         file.refuse(f"has {shape[0]} rows of cells in '{name}', no row {row}", key="row")
     return found[(row or 1) - 1 :: shape[0]]

@@ -94,8 +94,17 @@ def read_signal(
     table = _table(file, None if column is None else [column], layout, single=True)
     if isinstance(column, str) and file_format(path) in ("hdf5", "matlab"):
         found = table.data[0]
+    elif column is not None:
+        found = table.find(column, "column")
+    elif len(table.data) == 1:
+        found = table.data[0]
     else:
-        found = _only(table) if column is None else table.find(column, "column")
+        named = ": " + ", ".join(table.names[k] for k in table.data) if table.names and table.data else ""
+        table.file.refuse(
+            f"has {len(table.data) or 'no'} columns beside the time{named}",
+            "Name the one that drives: column: NAME, or its number.",
+            key="column",
+        )
     values = table.checked([found], step)[:, 0]
     if np.isnan(values).any():
         row = int(np.argmax(np.isnan(values)))
@@ -130,19 +139,8 @@ def _table(
     return table if layout.first is None else table.since(layout.first)
 
 
-def _only(table: DataTable) -> int:
-    if len(table.data) != 1:
-        named = ": " + ", ".join(table.names[k] for k in table.data) if table.names and table.data else ""
-        table.file.refuse(
-            f"has {len(table.data) or 'no'} columns beside the time{named}",
-            "Say which one drives: column: NAME, or its number.",
-            key="column",
-        )
-    return table.data[0]
-
-
 def existing(path: Path, place: str) -> DataFile:
-    """Return a file that is there."""
+    """Return a file that exists."""
     file, found = DataFile(path, place), obstacle(path)
     if found is not None:
         file.refuse(*found)

@@ -54,17 +54,17 @@ class TableLayout:
     first: int | None = None
 
     def only(self, file: DataFile, *keys: str) -> None:
-        """Refuse what a file of this format has not, but these keys."""
+        """Refuse the keys of other formats, all but the given ones."""
         for key in ("variable", "row", "time"):
             if key not in keys and getattr(self, key) is not None:
-                file.refuse(f"takes no '{key}'", "It tells parts of other formats apart.", key=key)
+                file.refuse(f"takes no '{key}'", "It belongs to files of other formats.", key=key)
 
 
 @dataclass(frozen=True)
 class DataTable:
     """Rows of numbers, the names of their columns (none: no header), and their times where they have any.
 
-    `timed` is the column of the times, from 0; absent: it is known by its name.
+    `timed` is the column of the times, from 0; absent: it is found by its name.
     """
 
     file: DataFile
@@ -109,7 +109,7 @@ class DataTable:
         self.file.refuse(problem, remedy, line=self.lines[row])
 
     def find(self, name: str | int, key: str) -> int:
-        """Return the place of a column that is named, or numbered from 1."""
+        """Return the index of a column by its name, or by its number from 1."""
         count = self.values.shape[1]
         if isinstance(name, int):
             if not 1 <= name <= count:
@@ -145,7 +145,7 @@ class DataTable:
 
 
 def time_column(names: Sequence[str]) -> int | None:
-    """Return the column of the time, by its name; a unit may stand behind it in brackets.
+    """Return the column of the time, found by its name; a unit in brackets may follow the name.
 
     Beside `t`, `T` is another quantity.
     """
@@ -155,7 +155,7 @@ def time_column(names: Sequence[str]) -> int | None:
 
 
 def are_numbers(columns: Sequence[str | int]) -> bool:
-    """Tell whether columns are named by their numbers."""
+    """Return True if columns are given by their numbers."""
     return all(isinstance(name, int) for name in columns)
 
 
@@ -191,7 +191,7 @@ def printed_resolution(fields: Iterable[str]) -> NDArray[np.float64]:
 def step_disagreement(
     times: NDArray[np.float64], step: float, resolution: NDArray[np.float64]
 ) -> StepDisagreement | None:
-    """Compare the times of a record with its step.
+    """Return the disagreement of the times of a record with its step.
 
     Parameters
     ----------

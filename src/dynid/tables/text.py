@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,19 +18,31 @@ ACCEPTED = "A missing sample is an empty field, nan, NA or n/a; decimals take a 
 def read_text(
     file: DataFile, time: str | int | None = None, number: Callable[[str], float | complex] | None = None
 ) -> DataTable:
-    """Read all columns of a text file; `time` is the column of the times where its name does not tell.
+    """Return all columns of a text file; `time` is the column of the times, absent: it is found by its name.
 
-    `number` reads what a field says; absent: a real number.
+    `number` converts a field; absent: to a real number.
     """
     rows = _lines(file)
+    start = rows[0][0]
     separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
     first = [field.strip() for field in _split(rows[0][1], separator)]
-    has_header = _are_names(first)
+    # No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
+    leading = next((field for field in first if field), "")
+    has_header = (
+        not _reads(_number, leading)
+        and not re.match(r"[-+.,]*\d", leading)
+        and not any(re.fullmatch(_DECIMAL, field) for field in first)
+    )
     body = rows[has_header:]
     if not body:
         file.refuse("holds names but no data")
-    if not has_header and len(first) == 1 and rows[0][0] > 1:
-        _refuse_leading_gap(file, rows[0][0])
+    if not has_header and len(first) == 1 and start > 1:
+        # Samples may be missing in empty lines before a lone column without a header, or not.
+        with file.path.open(encoding="utf-8-sig") as above:
+            for at, line in zip(range(1, start), above, strict=False):
+                if not line.strip():
+                    message = "an empty line before the first sample"
+                    file.refuse(message, "Drop it, or write nan for a sample.", line=at)
     fields = [_row(file, number, line, separator, len(first)) for number, line in body]
     if len(first) > 1 and not first[-1] and all(not row[-1].strip() for row in fields):
         first, fields = first[:-1], [row[:-1] for row in fields]  # every line ends with the separator
@@ -48,19 +60,6 @@ def read_text(
     return DataTable(file, names, values, lines, times, printed_resolution(written), timed)
 
 
-def _are_names(fields: Sequence[str]) -> bool:
-    """Tell whether a first line names columns.
-
-    No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
-    """
-    leading = next((field for field in fields if field), "")
-    return (
-        not _reads(_number, leading)
-        and not re.match(r"[-+.,]*\d", leading)
-        and not any(re.fullmatch(_DECIMAL, field) for field in fields)
-    )
-
-
 def _lines(file: DataFile) -> list[tuple[int, str]]:
     """Return the lines from the first row to the last that is not empty, with their numbers."""
     try:
@@ -76,18 +75,6 @@ def _lines(file: DataFile) -> list[tuple[int, str]]:
     if not filled:
         file.refuse("holds no data")
     return rows[filled[0] : filled[-1] + 1]
-
-
-def _refuse_leading_gap(file: DataFile, first: int) -> None:
-    """Refuse empty lines before a lone column without a header: samples may be missing there, or not."""
-    with file.path.open(encoding="utf-8-sig") as lines:
-        for number, line in zip(range(1, first), lines, strict=False):
-            if not line.strip():
-                file.refuse(
-                    "an empty line before the first sample",
-                    "Drop it, or write nan for a sample.",
-                    line=number,
-                )
 
 
 def _split(line: str, separator: str | None) -> list[str]:
@@ -136,7 +123,7 @@ def _reads(number: Callable[[str], float | complex], field: str) -> bool:
 
 
 def complex_number(field: str) -> complex:
-    """Read a real number, or a complex one as ``1.5-2e-3j`` or ``(1.5-2e-3i)``.
+    """Return a real number, or a complex one as ``1.5-2e-3j`` or ``(1.5-2e-3i)``.
 
     Raises
     ------

@@ -30,7 +30,7 @@ class UniversalFunction(NamedTuple):
 
 
 def read_uff(file: DataFile) -> DataTable:
-    """Read the time histories of a Universal File as columns, in order."""
+    """Return the time histories of a Universal File as columns, in order."""
     found = [function for function in read_functions(file) if function.kind in _TIME]
     if not found:
         file.refuse("holds no time history", "Data sets 58 of function type 1 are read.")
@@ -46,12 +46,12 @@ def read_uff(file: DataFile) -> DataTable:
     coarse = 0.0 if found[0].even else _DIGITS
     names = [function.name for function in found]
     values = np.column_stack([function.values for function in found])
-    # UniversalFunction names repeat in practice; numbers tell them apart. None of them is a column of times.
+    # Names of functions repeat in practice; numbers distinguish them. None of them is a column of times.
     return DataTable(file, names, values, None, times, coarse * np.abs(times), timed=-1)
 
 
 def read_functions(file: DataFile) -> list[UniversalFunction]:
-    """Read all data sets 58 of a Universal File.
+    """Return all data sets 58 of a Universal File.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def read_functions(file: DataFile) -> list[UniversalFunction]:
 
 
 def _function(file: DataFile, number: int, data_set: Any) -> UniversalFunction:
-    """Return a data set as it was read, if it is what it claims."""
+    """Return a data set that has as many points as it claims."""
     values, x = np.asarray(data_set["data"]), np.asarray(data_set["x"], dtype=float)
     claimed = int(data_set["num_pts"])
     if values.ndim != 1 or len(values) != claimed or x.shape != values.shape or not claimed:

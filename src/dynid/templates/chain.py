@@ -2,55 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
-from dynid.bondgraph.chains import FORCE, Stage, chain, distinct, last_velocity, uniform
-from dynid.bondgraph.graph import Node
+from dynid.bondgraph.chains import FORCE, chain, distinct, last_velocity, uniform
 
 
 def chain_scene(stages: int, *, vary: bool = False) -> str:
-    """Write the scene of a chain, force in at the first mass, velocity out at the last.
+    """Return the scene of a chain, from the force on the first mass to the velocity of the last.
 
     Parameters
     ----------
     stages
         Number of stages.
     vary
-        Whether every stage has values of its own.
+        True to give every stage values of its own.
     """
-    return "\n".join([*_head(stages), *_graph(distinct(stages) if vary else uniform(stages)), *_tail(stages)])
-
-
-def _head(stages: int) -> Iterator[str]:
-    yield f"# A chain of {stages} mass-spring-damper stages. Run it with: dynid run THIS_FILE"
-    yield "# Force on mass 1; spring k<i> and damper b<i> join mass i to the next, the last to ground."
-    yield "# It has 2N poles and N zeros: one at 0, the others at -k/b of the joints passed."
-    yield "dynid: 1"
-    yield "kind: bond-graph"
-    yield f"title: Chain of {stages} mass-spring-damper stages"
-
-
-def _graph(stages: Sequence[Stage]) -> Iterator[str]:
-    graph = chain(stages)
-    yield "graph:"
-    yield "  nodes:                      # m in kg, k is a compliance in m/N (1/stiffness), b in N s/m"
-    yield from (f"    {_node(node)}" for node in graph.nodes.values())
-    yield "  bonds:"
-    yield from (f"    - {bond}" for bond in graph.bonds)
-
-
-def _node(node: Node) -> str:
-    if node.value is None:
-        return f"{node.name}: {node.type}"
-    value = f"1/{float(1 / node.value)!r}" if node.type == "C" else repr(float(node.value))
-    return f"{node.name}: {{type: {node.type}, value: {value}}}"
-
-
-def _tail(stages: int) -> Iterator[str]:
+    parts = distinct(stages) if vary else uniform(stages)
+    graph, nodes = chain(parts), []
+    for node in graph.nodes.values():
+        if node.value is None:
+            nodes.append(f"    {node.name}: {node.type}")
+        else:
+            value = f"1/{float(1 / node.value)!r}" if node.type == "C" else repr(float(node.value))
+            nodes.append(f"    {node.name}: {{type: {node.type}, value: {value}}}")
     exact = "transfer_function, zeros, poles, " if stages <= 100 else ""
-    yield "analysis:"
-    yield f"  inputs: [{FORCE}]"
-    yield f"  outputs: [{last_velocity(stages)}]"
-    yield f"  results: [{exact}frequency_response]"
-    yield "  frequency: {start: 0.01, stop: 100, points: 1000, scale: log}   # rad/s"
-    yield ""
+    lines = [
+        f"# A chain of {stages} mass-spring-damper stages. Run it with: dynid run THIS_FILE",
+        "# Force on mass 1; spring k<i> and damper b<i> join mass i to the next, the last to ground.",
+        "# It has 2N poles and N zeros: one at 0, the others at -k/b of the joints passed.",
+        "dynid: 1",
+        "kind: bond-graph",
+        f"title: Chain of {stages} mass-spring-damper stages",
+        "graph:",
+        "  nodes:                      # m in kg, k is a compliance in m/N (1/stiffness), b in N s/m",
+        *nodes,
+        "  bonds:",
+        *(f"    - {bond}" for bond in graph.bonds),
+        "analysis:",
+        f"  inputs: [{FORCE}]",
+        f"  outputs: [{last_velocity(stages)}]",
+        f"  results: [{exact}frequency_response]",
+        "  frequency: {start: 0.01, stop: 100, points: 1000, scale: log}   # rad/s",
+        "",
+    ]
+    return "\n".join(lines)

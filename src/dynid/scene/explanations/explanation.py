@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
 
 
-# The probe of `speed` on the machine that the rates of the explanations are from, s.
+# The probe of `speed` on the machine of the rates of the explanations, s.
 _REFERENCE = 1.0e-3
 
 
@@ -25,7 +25,7 @@ _REFERENCE = 1.0e-3
 class CostEstimate:
     """Expected cost of a run.
 
-    The time is counted from what will be done and rates measured once, or from pieces of the work itself;
+    The time is estimated from operation counts and rates measured once, or from parts of the work itself;
     it is right within a factor of a few.
 
     Parameters
@@ -50,21 +50,19 @@ class CostEstimate:
 
 @cache
 def speed() -> float:
-    """Return how fast this machine is, over the one that rates are from: from a probe of milliseconds."""
-    best = min(_probe() for _ in range(5))
-    return _REFERENCE / best
-
-
-def _probe() -> float:
-    began = time.thread_time()
-    total = 0
-    for k in range(20_000):
-        total += k & 7
-    return time.thread_time() - began
+    """Return the speed of this machine over that of the rates, from a probe of milliseconds."""
+    seconds = []
+    for _ in range(5):
+        began = time.thread_time()
+        total = 0
+        for k in range(20_000):
+            total += k & 7
+        seconds.append(time.thread_time() - began)
+    return _REFERENCE / min(seconds)
 
 
 def peak_megabytes() -> float:
-    """Return the memory that the process has used at its peak so far, MB; a guess where nothing tells."""
+    """Return the peak memory of the process so far, MB; a guess where the system does not report it."""
     try:
         import resource
     except ImportError:  # not on every system
@@ -73,12 +71,12 @@ def peak_megabytes() -> float:
 
 
 def file_kilobytes(arrays: int, values: float) -> float:
-    """Return the size of a file of so many arrays that hold so many numbers (complex ones are two)."""
+    """Return the size of a result file, kB, from its numbers of arrays and values (complex ones are two)."""
     return 8.0 + 0.8 * arrays + 8 * values / 1000
 
 
 class Fact(NamedTuple):
-    """Something to know, in words: a `topic` of a word or two, and what is said of it."""
+    """A line of an explanation: its `topic`, of a word or two, and its text."""
 
     topic: str
     text: str
@@ -95,9 +93,9 @@ class Explanation:
     facts
         The rest in words, in the order of the work.
     cost
-        What a run costs; None where it is bound to fail.
+        Expected cost of a run; None where it is bound to fail.
     obstacle
-        Why the run is bound to fail; None where nothing is known against it.
+        The error that the run is bound to raise; None where none is known.
     """
 
     result: Result
@@ -107,7 +105,7 @@ class Explanation:
 
 
 def explain(scene: Scene) -> Explanation:
-    """Explain a valid scene of a kind that is run by itself.
+    """Return the explanation of a valid scene, of any kind but `study`.
 
     Parameters
     ----------
@@ -117,8 +115,8 @@ def explain(scene: Scene) -> Explanation:
     Returns
     -------
     Explanation
-        What will be modelled, chosen and computed, and what it costs. Where the run is bound to fail, its
-        `obstacle` says why.
+        The model, the choices, the results and the expected cost. Where the run is bound to fail, its
+        `obstacle` is the error.
 
     Raises
     ------
@@ -127,7 +125,7 @@ def explain(scene: Scene) -> Explanation:
     """
     try:
         explained: Explanation = KINDS[scene.kind].load("explain")(scene)
-    except (NumericalError, UsageError) as error:  # before there is anything to tell
+    except (NumericalError, UsageError) as error:  # before any fact is known
         return Explanation(Result(scene.kind, scene.title), [], obstacle=error)
     explained.result.attrs["scene"] = scene.source.resolved_text()  # screens look up its frequency unit
     tried = getattr(scene.model, "accuracy", None)

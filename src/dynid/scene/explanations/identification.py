@@ -1,4 +1,4 @@
-"""An identification explained: model, record, what the record can tell, the estimator, and the cost."""
+"""Explanation of an identification: model, record, identifiability, estimator, and cost."""
 
 from __future__ import annotations
 
@@ -32,26 +32,29 @@ from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
     from dynid.identification.identifiability import ExpectedRecords
-    from dynid.identification.likelihood import Fit, Likelihood
+    from dynid.identification.likelihood import Likelihood
     from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
     from dynid.structure.reduction.reduction import StructuralReduction
 
-#: Fits of the whole record that a search for the optimum takes, and what comes after it counted in fits.
+#: Fits of the whole record in a search for the optimum, and the work after it in fits.
 _FITS, _AFTER = 8, 7
-#: How often a basis that follows the joints is made anew.
+#: How often a basis that follows the joints is computed.
 _ROUNDS = 3
-#: Multiplications of a dense model a second, at a frequency or an instant.
+#: Multiplications per second with a dense model, at a frequency or an instant.
 _FLOPS = 5e8
 
 
 def explain(scene: Scene) -> Explanation:
-    """Explain a scene of kind `identification`: its record is predicted once, with its derivatives."""
+    """Return the explanation of a scene of kind `identification`, whose record is predicted once."""
     model = cast("IdentificationScene", scene.model)
     structure = build_structure(scene, model.structure, model.joints)
     result = Result("identification", scene.title)
     facts: list[Fact] = []
     try:
-        made = _reduced(scene, structure)
+        method, made = reductor_of(scene), None
+        if method is not None:
+            report_progress("making the basis")
+            made = method.at(expected_values(structure)).reduce(structure)
         small = structure if made is None else made.model
         facts += _of_model(structure, made, model.reduction.method if model.reduction else "")
         parts: dict[str, float] = {}
@@ -62,14 +65,22 @@ def explain(scene: Scene) -> Explanation:
                 likelihood = expected.likelihood
                 redundancy = expected.redundancy
             facts += _of_record(scene, likelihood)
-            facts.append(_of_redundancy(redundancy))
+            said = (
+                "warning: nothing in the record could contradict the model, whatever is wrong with it: "
+                "no estimate will be called converged; add channels or excitation frequencies, or fix a "
+                "parameter"
+            )
+            if redundancy > 0:
+                numbers = "number" if redundancy == 1 else "numbers"
+                said = f"{redundancy} {numbers} beyond the unknowns can contradict the model"
+            facts.append(Fact("redundancy", said))
             facts += _of_estimator(model.estimator, likelihood, frf=model.measurement.frf is not None)
-            rounds = _ROUNDS if _follows(scene) else 1
+            rounds = _ROUNDS if method is not None and method.follows_joints else 1
             parts, values = _estimated(model.estimator, likelihood, rounds, states=2 * small.size)
             kilobytes += file_kilobytes(75, values)
         if model.analysis is not None:
-            facts.append(Fact("responses", ", ".join(_asked(model.analysis))))
-            costs, values = _responses(model.analysis, small, len(model.excitation))
+            asked, costs, values = _responses(model.analysis, small, len(model.excitation))
+            facts.append(Fact("responses", ", ".join(asked)))
             parts |= costs
             kilobytes += file_kilobytes(15, values)
     except (NumericalError, UsageError) as error:
@@ -77,21 +88,8 @@ def explain(scene: Scene) -> Explanation:
     return Explanation(result, facts, CostEstimate(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
 
 
-def _reduced(scene: Scene, structure: StructuralModel) -> StructuralReduction | None:
-    method = reductor_of(scene)
-    if method is None:
-        return None
-    report_progress("making the basis")
-    return method.at(expected_values(structure)).reduce(structure)
-
-
-def _follows(scene: Scene) -> bool:
-    method = reductor_of(scene)
-    return method is not None and method.follows_joints
-
-
 def _of_model(structure: StructuralModel, made: StructuralReduction | None, method: str) -> Iterator[Fact]:
-    """Say how many states there are, and of what basis."""
+    """Yield the number of states, and the basis."""
     n = structure.size
     r = n if made is None else made.model.size
     known = f"{len(structure.unknowns)} unknown"
@@ -108,20 +106,8 @@ def _of_model(structure: StructuralModel, made: StructuralReduction | None, meth
     yield Fact("basis", "; ".join(basis))
 
 
-def _of_redundancy(redundancy: int) -> Fact:
-    """Say how many numbers of the record can contradict the model."""
-    if redundancy > 0:
-        said = "number" if redundancy == 1 else "numbers"
-        return Fact("redundancy", f"{redundancy} {said} beyond the unknowns can contradict the model")
-    return Fact(
-        "redundancy",
-        "warning: nothing in the record could contradict the model, whatever is wrong with it: no estimate "
-        "will be called converged; add channels or excitation frequencies, or fix a parameter",
-    )
-
-
 def _expected(scene: Scene, structure: StructuralModel, result: Result) -> ExpectedRecords:
-    """Predict what is measured, add what it tells of the parameters, and return what is expected."""
+    """Return the predicted records, and add the identifiability of the parameters to a result."""
     from dynid.identification import identifiability
 
     model = cast("IdentificationScene", scene.model)
@@ -150,7 +136,7 @@ def _expected(scene: Scene, structure: StructuralModel, result: Result) -> Expec
 
 
 def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
-    """Say what is measured, and how densely beside what is excited."""
+    """Yield the size of the record, and its sampling rate beside the excited band."""
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     band, unit = interest_of(scene).band, unit_of_frequencies(scene.source.data)
@@ -183,7 +169,7 @@ def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
 
 
 def _of_estimator(given: EstimatorModel, likelihood: Likelihood, *, frf: bool) -> Iterator[Fact]:
-    """Say how the parameters will be estimated."""
+    """Yield the estimator, its options and compilation."""
     passes = given.passes or FILTER_PASSES.value
     said = {
         "auto": f"{ESTIMATOR.sentence.format(value=ESTIMATOR.value)}; more passes and other starts only "
@@ -200,26 +186,23 @@ def _of_estimator(given: EstimatorModel, likelihood: Likelihood, *, frf: bool) -
         yield Fact("estimator", f"{given.method}: maximum likelihood of the responses{loss}")
         return
     yield Fact("estimator", f"{said[given.method]}{loss}")
-    if given.method in ("auto", "filter") and any(_is_compiled(record) for record in likelihood.records):
+    from dynid.identification.kernels import compiled
+
+    sizes = (_sizes(record) for record in likelihood.records)
+    if given.method in ("auto", "filter") and any(compiled(*size) for size in sizes):
         yield Fact("", f"{COMPILED.sentence.format(value=COMPILED.value)}: they are here")
 
 
 def _sizes(record: Any) -> tuple[int, int, int]:
-    """Return steps, states with those of the signals, and parameters of a record."""
+    """Return the numbers of steps, of states with those of the signals, and of parameters of a record."""
     model = record.model
     return len(model.line.nodes), model.states + len(model.line.G), model.parameters
-
-
-def _is_compiled(record: Any) -> bool:
-    from dynid.identification.kernels import compiled
-
-    return compiled(*_sizes(record))
 
 
 def _estimated(
     given: EstimatorModel, likelihood: Likelihood, rounds: int, *, states: int
 ) -> tuple[dict[str, float], float]:
-    """Return the seconds that an estimation takes, part by part, and the numbers that it returns.
+    """Return the seconds of each part of an estimation, and the number of values in its result.
 
     Raises
     ------
@@ -229,7 +212,9 @@ def _estimated(
     from dynid.identification.kernels import pass_seconds
 
     logs = np.log([unknown.start for unknown in likelihood.unknowns])
-    _check(likelihood, likelihood.fit(logs))  # once beforehand: what is loaded for it is no work
+    # Once before timing: loading is no part of the work. A run checks the same before it begins.
+    levels = [record.data.rms for record in likelihood.records]
+    likelihood.information(likelihood.fit(logs), levels).check()
     began = time.thread_time()
     likelihood.fit(logs)
     fit = time.thread_time() - began
@@ -257,28 +242,22 @@ def _estimated(
     return parts, values
 
 
-def _asked(analysis: ResponseModel) -> Iterator[str]:
-    if analysis.modes is not None:
-        yield "modes"
-    if analysis.frequency is not None:
-        yield f"frequency response at {counted(len(angular_frequencies(analysis.frequency)), 'frequency')}"
-    if analysis.time is not None:
-        yield f"time response at {counted(len(record_of(analysis.time).times), 'instant')}"
-
-
 def _responses(
     analysis: ResponseModel, small: StructuralModel, loads: int
-) -> tuple[Mapping[str, float], float]:
-    """Return the seconds that responses take, part by part, and the numbers that they return."""
+) -> tuple[list[str], Mapping[str, float], float]:
+    """Return the requested responses, the seconds of each part, and the number of values in them."""
     n = float(small.size)
     outputs = max(1, len(analysis.outputs or ()))
+    asked = []
     parts: dict[str, float] = {}
     values = 0.0
     if analysis.modes is not None:
+        asked.append("modes")
         parts["modes"] = (0.01 + 15 * n**3 / 1e10) / speed()
         values += n * min(n, analysis.modes.count or n)
     if analysis.frequency is not None:
         lines = len(angular_frequencies(analysis.frequency))
+        asked.append(f"frequency response at {counted(lines, 'frequency')}")
         dense = min(n, 1000.0) ** 3 / 3 + max(0.0, n - 1000.0) * 1e3
         parts["frequency response"] = (
             0.01 + min(lines, 50 if n > 1000 else lines) * (2e-5 + dense / _FLOPS / 4)
@@ -286,13 +265,9 @@ def _responses(
         values += lines * (1 + 2 * outputs * max(1, len(analysis.inputs or ()) or loads))
     if analysis.time is not None:
         instants = len(record_of(analysis.time).times)
+        asked.append(f"time response at {counted(instants, 'instant')}")
         parts["time response"] = (
             0.01 + 100 * (2 * n) ** 3 / 1e10 + instants * (2e-6 + 4 * n**2 / _FLOPS)
         ) / speed()
         values += instants * (1 + outputs + max(1, loads))
-    return parts, values
-
-
-def _check(likelihood: Likelihood, fit: Fit) -> None:
-    """Raise what a run raises before it begins."""
-    likelihood.information(fit, [record.data.rms for record in likelihood.records]).check()
+    return asked, parts, values

@@ -1,9 +1,9 @@
-"""A comparison of reductions explained: what each method keeps, the solver of the modes, and the cost."""
+"""Explanation of a comparison of reductions: the bases, the solver of the modes, and the cost."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 from dynid import progress
@@ -29,16 +29,16 @@ from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import solver_for
 from dynid.structure.reduction.reduction import StructuralReduction
 
-#: DOFs up to which bases are made to explain them; their modes take well under a second there.
+#: DOFs up to which bases are computed for an explanation; their modes take well under a second.
 _MADE = DENSE_MODES.value
-#: Modes where nothing says how many.
+#: Modes where their number is not given.
 _UNKNOWN = 20
 #: Seconds of a multiplication of a dense solver, and of one DOF of one mode of a sparse one.
 _DENSE, _SPARSE = 1.2e-9, 6e-6
 
 
 def explain(scene: Scene) -> Explanation:
-    """Explain a scene of kind `reduction`; the bases of small structures are made, which takes little."""
+    """Return the explanation of a scene of kind `reduction`; the bases of small structures are computed."""
     model = cast("ReductionScene", scene.model)
     structure = build_structure(scene, model.structure, model.joints)
     result = Result("reduction", scene.title)
@@ -55,12 +55,25 @@ def explain(scene: Scene) -> Explanation:
                 began = time.thread_time()
                 made[name] = methods[name].reduce(structure)
                 seconds[f"reducing by {name}"] = time.thread_time() - began
-        facts += _bases(model, methods, made)
+        for place, name in enumerate(methods):
+            said = [] if name in made else _wanted(model.reduction[place])
+            if basis := made.get(name):
+                said.append(counted(basis.model.size, "coordinate"))
+                said += [f"masters {_listed(basis.masters)}"] if basis.masters else []
+                if basis.modes:
+                    rule = f" ({basis.rule})" if basis.rule else ""
+                    said.append(counted(len(basis.modes), "mode") + rule)
+                said += [f"condition {basis.condition:.2g}"] if basis.condition is not None else []
+            facts.append(Fact("bases" if place == 0 else "", f"{name}: {'; '.join(said)}"))
         most = _most_modes(model, made)
         solver = solver_for(n, most, None)
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
-    facts.append(Fact("modes", _solver_words(n, solver, most)))
+    if solver == "dense":
+        solved = f"{f'the lowest {most}' if n <= DENSE_MODES.value else 'all'}, by dense matrices"
+    else:
+        solved = f"the lowest {most}, {FEW_MODES.sentence.format(value=FEW_MODES.value)} ({solver})"
+    facts.append(Fact("modes", solved))
     if model.frequency is not None:
         lines = len(angular_frequencies(model.frequency))
         facts.append(
@@ -72,27 +85,8 @@ def explain(scene: Scene) -> Explanation:
     return Explanation(result, facts, _cost(model, structure, seconds, solver, sizes))
 
 
-def _bases(
-    model: ReductionScene, methods: Mapping[str, object], made: Mapping[str, StructuralReduction]
-) -> Iterator[Fact]:
-    """Say what each method keeps, or where that is not known yet, what is asked for."""
-    for place, name in enumerate(methods):
-        said = _kept(made[name]) if name in made else _wanted(model.reduction[place])
-        yield Fact("bases" if place == 0 else "", f"{name}: {'; '.join(said)}")
-
-
-def _kept(made: StructuralReduction) -> Iterator[str]:
-    yield counted(made.model.size, "coordinate")
-    if made.masters:
-        yield f"masters {_listed(made.masters)}"
-    if made.modes:
-        yield counted(len(made.modes), "mode") + (f" ({made.rule})" if made.rule else "")
-    if made.condition is not None:
-        yield f"condition {made.condition:.2g}"
-
-
 def _wanted(part: Section) -> list[str]:
-    """Say what a method is asked to keep, in the words of the scene."""
+    """Return the masters and modes of a method, in the terms of the scene."""
     given = {key: getattr(part, key) for key in ("masters", "modes") if getattr(part, key, None) is not None}
     said = []
     for key, value in given.items():
@@ -109,19 +103,13 @@ def _listed(names: Sequence[object]) -> str:
 
 
 def _most_modes(model: ReductionScene, made: Mapping[str, StructuralReduction]) -> int:
-    """Return how many modes of the full structure are compared with."""
+    """Return the number of modes of the full structure in the comparison."""
     found = [max(each.modes, default=each.model.size) for each in made.values()]
     for part in [] if made else model.reduction:
         modes, masters = (getattr(part, key, None) for key in ("modes", "masters"))
         found += [max(modes)] if isinstance(modes, list) else [getattr(modes, "count", None) or 0]
         found += [len(masters)] if isinstance(masters, list) else [getattr(masters, "count", None) or 0]
     return max(found, default=0) or _UNKNOWN
-
-
-def _solver_words(n: int, solver: str, most: int) -> str:
-    if solver == "dense":
-        return f"{f'the lowest {most}' if n <= DENSE_MODES.value else 'all'}, by dense matrices"
-    return f"the lowest {most}, {FEW_MODES.sentence.format(value=FEW_MODES.value)} ({solver})"
 
 
 def _cost(

@@ -10,7 +10,8 @@ from dynid.bondgraph.graph import BondGraph, Node, NodeType
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
-from dynid.scene.schema.bond_graph import BondGraphScene, InitialModel
+from dynid.scene.schema.bond_graph import BondGraphScene
+from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import StepSignal
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def run(scene: Scene) -> Result:
-    """Reduce the graph and compute what the scene asks for.
+    """Return the requested results of a bond graph.
 
     Raises
     ------
@@ -62,32 +63,33 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
 
 
 def question(scene: Scene) -> tuple[BondGraph, Analysis]:
-    """Return the graph of a scene, and what is asked of it."""
+    """Return the graph of a scene, and the request of its analysis."""
     model = cast("BondGraphScene", scene.model)
     graph = build_graph(model)
     wanted = model.analysis
     inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
     asked = wanted.asked()
+    signals: list[tuple[str, Signal]] = []
+    if "time_response" in asked:
+        assert wanted.time is not None
+        # Without any signal: the free response where there is stored energy, else that to a unit step.
+        parts = list(wanted.time.input) or ([] if model.initial else [StepSignal(kind="step")])
+        for part, signal in build_signals(scene, "analysis.time.input", parts, record_of(wanted.time)):
+            signals += [(name, signal) for name in ([part.source] if part.source is not None else inputs)]
     return graph, Analysis(
         inputs=inputs,
         outputs=tuple(wanted.outputs),
         results=asked,
         omega=angular_frequencies(wanted.frequency) if wanted.frequency else None,
         times=record_of(wanted.time).times if wanted.time else None,
-        signals=_signals(scene, model, inputs) if "time_response" in asked else (),
-        initial={name: _stored(given) for name, given in model.initial.items()},
+        signals=tuple(signals),
+        initial={name: (given.f or given.e or Quantity(0)).exact for name, given in model.initial.items()},
         port=wanted.port,
         parameters=_parameters(model) if "sensitivities" in asked else None,
         engine=wanted.engine,
         reading=wanted.reading,
         formulas=FormulaRequest(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
     )
-
-
-def _stored(given: InitialModel) -> Fraction:
-    """Return the flow or effort at t = 0."""
-    value = given.f if given.f is not None else given.e
-    return value.exact if value is not None else Fraction(0)
 
 
 def build_graph(model: BondGraphScene) -> BondGraph:
@@ -106,7 +108,7 @@ def build_graph(model: BondGraphScene) -> BondGraph:
 
 
 def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
-    """Return what sensitivities are taken by: the scene's parameters, and the values written as numbers."""
+    """Return the variables of the sensitivities: the parameters, and the values written as numbers."""
     from dynid.scene.arithmetic.derivatives import differentiate, independent_parameters
     from dynid.scene.arithmetic.numbers import to_fraction
 
@@ -125,19 +127,3 @@ def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
         SensitivityParameter(name, to_fraction(known[name].value), found) for name, found in rates.items()
     ]
     return (*named, *numbers)
-
-
-def _signals(scene: Scene, model: BondGraphScene, inputs: tuple[str, ...]) -> tuple[tuple[str, Signal], ...]:
-    """Pair signals with the inputs they drive: one that names no source drives every input.
-
-    Without any signal the response is the free one where there is stored energy, else that to a unit step.
-    """
-    grid = model.analysis.time
-    assert grid is not None
-    record = record_of(grid)
-    parts = list(grid.input) or ([] if model.initial else [StepSignal(kind="step")])
-    return tuple(
-        (name, signal)
-        for part, signal in build_signals(scene, "analysis.time.input", parts, record)
-        for name in ([part.source] if part.source is not None else inputs)
-    )

@@ -10,12 +10,12 @@ from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurement, initial_motion, loads_of
 from dynid.scene.kinds.scope import add_identification_scope
-from dynid.scene.kinds.signals import angular_frequencies, record_of
+from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModes
+from dynid.scene.schema.identification import IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load, frequency_response, time_response
+from dynid.structure.response import Channel, frequency_response, time_response
 from dynid.structure.state_space import without_massless
 
 if TYPE_CHECKING:
@@ -24,12 +24,9 @@ if TYPE_CHECKING:
     from dynid.identification.estimators.estimate import Estimator
     from dynid.identification.identify import Rebuild, SharedRecords
     from dynid.identification.measurement import Experiment
-    from dynid.lti.generator import RecordTimes
     from dynid.scene.kinds.reduction import LocatedReductor
     from dynid.scene.run import PreparationStep
-    from dynid.scene.schema.base import Dof
     from dynid.scene.schema.reduction import ReductionModel
-    from dynid.scene.schema.signals import TimeGrid
     from dynid.scene.yaml.parser import Path as KeyPath
     from dynid.structure.reduction.mode_selection import Interest
 
@@ -44,7 +41,7 @@ def run(scene: Scene) -> Result:
     Raises
     ------
     NotIdentifiable, Diverged
-        Where the record cannot tell the unknowns, or the estimator runs away.
+        Where the record does not determine the unknowns, or the estimator diverges.
     FileError
         Where measured data cannot be read.
     """
@@ -57,7 +54,12 @@ def run(scene: Scene) -> Result:
         if model.measurement.frf is not None:
             result.merge(_identified_by_response(scene, structure))
         else:
-            result.merge(_identified_by_records(scene, structure))
+            result.merge(identified(scene, structure, setting(scene, structure)))
+            if model.identifiability:
+                from dynid.identification.identifiability import identifiability
+
+                expected = setting(scene, structure, expected_values(structure))
+                result.merge(identifiability(*expected))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
     made = None if method is None else method.at(values).reduce(structure)
@@ -70,7 +72,7 @@ def run(scene: Scene) -> Result:
 
 
 def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float]]:
-    """Return the structure that responds, reduced where the scene says so, and values of its unknowns.
+    """Return the structure of the responses, reduced where the scene has a reduction, and its unknowns.
 
     These are the true ones where all are given, else the starts.
     """
@@ -89,7 +91,7 @@ class Setting(NamedTuple):
 
 
 def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None) -> Setting:
-    """Return what a scene's identification works with.
+    """Return the model and the records of an identification.
 
     Parameters
     ----------
@@ -98,7 +100,7 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     structure
         Its structure.
     values
-        Parameters by name that a basis which follows the joints is made for; absent: as it comes.
+        Parameters by name for which a basis that follows the joints is made; absent: its own.
     """
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
@@ -112,7 +114,7 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
 def models_of(
     scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None
 ) -> tuple[StructuralModel, StructuralModel]:
-    """Return what an estimator works with, and what is simulated; `values` as of `setting`."""
+    """Return the models of the estimator and of the simulation; `values` as of `setting`."""
     model = cast("IdentificationScene", scene.model)
     method = reductor_of(scene)
     if method is None:
@@ -142,24 +144,31 @@ def identified(
     common: SharedRecords | None = None,
     into: Result | None = None,
 ) -> Result:
-    """Identify with the reduced model where there is one; its basis may follow the joints.
+    """Return an identification with the reduced model where there is one; its basis may follow the joints.
 
     Parameters
     ----------
     scene, structure, made
-        The scene, its structure, and what its identification works with.
+        The scene, its structure, and the input of its estimator.
     common
-        What its records share with others, where it is made already.
+        The precomputed part that its records share with others; absent: it is computed.
     into
-        What the result is added to; absent: a new one.
+        The result to which the estimates are added; absent: a new one.
     """
     from dynid.identification.identify import identify_all
 
-    model = cast("IdentificationScene", scene.model)
+    given = cast("IdentificationScene", scene.model).estimator
+    module, name = _ESTIMATORS[given.method]
+    kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
+    estimator: Estimator = kind(**given.options())
+    if given.loss == "huber":
+        from dynid.identification.estimators.maximum_likelihood import Huber
+
+        estimator = Huber(estimator)
     return identify_all(
         made.model,
         made.experiments,
-        _estimator(model.estimator),
+        estimator,
         truth=made.truth,
         rebuild=_rebuilder(scene, structure),
         common=common,
@@ -183,7 +192,7 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
 
 
 def unread_files(scene: Scene) -> Iterator[KeyPath]:
-    """Yield the keys whose files a run does not read: what several records share and none of them uses."""
+    """Yield the keys whose files a run does not read: shared ones that no record uses."""
     model = cast("IdentificationScene", scene.model)
     records = model.measurement.records if model.measurement else []
     if records and all(record.simulate or (record.file and record.file.path) for record in records):
@@ -197,18 +206,8 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
         yield ("excitation",)
 
 
-def _identified_by_records(scene: Scene, structure: StructuralModel) -> Result:
-    """Identify from records of time, and say before what they can tell."""
-    result = identified(scene, structure, setting(scene, structure))
-    if cast("IdentificationScene", scene.model).identifiability:
-        from dynid.identification.identifiability import identifiability
-
-        result.merge(identifiability(*setting(scene, structure, expected_values(structure))))
-    return result
-
-
 def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
-    """Identify from frequency response functions, and say before what they can tell."""
+    """Return an identification from frequency response functions, with their identifiability if requested."""
     from dynid.identification.estimators.auto import FrfAuto
     from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
     from dynid.identification.identify import identify_frf
@@ -231,25 +230,13 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     return result
 
 
-#: Where the estimators are, so that only the one that is asked for is loaded.
+#: Module and class of every estimator; only the requested one is imported.
 _ESTIMATORS = {
     "auto": ("auto", "Auto"),
     "filter": ("filter_passes", "Filter"),
     "output-error": ("maximum_likelihood", "OutputError"),
     "invariant-imbedding": ("imbedding", "InvariantImbedding"),
 }
-
-
-def _estimator(given: EstimatorModel) -> Estimator:
-    """Return the estimator that a scene names."""
-    module, name = _ESTIMATORS[given.method]
-    kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
-    estimator: Estimator = kind(**given.options())
-    if given.loss == "huber":
-        from dynid.identification.estimators.maximum_likelihood import Huber
-
-        return Huber(estimator)
-    return estimator
 
 
 def reductor_of(scene: Scene) -> LocatedReductor | None:
@@ -263,38 +250,32 @@ def reductor_of(scene: Scene) -> LocatedReductor | None:
 
 
 def reduction_of(scene: Scene) -> ReductionModel | None:
-    """Return the reduction as a scene describes it, with residual vectors where it leaves that open.
+    """Return the reduction of a scene, with residual vectors where their choice is open.
 
-    An excitation without a highest frequency leaves them out: there they gain nothing, and cost much.
+    They are left out where the band of interest reaches half the sampling rate: there they gain nothing,
+    and cost much.
     """
     model = cast("IdentificationScene", scene.model)
-    if model.reduction is None or not _is_limited(scene):
-        return model.reduction
+    if model.reduction is None:
+        return None
+    if model.measurement is not None and model.measurement.frf is None:
+        step = min(float(record.step or math.inf) for record in model.measurement.each)
+        if (interest_of(scene).band or math.inf) >= math.pi / step:
+            return model.reduction
     from dynid.scene.kinds.reduction import with_residuals
 
     return with_residuals(model.reduction)
 
 
-def _is_limited(scene: Scene) -> bool:
-    """Tell whether the band of interest ends below half the sampling rate."""
-    measurement = cast("IdentificationScene", scene.model).measurement
-    if measurement is None or measurement.frf is not None:
-        return True
-    step = min(float(record.step or math.inf) for record in measurement.each)
-    return (interest_of(scene).band or math.inf) < math.pi / step
-
-
 def interest_of(scene: Scene) -> Interest:
-    """Return what a reduced model is for: sensors, loads, and the band of the excitation or the lines."""
+    """Return the DOFs of sensors and loads, and the band of the excitation or the lines (rad/s)."""
     model = cast("IdentificationScene", scene.model)
-    from dynid.scene.kinds.signals import highest_frequency
     from dynid.structure.reduction.mode_selection import Interest
 
     dofs = [part.dof for part in model.excitation]
     band = None
     if model.measurement is not None and model.measurement.frf is not None:
         dofs += [dof for channel in model.measurement.sensors for dof in channel.all_dofs]
-
         band = float(frf_measurement(scene, model.measurement).omega[-1])
     elif model.measurement is not None:
         records = model.measurement.each
@@ -314,27 +295,18 @@ def interest_of(scene: Scene) -> Interest:
 
 
 def _rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
-    """Return what makes a basis anew that follows the joints, where there is one."""
+    """Return the function that recomputes a basis that follows the joints; None for other bases."""
     method = reductor_of(scene)
     if method is None or not method.follows_joints:
         return None
     return lambda values: method.at(values).reduce(full).model
 
 
-#: What is said of a time response where the scene has an excitation that does not drive it.
+#: The note on a time response that the excitation of the scene does not drive.
 _FREE = (
     "the free response to the initial motion; the excitation is the record's, and a response that it drives "
     "names it under time: input"
 )
-
-
-def _response_loads(
-    scene: Scene, model: IdentificationScene, grid: TimeGrid, record: RecordTimes
-) -> list[Load]:
-    """Return what drives a time response: its own input; nothing, with an initial motion; the excitation."""
-    if grid.input or model.initial:
-        return loads_of(scene, "analysis.time.input", grid.input, record)
-    return loads_of(scene, "excitation", model.excitation, record)
 
 
 def responses(
@@ -354,7 +326,8 @@ def responses(
         result.merge(modal_analysis(structure, *which_modes(wanted.modes), values))
     if wanted.frequency is not None:
         driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
-        driven += _forced(model)
+        sensors = model.measurement.sensors if model.measurement else []
+        driven += [channel.reference.dof for channel in sensors if channel.reference]
         inputs = list(dict.fromkeys(wanted.inputs or driven))
         omega = angular_frequencies(wanted.frequency)
         report_progress("frequency response")
@@ -368,14 +341,21 @@ def responses(
 
 
 def time_question(scene: Scene) -> dict[str, Any]:
-    """Return the loads, outputs, times and first motion of the time response that a scene asks for."""
+    """Return the loads, outputs, times and initial motion of the time response of a scene.
+
+    Without an input of its own it is driven by the excitation, or by nothing with an initial motion.
+    """
     model = cast("IdentificationScene", scene.model)
     wanted = model.analysis
     assert wanted is not None
     assert wanted.time is not None
-    record = record_of(wanted.time)
+    record, own = record_of(wanted.time), wanted.time.input
+    if own or model.initial:
+        loads = loads_of(scene, "analysis.time.input", own, record)
+    else:
+        loads = loads_of(scene, "excitation", model.excitation, record)
     return {
-        "loads": _response_loads(scene, model, wanted.time, record),
+        "loads": loads,
         "outputs": _outputs(model),
         "times": record.times,
         **initial_motion(model),
@@ -383,19 +363,13 @@ def time_question(scene: Scene) -> dict[str, Any]:
 
 
 def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
-    """Return how many modes are asked for, and below what frequency, rad/s."""
+    """Return the requested number of modes, and the highest frequency (rad/s)."""
     factor = 2 * math.pi if asked.unit == "Hz" else 1.0
     return asked.count, None if asked.below is None else factor * float(asked.below)
 
 
 def _outputs(model: IdentificationScene) -> list[Channel]:
-    """Return what responses show: what is named, else what the sensors measure."""
+    """Return the outputs of responses: the given ones, else those of the sensors."""
     sensors = model.measurement.sensors if model.measurement else []
     shown = [channel_of(item) for item in (model.analysis and model.analysis.outputs) or sensors]
     return list(dict.fromkeys(shown))
-
-
-def _forced(model: IdentificationScene) -> list[Dof]:
-    """Return the DOFs at which frequency response functions were measured with a force."""
-    sensors = model.measurement.sensors if model.measurement else []
-    return [channel.reference.dof for channel in sensors if channel.reference]

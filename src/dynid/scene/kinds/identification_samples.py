@@ -1,7 +1,7 @@
 """Samples of an identification that differ in noise, starts or true values, run together.
 
-What they share is made once: the scene is read and checked, the structure assembled and reduced, the clean
-record simulated. Of each sample only what is collected is computed.
+What they share is computed once: the scene is read and checked, the structure assembled and reduced, the
+record without noise simulated. Of each sample only the collected arrays are computed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dynid.result import Variable
 from dynid.scene.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.scene.batch import run_alone
 from dynid.scene.collect import CollectedResult, gather
-from dynid.scene.kinds.identification import Setting, identified, setting
+from dynid.scene.kinds.identification import identified, setting
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
@@ -57,7 +57,7 @@ def batched(
     Returns
     -------
     list of SampleOutcome, or None
-        One a sample; None where something else varies, or more is asked for than an identification.
+        One a sample; None where something else varies, or more is requested than an identification.
     """
     paths = tuple(overrides[0]) if overrides else ()
     if not paths or any(tuple(one) != paths for one in overrides):
@@ -75,7 +75,7 @@ def batched(
 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
-    """Say why samples that differ at these paths are not run together; nothing where they are."""
+    """Return why samples that differ at these paths are not run together; empty where they are."""
     model = cast("IdentificationScene", template.model)
     for path in paths:
         if _place(model, path) is None:
@@ -89,7 +89,7 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
 
 @lru_cache(maxsize=4)
 def _planned(family: _RecordKey) -> _RecordBatch | None:
-    """Plan a family of samples, once a process; None where it cannot be run together."""
+    """Return the plan of a batch, made once a process; None where it cannot be run together."""
     model = cast("IdentificationScene", family.scene.model)
     places = [_place(model, path) for path in family.paths]
     measurement = model.measurement
@@ -112,7 +112,7 @@ class _VariedValue(NamedTuple):
 
 
 def _place(model: IdentificationScene, path: str) -> _VariedValue | None:
-    """Return what a path names."""
+    """Return the value that a path refers to; None for one that cannot vary in a batch."""
     measurement = model.measurement
     match path.split("."):
         case ["measurement", "simulate", ("seed" | "noise_ratio" | "noise") as name]:
@@ -126,14 +126,14 @@ def _place(model: IdentificationScene, path: str) -> _VariedValue | None:
 
 
 class _RecordBatch:
-    """Samples of one identification, with what they share.
+    """Samples of one identification, with their common part.
 
     Parameters
     ----------
     scene
         The scene.
     places
-        What each path that varies names.
+        The value that each varied path refers to.
     """
 
     def __init__(self, scene: Scene, places: dict[str, _VariedValue]) -> None:
@@ -148,7 +148,7 @@ class _RecordBatch:
             self._common = SharedRecords.of(*self._setting, same=self._same)
 
     def run(self, override: Mapping[str, Any], collect: tuple[str, ...]) -> Mapping[str, Variable] | None:
-        """Return what is collected of a sample; None for one that is to be run alone."""
+        """Return the collected arrays of a sample; None for one that is to be run alone."""
         model = cast("IdentificationScene", self._scene.model)
         for path, place in self._places.items():
             changed = _changed(model, place, override[path])
@@ -160,22 +160,28 @@ class _RecordBatch:
             structure = (
                 self._structure if self._same else build_structure(scene, model.structure, model.joints)
             )
-            made = self._with_noise(scene) if self._same else setting(scene, structure)
+            if self._same:
+                assert model.measurement is not None
+                records = experiments(scene, model.excitation, model.measurement)
+                made = self._setting._replace(experiments=records)
+            else:
+                made = setting(scene, structure)
             identified(scene, structure, made, common=self._common, into=result)
             return gather(result, collect)
         except DynidError:
             return None
 
-    def _with_noise(self, scene: Scene) -> Setting:
-        """Return the setting with the noise of a sample."""
-        model = cast("IdentificationScene", scene.model)
-        assert model.measurement is not None
-        return self._setting._replace(experiments=experiments(scene, model.excitation, model.measurement))
-
 
 def _changed(model: IdentificationScene, place: _VariedValue, raw: Any) -> IdentificationScene | None:
-    """Return the scene with another value at a place; None where that is not a plain, sound one."""
-    value = raw if place.name == "seed" else _quantity(raw)
+    """Return the scene with another value at a place; None for an expression or an invalid value."""
+    value = raw
+    if place.name != "seed":  # a number that double precision turns into neither zero nor infinity
+        try:
+            value = None if isinstance(raw, bool | str) else Quantity(to_fraction(raw))
+            if value is None or float(value) == 0 != value.value:
+                return None
+        except (OutOfRangeError, OverflowError):
+            return None
     if place.joint:
         joint = model.joints[place.joint]
         parameter = getattr(joint, place.letter)
@@ -191,14 +197,3 @@ def _changed(model: IdentificationScene, place: _VariedValue, raw: Any) -> Ident
     assert measurement.simulate is not None
     simulate = measurement.simulate.model_copy(update={place.name: value})
     return model.model_copy(update={"measurement": measurement.model_copy(update={"simulate": simulate})})
-
-
-def _quantity(raw: Any) -> Quantity | None:
-    """Return a number as a quantity, as far as double precision holds it."""
-    if isinstance(raw, bool | str):
-        return None
-    try:
-        value = to_fraction(raw)
-        return Quantity(value) if value == 0 or float(value) != 0 else None
-    except (OutOfRangeError, OverflowError):
-        return None

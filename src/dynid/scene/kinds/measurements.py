@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from dynid.scene.schema.measurement import (
         ChannelModel,
         FrfModel,
-        MeasuredFileModel,
         MeasurementModel,
         PrepareModel,
         RecordModel,
@@ -39,8 +38,9 @@ if TYPE_CHECKING:
 
 
 def experiments(scene: Scene, excitation: Sequence[SignalPart], given: MeasurementModel) -> list[Experiment]:
-    """Return the records of a scene with the loads of each."""
+    """Return the records of a scene, prepared, with the loads of each."""
     from dynid.identification.measurement import Experiment
+    from dynid.identification.preparation import prepare
 
     found = []
     for k, record in enumerate(given.each):
@@ -52,20 +52,13 @@ def experiments(scene: Scene, excitation: Sequence[SignalPart], given: Measureme
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
         )
         experiment = Experiment(loads_of(scene, where, parts, measurement.record), measurement)
-        found.append(_prepared(scene, experiment, record.prepare or [], place))
+        try:
+            found.append(prepare(experiment, [_preparation(step) for step in record.prepare or []]))
+        except UsageError as error:
+            where = _own_or_shared(scene, place, "prepare").rpartition(".")[0]
+            names = [f"{where}.{name}" for name in error.names]
+            raise UsageError(error.problem, remedy=error.remedy, names=names) from error
     return found
-
-
-def _prepared(scene: Scene, experiment: Experiment, given: Sequence[PrepareModel], place: str) -> Experiment:
-    """Return a record prepared as the scene says; a step that makes no sense is placed in it."""
-    from dynid.identification.preparation import prepare
-
-    try:
-        return prepare(experiment, [_preparation(step) for step in given])
-    except UsageError as error:
-        where = _own_or_shared(scene, place, "prepare").rpartition(".")[0]
-        names = [f"{where}.{name}" for name in error.names]
-        raise UsageError(error.problem, remedy=error.remedy, names=names) from error
 
 
 def _preparation(given: PrepareModel) -> Preparation:
@@ -81,6 +74,7 @@ def _preparation(given: PrepareModel) -> Preparation:
 
 
 def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
+    """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.measurement import Measurement, Simulation
 
     channels = tuple(channel_of(channel) for channel in given.channels or ())
@@ -96,8 +90,25 @@ def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
             **initial_motion(cast("IdentificationScene", scene.model)),
         )
     else:
+        from dynid.tables.read import read_columns
+
         assert given.file is not None
-        source = _measured(scene, given.file, (samples, len(channels)), step, place)
+        path, where = scene.folder / (given.file.path or ""), _own_or_shared(scene, place, "file")
+        layout, columns = layout_of(given.file), given.file.columns
+        table = read_columns(path, columns, step=step, place=where, layout=layout, rows=samples or None)
+        if table.shape[1] != len(channels):
+            raise FileError(
+                f"{path} has {table.shape[1]} columns of numbers, 'channels' has {len(channels)}",
+                remedy="Name the columns: file: {path: …, columns: […]}.",
+                names=(f"{where}.columns",),
+            )
+        if len(table) < samples:
+            raise FileError(
+                f"{path} has {len(table)} samples, but the scene asks for {samples}",
+                remedy="Ask for no more samples than there are.",
+                names=(f"{where}.path",),
+            )
+        source = table[:samples]
     return Measurement(step, samples, channels, source, levels(given.noise))
 
 
@@ -123,33 +134,8 @@ def levels(given: Quantity | list[Quantity] | None) -> float | list[float] | Non
     return [float(level) for level in given] if isinstance(given, list) else float(given)
 
 
-def _measured(
-    scene: Scene, file: MeasuredFileModel, shape: tuple[int, int], step: float, place: str
-) -> NDArray[np.float64]:
-    """Read the samples of a record (samples x channels)."""
-    from dynid.tables.read import read_columns
-
-    path, where = scene.folder / (file.path or ""), _own_or_shared(scene, place, "file")
-    table = read_columns(
-        path, file.columns, step=step, place=where, layout=layout_of(file), rows=shape[0] or None
-    )
-    if table.shape[1] != shape[1]:
-        raise FileError(
-            f"{path} has {table.shape[1]} columns of numbers, 'channels' has {shape[1]}",
-            remedy="Name the columns: file: {path: …, columns: […]}.",
-            names=(f"{where}.columns",),
-        )
-    if len(table) < shape[0]:
-        raise FileError(
-            f"{path} has {len(table)} samples, but the scene asks for {shape[0]}",
-            remedy="Ask for no more samples than there are.",
-            names=(f"{where}.path",),
-        )
-    return table[: shape[0]]
-
-
 def _own_or_shared(scene: Scene, place: str, key: str) -> str:
-    """Return where a key of the record at a dotted place of a scene stands: there, or for all records."""
+    """Return the dotted path of a key of a record: its own, or that of all records."""
     found: Any = scene.source.data
     for part in place.split("."):
         found = found[int(part) if isinstance(found, list) else part]
@@ -157,7 +143,7 @@ def _own_or_shared(scene: Scene, place: str, key: str) -> str:
 
 
 def loads_of(scene: Scene, where: str, parts: Sequence[SignalPart], record: RecordTimes) -> list[Load]:
-    """Return the loads that stand at a place of a scene."""
+    """Return the loads at a place of a scene."""
     return [
         Load(part.dof, signal, part.base or part.motion)
         for part, signal in build_signals(scene, where, parts, record)
@@ -175,7 +161,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
     FileError
         Where measured responses cannot be read.
     UsageError
-        Where they make no sense.
+        Where they are inconsistent.
     """
     from dynid.identification.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.measurement import Simulation
@@ -191,7 +177,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
     if simulate is not None:
         added = levels(simulate.noise_ratio) or 0.0, simulate.seed, 0.0, levels(simulate.noise)
         return FrfMeasurement(angular_frequencies(simulate.lines), channels, Simulation(*added), noise)
-    found = _in_band(_read(scene, given.frf, channels), given.frf)
+    found = _read(scene, given.frf, channels)
     deviation, relative = found.deviation, False
     if found.coherence is not None:
         # Of the estimate H1 from n averages: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. 2010, eq 9.57.
@@ -203,7 +189,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
 
 
 def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:
-    """Read the file of a scene's responses: lines in rad/s, one column a channel."""
+    """Return the responses in the file of a scene: lines of the band in rad/s, one column a channel."""
     from dynid.tables.frequency_responses import ResponseLayout, read_responses
 
     file = given.file
@@ -229,11 +215,7 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
                 names=("measurement.channels", f"{_PLACE}.path"),
             )
     unit = given.unit or ("Hz" if found.in_hertz else "rad/s")
-    return found._replace(omega=found.omega * (2 * math.pi if unit == "Hz" else 1.0))
-
-
-def _in_band(found: MeasuredResponses, given: FrfModel) -> MeasuredResponses:
-    """Return the lines of a band."""
+    found = found._replace(omega=found.omega * (2 * math.pi if unit == "Hz" else 1.0))
     if given.band is None:
         return found
     factor = 2 * math.pi if given.unit == "Hz" else 1.0

@@ -1,4 +1,4 @@
-"""Plan the measurement of a scene: which sensors, and what to excite."""
+"""Plans of the measurement of a scene: its sensors and excitation."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from dynid.scene.kinds.identification import expected_values, setting
 from dynid.scene.kinds.measurements import channel_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import IdentificationScene, PlanModel
+from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.response import UNITS
 
 
 def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None) -> Result:
-    """Rank sensors and excitations for a scene of kind identification.
+    """Return ranked sensors and excitations for a scene of kind identification.
 
     Parameters
     ----------
     scene
         The scene.
     sensors, lines
-        How many to choose; absent: as the scene says, else as many as it has.
+        The numbers to choose; absent: those of the scene, else as many as it has.
 
     Raises
     ------
     UsageError
         Where the scene has nothing to identify, or no measurement.
     NotIdentifiable, NumericalError, FileError
-        As of a run, except for parameters that the present measurement does not tell.
+        As of a run, except for parameters that the present measurement does not determine.
     """
     if scene.kind != "identification":
         raise UsageError(
@@ -54,22 +54,18 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
         )
     structure = build_structure(scene, model.structure, model.joints)
     reduced, records, truth = setting(scene, structure, expected_values(structure))
-    result = plan(reduced, records, _wanted(model.plan, sensors, lines), truth)
-    result.title = scene.title
-    result.attrs["scene"] = scene.source.resolved_text()
-    return result
-
-
-def _wanted(given: PlanModel, sensors: int | None, lines: int | None) -> PlanRequest:
-    force = given.excitation
+    given, force = model.plan, model.plan.excitation
     factor = 2 * math.pi if force.unit == "Hz" else 1.0
-    band = None if force.band is None else (factor * float(force.band[0]), factor * float(force.band[1]))
-    return PlanRequest(
+    request = PlanRequest(
         sensors=sensors or given.sensors,
         lines=lines or given.lines,
         candidates=[channel_of(channel) for channel in given.candidates or ()],
         quantities=given.quantities or tuple(UNITS),
         noise={quantity: float(level) for quantity, level in given.noise.items()},
         dofs=force.dofs or (),
-        band=band,
+        band=(factor * float(force.band[0]), factor * float(force.band[1])) if force.band else None,
     )
+    result = plan(reduced, records, request, truth)
+    result.title = scene.title
+    result.attrs["scene"] = scene.source.resolved_text()
+    return result

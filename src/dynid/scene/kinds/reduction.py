@@ -69,13 +69,21 @@ def build_reductor(part: ReductionModel, interest: Interest, place: str) -> Loca
     part
         The part.
     interest
-        What the reduced model is for.
+        The DOFs and the band for which the reduced model is made.
     place
         The dotted path of the part in the scene.
     """
     skipped = {"method", "unit"}
     given = {name: getattr(part, name) for name in type(part).model_fields if name not in skipped}
-    options = {name: _option(value) for name, value in given.items() if value is not None}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    for name, value in options.items():
+        if value == "none":
+            options[name] = ()
+        elif isinstance(value, MastersModel):
+            options[name] = Masters(value.count, value.choose)
+        elif isinstance(value, ModesModel):
+            below = None if value.below is None else in_radians(float(value.below), value.unit)
+            options[name] = ModeRange(value.count, below)
     if isinstance(part, DynamicModel) and part.frequency is not None:
         options["frequency"] = in_radians(float(part.frequency), part.unit)
     with _placed(place):
@@ -83,31 +91,20 @@ def build_reductor(part: ReductionModel, interest: Interest, place: str) -> Loca
 
 
 def with_residuals(part: ReductionModel) -> ReductionModel:
-    """Return a reduction with residual vectors at the joints, where its scene leaves that open."""
+    """Return a reduction with residual vectors at the joints, where their choice is open."""
     if isinstance(part, JointAwareModel) and part.masters is None and part.residuals is None:
         return part.model_copy(update={"residuals": RESIDUALS.value})
     return part
 
 
 def read_reduction(data: Mapping[str, Any]) -> ReductionModel:
-    """Return a part of a scene that describes a reduction in numbers and words alone."""
+    """Return the reduction that a part of a scene in plain data describes."""
     from pydantic import TypeAdapter
 
     from dynid.scene.schema import reduction
 
     part: ReductionModel = TypeAdapter(reduction.ReductionModel).validate_python(data)
     return part
-
-
-def _option(value: Any) -> Any:
-    if value == "none":
-        return ()
-    if isinstance(value, MastersModel):
-        return Masters(value.count, value.choose)
-    if isinstance(value, ModesModel):
-        below = None if value.below is None else in_radians(float(value.below), value.unit)
-        return ModeRange(value.count, below)
-    return value
 
 
 @contextmanager
@@ -121,12 +118,12 @@ def _placed(place: str) -> Iterator[None]:
 
 
 def run(scene: Scene) -> Result:
-    """Reduce the structure of a scene by each of its methods, and compare them with the full one.
+    """Return the comparison of the reductions of a structure with the full one.
 
     Raises
     ------
     Singular
-        Where a method has no answer.
+        Where a method has no unique solution.
     UsageError
         Where masters or modes do not exist.
     """
@@ -160,7 +157,7 @@ def methods_of(model: ReductionScene) -> dict[str, LocatedReductor]:
 
 
 def interest_of(model: ReductionScene) -> Interest:
-    """Return what reduced models are for: the DOFs and the band of the responses."""
+    """Return the DOFs and the band (rad/s) of the responses, for which reduced models are made."""
     if model.frequency is None:
         return Interest()
     asked = [*(model.inputs or ()), *(dof for output in model.outputs or () for dof in output.ends)]
@@ -168,7 +165,7 @@ def interest_of(model: ReductionScene) -> Interest:
 
 
 def _responses(model: ReductionScene) -> RequestedResponses | None:
-    """Return the responses to compare; where it is not said which, receptances between the DOFs of interest.
+    """Return the responses to compare; by default receptances between the DOFs of interest.
 
     These are the ends of the joints and the masters that are given, else the structure's first DOF.
     """

@@ -1,4 +1,4 @@
-"""Scope of a model in a result: which parts of a structure were modelled, and which left out."""
+"""Scope of a model in a result: the parts of a structure that were modelled, and those left out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynid.structure.reduction.reduction import StructuralReduction
 
 _NOT_REQUESTED = "not requested"
-#: What a scene of kind `identification` can ask for, and the group that holds it.
+#: The results of a scene of kind `identification`, and their groups.
 _RESULTS = {
     "parameters": "identification/parameters",
     "identifiability": "identification/identifiability",
@@ -25,7 +25,7 @@ _RESULTS = {
     "time_response": "structure/time_response",
 }
 _SOLVERS = ("dense matrices", "sparse Lanczos")
-#: What each estimator works by.
+#: The algorithms of each estimator.
 _ENGINES = {
     "auto": ["filter", "maximum likelihood"],
     "filter": ["filter"],
@@ -37,7 +37,7 @@ _ENGINES = {
 def add_identification_scope(
     result: Result, model: IdentificationScene, structure: StructuralModel, made: StructuralReduction | None
 ) -> None:
-    """Add what was modelled in an identification: coordinates, modes, states, parameters, engines, results.
+    """Add the model scope of an identification: coordinates, modes, states, parameters, engines, results.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def add_identification_scope(
     structure
         The full structure.
     made
-        What it was reduced to, if it was.
+        Its reduction; None where there is none.
     """
     n = structure.size
     r = n if made is None else made.model.size
@@ -61,11 +61,23 @@ def add_identification_scope(
     terms = [term.name for joint in structure.joints for term in joint.terms]
     why = "known: fixed at their values"
     parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
-    used = _used(result, model) if measured else []
+    used: list[str] = []
+    if model.measurement is not None:
+        estimator = str(result.group_attrs["identification"].get("estimator", "output-error"))
+        # Frequency responses are fitted by maximum likelihood, whatever the estimator is called.
+        used = _ENGINES["output-error" if model.measurement.frf is not None else estimator]
     why = "not used by the estimator" if used else "there is no record"
     every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
     parts.append(divided("engines", every, used, why))
-    parts += _of_modes(result, r)
+    if "structure/modes/omega" in result:
+        count = len(result["structure/modes/omega"].data)
+        why = "fewer are asked for, or the others have no mass"
+        parts.append(ScopePart("modes shown", count, r - count, why))
+    about = result.group_attrs.get("structure/frequency_response", {})
+    if about.get("method") == "modal":
+        count = int(about["modes"])
+        why = "above the band of the response: residual vectors stand for them"
+        parts.append(ScopePart("modes of the frequency response", count, r - count, why))
     groups = {path.rpartition("/")[0] for path in result}
     there = [name for name, group in _RESULTS.items() if any(path.startswith(group) for path in groups)]
     parts.append(divided("results", _RESULTS, there, _NOT_REQUESTED))
@@ -75,15 +87,8 @@ def add_identification_scope(
 _FIXED = "nothing is identified: fixed at their values, true values or starts"
 
 
-def _used(result: Result, model: IdentificationScene) -> list[str]:
-    """Return what the estimator worked by; responses are fitted by maximum likelihood."""
-    estimator = str(result.group_attrs["identification"].get("estimator", "output-error"))
-    in_frequency = model.measurement is not None and model.measurement.frf is not None
-    return _ENGINES["output-error" if in_frequency else estimator]
-
-
 def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[str, str]) -> None:
-    """Add what was modelled in a comparison of reductions: coordinates and modes of each, engines, results.
+    """Add the model scope of a comparison of reductions: coordinates and modes of each, engines, results.
 
     Parameters
     ----------
@@ -115,19 +120,3 @@ def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[
 def _of_reduction(of: str, method: str, size: int, n: int, modes: int, rule: str) -> Sequence[ScopePart]:
     parts = [ScopePart(f"coordinates{of}", size, n - size, f"reduced by {method}")]
     return [*parts, ScopePart(f"modes{of}", modes, n - modes, rule)] if rule else parts
-
-
-def _of_modes(result: Result, n: int) -> Sequence[ScopePart]:
-    """Return what modal analyses and modal responses keep of all modes."""
-    parts = []
-    if "structure/modes/omega" in result:
-        count = len(result["structure/modes/omega"].data)
-        parts.append(
-            ScopePart("modes shown", count, n - count, "fewer are asked for, or the others have no mass")
-        )
-    about = result.group_attrs.get("structure/frequency_response", {})
-    if about.get("method") == "modal":
-        count = int(about["modes"])
-        why = "above the band of the response: residual vectors stand for them"
-        parts.append(ScopePart("modes of the frequency response", count, n - count, why))
-    return parts

@@ -1,4 +1,4 @@
-"""Signals, frequencies and times of a scene as arrays and objects of the analyses."""
+"""Signals, frequencies and times of a scene for its analyses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from dynid.scene.schema.signals import (
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -48,7 +47,7 @@ def record_of(grid: TimeGrid) -> RecordTimes:
 def build_signals(
     scene: Scene, where: str, parts: Sequence[SignalPart], record: RecordTimes
 ) -> list[tuple[SignalPart, Signal]]:
-    """Build signals, each beside the part of the scene that describes it.
+    """Return signals, each with the part of the scene that describes it.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ def build_signals(
         Where the file of a signal cannot be read, its times are not at the record's step, or it ends before
         the record does.
     UsageError
-        Where a signal makes no sense for this record; it names the place.
+        Where a signal does not suit this record; it names the place.
     """
     built = []
     found = scene.source.data
@@ -86,40 +85,37 @@ def build_signals(
                 names=(f"{place}.hold",),
             )
         try:
-            built.append((part, _build_signal(part, record, scene.folder, place)))
+            parameters = part.parameters()
+            if isinstance(part, FileSignal):
+                from dynid.tables.read import read_signal
+
+                path, layout = scene.folder / part.path, layout_of(part)
+                values = read_signal(path, part.column, step=record.step, place=place, layout=layout)
+                if len(values) < record.samples:
+                    raise FileError(
+                        f"{path} has {len(values)} samples, but the signal lasts {record.samples}",
+                        remedy="Give samples for the whole record, or end it earlier.",
+                        names=(f"{place}.path",),
+                    )
+                parameters = {"values": values, "hold": part.hold}
+            from dynid.lti.signals import signal
+
+            kind = str(getattr(part, "kind"))  # noqa: B009 - every member has a kind
+            built.append((part, signal(kind, parameters, record)))
         except UsageError as error:
             raise UsageError(error.problem, remedy=error.remedy, names=(place,)) from error
     return built
 
 
 def layout_of(part: TablePlace) -> TableLayout:
-    """Return where in its file a table is."""
+    """Return the place of a table in its file."""
     from dynid.tables.table import TableLayout
 
     return TableLayout(part.variable, part.row, part.time, part.first)
 
 
-def _build_signal(part: SignalPart, record: RecordTimes, folder: Path, place: str) -> Signal:
-    from dynid.lti.signals import signal
-
-    parameters = part.parameters()
-    if isinstance(part, FileSignal):
-        from dynid.tables.read import read_signal
-
-        where = folder / part.path
-        values = read_signal(where, part.column, step=record.step, place=place, layout=layout_of(part))
-        if len(values) < record.samples:
-            raise FileError(
-                f"{folder / part.path} has {len(values)} samples, but the signal lasts {record.samples}",
-                remedy="Give samples for the whole record, or end it earlier.",
-                names=(f"{place}.path",),
-            )
-        parameters = {"values": values, "hold": part.hold}
-    return signal(str(getattr(part, "kind")), parameters, record)  # noqa: B009 - every member has a kind
-
-
 def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:
-    """Return the highest frequency that signals excite, rad/s; what has no end goes to Nyquist's.
+    """Return the highest frequency that signals excite (rad/s), at most the Nyquist frequency.
 
     Parameters
     ----------
@@ -128,16 +124,15 @@ def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:
     step
         Sampling step, s.
     """
-    nyquist = math.pi / step
-    return min(nyquist, max((_highest(part) for part in signals), default=nyquist))
-
-
-def _highest(part: SignalPart) -> float:
-    given = part.parameters()
-    if isinstance(part, ChirpSignal):
-        return float(max(given["start"], given["stop"]))
-    if isinstance(part, RandomSignal):
-        return float(given["band"][1]) if part.band else math.inf
-    if isinstance(part, SineSignal | MultisineSignal):
-        return float(np.max(given["frequency"]))
-    return math.inf
+    highest = []
+    for part in signals:
+        given = part.parameters()
+        if isinstance(part, ChirpSignal):
+            highest.append(float(max(given["start"], given["stop"])))
+        elif isinstance(part, RandomSignal) and part.band:
+            highest.append(float(given["band"][1]))
+        elif isinstance(part, SineSignal | MultisineSignal):
+            highest.append(float(np.max(given["frequency"])))
+        else:
+            highest.append(math.inf)
+    return min(math.pi / step, max(highest, default=math.inf))

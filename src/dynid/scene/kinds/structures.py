@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError, FileError, SceneError, UsageError
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
         StructureModel,
     )
     from dynid.structure.damping import ModalDamping, ProportionalDamping
-    from dynid.structure.matrices import Label
     from dynid.structure.model import StructuralModel
 
 _FILES = ("mass", "stiffness", "damping", "labels", "state_space")
@@ -37,7 +34,7 @@ _FILES = ("mass", "stiffness", "damping", "labels", "state_space")
 def build_structure(
     scene: Scene, structure: StructureModel, joints: Mapping[str, JointModel]
 ) -> StructuralModel:
-    """Build the structure of a scene with its joints, and check every DOF that the scene names.
+    """Return the structure of a scene with its joints, which has every DOF that the scene names.
 
     Raises
     ------
@@ -48,22 +45,33 @@ def build_structure(
     UsageError
         If the matrices are not those of a structure.
     """
-    built = [_joint(name, joint) for name, joint in joints.items()]
-    with _located(structure):
+    built = []
+    for name, joint in joints.items():
+        parts = (_parameter(part) for part in (joint.k, joint.c, joint.m))
+        try:
+            built.append(Joint(name, tuple(joint.dofs), *parts))
+        except UsageError as error:
+            raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
+    try:
         if structure.lumped is not None:
-            model = _lumped(structure.lumped, built)
-        elif structure.beam is not None:
-            model = _beam(structure.beam, built)
-        elif structure.frame is not None:
-            model = _frame(structure.frame, built)
-        else:
-            assert structure.matrices is not None
-            bare = _matrices(scene.folder, structure.matrices)
-            faults = dof_faults(scene.source, type(scene.model), bare.dofs)
-            if faults:  # found only now: a file tells the DOFs
-                raise SceneError(faults)
-            model = bare.joined(built)
-    return model
+            return _lumped(structure.lumped, built)
+        if structure.beam is not None:
+            return _beam(structure.beam, built)
+        if structure.frame is not None:
+            return _frame(structure.frame, built)
+        assert structure.matrices is not None
+        bare = _matrices(scene.folder, structure.matrices)
+        faults = dof_faults(scene.source, type(scene.model), bare.dofs)
+        if faults:  # found only now: the DOFs are those of a file
+            raise SceneError(faults)
+        return bare.joined(built)
+    except SceneError:
+        raise
+    except DynidError as error:
+        kind = next(kind for kind in type(structure).model_fields if getattr(structure, kind) is not None)
+        part = next((name for name in error.names if kind == "matrices" and name in _FILES), "")
+        error.names = (f"structure.{kind}.{part}",) if part else (*error.names, f"structure.{kind}")
+        raise
 
 
 def number(quantity: Quantity | None) -> float:
@@ -126,9 +134,12 @@ def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
 
 def _matrices(folder: Path, part: MatricesModel) -> StructuralModel:
     from dynid.structure.imported import from_state_space, imported
-    from dynid.structure.readers.read import matrix_file
+    from dynid.structure.readers.read import matrix_file, read_labels
 
-    labels = _labels(folder, part.labels)
+    try:
+        labels = read_labels(folder / part.labels) if isinstance(part.labels, str) else part.labels or ()
+    except FileError as error:
+        raise FileError(error.problem, remedy=error.remedy, names=("labels",)) from None
     if part.state_space is not None:
         given = part.state_space
         names = {role: name for role in "ABC" if (name := getattr(given, role)) is not None}
@@ -143,18 +154,6 @@ def _matrices(folder: Path, part: MatricesModel) -> StructuralModel:
     return imported(file(part.mass), file(part.stiffness), damping, labels=labels)
 
 
-def _labels(folder: Path, given: list[Label] | str | None) -> Sequence[Label]:
-    """Return labels as listed, or read from a text file with one a line."""
-    if not isinstance(given, str):
-        return given or ()
-    from dynid.structure.readers.read import read_labels
-
-    try:
-        return read_labels(folder / given)
-    except FileError as error:
-        raise FileError(error.problem, remedy=error.remedy, names=("labels",)) from None
-
-
 def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping | None:
     from dynid.structure.damping import ModalDamping, ProportionalDamping
 
@@ -167,13 +166,6 @@ def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping |
 
 def _each(given: Quantity | list[Quantity]) -> float | list[float]:
     return [float(value) for value in given] if isinstance(given, list) else float(given)
-
-
-def _joint(name: str, joint: JointModel) -> Joint:
-    try:
-        return Joint(name, tuple(joint.dofs), _parameter(joint.k), _parameter(joint.c), _parameter(joint.m))
-    except UsageError as error:
-        raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
 
 
 def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | None:
@@ -191,17 +183,3 @@ def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | Non
 
 def _optional(quantity: Quantity | None) -> float | None:
     return None if quantity is None else float(quantity)
-
-
-@contextmanager
-def _located(structure: StructureModel) -> Iterator[None]:
-    """Place an error of a structure at the part of the scene it comes from."""
-    try:
-        yield
-    except SceneError:
-        raise
-    except DynidError as error:
-        kind = next(kind for kind in type(structure).model_fields if getattr(structure, kind) is not None)
-        part = next((name for name in error.names if kind == "matrices" and name in _FILES), "")
-        error.names = (f"structure.{kind}.{part}",) if part else (*error.names, f"structure.{kind}")
-        raise

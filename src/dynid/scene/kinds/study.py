@@ -1,10 +1,10 @@
-"""Scenes of kind `study`: the scene that one varies, and the faults of both together."""
+"""Scenes of kind `study`: the scene that a study varies, and the faults of both together."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import Fault, FileError, SceneError, UsageError
 from dynid.scene.arithmetic.expression import ExpressionError, parse
@@ -32,23 +32,19 @@ if TYPE_CHECKING:
 
 
 def run(scene: Scene) -> Result:
-    """Refuse to run a study as one scene."""
-    return _refuse(scene)
-
-
-def _refuse(scene: Scene) -> NoReturn:
+    """Raise the error that a study is not run as one scene."""
     raise UsageError(
         "this is a study: many runs of a scene", remedy=f"Run it with: dynid study {scene.source.file}"
     )
 
 
 def study_model(scene: Scene) -> StudyScene:
-    """Return what a study says.
+    """Return the model of a study.
 
     Raises
     ------
     UsageError
-        Where the scene is none.
+        Where the scene is not a study.
     """
     if scene.kind != "study":
         problem = f"{scene.source.file} is a scene of kind {scene.kind}, not a study"
@@ -57,7 +53,7 @@ def study_model(scene: Scene) -> StudyScene:
 
 
 def base_scene(scene: Scene) -> Scene:
-    """Load the scene that a study varies.
+    """Return the scene that a study varies.
 
     Raises
     ------
@@ -67,16 +63,15 @@ def base_scene(scene: Scene) -> Scene:
         With all faults of it.
     """
     source = read_source(scene.folder / study_model(scene).scene)
-    if (
-        isinstance(source.data, dict) and source.data.get("kind") == "study"
-    ):  # told before it is checked: a chain of studies may be a circle
+    # Reported before it is checked: a chain of studies may be a cycle.
+    if isinstance(source.data, dict) and source.data.get("kind") == "study":
         message = "this is a study itself; a study varies another scene"
         raise SceneError([scene.source.fault(("scene",), message)])
     return check_source(source)
 
 
 def check_study(scene: Scene) -> None:
-    """Check what a study says as a whole, and whether the scene it varies takes what it sets.
+    """Check the keys of a study together, and that the scene that it varies accepts its values.
 
     Raises
     ------
@@ -103,15 +98,21 @@ Located = tuple[tuple[str | int, ...], str]
 
 
 def study_faults(model: StudyScene) -> Iterator[Located]:
-    """Yield what is wrong with a study by itself: the keys at fault, and a message."""
+    """Yield the faults of a study without its scene: the path at fault, and a message."""
     yield from _path_faults(model)
     yield from _group_faults(model)
     yield from _sampling_faults(model)
-    yield from _derive_faults(model)
+    for target, text in model.derive.items():
+        try:
+            parse(text)  # the names of the scene's parameters are known when it has been read
+        except ExpressionError as error:
+            yield ("derive", target), str(error)
+        if not all(target.split(".")) or "/" in target:
+            yield ("derive", target), f"'{target}' is neither a name nor a dotted path into the scene"
 
 
 def _path_faults(model: StudyScene) -> Iterator[Located]:
-    """Check that every path stands once, and that tuples have a value for each of theirs."""
+    """Yield the faults of paths: given twice, or several with lists of values of another length."""
     counts = Counter(path for key in model.vary for path in paths_of(key))
     targets = [*counts, *(path for path in model.derive if "." in path)]
     for key, factor in model.vary.items():
@@ -134,7 +135,7 @@ def _path_faults(model: StudyScene) -> Iterator[Located]:
 
 
 def _group_faults(model: StudyScene) -> Iterator[Located]:  # noqa: C901 - one check after the other
-    """Check the groups of paths that go together on a grid, and how many samples there are."""
+    """Yield the faults of groups of paths that vary together on a grid, and of the number of samples."""
     seen: set[str] = set()
     lengths = {key: grid_length(factor) for key, factor in model.vary.items()}
     for number, group in enumerate(model.zip):
@@ -192,19 +193,8 @@ def _sampling_faults(model: StudyScene) -> Iterator[Located]:
             yield ("sampling", "correlation", number), "a value is not correlated with itself"
 
 
-def _derive_faults(model: StudyScene) -> Iterator[Located]:
-    """Check the expressions; the names of the scene's parameters are known when it has been read."""
-    for target, text in model.derive.items():
-        try:
-            parse(text)
-        except ExpressionError as error:
-            yield ("derive", target), str(error)
-        if not all(target.split(".")) or "/" in target:
-            yield ("derive", target), f"'{target}' is neither a name nor a dotted path into the scene"
-
-
 def refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
-    """Yield what the scene does not take: a path it does not have, or one of which it refuses every value."""
+    """Yield the faults of paths that the scene lacks, or of which it rejects every value."""
     parameters = [str(name) for name in mapping(base.source.data, "parameters")]
     names = known_names(model, parameters)
     for target, text in model.derive.items():
@@ -233,7 +223,7 @@ def refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
 
 
 def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
-    """Yield what refers to itself by a chain of others, each circle once."""
+    """Yield the cycles of references, each once."""
     sorted_out: set[str] = set()
     for start in needs:
         chain: list[str] = []
@@ -251,7 +241,7 @@ def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
 
 
 def _why_refused(base: Scene, key: str, factor: StudyFactor) -> str:
-    """Return why a scene takes none of a few values of a factor; nothing where it takes one."""
+    """Return why a scene rejects all of a few values of a factor; empty where it accepts one."""
     message = ""
     for values in _examples(key, factor):
         try:
@@ -264,7 +254,7 @@ def _why_refused(base: Scene, key: str, factor: StudyFactor) -> str:
 
 
 def _examples(key: str, factor: StudyFactor) -> Iterator[Mapping[str, Any]]:
-    """Yield values that a factor may have: ends and middle."""
+    """Yield example values of a factor: ends and middle."""
     paths = paths_of(key)
     if isinstance(factor, Listed):
         some = [factor.values[place] for place in (0, len(factor.values) // 2, -1)]

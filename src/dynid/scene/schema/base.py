@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     PlainValidator,
     WithJsonSchema,
+    field_validator,
     model_validator,
 )
 
@@ -109,14 +109,15 @@ class Expectation(Section):
         return self
 
 
-def _as_written(raw: Any) -> Any:
-    return str(raw).lower() if isinstance(raw, bool) else raw  # in Python, true equals 1
-
-
 class SceneModel(Section):
     """Keys of every scene."""
 
-    dynid: Annotated[Literal[1], BeforeValidator(_as_written)]
+    dynid: Literal[1]
     title: str = ""
     parameters: dict[str, Any] = {}
     expect: list[Expectation] = []
+
+    @field_validator("dynid", mode="before")
+    @classmethod
+    def _is_a_number(cls, raw: Any) -> Any:
+        return str(raw).lower() if isinstance(raw, bool) else raw  # in Python, true equals 1

@@ -145,11 +145,7 @@ def _link(raw: Any, info: ValidationInfo) -> Bond:
     ends = chain_ends(raw) if isinstance(raw, str) else []
     if len(ends) != 2:
         raise fault("a port is one bond of the graph, written 'source side -> load side', such as 'a -> b'")
-    nodes = names_of(info).nodes
-    unknown = [f"no node '{end}'{did_you_mean(end, nodes)}" for end in ends if nodes and end not in nodes]
-    if unknown:
-        raise fault(f"port '{raw}': {'; '.join(unknown)}")
-    return Bond(*ends)
+    return _bonds(raw, info)[0]
 
 
 _TEXT = WithJsonSchema({"type": "string"})

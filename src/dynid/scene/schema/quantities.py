@@ -118,14 +118,14 @@ def _where(condition: Callable[[Number], bool], message: str) -> Callable[[Any, 
 
 
 class _By:
-    """Says that a function validates; with pydantic's own word for it every use is analysed for dumping.
+    """Annotation of the function that validates a field, without the cost of pydantic's own in dumping.
 
     Parameters
     ----------
     check
         The function.
     bounds
-        What it holds values to, in the words of JSON Schema.
+        The bounds of its values, in the keywords of JSON Schema.
     """
 
     def __init__(self, check: Callable[[Any, ValidationInfo], Quantity], **bounds: int) -> None:

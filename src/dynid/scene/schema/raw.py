@@ -22,7 +22,7 @@ def mapping_of(value: Any) -> dict[Any, Any]:
 
 
 def is_mapping_of_mappings(value: Any) -> bool:
-    """Tell whether every value of a mapping is one itself."""
+    """Return True for a mapping whose values are all mappings."""
     return isinstance(value, dict) and all(isinstance(entry, dict) for entry in value.values())
 
 

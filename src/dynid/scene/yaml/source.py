@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -120,7 +121,7 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
     Raises
     ------
     SceneError
-        When paths or values make no sense, with the faults of all of them.
+        When paths or values are invalid, with all faults.
     """
     faults: list[Fault] = []
     for assignment in assignments:
@@ -146,7 +147,7 @@ def set_values(source: Source, values: Mapping[str, Any]) -> Source:
     Raises
     ------
     SceneError
-        When a path makes no sense.
+        When a path is invalid.
     """
     for path, value in values.items():
         source = _set(source, path, value, {(): Positions(_START, _START, path)}, path)
@@ -179,7 +180,10 @@ def _read_regular_file(name: str) -> bytes:
                 raise FileError(f"{name} is not a regular file", names=[name])
             raw = file.read(4 * MAX_CHARACTERS + 1)
     except FileNotFoundError:
-        raise FileError(f"{name}: no such file{_similar_file(name)}", names=[name]) from None
+        hint = ""
+        with suppress(OSError):
+            hint = did_you_mean(FilePath(name).name, sorted(p.name for p in FilePath(name).parent.iterdir()))
+        raise FileError(f"{name}: no such file{hint}", names=[name]) from None
     except IsADirectoryError:
         raise FileError(f"{name} is a directory, not a scene file", names=[name]) from None
     except (OSError, ValueError) as error:
@@ -190,13 +194,6 @@ def _read_regular_file(name: str) -> bytes:
             f"{name} is too large for a scene; put large data in files of their own", names=[name]
         )
     return raw
-
-
-def _similar_file(name: str) -> str:
-    try:
-        return did_you_mean(FilePath(name).name, sorted(p.name for p in FilePath(name).parent.iterdir()))
-    except OSError:
-        return ""
 
 
 def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], origin: str) -> Source:
