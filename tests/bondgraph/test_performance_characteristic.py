@@ -14,7 +14,7 @@ from dynid.bondgraph.results.port import static_characteristics
 from dynid.store import write_result
 from tests.bondgraph.graphs import ISOLATOR, written
 from tests.bondgraph.test_port import decomposed
-from tests.scene.written import faults_of
+from tests.scene.example_scenes import faults_of
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -12,7 +12,7 @@ import pytest
 
 from dynid.cli import COMMANDS
 from dynid.scene.yaml.source import read_source
-from tests.scene.test_schema import TEN, TEN_PLACES
+from tests.scene.test_scene_faults import TEN, TEN_PLACES
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.store import read_result
 from tests.cli.conftest import SMALL
-from tests.scene.written import faults_of
+from tests.scene.example_scenes import faults_of
 
 pytestmark = pytest.mark.usefixtures("folder")
 

@@ -24,7 +24,7 @@ from dynid.structure.readers.read import MatrixFile, read_matrix
 from dynid.tables.read import read_columns
 from tests.fuzz.record import RECORD, asked, kept_records
 from tests.structure.test_readers import WRITERS
-from tests.tables.test_formats import stored
+from tests.tables.test_matlab_and_universal_files import stored
 
 # Longer than a file is read on trial, so that what would never end is refused.
 _SECONDS = 60

@@ -24,7 +24,7 @@ from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 from dynid.structure.reduction.methods import reduce
 from tests.identification.cases import LINKS, LOADS, MASSES, VELOCITIES, in_bounds, parameter, simulated
-from tests.scene.written import faults_of
+from tests.scene.example_scenes import faults_of
 
 SPRING = np.array([[1.0, -1.0], [-1.0, 1.0]])
 

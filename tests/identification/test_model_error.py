@@ -6,7 +6,7 @@ import pytest
 import dynid
 from dynid.identification import model_error
 from tests.identification.test_reduced_models import AWARE, BEAM, SEREP
-from tests.scene.written import check
+from tests.scene.example_scenes import check
 
 # Near the truth and without a filter: quick, and it is the optimum that counts here.
 CLEAN = BEAM.replace("{method: filter, passes: 2}", "{method: output-error}").replace("800", "400")

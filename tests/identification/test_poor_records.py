@@ -20,7 +20,7 @@ from tests.identification.cases import (
     suspension,
 )
 from tests.identification.test_reduced_models import BEAM
-from tests.scene.written import check
+from tests.scene.example_scenes import check
 
 # The force had been acting for 10 s when the record began.
 LOADS = (Load(5, Multisine([100] * 3, [70, 110, 250], [700, 1100, 2500])),)

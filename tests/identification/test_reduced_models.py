@@ -5,7 +5,7 @@ import pytest
 
 import dynid
 from dynid.errors import DynidError
-from tests.scene.written import JOINTS, check, faults_of
+from tests.scene.example_scenes import JOINTS, check, faults_of
 
 BEAM = """\
 dynid: 1

@@ -6,7 +6,7 @@ import pytest
 import dynid
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
-from tests.scene.written import faults_of
+from tests.scene.example_scenes import faults_of
 
 BEAM = """\
 dynid: 1

@@ -11,7 +11,7 @@ from dynid.scene.kinds.bond_graph import build_graph
 from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.schema.bond_graph import domain_faults
 from dynid.scene.yaml.source import parse_source
-from tests.scene.written import check, faults_of
+from tests.scene.example_scenes import check, faults_of
 
 SCENE = """\
 dynid: 1

@@ -10,7 +10,7 @@ from dynid.errors import DynidError, UsageError
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
-from tests.scene.written import faults_of
+from tests.scene.example_scenes import faults_of
 
 HEAD = """\
 dynid: 1

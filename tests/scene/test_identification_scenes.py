@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.scene.written import check, faults_of
+from tests.scene.example_scenes import check, faults_of
 
 SCENE = """\
 dynid: 1

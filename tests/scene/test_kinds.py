@@ -14,7 +14,7 @@ REFERENCES = [
     for one in fields(KINDS[name])
     if one.name not in ("name", "template") and getattr(KINDS[name], one.name)
 ]
-MEMBERS = {"batch": ("batched", "why_alone"), "content": ("sections", "method"), "summary": ("lines",)}
+MEMBERS = {"batch": ("batched", "why_alone"), "content": ("sections", "method")}
 
 
 @pytest.mark.parametrize(("name", "part"), REFERENCES)

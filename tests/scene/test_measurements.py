@@ -14,8 +14,8 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import LOADS, suspension
+from tests.scene.example_scenes import faults_of
 from tests.scene.test_identification_scenes import SCENE as ONE
-from tests.scene.written import faults_of
 
 HEAD = ONE[: ONE.index("excitation:")]
 RECORDS = """\

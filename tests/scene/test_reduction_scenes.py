@@ -7,7 +7,7 @@ from scipy.linalg import eigh
 import dynid
 from dynid.checks import compare
 from dynid.cli import main
-from tests.scene.written import REDUCTIONS, check, faults_of
+from tests.scene.example_scenes import REDUCTIONS, check, faults_of
 from tests.structure.systems import FE
 
 

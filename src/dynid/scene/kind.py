@@ -39,7 +39,7 @@ class Kind:
     content
         Module with `sections` and `method`: a result as facts and tables, for pages.
     summary
-        Module with `lines`: a result on the screen.
+        Function of a result; returns its lines on the screen.
     alternatives
         Mapping of the choices in a scene to functions that try their alternatives.
     """

@@ -13,7 +13,7 @@ from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import apply_overrides, parse_source
 from dynid.scene.yaml.writer import dump
-from tests.scene.written import ISOLATOR, JOINTS, REDUCTIONS, STUDY, check, faults_of
+from tests.scene.example_scenes import ISOLATOR, JOINTS, REDUCTIONS, STUDY, check, faults_of
 
 EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS, "reduction": REDUCTIONS}
 WRONG = [
