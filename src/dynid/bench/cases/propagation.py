@@ -51,7 +51,7 @@ def _force(t: Any) -> Any:
     return sum(100 * np.sin(omega * t) for omega in _OMEGA)
 
 
-def _house(hold: str) -> Callable[[int], Callable[[], Any]]:
+def _by_hold(hold: str) -> Callable[[int], Callable[[], Any]]:
     def prepare(samples: int) -> Callable[[], Any]:
         from dynid.lti.sampled import Sampled
         from dynid.lti.time_response import propagate
@@ -157,9 +157,9 @@ BENCHMARK = Benchmark(
     size="samples",
     sizes=(800, 8000),
     alternatives=(
-        Alternative("exponential-spline", _house("spline")),
-        Alternative("exponential-linear", _house("linear")),
-        Alternative("exponential-zero", _house("zero")),
+        Alternative("exponential-spline", _by_hold("spline")),
+        Alternative("exponential-linear", _by_hold("linear")),
+        Alternative("exponential-zero", _by_hold("zero")),
         Alternative("rk4", _runge_kutta, peer=True),
         Alternative("newmark", _newmark, peer=True),
         Alternative("lsim", _lsim, peer=True),

@@ -58,7 +58,7 @@ def _places(count: int) -> Any:
     return np.unique(np.linspace(0, count - 1, _PLACES).astype(int))
 
 
-def _house(method: str) -> Callable[[int], Callable[[], Any]]:
+def _by_method(method: str) -> Callable[[int], Callable[[], Any]]:
     def prepare(count: int) -> Callable[[], Any]:
         from dynid.structure.frf import frequency_response_functions
 
@@ -133,8 +133,8 @@ BENCHMARK = Benchmark(
     sizes=(2, 6, 32),
     full=(4, 8, 128, 512),
     alternatives=(
-        Alternative("modal", _house("modal")),
-        Alternative("direct", _house("direct")),
+        Alternative("modal", _by_method("modal")),
+        Alternative("direct", _by_method("direct")),
         Alternative("spsolve", _spsolve, peer=True),
         Alternative("superposition", _superposed, peer=True),
     ),

@@ -70,21 +70,22 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if f"{group}/omega" not in result:
         return
     get = {name: result[f"{group}/{name}"].data for name in ("omega", "damping", "name")}
-    count, size = len(get["omega"]), len(result[f"{group}/dof"].data)
+    count, size, named = len(get["omega"]), len(result[f"{group}/dof"].data), any(get["name"])
     modes = tuple(
         (
             str(k + 1),
             f"{omega:.5g}",
             f"{omega / (2 * math.pi):.5g}",
             f"{100 * damping + 0.0:.3g} %",
-            str(name),
+            *([str(name)] if named else []),
         )
         for k, (omega, damping, name) in enumerate(zip(*get.values(), strict=True))
         if k < _MOST_MODES
     )
     rigid = int(result.value(f"{group}/rigid"))
     caption = f"{counted(count, 'mode')} of {counted(size, 'DOF')}, {rigid or 'none'} of the rigid body"
-    table = TextTable(("mode", "rad/s", "Hz", "damping", ""), modes, caption=caption)
+    heads = ("mode", "rad/s", "Hz", "damping", *([""] if named else []))
+    table = TextTable(heads, modes, caption=caption)
     massless = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
     remark = []
     if massless:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.number_format import counted, quantity
+from dynid.number_format import counted, percent, quantity
 from dynid.report.content.blocks import ReportSection, Statement, TextTable
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -60,7 +60,7 @@ def method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
                 name,
                 str(len(_of(result, name, "coordinate"))),
                 *(_frequency(found[k], unit) if k in found else "" for k in shown),
-                f"{100 * error.max():.2g} %" if len(error) else "",
+                percent(100 * error.max()) if len(error) else "",
                 f"{agreement.min():.3f}" if len(agreement) else "",
                 *frac,
                 "" if condition is None else f"{condition.data.item():.2g}",

@@ -59,8 +59,8 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
         for section in found.sections
     )
     parts: list[PagePart] = []
-    if answer := join(tag("p", note, class_="note") if note else "", *sections):
-        parts.append(("Results", answer))
+    if results := join(tag("p", note, class_="note") if note else "", *sections):
+        parts.append(("Results", results))
     if drawn := [_figure(figure) for figure in tracked(figures(result), "figure")]:
         parts.append(("Figures", join(*drawn)))
     if result.kind == "study":

@@ -71,7 +71,7 @@ def add_identification_scope(
     parts.append(divided("engines", every, used, why))
     if "structure/modes/omega" in result:
         count = len(result["structure/modes/omega"].data)
-        why = "fewer are asked for, or the others have no mass"
+        why = "fewer are requested, or the others are massless"
         parts.append(ScopePart("modes shown", count, r - count, why))
     about = result.group_attrs.get("structure/frequency_response", {})
     if about.get("method") == "modal":
