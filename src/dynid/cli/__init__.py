@@ -22,22 +22,22 @@ COMMANDS = {
     "study-worst": ("dynid.cli.study:study_worst", "Write the scene of a study's worst sample."),
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by Cramér–Rao bounds."),
     "show": ("dynid.cli.results:show", "Print a summary of a result."),
-    "report": ("dynid.cli.results:report", "Write one HTML page of a result."),
+    "report": ("dynid.cli.results:report", "Write an HTML report of a result."),
     "plot": ("dynid.cli.results:plot", "Write the figures of a result as SVG, PNG or PDF."),
-    "watch": ("dynid.cli.watch:watch", "Rerun a scene on every change, with a live page."),
+    "watch": ("dynid.cli.watch:watch", "Rerun a scene on every change, with a live report."),
     "export": ("dynid.cli.export:export", "Export a result as CSV, Parquet, JSON, .mat or .mtx."),
     "compare": ("dynid.cli.results:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),
     "schema": ("dynid.cli.help:schema", "Print the JSON Schema of scenes."),
     "bench": ("dynid.cli.bench:bench", "Measure the speed and the error of the algorithms."),
-    "help": ("dynid.cli.help:help_", "Print the manual page of a topic."),
+    "help": ("dynid.cli.help:help_", "Print the manual of a topic."),
 }
 
 #: The commands in groups, as `dynid --help` lists them.
 GROUPS = {
     "Run": ("new", "check", "run", "plan"),
     "Studies": ("study", "study-merge", "study-worst"),
-    "Look at results": ("show", "report", "plot", "watch", "compare", "export"),
+    "Results": ("show", "report", "plot", "watch", "compare", "export"),
     "Help": ("help", "schema", "bench"),
 }
 

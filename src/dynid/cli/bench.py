@@ -21,8 +21,10 @@ def _benchmarks() -> Iterable[str]:
 
 @click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=among(_benchmarks))
-@click.option("-o", "--output", type=click.Path(), help="Write the figures to this HDF5 file.")
-@click.option("--report", type=click.Path(), help="Write the tables and work-precision plots to this page.")
+@click.option("-o", "--output", type=click.Path(), help="Write the measurements to this HDF5 file.")
+@click.option(
+    "--report", type=click.Path(), help="Write tables and work-precision diagrams to this HTML file."
+)
 @click.option(
     "--size",
     "sizes",
@@ -51,8 +53,8 @@ def bench(
 
     Each benchmark NAME runs its alternatives on the same problem: median time, peak memory, and error against
     an exact or high-precision reference; the Pareto-optimal ones are marked. Without NAME all benchmarks
-    run, for at most three minutes; those that do not fit are left out and listed. With --full, or with sizes
-    of your own, they take the time they need.
+    run, for at most three minutes; those that do not fit are omitted and listed. With --full, or with other
+    sizes, the time is not limited.
 
     \b
     Examples:

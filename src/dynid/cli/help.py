@@ -31,7 +31,7 @@ def _names() -> list[str]:
 @click.command("help")
 @click.argument("topic", required=False, shell_complete=among(_names))
 def help_(topic: str | None) -> int:
-    """Print the manual page of a TOPIC or of a command; without TOPIC, list the topics."""
+    """Print the manual of a TOPIC or the help of a command; without TOPIC, list the topics."""
     from dynid.cli import cli
 
     topics = _topics()

@@ -58,16 +58,16 @@ def new(
     stages: int | None,
     distinct: bool,
 ) -> int:
-    """Write a commented template scene to start from.
+    """Write a commented template scene.
 
     \b
     bond-graph      transfer functions, zeros, poles and responses of a motor
-    chain           a bond graph of N stages (--stages N) of masses, springs and dampers
+    chain           a bond graph: masses, springs and dampers in N stages (--stages N)
     structure       modes and responses of a chain of masses with known joints
     reduction       comparison of model reductions of a beam
-    identification  joints of a chain of masses, identified from a simulated record
-    record          joints identified from a measured record, with its samples in record.csv
-    frf             joints identified from measured frequency responses, stored in frf.csv
+    identification  joints of a chain of masses, from a simulated record
+    record          joints from a measured record, with its samples in record.csv
+    frf             joints from measured frequency responses, stored in frf.csv
     beam            joints of a beam, identified on a reduced model
     study           a parameter study of the motor with Latin hypercube sampling
     """  # noqa: D301 - click's mark against wrapping

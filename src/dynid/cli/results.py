@@ -37,13 +37,13 @@ def show(file: str, everything: bool) -> int:
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("-o", "--output", type=click.Path(), help="The page to write; default ./<file>.html.")
+@click.option("-o", "--output", type=click.Path(), help="The HTML file to write; default ./<file>.html.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 @reads_results("file")
 def report(file: str, output: str | None, quiet: bool) -> int:
-    """Write one HTML page of a result: its answer, figures, tables, scene and provenance.
+    """Write an HTML report of a result: its summary, figures, tables, scene and provenance.
 
-    The page needs no other files and no network. For an interrupted study, it shows the finished samples.
+    The report is one file that needs no network. For an interrupted study, it shows the finished samples.
     """
     from dynid.cli.progress import showing
     from dynid.store import loaded, open_stored

@@ -33,7 +33,7 @@ class LocatedError(DynidError):
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
 @click.option("--junit", type=click.Path(), help="Write the outcome of the expectations as JUnit XML.")
-@click.option("--report", type=click.Path(), help="Write the page of the result to this HTML file.")
+@click.option("--report", type=click.Path(), help="Write a report of the result to this HTML file.")
 @click.option(
     "--accuracy",
     is_flag=True,

@@ -74,7 +74,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
 @click.option(
     "--junit", type=click.Path(), help="Write the outcome of the study's expectations as JUnit XML."
 )
-@click.option("--report", type=click.Path(), help="Write the page of the study to this HTML file.")
+@click.option("--report", type=click.Path(), help="Write a report of the study to this HTML file.")
 @click.option("--dry-run", is_flag=True, help="Show the plan and its size, and run nothing.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def study(

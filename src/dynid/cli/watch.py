@@ -389,11 +389,11 @@ class Watch:
 )
 @click.option("-o", "--output", type=click.Path(), help="Also write the last good result to this HDF5 file.")
 def watch(scene: str, port: int, no_browser: bool, overrides: tuple[str, ...], output: str | None) -> int:
-    """Rerun a scene whenever it or a file that it reads changes, with a live page in the browser.
+    """Rerun a scene whenever it or a file that it reads changes, with a live report in the browser.
 
-    The page is served on this machine only, until Ctrl-C. While the scene has faults, the page keeps the last
-    good result and lists the faults with their places. For a study, as many samples are run as a few seconds
-    allow, evenly over its plan.
+    The report is served on this machine only, until Ctrl-C. While the scene has faults, the report keeps the
+    last good result and lists the faults with their places. For a study, as many samples are run as a few
+    seconds allow, evenly over its plan.
     """
     if not Path(scene).is_file():
         from dynid.scene.yaml.source import read_source

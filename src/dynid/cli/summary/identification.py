@@ -68,7 +68,7 @@ def identifiability_lines(result: Result) -> list[str]:
         *aligned([headings, *found.rows]),
         *(f"    {line}" for line in collinear_groups(result)),
     ]
-    # Of an identification, the calibration stands below its estimates.
+    # An identification has the calibration below its estimates.
     if "identification/parameters/name" not in result:
         screen += [f"    {sentence}" for sentence in calibration_sentences(result)]
     columns, rows = modal_shifts(result)
