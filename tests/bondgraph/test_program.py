@@ -6,7 +6,7 @@ import pytest
 from flint import nmod
 from sympy import sympify
 
-from dynid.bondgraph.formulas.expressions import print_register, shared
+from dynid.bondgraph.formulas.expressions import free_letter, print_register, shared
 from dynid.bondgraph.formulas.printers import ATOM, SIGN, TEXT, PrintedFraction
 from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import ModularPoint, Program
@@ -88,6 +88,35 @@ def test_what_cancels_in_a_formula_or_in_a_term_of_it_is_not_written(program):
     whole = program.add(program.add(x, y), z)
     shares = program.sum(program.div(part, whole) for part in (x, y, z))
     assert print_register(program, shares, nodes, {})[0] == "1"  # no two of them cancel, but all three do
+    total = program.add(x, y)
+    ratios = program.add(program.div(x, total), program.div(y, total))
+    assert sympify(print_register(program, program.add(ratios, z), nodes, {})[0]) == sympify("z + 1")
+    assert sympify(print_register(program, program.add(x, total), nodes, {})[0]) == sympify("2*x + y")
+    assert print_register(program, program.add(x, total), nodes, {})[0].count("x") == 1
+
+
+def test_a_formula_that_outgrows_its_polynomials_is_written_as_it_stands():
+    names = [f"{letter}{k}" for letter in "ab" for k in range(11)]
+    values = {name: nmod(3 + place, PRIME) for place, name in enumerate(names)}
+    program = Program(ModularPoint(PRIME, values, nmod(101, PRIME)))
+    nodes = {name: Node(name, "R", Fraction(1)) for name in names}
+    sums = [program.add(*(program.parameter(f"{letter}{k}") for letter in "ab")) for k in range(11)]
+    factor = program.parameter("a0")
+    for count, ending in ((10, ")"), (11, ")*a0/a0")):  # 1024 and 2048 terms, of 2000
+        whole = program.div(program.mul(program.product(sums[:count]), factor), factor)
+        text, _ = print_register(program, whole, nodes, {})
+        assert text.endswith(ending)
+        assert text.count("+") == count
+
+
+def test_constants_are_integers(program):
+    two = program.constant(2)
+    found = program.run([two, program.one, program.zero], {}, Fraction(0), Fraction(1))
+    assert found == {two: 2, program.one: 1, program.zero: 0}
+
+
+def test_a_letter_of_names_is_lengthened_until_nothing_has_it():
+    assert [free_letter(taken) for taken in ({"tx"}, {"t", "u"}, {"t1", "t_2"})] == ["t", "t_", "t__"]
 
 
 @pytest.mark.parametrize(

@@ -422,3 +422,8 @@ def test_both_systems_share_the_junctions_of_a_loop_through_the_port(closing, sh
     graph = written(nodes, f"u -> j, j -> a -> p, a -> b -> q, b -> c -> k{closing}", "u.f")
     (reduction,) = graph.reductions.values()
     assert reduction.prototype.shared() == shared
+
+
+def test_a_mass_and_a_negative_spring_do_not_cancel_whatever_their_values():
+    nodes = "Se u, 1 j, I m 2, C k -1/2, Se w, 1 h, R r 1"
+    assert written(nodes, "u -> j -> m, j -> k, w -> h -> r", "r.f").undetermined == []

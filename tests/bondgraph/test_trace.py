@@ -285,3 +285,9 @@ def test_a_source_that_is_swapped_across_a_transformer_is_seen_through_it():
     steps = trace(written("Sf u, 0 a, R r 2, TF n 3, 0 b, I m 5", "u -> a -> r, a -> n -> b -> m", "b.e"))
     said = [meaning for rule, _, _, meaning in steps if rule == "source swap"]
     assert any(meaning.endswith(", seen through n") for meaning in said)
+
+
+def test_a_constraint_says_which_variables_it_ties():
+    steps = trace(written("Se u, 0 j, TF n 2, GY g 2", "j -> n -> g -> j, u -> j", "u.q"))
+    (said,) = (meaning for rule, _, _, meaning in steps if rule == "constraint")
+    assert said == "no element stands on n_g, so its balance alone ties the effort of n_g_2 to j"

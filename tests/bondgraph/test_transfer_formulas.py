@@ -11,7 +11,7 @@ from sympy import Rational, sympify
 import dynid
 from dynid.bondgraph.formulas.symbolic import apply, quotient, variables
 from dynid.bondgraph.formulas.transfer import formulas, nested, readable
-from dynid.errors import Singular
+from dynid.errors import Singular, UsageError
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, written
 from tests.bondgraph.random_graphs import random_graph
 from tests.bondgraph.tableau import transfer_at
@@ -97,7 +97,10 @@ def test_a_number_is_written_by_the_name_of_its_element(tmp_path):
 
 @pytest.mark.parametrize("name", ["s", "m-1"])
 def test_a_name_that_would_be_misread_leaves_no_formula(name):
-    assert formulas(written(f"Se u, 1 j, I {name} 3, R r 1", f"u -> j -> {name}, j -> r", "r.e")) == {}
+    graph = written(f"Se u, 1 j, I {name} 3, R r 1", f"u -> j -> {name}, j -> r", "r.e")
+    assert formulas(graph) == {}
+    with pytest.raises(UsageError, match=f"^formulas cannot be written in the name '{name}': it "):
+        nested(graph, graph.channels().values())
 
 
 @pytest.mark.parametrize("names", ["Träger Dämpfung", "Ω φ", "質量 減衰"])

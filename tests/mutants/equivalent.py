@@ -52,6 +52,28 @@ EQUIVALENT: dict[str, str] = {
     "dynid.bondgraph.formulas.expressions:shared: x(wanted, default=-1), -1, -1): → x(wanted, default=-1), -2, -1):": (
         "no register is -1"
     ),
+    "dynid.bondgraph.formulas.transfer:readable_registers:  part in polynomials)) <= _READABLE} →  part in polynomials)) < _READABLE}": (
+        "a limit of length"
+    ),
+    "dynid.bondgraph.formulas.transfer:_register_polynomials: content())) if content > 1 else 1 → content())) if content >= 1 else 1": (
+        "the greatest common divisor with 1 is 1"
+    ),
+    "dynid.bondgraph.formulas.expressions:length: counts[current] = min(limit, 1 + sum((counts[operand] for operand in operands(*program.ops[current])))) → counts[current] = min(1 + sum((counts[operand] for operand in operands(*program.ops[current]))), limit)": (
+        "the order does not matter"
+    ),
+    "dynid.bondgraph.formulas.expressions:print_sum: en.append(term if sign > 0 else hand.whole(hand. → en.append(term if sign >= 0 else hand.whole(hand.": (
+        "a sign is 1 or -1"
+    ),
+    f"{_REDUCTION}.network:NodalNetwork._couple: ne.entries or self.tie(one, other) != BOND: → ne.entries or self.tie(other, one) != BOND:": (
+        "a tie is the same from both sides"
+    ),
+    f"{_REDUCTION}.network:NodalNetwork.remove: del row.entries, row.terms, row.sources → pass": "it frees memory alone",
+    f"{_REDUCTION}.solvability:ModularNodalForm.__init__: Random(prime).randrange(1, prime) → Random(prime).randrange(2, prime)": (
+        "any random number does"
+    ),
+    f"{_REDUCTION}.solvability:ModularNodalForm.output: d in SOURCES and behind == ('e' if kind == 'Se' e → d in SOURCES and behind != ('e' if kind == 'Se' e": (
+        "a source that reacts to an undetermined variable also drives it, which was raised before"
+    ),
     "dynid.bondgraph.formulas.transfer:: DABLE, _LIMIT = (40, 4000) → DABLE, _LIMIT = (40, 4001)": "a limit of cost",
     f"{_REDUCTION}.network:: BOND = Tie(None, False) → BOND = Tie(None, True)": "a bond has no modulus to invert",
 }
