@@ -147,26 +147,6 @@ def accuracy(result: Result) -> Iterator[ReportSection]:
     about = result.group_attrs.get("accuracy")
     if about is None:
         return
-    aspects = dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/"))
-    for aspect in aspects:
-        attrs = result.group_attrs[f"accuracy/{aspect}"]
-        reference = f", against {attrs['reference']}" if attrs.get("reference") else ""
-        rows, marked = _accuracy_rows(result, f"accuracy/{aspect}")
-        heads = ("", str(attrs["size"]), "time", "memory", "error", "error/bound", "")
-        yield ReportSection(
-            f"Alternatives: {aspect.replace('_', ' ')}",
-            (
-                Statement(f"{attrs['title']}: {attrs['because']}"),
-                TextTable(heads, rows, marked),
-                Statement(f"Error: {attrs['measure']}{reference}. Median of {about['repeats']}."),
-            ),
-        )
-
-
-def _accuracy_rows(result: Result, group: str) -> tuple[tuple[tuple[str, ...], ...], frozenset[int]]:
-    """Return a row for every alternative and size, and the indices of the chosen ones."""
-    rows: list[tuple[str, ...]] = []
-    marked = set()
 
     def entry(path: str, k: int) -> float:
         return float(result[path].data[k]) if path in result else math.nan
@@ -174,21 +154,34 @@ def _accuracy_rows(result: Result, group: str) -> tuple[tuple[tuple[str, ...], .
     def number(value: float, form: str) -> str:
         return format(value, form) if math.isfinite(value) else "–"
 
-    names = [str(name) for name in result[f"{group}/alternative"].data]
-    for name, status in zip(names, result[f"{group}/status"].data, strict=True):
-        own = f"{group}/{name}"
-        for k in range(len(result[f"{own}/size"].data) if f"{own}/size" in result else 0):
-            size, time, memory, error, bound = (
-                entry(f"{own}/{key}", k) for key in ("size", "time", "memory", "error", "bound")
-            )
-            if entry(f"{own}/chosen", k):
-                marked.add(len(rows))
-            cost = (f"{int(size):,}", time_text(time), memory_text(memory))
-            errors = (number(error, ".1e"), number(error / bound if bound > 0 else math.nan, ".2g"))
-            rows.append((name, *cost, *errors, "Pareto-optimal" if entry(f"{own}/pareto", k) else ""))
-        if status != "done":
-            rows.append((name, "", "", "", "", "", str(status)))
-    return tuple(rows), frozenset(marked)
+    aspects = dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/"))
+    for aspect in aspects:
+        attrs = result.group_attrs[f"accuracy/{aspect}"]
+        reference = f", against {attrs['reference']}" if attrs.get("reference") else ""
+        rows, marked, group = list[tuple[str, ...]](), set[int](), f"accuracy/{aspect}"
+        names = [str(name) for name in result[f"{group}/alternative"].data]
+        for name, status in zip(names, result[f"{group}/status"].data, strict=True):
+            own = f"{group}/{name}"
+            for k in range(len(result[f"{own}/size"].data) if f"{own}/size" in result else 0):
+                size, time, memory, error, bound = (
+                    entry(f"{own}/{key}", k) for key in ("size", "time", "memory", "error", "bound")
+                )
+                if entry(f"{own}/chosen", k):
+                    marked.add(len(rows))
+                cost = (f"{int(size):,}", time_text(time), memory_text(memory))
+                errors = (number(error, ".1e"), number(error / bound if bound > 0 else math.nan, ".2g"))
+                rows.append((name, *cost, *errors, "Pareto-optimal" if entry(f"{own}/pareto", k) else ""))
+            if status != "done":
+                rows.append((name, "", "", "", "", "", str(status)))
+        heads = ("", str(attrs["size"]), "time", "memory", "error", "error/bound", "")
+        yield ReportSection(
+            f"Alternatives: {aspect.replace('_', ' ')}",
+            (
+                Statement(f"{attrs['title']}: {attrs['because']}"),
+                TextTable(heads, tuple(rows), frozenset(marked)),
+                Statement(f"Error: {attrs['measure']}{reference}. Median of {about['repeats']}."),
+            ),
+        )
 
 
 def array_rows(result: Result) -> list[tuple[str, str, str, str]]:

@@ -185,7 +185,15 @@ def calibration_sentences(result: Result) -> Iterator[str]:
     found, converged = calibration_effects(result), "identification/diagnostics/converged"
     if found is None or (converged in result and not result.value(converged)):
         return
-    worst = [place for kind in ("load", "sensor", "delay") if (place := _worst(found, kind))]
+    worst: list[tuple[int, int]] = []  # parameter and quantity, by the effect in standard errors if known
+    for kind in ("load", "sensor", "delay"):
+        size = np.where(found.kinds == kind, np.nan_to_num(np.abs(found.moves)), 0.0)
+        size[size < _LEAST] = 0.0
+        weight = np.where(size > 0, np.nan_to_num(found.deviations), 0.0)
+        ranked = np.where(weight > _WORTH, weight, 0.0) if weight.any() else size
+        if ranked.any():
+            row, column = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
+            worst.append((int(row), int(column)))
     errors = [float(np.nan_to_num(found.deviations[place])) for place in worst]
     for (k, j), many in zip(worst, errors, strict=True):
         sentence = f"{found.changes[j]} moves {found.parameters[k]} by {_percent(found.moves[k, j])}"
@@ -194,16 +202,6 @@ def calibration_sentences(result: Result) -> Iterator[str]:
         if many == max(errors) > CALIBRATION.value:
             sentence += "; error bars do not include it"
         yield sentence
-
-
-def _worst(found: CalibrationEffects, kind: str) -> tuple[int, int] | None:
-    """Return parameter and quantity of the largest effect of a kind, in standard errors if there are any."""
-    size = np.where(found.kinds == kind, np.nan_to_num(np.abs(found.moves)), 0.0)
-    size[size < _LEAST] = 0.0
-    weight = np.where(size > 0, np.nan_to_num(found.deviations), 0.0)
-    ranked = np.where(weight > _WORTH, weight, 0.0) if weight.any() else size
-    k, j = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
-    return (int(k), int(j)) if ranked.any() else None
 
 
 def _percent(part: float) -> str:

@@ -181,22 +181,19 @@ def cautions(result: Result) -> Iterator[str]:
     if f"{_DIAGNOSTICS}/converged" not in result:
         return
     if is_rejected(result):
+        signal, redundancy = result.get(f"{_DIAGNOSTICS}/signal_p"), result.get(f"{_DIAGNOSTICS}/redundancy")
+        if signal is not None and not float(signal.data) < SIGNAL.value:
+            remedy = "excite more, or measure elsewhere, longer or with less noise"
+        elif not result.value(f"{_DIAGNOSTICS}/explained"):
+            priors = "".join(f"the prior of {name}, " for name in contradicted_priors(result))
+            remedy = f"check {priors}model, units, signs and starts"
+        elif redundancy is not None and int(redundancy.data) <= 0:
+            remedy = "add channels or excitation frequencies, or fix a parameter"
+        else:
+            remedy = "use method auto, or more passes"
         reason = str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
-        yield f"not converged: {reason}: {_remedy(result)}"
+        yield f"not converged: {reason}: {remedy}"
     yield from (str(warning) for warning in result[f"{_DIAGNOSTICS}/warnings"].data)
-
-
-def _remedy(result: Result) -> str:
-    """Return the remedy for a rejected result."""
-    signal, redundancy = result.get(f"{_DIAGNOSTICS}/signal_p"), result.get(f"{_DIAGNOSTICS}/redundancy")
-    if signal is not None and not float(signal.data) < SIGNAL.value:
-        return "excite more, or measure elsewhere, longer or with less noise"
-    if not result.value(f"{_DIAGNOSTICS}/explained"):
-        priors = "".join(f"the prior of {name}, " for name in contradicted_priors(result))
-        return f"check {priors}model, units, signs and starts"
-    if redundancy is not None and int(redundancy.data) <= 0:
-        return "add channels or excitation frequencies, or fix a parameter"
-    return "use method auto, or more passes"
 
 
 def contradicted_priors(result: Result) -> list[str]:

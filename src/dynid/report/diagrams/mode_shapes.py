@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -101,11 +101,30 @@ def _draw_shape(
     def place(point: Point) -> Point:
         return origin[0] + scale * point[0], origin[1] - scale * point[1]
 
-    lines = [_member_lines(geometry, nodes, moved) for nodes in geometry.members]
+    # Points along the members and their displacements: cubic across a member, linear along it (Hermite).
+    lines, t = list[tuple[NDArray[np.float64], NDArray[np.float64]]](), np.linspace(0, 1, FINE + 1)
+    for nodes in geometry.members:
+        points, displacements = [], []
+        for a, b in pairwise(nodes):
+            start, end = np.array(geometry.points[a]), np.array(geometry.points[b])
+            length = float(np.linalg.norm(end - start))
+            along = (end - start) / length
+            across = np.array([-along[1], along[0]])
+            ends = []
+            for node in (a, b):
+                own = moved.get(node, {})
+                step = np.array([own.get("u", 0.0), own.get("w", 0.0)])
+                ends.append((step @ along, step @ across, own.get("theta", 0.0) * length))
+            (u0, v0, s0), (u1, v1, s1) = ends
+            bend = v0 * (1 - 3 * t**2 + 2 * t**3) + s0 * (t - 2 * t**2 + t**3)
+            bend = bend + v1 * (3 * t**2 - 2 * t**3) + s1 * (t**3 - t**2)
+            points.append(start + np.outer(t, end - start))
+            displacements.append(np.outer(u0 * (1 - t) + u1 * t, along) + np.outer(bend, across))
+        lines.append((np.concatenate(points), np.concatenate(displacements)))
     if not lines:  # masses of a chain, displaced across it to be visible
-        nodes = sorted(geometry.points)
-        rest = np.array([geometry.points[n] for n in nodes])
-        lines = [(rest, np.array([[0.0, moved.get(n, {}).get("w", 0.0)] for n in nodes]))]
+        masses = sorted(geometry.points)
+        rest = np.array([geometry.points[n] for n in masses])
+        lines = [(rest, np.array([[0.0, moved.get(n, {}).get("w", 0.0)] for n in masses]))]
     largest = max(float(np.abs(by).max()) for _, by in lines) or 1.0
     reach = _SPAN / scale / largest
     for rest, by in lines:
@@ -118,28 +137,3 @@ def _draw_shape(
         svg.element("path", "s1", d=path_of(there))
         for point in there if not geometry.members else ():
             svg.circle(*point, 3.5, "s1 dot")
-
-
-def _member_lines(
-    geometry: StructureGeometry, nodes: Sequence[int], moved: Displacements
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points along a member and their displacements: cubic across it, linear along it (Hermite)."""
-    rest, by = [], []
-    t = np.linspace(0, 1, FINE + 1)
-    for a, b in pairwise(nodes):
-        start, end = np.array(geometry.points[a]), np.array(geometry.points[b])
-        length = float(np.linalg.norm(end - start))
-        along = (end - start) / length
-        across = np.array([-along[1], along[0]])
-        ends = []
-        for node in (a, b):
-            own = moved.get(node, {})
-            step = np.array([own.get("u", 0.0), own.get("w", 0.0)])
-            ends.append((step @ along, step @ across, own.get("theta", 0.0) * length))
-        (u0, v0, s0), (u1, v1, s1) = ends
-        bend = v0 * (1 - 3 * t**2 + 2 * t**3) + s0 * (t - 2 * t**2 + t**3)
-        bend = bend + v1 * (3 * t**2 - 2 * t**3) + s1 * (t**3 - t**2)
-        stretch = u0 * (1 - t) + u1 * t
-        rest.append(start + np.outer(t, end - start))
-        by.append(np.outer(stretch, along) + np.outer(bend, across))
-    return np.concatenate(rest), np.concatenate(by)
