@@ -238,35 +238,30 @@ class GraphFamily:
     @cached_property
     def polynomials(self) -> dict[Channel, ChannelPolynomials] | None:
         """The channels; None where they have too many terms, or a channel is zero whatever the values."""
-        try:
-            return self._polynomials()
-        except FormulaTooLong:
-            return None
-
-    def _polynomials(self) -> dict[Channel, ChannelPolynomials] | None:
         reduced = self.reduced
-        named, one = variables(["s", *(f"x{k}" for k in range(len(self.varying)))], _TERMS)
-        values = {name: one.constant(reduced.graph.value(name)) for name in reduced.valued}
-        values |= {name: named[f"x{k}"] for k, name in enumerate(self.varying)}
         channels = reduced.channels()
         natural = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
-        ratios = reduced.run([*channels.values(), *natural.values()], values, named["s"], one)
+        try:
+            named, one = variables(["s", *(f"x{k}" for k in range(len(self.varying)))], _TERMS)
+            values = {name: one.constant(reduced.graph.value(name)) for name in reduced.valued}
+            values |= {name: named[f"x{k}"] for k, name in enumerate(self.varying)}
+            ratios = reduced.run([*channels.values(), *natural.values()], values, named["s"], one)
+            lowest = {register: ratio.lowest_terms() for register, ratio in ratios.items()}
+        except FormulaTooLong:
+            return None
         found = {}
         for channel, register in channels.items():
             port = channel[0]
-            numerator, denominator = ratios[register].lowest_terms()
+            numerator, denominator = lowest[register]
             shown = denominator
             if reduced.graph.integrates(port) and denominator % (s := one.ring.gen(0)) == 0:
                 shown = denominator // s
-            modes, rest = ratios[natural[port]].lowest_terms()
+            modes, rest = lowest[natural[port]]
             if numerator == 0 or rest.degrees()[0] or modes % _primitive(shown) != 0:
                 return None
+            hidden = factors(modes // _primitive(shown))
             found[channel] = ChannelPolynomials(
-                numerator,
-                denominator,
-                factors(numerator),
-                factors(denominator),
-                factors(modes // _primitive(shown)),
+                numerator, denominator, factors(numerator), factors(denominator), hidden
             )
         return found
 
