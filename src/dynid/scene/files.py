@@ -30,9 +30,9 @@ def file_places(data: Any) -> Iterator[KeyPath]:
 def missing_files(scene: Scene) -> list[Fault]:
     """Return the files that a run of a valid scene would not find, each at its key.
 
-    Nothing is opened. What a run does not read may be missing: the file of a record that is simulated, the
-    input of a response that is not asked for. Of a study, the files of the scene that it varies, and those
-    that it sets.
+    Nothing is opened. Files that a run does not read may be missing: that of a simulated record, the input of
+    a response that is not requested. Of a study, the files of the scene that it varies, and those that it
+    sets.
     """
     if scene.kind != "study":
         return _missing(scene, [])

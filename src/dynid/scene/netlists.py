@@ -178,7 +178,7 @@ def expand(source: Source, types: Sequence[str]) -> NetlistModel:
         model = _Expansion(models, types).model(root, (), ())
         if model.ports:
             raise _Refusal(("models", root, "ports"), "the root model has no outer ports")
-        return _numbered(_without_sensors(model))
+        return _joined(model)
     except _Refusal as refusal:
         raise SceneError([source.fault(refusal.place, str(refusal))]) from None
 
@@ -299,8 +299,8 @@ def _end(
     return WireEnd(full, port)
 
 
-def _without_sensors(model: NetlistModel) -> NetlistModel:
-    """Return a model without `base/SS`, the ports between models, whose wires are joined."""
+def _joined(model: NetlistModel) -> NetlistModel:
+    """Return a model with wires joined at `base/SS`, the ports between models, and named ports."""
     wires = list(model.wires)
     for name, component in model.components.items():
         if component.type != "SS":
@@ -311,17 +311,12 @@ def _without_sensors(model: NetlistModel) -> NetlistModel:
         ends = [end for wire in at for end in wire if end.component != name]
         wires = [wire for wire in wires if wire not in at] + [(ends[0], ends[1])]
     kept = {name: component for name, component in model.components.items() if component.type != "SS"}
+    used: Counter[str] = Counter()  # the file may leave the ports of two-ports to their order
+    for k, wire in enumerate(wires):
+        ends = []
+        for end in wire:
+            ordered = kept[end.component].type in ("TF", "GY") and not end.port
+            ends.append(WireEnd(end.component, str(used[end.component])) if ordered else end)
+            used[end.component] += ordered
+        wires[k] = (ends[0], ends[1])
     return NetlistModel(kept, wires)
-
-
-def _numbered(model: NetlistModel) -> NetlistModel:
-    """Return a model whose two-ports have named ports; the file may number them by their order."""
-    used: Counter[str] = Counter()
-
-    def named(end: WireEnd) -> WireEnd:
-        if model.components[end.component].type not in ("TF", "GY") or end.port:
-            return end
-        used[end.component] += 1
-        return WireEnd(end.component, str(used[end.component] - 1))
-
-    return NetlistModel(model.components, [(named(first), named(second)) for first, second in model.wires])

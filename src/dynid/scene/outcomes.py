@@ -126,11 +126,16 @@ class SampleOutcomes(Sequence[SampleOutcome]):
     @classmethod
     def of(cls, outcomes: Iterable[SampleOutcome | None]) -> SampleOutcomes:
         """Return outcomes side by side; None is a pending one."""
-        groups: dict[Any, list[tuple[int, SampleOutcome]]] = {}
+        groups: dict[Any, list[tuple[int, SampleOutcome]]] = {}  # by their shapes; failed ones together
         count = 0
         for outcome in outcomes:
             if outcome is not None:
-                groups.setdefault(_form(outcome), []).append((count, outcome))
+                form: list[Any] = [bool(outcome.error), len(outcome.expectations)]
+                for path, one in () if outcome.error else outcome.values.items():
+                    # true, 1 and 1.0 are equal, and not the same.
+                    attrs = tuple((name, type(value), value) for name, value in one.attrs.items())
+                    form.append((path, one.dims, one.data.dtype, one.data.shape, one.units, attrs))
+                groups.setdefault(tuple(form), []).append((count, outcome))
             count += 1
         return cls([_block(group) for group in groups.values()], count)
 
@@ -209,18 +214,6 @@ class SampleOutcomes(Sequence[SampleOutcome]):
         for number, block in enumerate(self.blocks):
             holders[block.rows], places[block.rows] = number, np.arange(len(block))
         return holders, places
-
-
-def _form(outcome: SampleOutcome) -> Any:
-    """Return the key that outcomes must share to be in one block."""
-    if outcome.error:
-        return len(outcome.expectations)
-    arrays = []
-    for path, one in outcome.values.items():
-        # true, 1 and 1.0 are equal, and not the same.
-        attrs = tuple((name, type(value), value) for name, value in one.attrs.items())
-        arrays.append((path, one.dims, one.data.dtype, one.data.shape, one.units, attrs))
-    return (len(outcome.expectations), *arrays)
 
 
 def _block(group: Sequence[tuple[int, SampleOutcome]]) -> SampleBlock:

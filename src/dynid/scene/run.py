@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError
@@ -33,21 +33,16 @@ def run_scene(scene: Scene) -> Result:
     """
     result: Result = KINDS[scene.kind].load("run")(scene)
     result.attrs["scene"] = scene.source.resolved_text()
-    result.attrs["seed"] = next(_seeds(scene.source.data), 0)  # 0 where nothing in the scene is random
-    return result
-
-
-def _seeds(data: dict[str, Any]) -> Iterator[int]:
-    """Yield the seeds of a scene: that of its measurement's noise first, then of its random signals."""
-    measurement = data.get("measurement") or {}
+    data = scene.source.data
+    measurement, time = data.get("measurement") or {}, (data.get("analysis") or {}).get("time") or {}
     simulate = measurement.get("simulate") or (measurement.get("frf") or {}).get("simulate")
-    if simulate is not None:
-        yield simulate.get("seed", 0)
-    time = (data.get("analysis") or {}).get("time") or {}
+    noisy = [] if simulate is None else [simulate]
     for signals in (data.get("excitation"), time.get("input")):
-        for signal in [signals] if isinstance(signals, dict) else signals or []:
-            if signal["kind"] == "random":
-                yield signal.get("seed", 0)
+        given = [signals] if isinstance(signals, dict) else signals or []
+        noisy += [signal for signal in given if signal["kind"] == "random"]
+    # The seed of the noise of the measurement, else that of the first random signal; 0 without both.
+    result.attrs["seed"] = noisy[0].get("seed", 0) if noisy else 0
+    return result
 
 
 def preparation_errors(scene: Scene) -> list[DynidError]:

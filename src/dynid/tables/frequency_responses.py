@@ -49,7 +49,7 @@ class ResponseLayout(NamedTuple):
 class MeasuredResponses(NamedTuple):
     """Frequency responses read from a file.
 
-    `omega` (L) as in the file, `values` (L x columns), `deviation` and `coherence` (alike) if asked for;
+    `omega` (L) as in the file, `values` (L x columns), `deviation` and `coherence` (alike) if requested;
     what `quantities` the file says they are (empty: it does not), and whether its frequencies are in Hz.
     """
 

@@ -56,17 +56,16 @@ def differentiate(expression: Expression, known: Mapping[str, Dual]) -> Dual:
             return Dual(item, {})
         return Dual(math.pi, {}) if item == "pi" else known[item]
 
-    return expression.fold(leaf, _apply)
+    def operate(operation: str, operands: list[Dual]) -> Dual:
+        value = apply(operation, [operand.value for operand in operands])
+        slopes: dict[str, Number] = {}
+        for operand, rate in zip(operands, _rates(operation, operands, value), strict=True):
+            if rate != 0:
+                for name, slope in operand.slopes.items():
+                    slopes[name] = apply("+", [slopes.get(name, Fraction(0)), apply("*", [rate, slope])])
+        return Dual(value, slopes)
 
-
-def _apply(operation: str, operands: list[Dual]) -> Dual:
-    value = apply(operation, [operand.value for operand in operands])
-    slopes: dict[str, Number] = {}
-    for operand, rate in zip(operands, _rates(operation, operands, value), strict=True):
-        if rate != 0:
-            for name, slope in operand.slopes.items():
-                slopes[name] = apply("+", [slopes.get(name, Fraction(0)), apply("*", [rate, slope])])
-    return Dual(value, slopes)
+    return expression.fold(leaf, operate)
 
 
 def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:  # noqa: C901 - a table

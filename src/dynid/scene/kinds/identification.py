@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def run(scene: Scene) -> Result:
-    """Identify the joints of a structure from a record, and compute the responses asked for.
+    """Return the joints identified from a record, and the requested responses of the structure.
 
     Where the structure is reduced, both are done with the reduced model. Responses are those with the
     joints as identified; without a record, unknown joints have their true values where these are given,

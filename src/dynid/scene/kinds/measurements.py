@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         ChannelModel,
         FrfModel,
         MeasurementModel,
-        PrepareModel,
         RecordModel,
     )
     from dynid.scene.schema.quantities import Quantity
@@ -40,7 +39,8 @@ if TYPE_CHECKING:
 def experiments(scene: Scene, excitation: Sequence[SignalPart], given: MeasurementModel) -> list[Experiment]:
     """Return the records of a scene, prepared, with the loads of each."""
     from dynid.identification.measurement import Experiment
-    from dynid.identification.preparation import prepare
+    from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
+    from dynid.scene.schema.reduction import in_radians
 
     found = []
     for k, record in enumerate(given.each):
@@ -53,24 +53,22 @@ def experiments(scene: Scene, excitation: Sequence[SignalPart], given: Measureme
         )
         experiment = Experiment(loads_of(scene, where, parts, measurement.record), measurement)
         try:
-            found.append(prepare(experiment, [_preparation(step) for step in record.prepare or []]))
+            steps: list[Preparation] = []
+            for step in record.prepare or []:
+                if step.band_pass is not None:
+                    low, high = (in_radians(float(edge), step.unit or "rad/s") for edge in step.band_pass)
+                    order = {} if step.order is None else {"order": step.order}
+                    steps.append(BandPass(low, high, **order))
+                elif step.decimate is not None:
+                    steps.append(Decimate(step.decimate))
+                else:
+                    steps.append(Detrend(1 if step.detrend == "linear" else 0))
+            found.append(prepare(experiment, steps))
         except UsageError as error:
             where = _own_or_shared(scene, place, "prepare").rpartition(".")[0]
             names = [f"{where}.{name}" for name in error.names]
             raise UsageError(error.problem, remedy=error.remedy, names=names) from error
     return found
-
-
-def _preparation(given: PrepareModel) -> Preparation:
-    from dynid.identification.preparation import BandPass, Decimate, Detrend
-    from dynid.scene.schema.reduction import in_radians
-
-    if given.band_pass is not None:
-        low, high = (in_radians(float(edge), given.unit or "rad/s") for edge in given.band_pass)
-        return BandPass(low, high) if given.order is None else BandPass(low, high, given.order)
-    if given.decimate is not None:
-        return Decimate(given.decimate)
-    return Detrend(1 if given.detrend == "linear" else 0)
 
 
 def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:

@@ -218,8 +218,16 @@ def refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
                 message = f"{model.scene} has no parameter '{name}'{did_you_mean(name, parameters)}"
                 yield scene.source.fault((section, key), message, key=True)
     for key, factor in model.vary.items():
-        if message := _why_refused(base, key, factor):
-            yield scene.source.fault(("vary", key), message, key=True)
+        reasons = []
+        for values in _examples(key, factor):
+            try:
+                check_source(set_values(base.source, values))
+            except SceneError as error:
+                reasons.append("; ".join(fault.message for fault in error.faults))
+            else:
+                break
+        else:
+            yield scene.source.fault(("vary", key), reasons[0], key=True)
 
 
 def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
@@ -238,19 +246,6 @@ def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
                 chain.append(target)
                 stack += [(other, depth + 1) for other in needs[target]]
         sorted_out.add(start)
-
-
-def _why_refused(base: Scene, key: str, factor: StudyFactor) -> str:
-    """Return why a scene rejects all of a few values of a factor; empty where it accepts one."""
-    message = ""
-    for values in _examples(key, factor):
-        try:
-            check_source(set_values(base.source, values))
-        except SceneError as error:
-            message = message or "; ".join(fault.message for fault in error.faults)
-        else:
-            return ""
-    return message
 
 
 def _examples(key: str, factor: StudyFactor) -> Iterator[Mapping[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any, Literal
 
 from pydantic import Field
@@ -52,15 +51,23 @@ def aspects_of(data: dict[str, Any]) -> list[str]:
         The scene as plain data, of a kind with alternatives.
     """
     analysis, is_reduction = mapping(data, "analysis"), data["kind"] == "reduction"
-    results, measured = analysis.get("results"), bool(mapping(data, "measurement"))
-    simulated = [mapping(record, "simulate").get("model") for record in _records(data)]
+    measurement = mapping(data, "measurement")
+    results, measured = analysis.get("results"), bool(measurement)
+    records = [{**measurement, **mapping_of(one)} for one in listing(measurement, "records") or [{}]]
+    simulated = [mapping(record, "simulate").get("model") for record in records]
+    # Samples of a force are those of random signals, and of files beside measured records.
+    sampled = any(
+        signal.get("kind") in (("random",) if "simulate" in record else ("random", "file"))
+        for record in records
+        for _, signal in signals((), record.get("excitation", data.get("excitation")))
+    )
     present = {
         "engine": not isinstance(results, list)
         or any(name in _ENGINE for name in results if isinstance(name, str)),
         "propagation": _is_propagated(data),
         "estimator": measured,
         "basis": is_reduction or (measured and "reduced" not in simulated),
-        "hold": measured and _has_sampled_forces(data),
+        "hold": measured and sampled,
         "modes": is_reduction or "modes" in analysis,
     }
     return [name for name in ASPECTS[data["kind"]] if present[name]]
@@ -109,19 +116,3 @@ def _is_propagated(data: dict[str, Any]) -> bool:
     elif not given:
         return not mapping(data, "initial")  # a unit step, unless stored energy moves it
     return any(signal.get("kind") != "impulse" for _, signal in given)
-
-
-def _records(data: dict[str, Any]) -> Iterable[dict[str, Any]]:
-    measurement = mapping(data, "measurement")
-    each = listing(measurement, "records") or [{}]
-    yield from ({**measurement, **mapping_of(record)} for record in each)
-
-
-def _has_sampled_forces(data: dict[str, Any]) -> bool:
-    """Return True if an estimator has samples of a force: random ones, and files beside measured records."""
-    for record in _records(data):
-        known = ("random",) if "simulate" in record else ("random", "file")
-        given = record.get("excitation", data.get("excitation"))
-        if any(signal.get("kind") in known for _, signal in signals((), given)):
-            return True
-    return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import types
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -186,7 +186,12 @@ def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
     for part in loc:
         options = list(_unwrapped(current))
         models = [option for option in options if _is_model(option)]
-        chosen = next((option for option in models if _is_tagged(option, part)), None)
+        chosen = None  # the member of a discriminated union whose tag is in the location
+        for option in models:
+            fields = (option.model_fields.get(key) for key in ("kind", "method"))
+            tags = (get_args(field.annotation) for field in fields if field is not None)
+            if chosen is None and any(part in tag for tag in tags):
+                chosen = option
         if len(models) == 1 and part in models[0].model_fields:
             current = models[0].model_fields[part].annotation
         elif chosen is not None:
@@ -214,10 +219,3 @@ def _unwrapped(annotation: Any) -> Iterable[Any]:
 
 def _is_model(option: Any) -> bool:
     return isinstance(option, type) and issubclass(option, BaseModel)
-
-
-def _is_tagged(option: type[BaseModel], tag: Any) -> bool:
-    """Return True if a model is the member of a discriminated union that this tag selects."""
-    fields = (option.model_fields.get(key) for key in ("kind", "method"))
-    annotations = (field.annotation for field in fields if field is not None)
-    return any(get_origin(one) is Literal and tag in get_args(one) for one in annotations)

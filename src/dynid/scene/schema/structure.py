@@ -222,7 +222,7 @@ class FileModel(Section):
 
 
 class StateSpaceModel(Section):
-    """A file with a state space, and what it calls A, B and C."""
+    """A file with a state space, and its names of A, B and C."""
 
     path: FilePath
     A: str | None = None
@@ -277,7 +277,7 @@ class StructureModel(Section):
         return self
 
     def labels(self) -> list[int | str] | None:
-        """Return the labels of the degrees of freedom, where the scene alone tells them."""
+        """Return the labels of the degrees of freedom, where the scene alone determines them."""
         part = self.lumped or self.beam or self.frame
         return part.labels() if part else None
 

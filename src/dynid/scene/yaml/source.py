@@ -29,7 +29,7 @@ _START: Place = (1, 1)
 
 @dataclass(frozen=True)
 class Source:
-    """A scene's text and what it says.
+    """The text of a scene and its data.
 
     Parameters
     ----------
