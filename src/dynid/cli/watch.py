@@ -343,7 +343,16 @@ class Watch:
 
         scene = load_scene(self.scene, self.overrides)
         if scene.kind == "study":
-            self._preview(scene)
+            from dynid.file_access import replace_file
+            from dynid.store import open_stored
+
+            with TemporaryDirectory() as folder:
+                target = Path(folder) / "study.h5"
+                for note in previews(scene, target):
+                    with open_stored(target) as preview:
+                        self._publish(preview, note)
+                if self.output:
+                    replace_file(self.output, target.read_bytes())
             return
         from dynid.cli.run import compute
 
@@ -353,19 +362,6 @@ class Watch:
 
             write_result(result, self.output)
         self._publish(result)
-
-    def _preview(self, study: Scene) -> None:
-        """Publish the result of some samples of a study; of more samples if they are fast."""
-        from dynid.file_access import replace_file
-        from dynid.store import open_stored
-
-        with TemporaryDirectory() as folder:
-            target = Path(folder) / "study.h5"
-            for note in previews(study, target):
-                with open_stored(target) as result:
-                    self._publish(result, note)
-            if self.output:
-                replace_file(self.output, target.read_bytes())
 
     def _publish(self, result: Result, note: str = "") -> None:
         from dynid.report.page import page

@@ -94,35 +94,33 @@ class StudyFile:
         """Yield the finished samples of rows start … stop - 1, some at a time."""
         stop = min(stop, len(self))
         for begin in range(start, stop, self.rows_at_a_time):
-            yield from self._block(begin, min(begin + self.rows_at_a_time, stop))
-
-    def _block(self, start: int, stop: int) -> Iterator[SampleBlock]:
-        codes = self.exit_codes[start:stop]
-        if len(failed := np.flatnonzero(codes > 0)):
-            errors = self.result["study/error"].rows(start, stop)[failed]
-            nothing = np.empty((len(failed), 0), dtype=bool)
-            yield SampleBlock(
-                failed + start, {}, nothing, tuple(errors.tolist()), tuple(codes[failed].tolist())
-            )
-        if not len(done := np.flatnonzero(codes == 0)):
-            return
-        met = [self.result[f"study/expect/{n}"].rows(start, stop) for n in range(self._expectations)]
-        judged = np.array(met, dtype=bool).reshape(self._expectations, stop - start).T
-        rows = {
-            path: self.result[path].rows(start, stop) for path in self._arrays if path not in self._shared
-        }
-        lengths = {
-            path: self.result[name].rows(start, stop)
-            for path in rows
-            if (name := _lengths_of(path, self.result[path])) is not None
-        }
-        groups = np.zeros(len(done), dtype=np.intp)  # of samples whose arrays have equal lengths
-        if lengths:
-            table = np.concatenate([kept[done] for kept in lengths.values()], axis=1)
-            groups = np.unique(table, axis=0, return_inverse=True)[1].reshape(-1)  # a column in NumPy 2.0
-        for group in range(int(groups.max()) + 1):
-            own = done[groups == group]
-            yield SampleBlock(own + start, self._values(own, rows, lengths), judged[own])
+            end = min(begin + self.rows_at_a_time, stop)
+            codes = self.exit_codes[begin:end]
+            if len(failed := np.flatnonzero(codes > 0)):
+                errors = self.result["study/error"].rows(begin, end)[failed]
+                nothing = np.empty((len(failed), 0), dtype=bool)
+                yield SampleBlock(
+                    failed + begin, {}, nothing, tuple(errors.tolist()), tuple(codes[failed].tolist())
+                )
+            if not len(done := np.flatnonzero(codes == 0)):
+                continue
+            met = [self.result[f"study/expect/{n}"].rows(begin, end) for n in range(self._expectations)]
+            judged = np.array(met, dtype=bool).reshape(self._expectations, end - begin).T
+            rows = {
+                path: self.result[path].rows(begin, end) for path in self._arrays if path not in self._shared
+            }
+            lengths = {
+                path: self.result[name].rows(begin, end)
+                for path in rows
+                if (name := _lengths_of(path, self.result[path])) is not None
+            }
+            groups = np.zeros(len(done), dtype=np.intp)  # of samples whose arrays have equal lengths
+            if lengths:
+                table = np.concatenate([kept[done] for kept in lengths.values()], axis=1)
+                groups = np.unique(table, axis=0, return_inverse=True)[1].reshape(-1)  # a column in NumPy 2.0
+            for group in range(int(groups.max()) + 1):
+                own = done[groups == group]
+                yield SampleBlock(own + begin, self._values(own, rows, lengths), judged[own])
 
     def _values(
         self,

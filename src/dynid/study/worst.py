@@ -117,16 +117,13 @@ def _overrides(table: StudyTable, row: int) -> dict[str, Any]:
     for path, column in table.inputs.items():
         if path in varied or "." in path:  # a derived name without a dot is not set in the scene
             value = column[row].item() if isinstance(column[row], np.generic) else column[row]
-            found[path] = next(
-                (choice for choice in choices.get(path, ()) if _is_stored_as(choice, value)), value
-            )
+            found[path] = value
+            for choice in choices.get(path, ()):
+                as_json = isinstance(value, str) and not isinstance(choice, str)
+                if value == (json.dumps(choice) if as_json else choice):
+                    found[path] = choice
+                    break
     return found
-
-
-def _is_stored_as(choice: Any, value: Any) -> bool:
-    """Return whether the file holds a listed value as this one."""
-    is_json = isinstance(value, str) and not isinstance(choice, str)
-    return bool(value == (json.dumps(choice) if is_json else choice))
 
 
 def _relocated(base: Source, values: Mapping[str, Any], target: Path) -> tuple[Any, dict[KeyPath, Any]]:

@@ -52,13 +52,18 @@ def lines(result: Result) -> list[str]:
     if met:
         met.insert(0, "  expectations of the scene, and the share of the samples that meet them")
     shown, hidden = shown_numbers(table)
+    sources, notes = variance_sources(table, shown, _RANKED)
+    influences = list(_grouped([(*split_name(name), inputs) for name, inputs in sources]))
+    if sources:
+        influences.insert(0, "  where the variance comes from")
+        influences += [f"    ({notes[0]})", *(f"    {note}" for note in notes[1:])]
     blocks = [
         status,
         failed,
         list(_statistics(table, shown, hidden)),
         [f"  {path}: {shares}" for path, shares in text_shares(table)],
         met,
-        list(_influences(table, shown)),
+        influences,
     ]
     return [line for block in blocks if block for line in (*block, "")][:-1]
 
@@ -76,12 +81,7 @@ def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list
         cells = [[*COLUMNS, "at sample"], *(row for _, _, row in rows if len(row) > 1)]
         widths = [max(len(row[place]) for row in cells) for place in range(len(COLUMNS) + 1)]
         yield "    " + " " * width + "  " + _joined(cells[0], widths)
-        group = None
-        for own, name, row in rows:
-            if own != group:
-                yield f"  {own}" if own else ""
-                group = own
-            yield f"    {name:<{width}}  {_joined(row, widths)}"
+        yield from _grouped([(group, name, _joined(row, widths)) for group, name, row in rows])
     for path in hidden:
         yield f"  {path}: {table.size(path):,} numbers a sample"
 
@@ -92,22 +92,15 @@ def _joined(row: list[str], widths: list[int]) -> str:
     return "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
 
 
-def _influences(table: StudyTable, shown: list[tuple[str, Column]]) -> Iterator[str]:
-    """Yield the inputs that the variance of each output comes from."""
-    rows, notes = variance_sources(table, shown, _RANKED)
-    if not rows:
-        return
-    yield "  where the variance comes from"
-    names = [split_name(name) for name, _ in rows]
-    width = max(len(name) for _, name in names)
-    group = None
-    for (own, name), (_, inputs) in zip(names, rows, strict=True):
-        if own != group:
-            yield f"  {own}" if own else ""
-            group = own
-        yield f"    {name:<{width}}  {inputs}"
-    yield f"    ({notes[0]})"
-    yield from (f"    {note}" for note in notes[1:])
+def _grouped(rows: Sequence[tuple[str, str, str]]) -> Iterator[str]:
+    """Yield rows of group, name and text as lines, with a heading for each group."""
+    width = max((len(name) for _, name, _ in rows), default=0)
+    before = None
+    for group, name, text in rows:
+        if group != before:
+            yield f"  {group}" if group else ""
+            before = group
+        yield f"    {name:<{width}}  {text}"
 
 
 def plan_lines(

@@ -118,8 +118,18 @@ def from_samples(inputs: Sequence[NDArray[np.intp]], values: Floats) -> Indices 
     variance = float(y @ y) / n
     if not _varies(variance, float(values[known].mean())):
         return None
-    found = [_correlation_ratio(own[known], y, variance) for own in inputs]
-    first, error = (np.array(part, dtype=float) for part in zip(*found, strict=True))
+    first, error = np.full((2, len(inputs)), np.nan)
+    for place, own in enumerate(classes_of[known] for classes_of in inputs):
+        counts = np.bincount(own)
+        used = int((counts > 0).sum())
+        if used < 2:
+            first[place] = error[place] = 0
+        elif used < n:
+            means = np.bincount(own, weights=y) / np.maximum(counts, 1)
+            left = np.square(y - means[own])
+            unexplained = left.mean() / variance
+            first[place] = 1 - unexplained * (n - 1) / (n - used)
+            error[place] = np.std(left - unexplained * y * y) / variance / np.sqrt(n)
     words = f"correlation ratio of {n} samples, first order only"
     return Indices(first, error, None, None, words, n)
 
@@ -151,19 +161,6 @@ def _ratio(part: Floats, power: Floats, variance: float) -> tuple[Floats, Floats
     share = part.mean(axis=-1) / variance
     slope = (part - share[:, None] * power) / variance
     return share, slope.std(axis=-1, ddof=1) / np.sqrt(part.shape[-1])
-
-
-def _correlation_ratio(own: NDArray[np.intp], y: Floats, variance: float) -> tuple[float, float]:
-    counts = np.bincount(own)
-    used = int((counts > 0).sum())
-    n = len(y)
-    if used < 2 or used >= n:
-        return (0.0, 0.0) if used < 2 else (np.nan, np.nan)
-    means = np.bincount(own, weights=y) / np.maximum(counts, 1)
-    left = np.square(y - means[own])
-    unexplained = left.mean() / variance
-    error = float(np.std(left - unexplained * y * y) / variance / np.sqrt(n))
-    return 1 - unexplained * (n - 1) / (n - used), error
 
 
 def correlations(
