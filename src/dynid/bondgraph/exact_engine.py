@@ -1,14 +1,9 @@
-"""The exact engine: channels in lowest terms over the rationals, certified roots, hidden modes explained.
-
-Whether a mode is uncontrollable or unobservable is a question of rank (Popov, Belevitch, Hautus) at a number
-that is rational only by chance. It is answered exactly all the same: modulo a prime at which the mode's
-irreducible polynomial has a root, the state equations are integers.
-"""
+"""The exact engine: every channel in lowest terms over the rationals, its roots certified."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, partial
@@ -16,18 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.descriptor import (
-    Descriptor,
-    FormSymbol,
-    LinearForm,
-    NumberField,
-    solve,
-    without_input_rates,
-)
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import Channel, ReducedGraph, characteristic_polynomials
-from dynid.bondgraph.program.modular import primes
-from dynid.bondgraph.state_space import rounded
 from dynid.defaults import STARTED_ROOTS
 from dynid.errors import NumericalError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
@@ -233,164 +218,3 @@ def _first_values(equations: Any) -> list[complex] | None:
         return first_values(equations)
     except NumericalError:  # they would only have saved time
         return None
-
-
-# --- hidden modes ----------------------------------------------------------------------------------
-
-#: The smallest share of a mode's energy that an element is named for.
-_SHARE = 0.005
-
-
-@dataclass(frozen=True)
-class HiddenMode:
-    """A natural mode that is hidden in a channel.
-
-    Parameters
-    ----------
-    root
-        The root of the mode.
-    uncontrollable, unobservable
-        Whether the input does not reach it, and whether the output does not show it.
-    energy
-        The storages that hold its energy in free motion, each with its share.
-    """
-
-    root: CertifiedRoot
-    uncontrollable: bool
-    unobservable: bool
-    energy: dict[str, float]
-
-    @property
-    def cause(self) -> str:
-        """The cause: uncontrollable, unobservable, or both."""
-        said = {"uncontrollable": self.uncontrollable, "unobservable": self.unobservable}
-        return " and ".join(word for word, holds in said.items() if holds)
-
-    @property
-    def elements(self) -> str:
-        """The storages that hold its energy, with their shares."""
-        return ", ".join(f"{name} {100 * share:.3g} %" for name, share in self.energy.items())
-
-
-def hidden_modes(reduced: ReducedGraph, channel: Channel, polynomial: Any) -> Iterator[HiddenMode]:
-    """Explain the hidden modes of a channel.
-
-    Parameters
-    ----------
-    reduced, channel
-        The graph, and the channel (output, input).
-    polynomial
-        The polynomial whose roots they are (flint `fmpz_poly`).
-    """
-    storages = [name for name in reduced.storages if name in reduced.reductions[channel[0]].modelled]
-    _, factors = polynomial.factor()
-    for factor, multiplicity in factors:
-        deficits = _rank_deficits(reduced, channel, factor)
-        for root in certified_roots(factor):
-            yield HiddenMode(
-                root=replace(root, multiplicity=int(multiplicity)),
-                uncontrollable=deficits.input > 0,
-                unobservable=deficits.output > 0,
-                energy=_energy(reduced, channel, storages, root.value, deficits),
-            )
-
-
-@dataclass(frozen=True)
-class _Deficits:
-    """Dimensions of the null spaces of A - s, of the left one of [A - s, b], and of that of [A - s; c]."""
-
-    modes: int
-    input: int
-    output: int
-
-
-def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Deficits:
-    """Return the exact rank deficits at the roots of an irreducible polynomial."""
-    from flint import nmod, nmod_mat
-
-    prime, root = _root_modulo(factor, reduced)
-
-    def value(name: str) -> Any:
-        exact = reduced.graph.value(name)
-        return nmod(exact.numerator, prime) / nmod(exact.denominator, prime)
-
-    _, rates, (output,) = _equations(
-        reduced, channel, NumberField(value, nmod(1, prime)), [_rated(reduced, channel)]
-    )
-    states: list[FormSymbol] = [("w", name) for name in rates]
-    a = [
-        [form.get(s, 0) - root * (s == own) for s in states]
-        for own, form in zip(states, rates.values(), strict=True)
-    ]
-    b = [form.get(("u", channel[1], 0), 0) for form in rates.values()]
-    c = [output.get(s, 0) for s in states]
-
-    def deficit(rows: list[list[Any]]) -> int:
-        entries = [int(entry) % prime for row in rows for entry in row]
-        return len(states) - int(nmod_mat(len(rows), len(rows[0]), entries, prime).rank())
-
-    return _Deficits(
-        deficit(a), deficit([[*row, entry] for row, entry in zip(a, b, strict=True)]), deficit([*a, c])
-    )
-
-
-def _root_modulo(factor: Any, reduced: ReducedGraph) -> tuple[int, int]:
-    """Return a prime at which the polynomial has a root and the graph's values exist, and the root."""
-    from flint import nmod_poly
-
-    values = [reduced.graph.value(name) for name in reduced.valued]
-    for prime in primes():
-        images = [int(c) % prime for c in factor.coeffs()]
-        if images[-1] and all(
-            value.numerator % prime and value.denominator % prime for value in values if value
-        ):
-            roots = nmod_poly(images, prime).roots()
-            if roots:
-                return prime, int(roots[0][0])
-    raise AssertionError("primes do not end")
-
-
-def _equations(
-    reduced: ReducedGraph, channel: Channel, field: NumberField, ports: Sequence[Port]
-) -> tuple[Descriptor, dict[str, LinearForm], list[LinearForm]]:
-    """Return the state equations of the part behind a channel's output, and variables of it."""
-    junctions = reduced.reductions[channel[0]].junctions
-    system = Descriptor(reduced.structure, junctions, field, inputs=[channel[1]])
-    rates, outputs = solve(system.equations, [system.output(port) for port in ports])
-    without_input_rates(rates, outputs)
-    return system, rates, outputs
-
-
-def _rated(reduced: ReducedGraph, channel: Channel) -> Port:
-    """Return a channel's output, without the integrator behind it: that is no mode of the graph."""
-    graph, port = reduced.graph, channel[0]
-    return graph.behind(port) if graph.integrates(port) else port
-
-
-def _energy(
-    reduced: ReducedGraph, channel: Channel, storages: Sequence[str], root: complex, deficits: _Deficits
-) -> dict[str, float]:
-    """Return the shares of the energy in the mode's free motion, the largest first.
-
-    The motion is the null space of [A - s; c] of an unobservable mode, of A - s of any other; its dimension
-    is known exactly, so that no rounding error has to be distinguished from zero.
-    """
-    graph = reduced.graph
-    held = (Port(name, "e" if graph.nodes[name].type == "C" else "f") for name in storages)
-    ports = [_rated(reduced, channel), *held]
-    solved = _equations(reduced, channel, NumberField.rational(graph), ports)
-    system = rounded(*solved, [channel[1]], [str(port) for port in ports])
-    sizes = np.array([abs(float(graph.value(name))) for name in storages])
-    with np.errstate(all="ignore"):
-        scale = np.sqrt((sizes[:, None] * system.C[1:] ** 2).sum(axis=0))  # a state's unit of energy
-        scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
-    rows = (system.A / scale) * scale[:, None] - root * np.eye(len(scale))
-    unseen = (
-        system.C[:1] / scale * (np.abs(rows).max(initial=1.0) / (np.abs(system.C[0] / scale).max() or 1.0))
-    )
-    motion = np.linalg.svd(np.vstack([rows, unseen]) if deficits.output else rows)[2].conj().T
-    motion = motion[:, len(scale) - (deficits.output or deficits.modes) :] / scale[:, None]
-    energies = sizes * (np.abs(system.C[1:] @ motion) ** 2).sum(axis=1)
-    total = energies.sum()
-    shares = {name: round(float(e / total), 4) for name, e in zip(storages, energies, strict=True) if total}
-    return {name: share for name, share in sorted(shares.items(), key=lambda it: -it[1]) if share >= _SHARE}

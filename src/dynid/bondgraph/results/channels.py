@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction, hidden_modes
+from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
 from dynid.bondgraph.formulas.printers import LATEX, TEXT
 from dynid.bondgraph.plan import Channel, ReducedGraph
 from dynid.bondgraph.request import Analysis, EngineChoice, FormulaRequest, choose_engine
@@ -184,6 +184,8 @@ def _add_hidden_modes(
     if not (explained and isinstance(engine, ExactEngine)):
         _add_modes(result, group, each(engine.hidden_modes(channel), "value", np.complex128))
         return
+    from dynid.bondgraph.hidden_modes import hidden_modes
+
     found = hidden_modes(engine.reduced, channel, engine.hidden_polynomial(channel))
     modes = [mode for mode in found for _ in range(mode.root.multiplicity)]
     _add_modes(result, group, np.array([mode.root.value for mode in modes], dtype=complex))
