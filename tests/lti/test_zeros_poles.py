@@ -364,6 +364,18 @@ def test_a_side_that_rounding_hides_is_left_open():
     assert exact.stability.startswith("marginal, not stable: poles at ±1.414j lie on the imaginary axis")
     assert rough.stability.startswith("undecided")
     assert (exact.stable, rough.stable) == (False, None)
+    # With an integrator beside it the system is not stable, whatever that pair is: flag and words agree.
+    beside, b, c = np.block([[A, np.zeros((2, 1))], [np.eye(1, 3)]]), np.ones((3, 1)), np.ones((1, 3))
+    poles = zeros_poles(beside, np.eye(3, 1), np.eye(3)[2:], 0, engine="float")
+    assert poles.stable is False
+    assert poles.stability.startswith(
+        "not stable: pole at 0 lies on the imaginary axis; marginal or unstable is undecided within"
+    )
+    zeros = zeros_poles(beside + b @ c, b, c, 1, engine="float")
+    assert zeros.minimum_phase is False
+    assert zeros.zero_stability.startswith(
+        "not minimum phase: zero at 0 lies on the imaginary axis; marginal or non-minimum phase is undecided"
+    )
 
 
 def test_exact_numbers_of_other_libraries_are_read_as_they_are():

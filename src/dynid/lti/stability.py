@@ -103,10 +103,12 @@ def stability(poles: Sequence[SidedRoot]) -> str:
     if right or repeated:
         where = "in the right half-plane" if right else "repeated on the imaginary axis"
         return f"unstable: {_place(right or repeated, 'pole')} {where}"
+    on_axis = f"{_place(axis, 'pole')} on the imaginary axis" if axis else ""
     if open_ones:
-        return _undecided(open_ones, "pole")
+        undecided = _undecided(open_ones, "pole")
+        return f"not stable: {on_axis}; marginal or unstable is {undecided}" if axis else undecided
     if axis:
-        return f"marginal, not stable: {_place(axis, 'pole')} on the imaginary axis"
+        return f"marginal, not stable: {on_axis}"
     return "stable" if poles else "stable: there are no poles"
 
 
@@ -118,10 +120,13 @@ def zero_stability(zeros: Sequence[SidedRoot], poles: Sequence[SidedRoot], *, va
     if right:
         where = f"{_place(right, 'zero')} in the right half-plane"
         return f"non-minimum phase: {where}; its inverse is unstable{_remoteness(right, zeros, poles)}"
+    where = f"{_place(axis, 'zero')} on the imaginary axis" if axis else ""
     if open_ones:
-        return _undecided(open_ones, "zero")
+        undecided = _undecided(open_ones, "zero")
+        return (
+            f"not minimum phase: {where}; marginal or non-minimum phase is {undecided}" if axis else undecided
+        )
     if axis:
-        where = f"{_place(axis, 'zero')} on the imaginary axis"
         repeated = any(zero.multiplicity > 1 for zero in axis)
         frequencies = sorted({float(f"{abs(zero.value):.4g}") for zero in axis if zero.value})
         named = ", ".join(map(frequency_text, frequencies))
