@@ -74,6 +74,12 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.solvability:ModularNodalForm.output: d in SOURCES and behind == ('e' if kind == 'Se' e → d in SOURCES and behind != ('e' if kind == 'Se' e": (
         "a source that reacts to an undetermined variable also drives it, which was raised before"
     ),
+    "dynid.bondgraph.formulas.transfer:_register_polynomials: .leading_coefficient() < 0: → .leading_coefficient() <= 0:": (
+        "the leading coefficient of a denominator is not zero"
+    ),
+    "dynid.identification.kernels.steps:tables: rank = max(1, int((s > 8 * np.finfo( → rank = max(2, int((s > 8 * np.finfo(": (
+        "a singular value that round-off leaves adds nothing"
+    ),
     "dynid.bondgraph.formulas.transfer:: DABLE, _LIMIT = (40, 4000) → DABLE, _LIMIT = (40, 4001)": "a limit of cost",
     f"{_REDUCTION}.network:: BOND = Tie(None, False) → BOND = Tie(None, True)": "a bond has no modulus to invert",
 }
