@@ -151,9 +151,8 @@ def judged(seed):
         result = suite(this)
     except (NotIdentifiable, Diverged) as error:
         seconds = time.process_time() - begun
-        if "different optima" in error.problem:  # the search says itself that it failed
-            return Judgement(seed, LOCAL, math.nan, seconds, f"{type(error).__name__}: {error.problem}")
-        status = RIGHTLY if _indistinct(this, [names.index(name) for name in error.names]) else WRONGLY
+        failed = LOCAL if "different optima" in error.problem else WRONGLY  # the search says so itself
+        status = RIGHTLY if _indistinct(this, [names.index(name) for name in error.names]) else failed
         return Judgement(seed, status, math.nan, seconds, f"{type(error).__name__}: {error.problem}")
     seconds = time.process_time() - begun
     group = "identification/parameters"
