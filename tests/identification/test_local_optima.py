@@ -20,7 +20,17 @@ from dynid.structure.joints import Joint, JointParameter, ParameterPrior
 from dynid.structure.lumped import lumped
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import diagnostic, parameter
-from tests.identification.random_structures import FALSELY, case, judged, suite, summary
+from tests.identification.random_structures import (
+    FALSELY,
+    NEAR,
+    OPTIMUM,
+    RIGHTLY,
+    WRONGLY,
+    case,
+    judged,
+    suite,
+    summary,
+)
 
 #: Seeds of random structures that are quick to judge; of some the first pass ends at a local optimum.
 QUICK = (0, 6, 9, 30, 37, 83, 105)
@@ -39,15 +49,16 @@ def test_a_local_optimum_does_not_converge_however_white_it_is():
 
 @pytest.mark.slow
 def test_five_hundred_random_structures():
-    """98 % end at the optimum, and none falsely converges; refusals are right."""
+    """97 % end at the optimum and 99 % within 10 of it; none falsely converges; refusals are right."""
     with ProcessPoolExecutor(
         os.process_cpu_count() if hasattr(os, "process_cpu_count") else os.cpu_count()
     ) as pool:
         judgements = list(pool.map(judged, range(1000, 1500)))
     print(summary(judgements))
-    answered = [each for each in judgements if each.status != "refused rightly"]
-    assert sum(each.status == "optimum" for each in answered) >= 0.98 * len(answered)
-    assert not [each.seed for each in judgements if each.status == FALSELY]
+    answered = [each.status for each in judgements if each.status != RIGHTLY]
+    assert answered.count(OPTIMUM) >= 0.97 * len(answered)
+    assert answered.count(OPTIMUM) + answered.count(NEAR) >= 0.99 * len(answered)
+    assert not [each.seed for each in judgements if each.status in (FALSELY, WRONGLY)]
 
 
 def test_starts_that_end_at_different_optima_are_no_optimum(monkeypatch):
