@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.identification.filter import PART, FilterPrior, _History, _walk, filter_pass
+from dynid.identification.filter import PART, InitialState, _History, _walk, filter_pass
 from dynid.identification.measurement import Measurement, Simulation, data
 from dynid.identification.parametric_model import ParametricModel, Transition, parametric_model
 from dynid.identification.time_record import TimeRecord
@@ -78,7 +78,7 @@ def _covariances(samples: int, parts: int) -> dict[str, Any]:
     taken = Measurement(0.01, samples, channels, Simulation(0.05, 1))
     record, times = data(model, loads, taken), taken.record.times
     joined = parametric_model(model, loads, channels, times[:2])
-    prior = TimeRecord(joined, record).wide_prior(np.log([9.9e3]))
+    prior = TimeRecord(joined, record).wide_initial_state(np.log([9.9e3]))
     origin, smallest, symmetric = prior.logs, [], True
     for rows in np.array_split(np.arange(samples), parts):
         here = slice(max(rows[0] - 1, 0), rows[-1] + 1)
@@ -86,7 +86,7 @@ def _covariances(samples: int, parts: int) -> dict[str, Any]:
         values[: rows[0] - here.start] = np.nan  # the last sample of the part before: it has been heard
         joined = parametric_model(model, loads, channels, times[here])
         done = filter_pass(joined, values, prior, record.noise, origin)
-        prior = FilterPrior(done.states[-1], done.logs[-1], done.whole)
+        prior = InitialState(done.states[-1], done.logs[-1], done.whole)
         P = done.whole @ done.whole.T
         symmetric &= bool((P == P.T).all())
         size = np.sqrt(np.diag(P))
@@ -162,7 +162,7 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
     taken = Measurement(0.002, 800, channels, Simulation(0.05, 1, 10.0))
     record = data(structure, loads, taken)
     model = parametric_model(structure, loads, channels, taken.record.times)
-    prior = TimeRecord(model, record).wide_prior(np.log([u.start for u in model.unknowns]))
+    prior = TimeRecord(model, record).wide_initial_state(np.log([u.start for u in model.unknowns]))
     z, S = np.concatenate([prior.state, prior.logs]).astype(kind), prior.root.astype(kind)
     n, p, count = model.states, model.parameters, len(record.values)
     shapes = [(count, size) for size in (p, p, n, n)] + [record.values.shape]

@@ -33,14 +33,14 @@ TRUE = np.array([2.0e4, 20.0, 1.2e4, 9.0])
 ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 
-def structure(low=None, belief=None):
+def structure(low=None, prior=None):
     """Four masses; two joints unknown, k and c of each."""
     joints = [
         Joint(
             "a",
             (1, 2),
             JointParameter(start=1.5e4, true=2e4),
-            JointParameter(start=low or 15.0, true=20.0, low=low, belief=belief),
+            JointParameter(start=low or 15.0, true=20.0, low=low, prior=prior),
         ),
         Joint("b", (3, 4), JointParameter(start=1e4, true=1.2e4), JointParameter(start=12.0, true=9.0)),
     ]
@@ -274,9 +274,9 @@ def test_without_noise_the_slopes_are_those_of_estimating_anew(monkeypatch, reco
 
 def test_a_prior_takes_its_part():
     made, noise = SHAKEN.simulated()
-    belief = ParameterPrior(TRUE[1], 0.004)
+    given = ParameterPrior(TRUE[1], 0.004)
     prior = (1, TRUE[1], np.sqrt(np.log1p(0.004**2)))
-    found = found_by_dynid([made], [noise], structure(belief=belief))
+    found = found_by_dynid([made], [noise], structure(prior=given))
     assert_slopes(found, [made], [noise], 1e-5, prior=prior)
     free = found_by_dynid([made], [noise])
     name = "acceleration gain of base"

@@ -6,7 +6,7 @@ from scipy.special import chdtrc
 
 from dynid.errors import Diverged, DynidError, NotIdentifiable, NumericalError, UsageError
 from dynid.identification import parametric_model as cost
-from dynid.identification.filter import FilterPrior, filter_pass, run_away
+from dynid.identification.filter import InitialState, filter_pass, run_away
 from dynid.identification.identify import identify
 from dynid.identification.measurement import Measurement, Simulation
 from dynid.identification.parametric_model import parametric_model
@@ -116,7 +116,7 @@ def test_variances_are_not_negative_however_sure_the_filter_is():
     joint = parametric_model(model, LOADS, VELOCITIES, measurement.record.times)
     y = np.random.default_rng(0).standard_normal((200, 2)) * 1e-3
     size = joint.states + joint.parameters
-    prior = FilterPrior(np.zeros(joint.states), np.log([1e4, 10, 1e4, 10]), 1e6 * np.eye(size))
+    prior = InitialState(np.zeros(joint.states), np.log([1e4, 10, 1e4, 10]), 1e6 * np.eye(size))
     prior.root[joint.states :] *= 1e-12  # the parameters are all but known
     walked = filter_pass(joint, y, prior, np.full(2, 1e-15), prior.logs)
     assert np.isfinite(walked.deviations).all()

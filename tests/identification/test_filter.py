@@ -39,7 +39,7 @@ def test_deviations_scale_with_the_prior_however_small(monkeypatch, wish):
     monkeypatch.setenv(VARIABLE, wish)
     model = suspension()
     fits, origin = fits_of(model, samples=20), origin_of(model)
-    prior = fits.wide_prior(origin)
+    prior = fits.wide_initial_state(origin)
 
     def narrow(scale):
         given = prior._replace(root=scale * prior.root)

@@ -63,7 +63,7 @@ def test_the_jacobian_is_the_derivative_of_the_rate():
     fits = TimeRecord(joint, record)
     flow = Flow(fits, InvariantImbedding(input_deviation=3.0))
     rng = np.random.default_rng(1)
-    prior = fits.wide_prior(np.log([u.start for u in joint.unknowns]))
+    prior = fits.wide_initial_state(np.log([u.start for u in joint.unknowns]))
     root = prior.root @ np.diag(rng.uniform(0.01, 0.02, len(prior.root)))
     z = np.concatenate([root[: joint.states].sum(axis=1), prior.logs])
     v, t = flow.packed(z, root @ root.T), measurement.record.start + 0.0131

@@ -37,7 +37,7 @@ def paths(monkeypatch, fits, origin, spread=2.0):
 
 
 def one_pass(fits, origin, spread=2.0):
-    prior = fits.wide_prior(origin, spread)
+    prior = fits.wide_initial_state(origin, spread)
     return filter_pass(fits.model, fits.data.values, prior, 0.1 * fits.data.rms, origin)
 
 
@@ -106,7 +106,7 @@ def test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample(monkeypa
     fits = TimeRecord(joint, data(model, LOADS, measurement))
     origin, noise = origin_of(model), first_noise(TimeLikelihood((fits,)))[0]
     some, every = (
-        filter_pass(joint, fits.data.values, fits.wide_prior(origin), noise, origin, part)
+        filter_pass(joint, fits.data.values, fits.wide_initial_state(origin), noise, origin, part)
         for part in (PART, 0.0)
     )
     assert np.abs((some.logs - every.logs) / every.deviations).max() < 0.01

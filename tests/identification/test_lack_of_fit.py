@@ -150,7 +150,7 @@ def test_a_prior_that_tells_more_than_the_record_leaves_no_unknown():
     values = recorded(rig)
     assert verdicts(found(rig, values))["redundancy"] == 0
     bolt = rig.model.joints[0]
-    sure = JointParameter(start=bolt.c.start, belief=ParameterPrior(3.0, 1e-4))
+    sure = JointParameter(start=bolt.c.start, prior=ParameterPrior(3.0, 1e-4))
     model = lumped((1.2, 0.8), [Link((1,), 1.5e4, 4)], [Joint("bolt", (1, 2), bolt.k, sure)])
     assert verdicts(found(rig._replace(model=model), values))["redundancy"] == 1
 

@@ -13,8 +13,8 @@ from dynid.identification.estimators import auto
 from dynid.identification.estimators.auto import drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
-from dynid.identification.likelihood import Priors
 from dynid.identification.measurement import Measurement
+from dynid.identification.priors import Priors
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter, ParameterPrior
 from dynid.structure.lumped import lumped
@@ -139,7 +139,7 @@ def test_segments_are_fitted_each_from_an_initial_state_of_its_own(seed, part, g
 def test_starts_are_a_latin_hypercube_within_bounds_and_priors():
     free = JointParameter(start=2.0)
     bounded = JointParameter(start=2.0, low=1.0, high=3.0)
-    believed = JointParameter(start=2.0, belief=ParameterPrior(50.0, 0.1))
+    believed = JointParameter(start=2.0, prior=ParameterPrior(50.0, 0.1))
     model = lumped(
         [1, 1, 1], [], [Joint("a", (1,), free), Joint("b", (1, 2), bounded), Joint("c", (2, 3), believed)]
     )

@@ -59,8 +59,8 @@ def test_a_bound_holds(estimator, side):
 def test_a_sharp_prior_outweighs_the_record_and_a_vague_one_does_not(estimator):
     measurement = simulated(0.05, samples=200)
     free = run(model(), measurement, estimator=estimator)
-    sharp = run(model(belief=ParameterPrior(1.9e4, 1e-6)), measurement, estimator=estimator)
-    vague = run(model(belief=ParameterPrior(1.9e4, 100.0)), measurement, estimator=estimator)
+    sharp = run(model(prior=ParameterPrior(1.9e4, 1e-6)), measurement, estimator=estimator)
+    vague = run(model(prior=ParameterPrior(1.9e4, 100.0)), measurement, estimator=estimator)
     assert parameter(sharp, "estimate")[0] == pytest.approx(1.9e4, rel=1e-4)
     deviation = parameter(free, "standard_error")
     assert np.all(np.abs(parameter(vague, "estimate") - parameter(free, "estimate")) < deviation)
@@ -71,7 +71,7 @@ def test_a_prior_that_the_record_contradicts_is_named_however_sharp_it_is(width)
     """By the same distance, which is that of the record's own estimate in deviations of both."""
     measurement = simulated(0.05, samples=200)
     free = run(model(), measurement)
-    far = run(model(belief=ParameterPrior(1.9e4 * np.exp(6 * width + 0.1), width)), measurement)
+    far = run(model(prior=ParameterPrior(1.9e4 * np.exp(6 * width + 0.1), width)), measurement)
     apart = diagnostic(far, "prior_conflict")
     own = parameter(free, "estimate")[0]
     deviation = np.hypot(parameter(free, "standard_error")[0] / own, np.sqrt(np.log1p(width**2)))
@@ -82,7 +82,7 @@ def test_a_prior_that_the_record_contradicts_is_named_however_sharp_it_is(width)
     assert diagnostic(far, "prior_contradicted").tolist() == [expected > 4, False]
     said = "the prior of j3.k and the record contradict each other"
     assert any(warning.startswith(said) for warning in diagnostic(far, "warnings")) == (expected > 4)
-    near = run(model(belief=ParameterPrior(float(own), width)), measurement)
+    near = run(model(prior=ParameterPrior(float(own), width)), measurement)
     assert not diagnostic(near, "prior_contradicted").any()
     assert "identification/diagnostics/prior_conflict" not in free
 
@@ -94,7 +94,7 @@ def test_the_information_of_a_prior_adds_to_the_record():
     alone = run(model(c), measurement)
     deviation = float(parameter(alone, "cramer_rao")[0]) / TRUE
     mean = float(parameter(alone, "estimate")[0]) * np.exp(2 * deviation)
-    both = run(model(c, belief=ParameterPrior(mean, deviation)), measurement)
+    both = run(model(c, prior=ParameterPrior(mean, deviation)), measurement)
     np.testing.assert_allclose(
         parameter(both, "cramer_rao"), parameter(alone, "cramer_rao") / np.sqrt(2), rtol=1e-3
     )
@@ -109,10 +109,10 @@ def test_the_information_of_a_prior_adds_to_the_record():
 def test_a_prior_replaces_missing_information():
     """Two joints side by side cannot be distinguished, but for a prior on one."""
 
-    def twins(belief=None):
+    def twins(prior=None):
         unknown = {"start": 1e4, "true": 1e4}
         joints = [
-            Joint("a", (3, 4), JointParameter(**unknown, belief=belief), 10.0),
+            Joint("a", (3, 4), JointParameter(**unknown, prior=prior), 10.0),
             Joint("b", (3, 4), JointParameter(**unknown), 10.0),
         ]
         return lumped(MASSES, [*LINKS, Link((2, 3), 2e4, 20)], joints)
@@ -133,9 +133,9 @@ def test_a_prior_replaces_missing_information():
         {"start": 1.0, "high": 0.5},
         {"start": 1.0, "low": 0.0},
         {"value": 1.0, "low": 0.5},
-        {"value": 1.0, "belief": ParameterPrior(1.0, 0.1)},
-        {"start": 1.0, "belief": ParameterPrior(-1.0, 0.1)},
-        {"start": 1.0, "belief": ParameterPrior(1.0, np.inf)},
+        {"value": 1.0, "prior": ParameterPrior(1.0, 0.1)},
+        {"start": 1.0, "prior": ParameterPrior(-1.0, 0.1)},
+        {"start": 1.0, "prior": ParameterPrior(1.0, np.inf)},
     ],
 )
 def test_nonsense_is_refused(given):

@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 from dynid.errors import NotIdentifiable
 from dynid.identification.estimators.filter_passes import Filter
-from dynid.identification.filter import FilterPrior, filter_pass
+from dynid.identification.filter import InitialState, filter_pass
 from dynid.identification.information import information
 from dynid.identification.measurement import data
 from dynid.identification.parametric_model import parametric_model
@@ -123,7 +123,7 @@ def test_the_filter_is_the_extended_kalman_filter_of_the_augmented_state():
     y = oracle(np.log([K, C]), [0.0, 0.0])[:count, 1:] + 0.01 * np.sin(np.arange(2 * count)).reshape(count, 2)
     z, P = np.array([0.001, 0.02, np.log(0.8 * K), np.log(1.3 * C)]), np.diag([1e-4, 1e-2, 0.04, 0.09])
     S = np.concatenate([joint.scale, np.ones(2)])
-    prior = FilterPrior(z[:2] / joint.scale, z[2:], np.linalg.cholesky(P) / S[:, None])
+    prior = InitialState(z[:2] / joint.scale, z[2:], np.linalg.cholesky(P) / S[:, None])
     walked = filter_pass(joint, y, prior, sigma, z[2:].copy(), 0.0)
 
     def acceleration(t, z):

@@ -96,8 +96,8 @@ class Linearised:
         return self._steps[length]
 
 
-class FilterPrior(NamedTuple):
-    """Initial conditions of a pass: state (n, scaled), logarithms (p), and a square root of their covariance.
+class InitialState(NamedTuple):
+    """Initial augmented state of a pass: state (n, scaled), logarithms (p), and a root of their covariance.
 
     `root` (n + p x n + p) is any S with S S^T the covariance of state and logarithms.
     """
@@ -129,7 +129,7 @@ class Pass(NamedTuple):
 def filter_pass(
     model: ParametricModel,
     measured: Array,
-    prior: FilterPrior,
+    prior: InitialState,
     deviation: Array,
     origin: Array,
     part: float = PART,

@@ -1,4 +1,4 @@
-"""Likelihood of records that share their parameters, with priors and bounds of these.
+"""Likelihood of records that share their parameters, with the priors of these.
 
 Every record has its own loads, channels, sampling, noise and unknown initial state, or is a set of frequency
 responses. Records are independent given the parameters: their likelihoods multiply, and information adds up.
@@ -7,7 +7,6 @@ A prior counts as an independent measurement.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.filter import FilterPrior
 from dynid.identification.information import Information, joint_information
+from dynid.identification.priors import Priors
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.residual_tests import whiteness
 from dynid.identification.statistics import root_mean_square
@@ -26,96 +25,6 @@ Array = NDArray[np.float64]
 
 # Residuals below this part of a channel's RMS are rounding.
 _ROUNDING = 1e-13
-# Information of the records on a parameter, relative to that of its prior, below which the two are not
-# compared.
-_INFORMATIVE = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Priors:
-    """Bounds and priors of the logarithms of the parameters.
-
-    Attributes
-    ----------
-    low, high
-        Bounds (p), infinite where there are none.
-    means, deviations
-        Priors (p), NaN where there are none.
-    """
-
-    low: Array
-    high: Array
-    means: Array
-    deviations: Array
-
-    @classmethod
-    def of(cls, unknowns: Sequence[Unknown]) -> Priors:
-        """Return the priors and bounds of unknowns.
-
-        The deviation of the logarithm is that of the log-normal distribution of the same relative deviation.
-        """
-        low = [math.log(unknown.low) if unknown.low else -math.inf for unknown in unknowns]
-        high = [math.log(unknown.high) if unknown.high else math.inf for unknown in unknowns]
-        beliefs = [unknown.belief for unknown in unknowns]
-        means = [math.nan if belief is None else math.log(belief.value) for belief in beliefs]
-        deviations = [
-            math.nan if belief is None else math.sqrt(math.log1p(belief.relative_deviation**2))
-            for belief in beliefs
-        ]
-        return cls(np.array(low), np.array(high), np.array(means), np.array(deviations))
-
-    @property
-    def given(self) -> NDArray[np.bool_]:
-        """Mask of parameters that have a prior (p)."""
-        return ~np.isnan(self.means)
-
-    def clipped(self, logs: Array) -> Array:
-        """Return the nearest logarithms within the bounds (p)."""
-        return np.clip(logs, self.low, self.high)
-
-    def at_bound(self, logs: Array) -> NDArray[np.bool_]:
-        """Return the mask of logarithms that are at a bound (p)."""
-        return (logs <= self.low) | (logs >= self.high)
-
-    def blocked(self, logs: Array, direction: Array) -> NDArray[np.bool_]:
-        """Return the mask of logarithms that a bound keeps from moving in this direction (p)."""
-        return ((logs <= self.low) & (direction < 0)) | ((logs >= self.high) & (direction > 0))
-
-    def rows(self) -> Array:
-        """Return the sensitivities of the priors' pseudo-observations over their deviations (count x p)."""
-        return np.asarray(np.diag(1 / self.deviations)[self.given])
-
-    def residual(self, logs: Array) -> Array:
-        """Return the residuals of the pseudo-observations over their deviations (count)."""
-        return np.asarray(((self.means - logs) / self.deviations)[self.given])
-
-    def conflict(self, logs: Array, deviations: Array) -> Array:
-        """Return how far priors and records are apart, in deviations of that distance (p); 0 without a prior.
-
-        It is the normalised residual of a pseudo-observation: its residual at the estimate over the deviation
-        of that residual. 0 where the information of the records is less than a millionth of the prior's.
-
-        Parameters
-        ----------
-        logs, deviations
-            The estimate, and its deviations with the priors (p).
-        """
-        free = 1 - (deviations / self.deviations) ** 2
-        compared = self.given & (free > _INFORMATIVE)
-        apart = np.abs(self.means - logs) / self.deviations
-        return np.where(compared, apart / np.sqrt(np.where(compared, free, 1.0)), 0.0)
-
-    def combined(self, prior: FilterPrior) -> FilterPrior:
-        """Return the prior of a filter's pass, updated by the pseudo-observations."""
-        n = len(prior.state)
-        z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
-        for k in np.flatnonzero(self.given):
-            phi = S[n + k] / self.deviations[k]
-            spread = float(phi @ phi) + 1.0
-            gain = S @ phi / spread
-            z += gain * (self.means[k] - z[n + k]) / self.deviations[k]
-            S -= np.outer(gain / (1 + math.sqrt(1 / spread)), phi)
-        return FilterPrior(z[:n], z[n:], S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +87,7 @@ class Likelihood:
 
     @cached_property
     def priors(self) -> Priors:
-        """Priors and bounds of the parameters."""
+        """Priors and limits of the parameters."""
         return Priors.of(self.unknowns)
 
     @property

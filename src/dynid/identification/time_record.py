@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.calibration import DELAY, GAIN_CHANGE, CalibrationDerivatives
-from dynid.identification.filter import FilterPrior, stored_rows
+from dynid.identification.filter import InitialState, stored_rows
 from dynid.identification.information import Information, information
 from dynid.identification.kernels import compiled
 from dynid.identification.least_squares import (
@@ -299,14 +299,14 @@ class TimeRecord(RecordLikelihood):
         """Return the noise to assume: not less than a small part of each channel's RMS."""
         return np.maximum(noise, _LEAST_NOISE * self.data.rms)
 
-    def wide_prior(self, logs: Array, spread: float = _FACTOR) -> FilterPrior:
-        """Return the prior of a first pass: any state the record allows, logarithms with this deviation."""
-        return FilterPrior(self.model.initial, logs, self._wide_root(spread))
+    def wide_initial_state(self, logs: Array, spread: float = _FACTOR) -> InitialState:
+        """Return that of a first pass: any state the record allows, logarithms with this deviation."""
+        return InitialState(self.model.initial, logs, self._wide_root(spread))
 
-    def unit_prior(self, fit: RecordFit) -> FilterPrior:
-        """Return a fresh prior around a fit that weighs as much as a single measured value.
+    def unit_initial_state(self, fit: RecordFit) -> InitialState:
+        """Return a fresh initial state around a fit that weighs as much as a single measured value.
 
-        It is the fit's own covariance times the number of values, bounded by the wide prior: wide enough
+        It is the fit's own covariance times the number of values, bounded by the wide one: wide enough
         not to pull, narrow enough to keep the filter where its linearisation holds.
         """
         root = self._wide_root()
@@ -314,10 +314,10 @@ class TimeRecord(RecordLikelihood):
         _, s, Vt = thin_svd(rows @ root)
         share = np.zeros(len(root))
         share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
-        return FilterPrior(fit.predicted.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + share)))
+        return InitialState(fit.predicted.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + share)))
 
-    def continued(self, prior: FilterPrior, logs: Array, root: Array) -> FilterPrior:
-        """Return a prior of this record's state, with logarithms as another record left them.
+    def continued(self, prior: InitialState, logs: Array, root: Array) -> InitialState:
+        """Return an initial state of this record, with logarithms as another record left them.
 
         Parameters
         ----------
@@ -329,7 +329,7 @@ class TimeRecord(RecordLikelihood):
         n, size = self.model.states, len(prior.root)
         both = np.zeros((size, size))
         both[:n, :n], both[n:, n:] = _square(prior.root[:n]), _square(root)
-        return FilterPrior(prior.state, logs, both)
+        return InitialState(prior.state, logs, both)
 
     def _wide_root(self, spread: float = _FACTOR) -> Array:
         n, p = self.model.states, self.model.parameters

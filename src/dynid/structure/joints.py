@@ -45,7 +45,7 @@ class JointParameter:
         absent: the spring between two DOFs or to ground. With a matrix alone the value is 1.
     low, high
         Bounds of an unknown value, positive; its start lies within.
-    belief
+    prior
         Prior of an unknown value.
     """
 
@@ -55,7 +55,7 @@ class JointParameter:
     matrix: Block | None = None
     low: float | None = None
     high: float | None = None
-    belief: ParameterPrior | None = None
+    prior: ParameterPrior | None = None
 
     def __post_init__(self) -> None:
         if self.matrix is not None:
@@ -74,7 +74,7 @@ class JointParameter:
                     "start and true value of an unknown joint parameter must be finite and positive",
                     remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
                 )
-        known = [number for number in (self.low, self.high, *(self.belief or ())) if number is not None]
+        known = [number for number in (self.low, self.high, *(self.prior or ())) if number is not None]
         if known and self.start is None:
             raise UsageError("bounds and a prior belong to an unknown joint parameter, one with a start")
         if not all(math.isfinite(number) and number > 0 for number in known):
@@ -173,7 +173,7 @@ class Unknown(NamedTuple):
     unit: str
     low: float | None = None
     high: float | None = None
-    belief: ParameterPrior | None = None
+    prior: ParameterPrior | None = None
 
 
 def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:

@@ -214,7 +214,7 @@ class StructuralModel:
                 unit_of(letter, part, [labels.kind(self.label(dof)) for dof in joint.dofs]),
                 part.low,
                 part.high,
-                part.belief,
+                part.prior,
             )
             for joint in self.joints
             for name, letter, part, block in joint.terms

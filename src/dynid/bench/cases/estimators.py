@@ -17,7 +17,7 @@ from dynid.defaults import ESTIMATOR
 from dynid.identification.filter import PART, Pass, filter_pass
 
 if TYPE_CHECKING:
-    from dynid.identification.filter import FilterPrior
+    from dynid.identification.filter import InitialState
     from dynid.identification.time_record import TimeLikelihood
 
 STEP = 0.002
@@ -119,9 +119,9 @@ def assumed_noise(this: SuspensionRecord) -> Any:
     return first_noise(this.ensemble)[0]
 
 
-def first_prior(this: SuspensionRecord) -> FilterPrior:
+def first_initial_state(this: SuspensionRecord) -> InitialState:
     """Return the prior of all filters."""
-    return this.ensemble.records[0].wide_prior(this.start)
+    return this.ensemble.records[0].wide_initial_state(this.start)
 
 
 def first_covariance(this: SuspensionRecord) -> Any:
@@ -129,7 +129,7 @@ def first_covariance(this: SuspensionRecord) -> Any:
     import numpy as np
 
     record = this.ensemble.records[0]
-    root = first_prior(this).root * np.append(record.model.scale, np.ones(4))[:, None]
+    root = first_initial_state(this).root * np.append(record.model.scale, np.ones(4))[:, None]
     return root @ root.T
 
 
@@ -144,7 +144,7 @@ def _pass(wish: str, part: float = PART) -> Callable[[int], Callable[[], Any]]:
 
 def _passed(samples: int, wish: str, part: float) -> Pass:
     this = case(samples)
-    record, prior = this.ensemble.records[0], first_prior(this)
+    record, prior = this.ensemble.records[0], first_initial_state(this)
     with kernels(wish):
         return filter_pass(record.model, record.data.values, prior, assumed_noise(this), this.start, part)
 
@@ -196,7 +196,7 @@ def _imbedding(substeps: int) -> Callable[[int], Callable[[], Any]]:
 
         this = case(samples)
         record = this.ensemble.records[0]
-        prior = first_prior(this)
+        prior = first_initial_state(this)
         weights = 1 / (2 * assumed_noise(this) ** 2 * STEP)
         times, h = record.model.line.nodes, STEP / substeps
 

@@ -36,7 +36,8 @@ from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.frf_record import FrfLikelihood
 from dynid.identification.lack_of_fit import ModelComparison, compare_models
-from dynid.identification.likelihood import Fit, Likelihood, Priors
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.priors import Priors
 from dynid.identification.residual_tests import is_explained
 from dynid.identification.time_record import TimeLikelihood
 from dynid.progress import report_progress, tracked

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynid.defaults import FILTER_PASSES
 from dynid.errors import UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
-from dynid.identification.filter import FilterPrior, Pass, filter_pass, thinned
+from dynid.identification.filter import InitialState, Pass, filter_pass, thinned
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress, tracked
 
@@ -37,9 +37,9 @@ class Filter:
     """Estimator: several passes of the filter of the augmented state.
 
     Where there are several records a pass takes one after the other. Each pass restarts from the last one's
-    parameters with a fresh covariance (`TimeRecord.unit_prior`) and the noise that the last one's residuals
-    show. They converge to the filter's fixed point, which is not exactly the maximum-likelihood point; where
-    the two differ, more passes do not help.
+    parameters with a fresh covariance (`TimeRecord.unit_initial_state`) and the noise of its residuals. They
+    converge to the filter's fixed point, which is not exactly the maximum-likelihood point; where the two
+    differ, more passes do not help.
 
     Parameters
     ----------
@@ -90,14 +90,14 @@ def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[S
         If the parameters run away.
     """
     records = likelihood.records
-    priors = [record.wide_prior(origin) for record in records]
+    priors = [record.wide_initial_state(origin) for record in records]
     report_progress(f"filter pass 1 of {passes}")
     sweeps = [_sweep(likelihood, priors, first_noise(likelihood), origin)]
     while len(sweeps) < passes:
         report_progress(f"filter pass {len(sweeps) + 1} of {passes}")
         fit = likelihood.fit(last(likelihood, sweeps))
         fits = list(zip(records, fit.parts, strict=True))
-        priors = [record.unit_prior(part) for record, part in fits]
+        priors = [record.unit_initial_state(part) for record, part in fits]
         noise = [record.floored(part.noise) for record, part in fits]
         sweeps.append(_sweep(likelihood, priors, noise, origin))
     return sweeps
@@ -123,7 +123,7 @@ def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
     sweeps: list[Sweep] = []
     logs = origin
     for level, spread in tracked(_ANNEALED, "annealed pass"):
-        priors = [record.wide_prior(logs, spread) for record in likelihood.records]
+        priors = [record.wide_initial_state(logs, spread) for record in likelihood.records]
         sweeps.append(_sweep(likelihood, priors, [level * r.data.rms for r in likelihood.records], logs))
         logs = last(likelihood, sweeps)
     return sweeps
@@ -131,8 +131,8 @@ def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
 
 def chained(
     likelihood: TimeLikelihood,
-    priors: Sequence[FilterPrior],
-    passed: Callable[[int, TimeRecord, FilterPrior], Pass],
+    priors: Sequence[InitialState],
+    passed: Callable[[int, TimeRecord, InitialState], Pass],
 ) -> Sweep:
     """Run one pass over each record; its estimate of the parameters is the prior of the next one.
 
@@ -155,11 +155,11 @@ def chained(
 
 
 def _sweep(
-    likelihood: TimeLikelihood, priors: Sequence[FilterPrior], noise: Sequence[Array], origin: Array
+    likelihood: TimeLikelihood, priors: Sequence[InitialState], noise: Sequence[Array], origin: Array
 ) -> Sweep:
     """Run the filter over each record, at these assumed noises."""
 
-    def passed(k: int, record: TimeRecord, prior: FilterPrior) -> Pass:
+    def passed(k: int, record: TimeRecord, prior: InitialState) -> Pass:
         return filter_pass(record.model, record.data.values, prior, noise[k], origin)
 
     return chained(likelihood, priors, passed)

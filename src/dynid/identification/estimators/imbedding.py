@@ -7,7 +7,8 @@ Source: K. T. Yang 1997, eqs 19–20 (D. M. Detchmendy, R. Sridhar, J. Basic Eng
 
 with X the augmented state, its parameters as logarithms, and y(t) the record between its samples by a cubic
 spline. N states make N + N (N + 1)/2 equations. With Q = 1/(2 sigma^2 step) it is the Kalman–Bucy filter of
-white noise of deviation sigma, which `filter` solves exactly and in a hundredth of the time.
+white noise of deviation sigma, which `filter` solves exactly and in a hundredth of the time. Eqs 16–18 (the
+two-point boundary-value problem) are not solved: the imbedding replaces it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.estimators.filter_passes import chained, last
-from dynid.identification.filter import ASTRAY, FilterPrior, Pass, check_run_away
+from dynid.identification.filter import ASTRAY, InitialState, Pass, check_run_away
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress
 
@@ -70,17 +71,19 @@ class InvariantImbedding:
         """
         counts = {"equations": 0, "evaluations": 0}
 
-        def passed(_: int, record: TimeRecord, prior: FilterPrior) -> Pass:
+        def passed(_: int, record: TimeRecord, prior: InitialState) -> Pass:
             history, equations, evaluations = self._integrated(record, prior, origin)
             counts["equations"] = equations
             counts["evaluations"] += evaluations
             return history
 
-        sweep = chained(likelihood, [record.wide_prior(origin) for record in likelihood.records], passed)
+        sweep = chained(
+            likelihood, [record.wide_initial_state(origin) for record in likelihood.records], passed
+        )
         fit = likelihood.fit(last(likelihood, [sweep]))
         return Estimate(fit, [sweep], [EstimationStage.at("invariant imbedding", likelihood, fit)], counts)
 
-    def _integrated(self, record: TimeRecord, prior: FilterPrior, origin: Array) -> tuple[Pass, int, int]:
+    def _integrated(self, record: TimeRecord, prior: InitialState, origin: Array) -> tuple[Pass, int, int]:
         """Return the pass over one record, its number of equations, and that of their evaluations."""
         report_progress("integrating eqs 19 and 20")
         from scipy.integrate import solve_ivp  # heavy import, needed here only

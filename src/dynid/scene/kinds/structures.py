@@ -176,9 +176,10 @@ def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | Non
     if not isinstance(given, ParameterModel):
         return JointParameter(value, matrix=matrix)
     start, true, low, high = (_optional(part) for part in (given.start, given.true, given.min, given.max))
-    prior = given.prior
-    belief = None if prior is None else ParameterPrior(float(prior.value), float(prior.relative_deviation))
-    return JointParameter(value, start, true, matrix, low, high, belief)
+    prior = None
+    if given.prior is not None:
+        prior = ParameterPrior(float(given.prior.value), float(given.prior.relative_deviation))
+    return JointParameter(value, start, true, matrix, low, high, prior)
 
 
 def _optional(quantity: Quantity | None) -> float | None:
