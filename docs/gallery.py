@@ -67,7 +67,12 @@ ENTRIES = (
     Entry("beam_joints", (), "correlation", "correlations of its joint parameters"),
     Entry("beam_frf", (), "fit", "joints from measured frequency responses"),
     Entry("dc_motor", (), "nyquist", "a motor: every input to every output"),
-    Entry("lattice_all_pass", (), "poles-R.e-source", "a lattice: hidden modes, a zero on the right"),
+    Entry(
+        "lattice_all_pass",
+        (),
+        "poles-R.e-source",
+        "a lattice: uncontrollable or unobservable (hidden) modes, a zero on the right",
+    ),
     Entry("two_tank", (), "bond-graph", "water in two tanks"),
     Entry("loudspeaker", (), "bond-graph", "a loudspeaker: electrical, mechanical, acoustical"),
     Entry("lattice_all_pass", (), "bond-graph", "a lattice: junctions in a ring"),

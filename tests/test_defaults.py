@@ -21,7 +21,9 @@ def test_a_choice_names_its_table(name):
     choice = CHOICES[name]
     assert choice.benchmark in BENCHMARKS
     assert benchmark(choice.benchmark).alternatives
-    assert str(choice) == f"{choice.sentence.format(value=choice.value)} (bench {choice.benchmark})"
+    assert (
+        str(choice) == f"{choice.sentence.format(value=choice.value)} (see `dynid bench {choice.benchmark}`)"
+    )
     assert choice.sentence.format(value=choice.value) in of_benchmark(choice.benchmark)
     assert str(choice.value).rstrip("0").rstrip(".") in str(choice).replace(",", "")
 

@@ -32,7 +32,7 @@ class Default(Generic[T]):
     sentence: str
 
     def __str__(self) -> str:
-        return f"{self.sentence.format(value=self.value)} (bench {self.benchmark})"
+        return f"{self.sentence.format(value=self.value)} (see `dynid bench {self.benchmark}`)"
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,18 @@ class Level(Generic[T]):
 
 # Bond graphs: engines.
 EXACT_ROOTS = Default(
-    400, "zeros-poles", "exact zeros and poles up to {value:,} storages, float above"
+    400, "zeros-poles", "exact zeros and poles up to {value:,} storage elements, floating-point above"
 )  # fmt: skip
 EXACT_POLYNOMIALS = Default(
-    1000, "polynomials", "exact polynomials up to {value:,} storages where no roots are asked for"
+    1000, "polynomials", "exact polynomials up to {value:,} storage elements where no roots are requested"
 )
 MANY_LOOPS = Default(4, "loops", "junction structures with more than {value} loops have limits of their own")
-EXACT_ROOTS_ON_LOOPS = Default(80, "loops", "exact zeros and poles up to {value} storages on many loops")
-EXACT_POLYNOMIALS_ON_LOOPS = Default(150, "loops", "exact polynomials up to {value} storages on many loops")
+EXACT_ROOTS_ON_LOOPS = Default(
+    80, "loops", "exact zeros and poles up to {value} storage elements on many loops"
+)
+EXACT_POLYNOMIALS_ON_LOOPS = Default(
+    150, "loops", "exact polynomials up to {value} storage elements on many loops"
+)
 STARTED_ROOTS = Default(
     40, "zeros-poles", "roots of polynomials beyond degree {value} are certified from eigenvalues"
 )
@@ -105,7 +109,8 @@ SHARED_POLYNOMIALS = Limit(
 )
 PEAKS_NEAR_POLES = Limit(
     200,
-    "resonances between the frequencies of a response are found from its poles up to {value} storages",
+    "resonances between the frequencies of a response are found from its poles up to {value} storage "
+    "elements",
 )
 LOOKING_AHEAD = Limit(800, "causality is assigned looking ahead on loops of up to {value} junctions")
 
@@ -116,7 +121,7 @@ LONG_STEPS = Limit(60, "exponentials over many steps are made to all digits of u
 # Structures: modes, responses, bases.
 DENSE_MODES = Default(200, "modes", "modes by dense matrices up to {value} DOFs")
 ALL_MODES = Limit(4000, "all modes up to {value:,} DOFs; of more a number or a band is to be given")
-FEW_MODES = Default(4, "many-modes", "by sparse Lanczos where at most one mode in {value} is asked for")
+FEW_MODES = Default(4, "many-modes", "by sparse Lanczos where at most one mode in {value} is requested")
 FEW_FREQUENCIES = Default(
     6, "structure-response", "large sparse structures respond by modes at more than {value} frequencies"
 )
@@ -165,6 +170,7 @@ AGREEING_STARTS = Limit(5, "starts are drawn until {value} of them, and half of 
 SATURATED = Limit(128, "a saturated model has at most {value} regressors a channel besides the scene's own")
 
 # Tests of residuals.
+WHITENESS = Level(1e-6, "residuals are not white where their autocorrelation has p < {value:g}")
 NOISE_CONTRADICTED = Level(
     1e-4, "a given noise is contradicted where chi-squared of the residuals has p < {value:g}"
 )

@@ -89,7 +89,7 @@ def root_text(root: complex, *, hertz: bool = False) -> str:
     root
         A pole or a zero, rad/s.
     hertz
-        Add the unit, and behind a complex root its natural frequency |s| / 2π in Hz.
+        Add the unit, and behind a complex root its natural frequency f_n = |s| / 2π in Hz.
     """
     if root.imag == 0:
         said = f"{root.real:.4g}"
@@ -97,7 +97,9 @@ def root_text(root: complex, *, hertz: bool = False) -> str:
         said = f"± {root.imag:.4g}j" if root.real == 0 else f"{root.real:.4g} ± {root.imag:.4g}j"
     if not hertz:
         return said
-    return f"{said} rad/s ({abs(root) / math.tau:.4g} Hz)" if root.imag else f"{said} rad/s"
+    if root.imag == 0:
+        return f"{said} rad/s"
+    return f"{said} rad/s ({'f_n = ' if root.real else ''}{abs(root) / math.tau:.4g} Hz)"
 
 
 def roots_text(roots: NDArray[np.complex128], *, hertz: bool = False) -> str:
@@ -106,7 +108,7 @@ def roots_text(roots: NDArray[np.complex128], *, hertz: bool = False) -> str:
         return "none"
     shown = [root_text(root, hertz=hertz) for root in roots if root.imag >= 0]
     more = f", … ({len(roots)} in all)" if len(shown) > MOST_ROOTS else ""
-    return ", ".join(shown[:MOST_ROOTS]) + more
+    return f"{', '.join(shown[:MOST_ROOTS])}{'' if hertz else ' rad/s'}{more}"
 
 
 def percent(value: float) -> str:

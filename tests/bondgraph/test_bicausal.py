@@ -127,7 +127,7 @@ def test_the_isolators_zero_dynamics_are_its_fluid_and_its_air():
     assert result.value(f"{group}/relative_degree_structural") == 0
     assert result.value(f"{group}/relative_degree_exact") == 0
     assert result.value(f"{group}/meaning") == (
-        "zero dynamics, with m_s.f held at zero by v_in: states of I I_f and C C_a"
+        "zero dynamics, with m_s.f held at zero by v_in: states of I_f (I) and C_a (C)"
     )
 
 

@@ -75,7 +75,7 @@ def assert_every_rule_is_obeyed(found, types):
 
 
 def most_integrating(types, bonds):
-    """Try every causality that obeys the rules, and return the most storages that integrate (None: none)."""
+    """Try every causality that obeys the rules, and return the most states (None: none)."""
     best = None
     for strokes in range(2 ** len(bonds)):
         heads = [strokes >> k & 1 == 1 for k in range(len(bonds))]
@@ -196,7 +196,8 @@ def test_the_isolators_fluid_is_tied_to_the_body_and_the_base():
     found = causality(*ISOLATOR)
     assert states(found) == ["p_m_s", "q_C_a"]
     assert meanings(found.dependent) == [
-        "I I_f is rigidly tied to I m_s and Sf v_in through TF tuning: its momentum is not a state of its own"
+        "I_f (I) is in derivative causality: its momentum is determined by m_s (I) and v_in (Sf) "
+        "through tuning (TF)"
     ]
 
 
@@ -205,14 +206,14 @@ def test_a_mass_behind_a_lever_is_tied_to_the_first():
         "Se u, 1 j, I m1 3, TF lever 2, 1 k, I m2 5, R r 1", "u -> j -> m1, j -> lever -> k -> m2, k -> r"
     )
     (remark,) = found.dependent
-    assert remark.meaning.startswith("I m2 is rigidly tied to I m1 through TF lever")
+    assert "momentum is determined by m1 (I) through lever (TF)" in remark.meaning
     assert remark.nodes == ("m2", "m1", "lever")
 
 
 def test_a_compliance_on_an_effort_source_follows_it():
     found = causality("Se u, C c 3", "u -> c")
     assert meanings(found.dependent) == [
-        "C c is driven by Se u with nothing in between: its displacement follows the source"
+        "c (C) is in derivative causality: its displacement is determined by u (Se)"
     ]
     assert found.order == 0
 
@@ -248,12 +249,16 @@ def test_a_ring_of_gyrators_is_a_loop_without_elements():
         (
             "Se u, Se v, 0 j, R r 1",
             "u -> j, v -> j -> r",
-            "Se u and Se v both set the effort of 0-junction j",
+            "u (Se) and v (Se) both set the effort of 0-junction j",
         ),
-        ("Sf u, Sf v, 1 j, R r 1", "u -> j, v -> j -> r", "Sf u and Sf v both set the flow of 1-junction j"),
-        ("Sf u, Sf v, 1 j", "u -> j -> v", "Sf u and Sf v both set the flow of 1-junction j"),
+        (
+            "Sf u, Sf v, 1 j, R r 1",
+            "u -> j, v -> j -> r",
+            "u (Sf) and v (Sf) both set the flow of 1-junction j",
+        ),
+        ("Sf u, Sf v, 1 j", "u -> j -> v", "u (Sf) and v (Sf) both set the flow of 1-junction j"),
         ("Se u, Se v, 1 j", "u -> j -> v", "nothing is left to set the flow of 1-junction j"),
-        ("Se u, Se v", "u -> v", "Se u and Se v cannot both impose"),
+        ("Se u, Se v", "u -> v", "u (Se) and v (Se) cannot both impose"),
         (
             "Se u, 0 a, TF t 2, 0 b, Se v, R r 1",
             "u -> a -> t -> b -> r, v -> b",
@@ -274,8 +279,8 @@ def test_springs_round_a_loop_of_masses_share_one_displacement():
     bonds = "a -> ab -> b, a -> ag, b -> bg, ab -> k1, ag -> k2, bg -> k3, u -> in -> m, in -> a"
     found = causality(nodes, bonds)
     assert [remark.nodes[0] for remark in found.dependent] == ["k3"]
-    assert "C k1" in found.dependent[0].meaning
-    assert "C k2" in found.dependent[0].meaning
+    assert "k1 (C)" in found.dependent[0].meaning
+    assert "k2 (C)" in found.dependent[0].meaning
 
 
 # --- in a result ---------------------------------------------------------------------------------

@@ -119,7 +119,7 @@ def assert_chain(graph, stages):
     assert all(root.value.imag == 0 for root in floating.zeros)
     assert (floating.order, floating.relative_degree) == (2 * stages, stages)
     assert_covered(floating.poles, exact.poles)
-    # the float engine's own estimate, which covers the truth: far below the 1e-8 that is asked for
+    # the floating-point engine's own estimate, which covers the truth: far below the 1e-8 that is asked for
     assert max(root.radius / abs(root.value) for root in floating.poles) < 1e-11
     assert max(root.residual for root in floating.poles) < 1e-14
     assert floating.stability == "stable"
@@ -184,7 +184,9 @@ BARELY = ("Se u, 1 j, I m 1, C c 1, R r 1e-20", "u -> j -> m, j -> c, j -> r", "
 def test_a_pole_too_near_the_axis_is_left_undecided():
     result = asked(written(*BARELY), engine="float")
     group = "bond_graph/properties/m.f/u"
-    assert result.value(f"{group}/stability").startswith("undecided within the error of the float engine")
+    assert result.value(f"{group}/stability").startswith(
+        "undecided within the error of the floating-point engine"
+    )
     assert "engine: exact" in result.value(f"{group}/stability")
     assert f"{group}/stable" not in result
     assert asked(written(*BARELY)).value(f"{group}/stable") is True
@@ -214,11 +216,14 @@ def test_the_engine_is_chosen_by_size_and_named(monkeypatch):
     assert (said["engine"], said["reading"]) == ("exact", "decimal")
     said = asked(large, results=results).group_attrs["bond_graph"]
     assert said["engine"] == "float"
-    limit = "exact zeros and poles up to 20 storages, float above (bench zeros-poles)"
-    assert said["engine_reason"] == f"22 storages; chosen by default: {limit}"
+    limit = (
+        "exact zeros and poles up to 20 storage elements, floating-point above "
+        "(see `dynid bench zeros-poles`)"
+    )
+    assert said["engine_reason"] == f"22 storage elements; chosen by default: {limit}"
     assert "error estimates" in said["engine_limits"]
     forced = asked(small, results=results, engine="float").group_attrs["bond_graph"]
-    assert (forced["engine"], forced["engine_reason"]) == ("float", "as asked for")
+    assert (forced["engine"], forced["engine_reason"]) == ("float", "as requested")
 
 
 def test_the_float_engine_gives_zeros_poles_and_gain():

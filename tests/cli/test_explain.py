@@ -44,9 +44,9 @@ def scene_of(text):
 
 def test_a_graph_is_counted_and_what_no_output_depends_on_is_named():
     told = facts(explain(scene_of(OSCILLATOR)))
-    assert told["order"] == "3 states of 3 energy storages"
+    assert told["order"] == "3 states, 3 storage elements"
     assert told["left out"] == "far, y, M and c: no output depends on them"
-    assert told["engine"].startswith("exact: 2 storages")
+    assert told["engine"].startswith("exact: 2 storage elements")
     assert told["computes"] == "zeros, poles"
 
 
@@ -54,7 +54,7 @@ def test_a_graph_is_counted_and_what_no_output_depends_on_is_named():
 def test_a_chain_of_n_stages_has_2n_states(stages):
     explained = explain(scene_of(chain_scene(stages)))
     assert explained.result.value("bond_graph/causality/order") == 2 * stages
-    assert facts(explained)["order"] == f"{2 * stages} states of {2 * stages} energy storages"
+    assert facts(explained)["order"] == f"{2 * stages} states, {2 * stages} storage elements"
 
 
 def test_causality_is_that_of_the_run(request):
@@ -184,7 +184,7 @@ PARTS = {
     ),
     "time": (
         "time: {stop: 40, step: 0.1, input: {dof: 1, kind: step}}",
-        "time response at 401 instants",
+        "time response at 401 samples",
         "time response",
     ),
 }
@@ -285,8 +285,8 @@ graph: {{nodes: {{{", ".join(nodes)}}}, bonds: [{", ".join(bonds)}]}}
 analysis: {{outputs: [m3.f], results: [poles]}}
 """
     ring, chain = explain(scene_of(text)), explain(scene_of(chain_scene(10).replace("zeros, poles", "poles")))
-    assert facts(ring)["order"].endswith("of 20 energy storages")
-    assert facts(chain)["order"].endswith("of 20 energy storages")
+    assert facts(ring)["order"].endswith(", 20 storage elements")
+    assert facts(chain)["order"].endswith(", 20 storage elements")
     assert ring.obstacle is None
     seconds = [each.cost.parts["zeros, poles and polynomials"] for each in (ring, chain)]
     assert seconds[0] > seconds[1]
@@ -304,7 +304,7 @@ def test_everything_that_can_be_asked_is_asked():
     grids = "frequency: {start: 1, stop: 2, points: 5}, time: {stop: 1, step: 0.1}"
     every = scene_of(OSCILLATOR.replace("[poles, zeros]", f"[{', '.join(RESULTS)}], {grids}"))
     told = facts(explain(every))
-    assert "not asked" not in told
+    assert "not requested" not in told
     assert told["computes"] == ", ".join(RESULTS).replace("_", " ")
 
 
@@ -313,7 +313,7 @@ def test_the_float_engine_says_why_and_what_it_cannot():
     explained = explain(scene)
     told = facts(explained)
     assert told["engine"].startswith(
-        "float: 500 storages; chosen by default: exact zeros and poles up to 400"
+        "float: 500 storage elements; chosen by default: exact zeros and poles up to 400"
     )
     assert any("error estimates" in fact.text for fact in explained.facts)
 
@@ -352,9 +352,9 @@ def test_a_study_counts_what_is_left_and_says_why_samples_run_alone(dynid, folde
     (folder / "one.yaml").write_text(OSCILLATOR)
     (folder / "s.yaml").write_text(STUDY)
     _, out, _ = dynid("check", "--explain", "s.yaml")
-    assert "samples     3 by grid over graph.nodes.m.value" in out
-    assert "finished    none in s.h5" in out
-    assert "batched     yes" in out
+    assert "samples        3 by grid over graph.nodes.m.value" in out
+    assert "finished       none in s.h5" in out
+    assert "batched        yes" in out
     assert dynid("study", "s.yaml", "--executor", "serial", "-q")[0] == 0
     assert "3 of them, in s.h5" in dynid("check", "--explain", "s.yaml")[1]
     (folder / "s.yaml").write_text(

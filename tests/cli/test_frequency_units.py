@@ -60,7 +60,7 @@ def test_roots_are_labelled_and_their_frequencies_are_in_hertz(dynid, folder):
 def test_roots_of_a_scene_in_radians_stand_alone(dynid, folder):
     (folder / "a.yaml").write_text(ABSORBER.replace("UNIT", "rad/s"))
     out = dynid("run", "a.yaml", "--report", "a.html")[1]
-    assert "zeros   0, ± 30j\n" in out
+    assert "zeros   0, ± 30j rad/s\n" in out
     page = (folder / "a.html").read_text()
     assert "ω_n (rad/s)" in page
     assert "f_n" not in page

@@ -305,7 +305,7 @@ def test_what_all_channels_share_is_said_once_and_many_channels_are_a_table_in_t
     code, run, _ = dynid("run", "matrix.yaml")
     assert code == 0
     assert run.count("-0.25 ± 0.9682j") == 1
-    assert "  every channel\n    poles   -0.25 ± 0.9682j\n            stable" in run
+    assert "  every channel\n    poles   -0.25 ± 0.9682j rad/s\n            stable" in run
     assert [line.strip() for line in run.splitlines() if " / " in line and "T(s)" not in line] == [
         *(f"{output} / {source}" for output in ("m.f", "k.e") for source in "FGH"),
         *(
@@ -325,7 +325,7 @@ def test_long_lists_of_roots_and_formulas_are_wrapped_between_roots_and_terms(dy
     assert max(map(len, said.splitlines())) <= 112
     listed = said[said.index("    poles   ") : said.index("\n\n  frequency response")].split("\n")
     assert all(line.startswith(" " * 12) for line in listed[1:])
-    poles = " ".join(line[12:] for line in listed).split(", ")
+    poles = " ".join(line[12:] for line in listed).removesuffix(" rad/s").split(", ")
     assert len(poles) == 10
     assert all(re.fullmatch(r"-[\d.]+ ± [\d.]+j", pole) for pole in poles)
 
@@ -344,7 +344,7 @@ def test_one_is_one_and_a_response_of_nothing_has_no_largest_value(dynid, folder
     (folder / "one.yaml").write_text(ONE)
     code, said, _ = dynid("run", "one.yaml")
     assert code == 0
-    assert "frequency response at 1 frequency, 3 rad/s\n    |m.f over g| is 0 at all of them" in said
+    assert "frequency response at 1 frequency, 3 rad/s\n    |m.f / g| = 0 at all frequencies" in said
     assert "at 1 frequency\n" in dynid("check", "--explain", "one.yaml")[1]
 
 

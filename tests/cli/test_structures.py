@@ -179,9 +179,9 @@ analysis:
     (folder / "a.yaml").write_text(scene)
     said = dynid("run", "a.yaml")[1]
     assert note in said
-    assert "at the end -0.4161" in said  # cos 2: of the motion at the start alone
+    assert "final -0.4161" in said  # cos 2: of the motion at the start alone
     driven = "{dof: 1, kind: step, amplitude: 8}"
     (folder / "a.yaml").write_text(scene.replace("step: 0.5", f"step: 0.5, input: {driven}"))
     said = dynid("run", "a.yaml")[1]
     assert note not in said
-    assert "at the end 2.416" in said  # 2 - cos 2
+    assert "final 2.416" in said  # 2 - cos 2

@@ -112,7 +112,7 @@ def _cases() -> list[Case]:
         name = f"frequency response of a ladder of {stages} stages"
         cases.append(Case(name, "frequency", RECURSION, ask, known, 1e-12))
         ask = partial(_static, stages)
-        name = f"static response of a ladder of {stages} stages, whose storages block at 0 rad/s"
+        name = f"static response of a ladder of {stages} stages, whose storage elements block at 0 rad/s"
         compliance = np.array([stages / K], dtype=complex)
         cases.append(Case(name, "frequency", "by hand: springs in series", ask, compliance, 1e-15))
     for stages in (3, 5, 9):

@@ -238,7 +238,7 @@ def coloured():
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"error_in_bounds": np.array([7.3, 1.0])}, "a.k is 7.3 bounds off its true value"),
+        ({"error_in_bounds": np.array([7.3, 1.0])}, "error of a.k: 7.3 × Cramér–Rao bound"),
         ({"deviations": np.array([0.01, 0.8])}, "b.k is poorly known: its standard error is 80 % of it"),
         (
             {"correlation": np.array([[1, -0.97], [-0.97, 1]])},

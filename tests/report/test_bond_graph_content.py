@@ -109,7 +109,7 @@ def test_causality_and_the_equations_of_state(everything):
     both_say(
         everything,
         "p_m, q_k, q_c, p_M",
-        "zero dynamics, with M.f held at zero by F: states of C k",
+        "zero dynamics, with M.f held at zero by F: states of k (C)",
         "d/dt k.e = 1/k*x.f",
         "d/dt y.f = 1/M*z.e - d/M*y.f",
     )

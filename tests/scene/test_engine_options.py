@@ -128,7 +128,7 @@ def test_sensitivities_of_a_large_graph_are_refused_unless_insisted_on(tmp_path)
     path = tmp_path / "chain.yaml"
     asked = "[transfer_function, zeros, poles, frequency_response]"
     path.write_text(chain_scene(51, vary=True).replace(asked, "[sensitivities]"), encoding="utf-8")
-    with pytest.raises(UsageError, match=r"sensitivities of a graph of 102 storages") as refused:
+    with pytest.raises(UsageError, match=r"sensitivities of a graph of 102 storage elements") as refused:
         dynid.run(path)
     assert "chain.yaml:" in str(load_scene(path).locate(refused.value))
 
@@ -139,4 +139,5 @@ def test_the_dynamics_of_a_large_prototype_are_left_out_and_it_says_so(tmp_path)
     path.write_text(chain_scene(80, vary=True).replace(asked, "[prototype]"), encoding="utf-8")
     result = dynid.run(path)
     assert result.value("bond_graph/reduction/prototype") in ("c", "d")
-    assert result.group_attrs["bond_graph/reduction"]["dynamics"].startswith("not formed: 160 storages")
+    note = result.group_attrs["bond_graph/reduction"]["dynamics"]
+    assert note.startswith("not formed: 160 storage elements")

@@ -162,7 +162,7 @@ def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Anal
         states = _states(result)
         if states is not None:
             dependent = max(0, len(inside) - len(states))
-            reason = "storages that follow from others or from a source"
+            reason = "storage elements in derivative causality"
             parts.append(ScopePart("states", states, dependent, reason))
     about = result.group_attrs["bond_graph"]
     used = {str(about["engine"])} if "engine" in about else set()

@@ -180,7 +180,7 @@ def _certified(
     planned: ProgramPlan, registers: list[int], omega: float, again: Again | None
 ) -> list[complex]:
     """Return the channels at one frequency to full double precision; inf at a pole."""
-    if omega == 0.0:  # where storages block, hardly a program can be run
+    if omega == 0.0:  # where storage elements block, hardly a program can be run
         return _at_rest(planned, registers, again)
     found = _planned_again(planned, omega, again) if len(planned.program.ops) > _LONG else None
     found = found or _in_balls(planned, registers, omega) or _on_a_mode(planned, registers, omega)

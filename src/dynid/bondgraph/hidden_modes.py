@@ -42,7 +42,7 @@ class HiddenMode:
     uncontrollable, unobservable
         Whether the input does not reach it, and whether the output does not show it.
     energy
-        The storages that hold its energy in free motion, each with its share.
+        The storage elements that hold its energy in free motion, each with its share.
     """
 
     root: CertifiedRoot
@@ -58,7 +58,7 @@ class HiddenMode:
 
     @property
     def elements(self) -> str:
-        """The storages that hold its energy, with their shares."""
+        """The storage elements that hold its energy, with their shares."""
         return ", ".join(f"{name} {100 * share:.3g} %" for name, share in self.energy.items())
 
 

@@ -185,12 +185,12 @@ class EngineChoice:
         }
 
     def fallback(self, problem: str) -> EngineChoice:
-        """Return the exact engine, after the float engine could not decide."""
+        """Return the exact engine, after the floating-point engine could not decide."""
         return EngineChoice("exact", f"{problem}; the exact engine decides")
 
 
 def modelled_storages(reduced: ReducedGraph) -> int:
-    """Return the number of storages behind the outputs."""
+    """Return the number of storage elements behind the outputs."""
     modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
     return sum(name in modelled for name in reduced.storages)
 
@@ -201,12 +201,12 @@ def choose_engine(reduced: ReducedGraph, analysis: Analysis) -> EngineChoice:
     Parameters
     ----------
     reduced
-        The graph; its size is the number of storages behind the outputs.
+        The graph; its size is the number of storage elements behind the outputs.
     analysis
         What is asked, and the engine if the user named one.
     """
     if analysis.engine != "auto":
-        return EngineChoice(analysis.engine, "as asked for", forced=True)
+        return EngineChoice(analysis.engine, "as requested", forced=True)
     size = modelled_storages(reduced)
     roots = bool(analysis.results & NUMERIC)
     structure = reduced.structure
@@ -214,5 +214,5 @@ def choose_engine(reduced: ReducedGraph, analysis: Analysis) -> EngineChoice:
     looped = loops > defaults.MANY_LOOPS.value
     limit = _LIMIT[looped, roots]
     where = f" on {loops} loops" if looped else ""
-    reason = f"{counted(size, 'storage')}{where}; chosen by default: {limit}"
+    reason = f"{counted(size, 'storage element')}{where}; chosen by default: {limit}"
     return EngineChoice("exact" if size <= limit.value else "float", reason)

@@ -42,7 +42,7 @@ Matrix = TypeVar("Matrix")
 def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpace:
     """Return the exact state equations of a graph, rounded to doubles.
 
-    The states are common variables of junctions and the efforts or flows of storages that integrate, named
+    The states are common variables of junctions and the efforts or flows of integrating elements, named
     as ports (`body.f`, `C_a.e`), in SI units; where the input's derivative enters the equations, a multiple
     of the input is taken off them.
 

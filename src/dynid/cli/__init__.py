@@ -19,7 +19,10 @@ COMMANDS = {
     "check": ("dynid.cli.check:check", "Check scenes; with --explain, report method and cost of a run."),
     "study": ("dynid.cli.study:study", "Run or resume a parameter study."),
     "study-merge": ("dynid.cli.study:study_merge", "Merge the shards of a study into one file."),
-    "study-worst": ("dynid.cli.study:study_worst", "Write the scene of a study's worst sample."),
+    "study-worst": (
+        "dynid.cli.study:study_worst",
+        "Write the sample with the most extreme result as a scene.",
+    ),
     "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by Cramér–Rao bounds."),
     "show": ("dynid.cli.results:show", "Print a summary of a result."),
     "report": ("dynid.cli.results:report", "Write an HTML report of a result."),

@@ -31,16 +31,16 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
     """Read and check scenes without running them.
 
     Prints every fault of every scene as FILE:LINE:COLUMN: message, including data files that cannot be read
-    and graphs without a solution. The exit code is that of the run: 0: all scenes are valid; 2: some are not;
-    3: a graph has no solution; 4: a file could not be read.
+    and singular graphs (no unique solution). The exit code is that of the run: 0: all scenes are valid; 2:
+    some are not; 3: a graph is singular; 4: a file could not be read.
 
-    For a study, the scene that it varies is checked as well; faults that its first sample does not have are
-    ignored.
+    For a study, the scene that it varies is checked as well; errors that do not occur in its first sample
+    are ignored.
 
     With --explain, reports for each valid scene what a run would do: independent and dependent states, the
-    engine or estimator and the reason for it, the identifiability of each parameter, the parts left out, and
-    the estimated time. If this shows that the run will fail, the reason is printed, and the exit code is that
-    of the run.
+    engine or estimator and the reason for it, the identifiability of each parameter, the parts of the model
+    that are not used, and the estimated time. If this shows that the run will fail, the reason is printed,
+    and the exit code is that of the run.
 
     \b
     Examples:
@@ -169,9 +169,9 @@ def explanation_lines(explained: Explanation) -> Iterator[str]:
 
 
 def _hanging(topic: str, text: str) -> Iterator[str]:
-    first, *rest = wrap(text, 94, break_long_words=False) or [""]
-    yield f"  {topic:<10}  {first}"
-    yield from (f"{'':14}{line}" for line in rest)
+    first, *rest = wrap(text, 91, break_long_words=False) or [""]
+    yield f"  {topic:<13}  {first}"
+    yield from (f"{'':17}{line}" for line in rest)
 
 
 def seconds_text(seconds: float) -> str:

@@ -103,7 +103,7 @@ def new(
         schema, content = target.parent / _SCHEMA, f"{schema_text()}\n".encode()
         if not schema.is_file() or schema.read_bytes() != content:
             replace_file(str(schema), content)
-            click.echo(f"wrote {schema}, from which editors complete its keys")
+            click.echo(f"wrote {schema} (key completion in editors)")
     for companion in (target.parent / file for file in _COMPANIONS.get(name, ())):
         if companion.exists():  # it may be the user's own file
             click.echo(f"kept {companion}, which is there already")

@@ -24,7 +24,7 @@ from dynid.errors import FileError, NumericalError, UsageError
     "--lines",
     type=click.IntRange(1, 1000),
     metavar="N",
-    help="Number of sines; default: as many as the scene has.",
+    help="Number of spectral lines (sines); default: as many as the scene has.",
 )
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
@@ -40,8 +40,8 @@ def plan(
 ) -> int:
     """Rank sensors and excitation by the Cramér–Rao bounds they give.
 
-    Prints the bounds that the record of a scene gives on each unknown parameter, before it is measured, and
-    the sensors and the sines that would give the lowest bounds. Nothing is identified.
+    Prints the Cramér–Rao bound of each unknown parameter, before the measurement, and the sensors and the
+    sines that would give the lowest bounds. Nothing is identified.
 
     \b
     Example:

@@ -33,11 +33,11 @@ class LocatedError(DynidError):
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
 @click.option("--junit", type=click.Path(), help="Write the outcome of the expectations as JUnit XML.")
-@click.option("--report", type=click.Path(), help="Write a report of the result to this HTML file.")
+@click.option("--report", type=click.Path(), help="Also write an HTML report to this file.")
 @click.option(
     "--accuracy",
     is_flag=True,
-    help="Compare the algorithms chosen with their alternatives: cost and error.",
+    help="Compare cost and error of the selected algorithms with alternatives.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def run(
@@ -52,7 +52,7 @@ def run(
     """Run one scene and write one HDF5 file.
 
     The file is written completely or not at all. Exit code 1: an expectation of the scene failed; the file is
-    written nevertheless.
+    still written.
 
     \b
     Examples:

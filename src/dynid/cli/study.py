@@ -58,7 +58,10 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
 @click.option("--scheduler-file", type=click.Path(), help="The file with the address of a Dask scheduler.")
 @click.option("--shard", metavar="I/N", callback=_shard, help="Run only the Ith of N parts, for job arrays.")
 @click.option(
-    "--max-failures", type=click.IntRange(0), metavar="N", help="Stop when more samples fail (exit code 3)."
+    "--max-failures",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Stop after more than N failed samples (exit code 3).",
 )
 @click.option("--retry-failed", is_flag=True, help="Run failed samples again.")
 @click.option(
@@ -66,16 +69,14 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
     type=float,
     metavar="SECONDS",
     callback=_seconds,
-    help="Abort a sample that takes longer; it becomes a failed row.",
+    help="Abort a sample that takes longer; it counts as failed.",
 )
-@click.option(
-    "--force", is_flag=True, help="Discard finished samples of the file that do not belong to this study."
-)
+@click.option("--force", is_flag=True, help="Overwrite a file with samples of another study.")
 @click.option(
     "--junit", type=click.Path(), help="Write the outcome of the study's expectations as JUnit XML."
 )
-@click.option("--report", type=click.Path(), help="Write a report of the study to this HTML file.")
-@click.option("--dry-run", is_flag=True, help="Show the plan and its size, and run nothing.")
+@click.option("--report", type=click.Path(), help="Also write an HTML report to this file.")
+@click.option("--dry-run", is_flag=True, help="List the samples without running them.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def study(
     study: str,
@@ -97,8 +98,8 @@ def study(
 ) -> int:
     """Run a parameter study and write one HDF5 file; running it again resumes an interrupted study.
 
-    Every finished sample is stored at once in FILE.h5.journal, and survives a crash. A sample that fails, or
-    exceeds --sample-timeout, is a row of the file with its error. A file that holds finished samples of
+    Every finished sample is stored at once in FILE.h5.journal, and survives a crash. A sample that fails or
+    exceeds --sample-timeout is stored with its error message. A file that holds finished samples of
     another study is not replaced without --force. Exit code 1: an expectation of the study's statistics
     failed; those of the scene are counted for each sample. More: dynid help studies
 
@@ -222,7 +223,7 @@ def study_merge(files: tuple[str, ...], output: str, partial: bool, force: bool)
 @click.option("--abs", "direction", flag_value="abs", help="The largest absolute value is worst.")
 @reads_results("file")
 def study_worst(file: str, path: str, output: str, direction: Direction) -> int:
-    """Write the scene of the worst sample of a study, to run it alone.
+    """Write the sample with the most extreme result as a scene, to run it alone.
 
     PATH is the quantity to judge: a number that the study collected, as in study/results, an array, or one
     entry of an array as PATH[LABEL].

@@ -108,7 +108,7 @@ def calibration_slopes(
     priors
         Sensitivities of the priors over their deviations (count x p).
     held
-        Mask of parameters at a bound (p): these do not move.
+        Mask of parameters at a limit (p): these do not move.
     """
     quantities = list(dict.fromkeys(name for one in derivatives for name in one.quantities))
     changes = np.full(len(quantities), np.inf)

@@ -133,7 +133,7 @@ class Posterior:
 
     @cached_property
     def held(self) -> NDArray[np.bool_]:
-        """Mask of parameters at a bound beyond which the likelihood is greater (p)."""
+        """Mask of parameters at a limit beyond which the likelihood is greater (p)."""
         direction = self.information.projected.T @ self.likelihood.weighted(self.fit, self.noise)
         return self.likelihood.priors.blocked(self.fit.logs, direction)
 

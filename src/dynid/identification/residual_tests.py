@@ -13,14 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.defaults import WHITENESS
 from dynid.identification.statistics import autocovariances, chi_squared_tail, root_mean_square, standardised
 
 Array = NDArray[np.float64]
 
 # Residuals below this part of the channel's RMS are explained whatever their colour (holds, reduced models).
 _EXPLAINED = 0.03
-# Above it they must look like white noise at least at this level.
-_WHITE_P = 1e-6
 # An estimate is at the optimum if the step left is below this part of its standard error …
 _STEP_IN_DEVIATIONS = 0.5
 # … or below this relative size, where residuals are so small that the standard error is no yardstick.
@@ -75,7 +74,7 @@ def whiteness(*residuals: Array) -> float:
 
 def is_coloured(whiteness_p: float) -> bool:
     """Return True if residuals are clearly not white noise."""
-    return whiteness_p < _WHITE_P
+    return whiteness_p < WHITENESS.value
 
 
 def is_optimal(step: Array, deviations: Array) -> bool:

@@ -87,7 +87,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     deviations, correlation = posterior.information.deviations(), posterior.information.correlation()
     for k, name in enumerate(names):
         if errors[k] > _OFF:
-            yield f"{name} is {errors[k]:.2g} bounds off its true value"
+            yield f"error of {name}: {errors[k]:.2g} × Cramér–Rao bound"
         if deviations[k] > _UNCERTAIN:
             yield f"{name} is poorly known: its standard error is {100 * deviations[k]:.0f} % of it"
         for other in range(k):

@@ -177,8 +177,8 @@ def all_left(roots: Sequence[SidedRoot]) -> bool | None:
 def _undecided(roots: list[SidedRoot], what: str) -> str:
     error = max(root.radius for root in roots)
     return (
-        f"undecided within the error of the float engine ({error:.1g} rad/s): {_place(roots, what)} too near "
-        "the imaginary axis; use 'engine: exact'"
+        f"undecided within the error of the floating-point engine ({error:.1g} rad/s): {_place(roots, what)} "
+        "too near the imaginary axis; use 'engine: exact'"
     )
 
 

@@ -44,7 +44,7 @@ class JointParameter:
         A block over the joint's DOFs that value, start and true value multiply, symmetric and not indefinite;
         absent: the spring between two DOFs or to ground. With a matrix alone the value is 1.
     low, high
-        Bounds of an unknown value, positive; its start lies within.
+        Limits of an unknown value, positive; its start lies within.
     prior
         Prior of an unknown value.
     """
@@ -76,11 +76,11 @@ class JointParameter:
                 )
         known = [number for number in (self.low, self.high, *(self.prior or ())) if number is not None]
         if known and self.start is None:
-            raise UsageError("bounds and a prior belong to an unknown joint parameter, one with a start")
+            raise UsageError("limits and a prior belong to an unknown joint parameter, one with a start")
         if not all(math.isfinite(number) and number > 0 for number in known):
-            raise UsageError("bounds and prior of a joint parameter must be finite and positive")
+            raise UsageError("limits and prior of a joint parameter must be finite and positive")
         if self.start is not None and not (self.low or 0.0) <= self.start <= (self.high or math.inf):
-            raise UsageError("the start of a joint parameter must lie within its bounds")
+            raise UsageError("the start of a joint parameter must lie within its limits")
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class JointTerm(NamedTuple):
 class Unknown(NamedTuple):
     """An unknown joint parameter: name, letter, unit pattern (n x n), start, true value, physical unit.
 
-    Also its bounds and its prior.
+    Also its limits and its prior.
     """
 
     name: str

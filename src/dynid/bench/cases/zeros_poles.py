@@ -170,7 +170,7 @@ CHAIN = Benchmark(
     ),
     error=lambda stages, found: _error(found, true_roots(stages)),
     measure="largest relative distance from the exact roots; inf: a wrong count",
-    default=lambda stages: "exact" if 2 * stages <= EXACT_ROOTS.value else "float",  # two storages a stage
+    default=lambda stages: "exact" if 2 * stages <= EXACT_ROOTS.value else "float",  # two states a stage
 )
 
 
@@ -213,7 +213,7 @@ def _engine_for_mesh(side: int) -> str:
 
 
 MESH = Benchmark(
-    title="Zeros and poles of a square mesh with (side - 1)^2 loops and 3 side^2 - 2 side storages",
+    title="Zeros and poles of a square mesh with (side - 1)^2 loops and 3 side^2 - 2 side storage elements",
     size="side",
     sizes=(3, 4),
     alternatives=(

@@ -41,7 +41,7 @@ def engine(scene: Scene) -> Aspect:
 
     return Aspect(
         title="engine of transfer functions, zeros and poles",
-        size="storages",
+        size="storage elements",
         points=[(Alternative(name, with_engine(name)), size) for name in ENGINES],
         chosen=frozenset({(choice.engine, size)}),
         because=choice.reason,

@@ -65,7 +65,7 @@ def estimator(scene: Scene) -> Aspect:
         tried = sorted({*_PASSES, given.passes or 1})
         points += [(Alternative(name, filtered), k) for k in tried]
     chosen = given.passes or FILTER_PASSES.value if given.method == "filter" else passes[given.method]
-    named = "as asked for" if "method" in own else f"chosen by default: {ESTIMATOR}"
+    named = "as requested" if "method" in own else f"chosen by default: {ESTIMATOR}"
     return _of_parameters("estimator", "passes", points, (given.method, chosen), named, _is_known(scene))
 
 
@@ -82,7 +82,7 @@ def basis(scene: Scene) -> Aspect:
     if method is not None and (part := reduction_of(scene)) is not None:
         size = method.reduce(structure).model.size
         own, name = scene.source.data["reduction"], name_of(part)
-        chosen, because = (name, size), f"as asked for; chosen by default: {BASIS_BAND}; {RESIDUALS}"
+        chosen, because = (name, size), f"as requested; chosen by default: {BASIS_BAND}; {RESIDUALS}"
         tried = sizes_around(size, n)
         points.append((Alternative(name, _identified(scene, {"reduction": own})), size))
     ends = len(

@@ -71,7 +71,7 @@ def basis(scene: Scene) -> Aspect:
         size="coordinates",
         points=points,
         chosen=frozenset(sizes.items()),
-        because=f"as asked for; chosen by default: {BASIS_BAND}",
+        because=f"as requested; chosen by default: {BASIS_BAND}",
         error=error,
         measure=f"largest relative error of the first {compared} natural frequencies with the joints",
     )

@@ -62,7 +62,7 @@ class ZeroCausality:
 
 
 def zero_causality(graph: BondGraph, port: Port, source: str) -> ZeroCausality | None:
-    """Assign bicausality from an output to an input, along the line that leaves most storages integrating.
+    """Assign bicausality from an output to an input, along the line that leaves most states.
 
     Parameters
     ----------

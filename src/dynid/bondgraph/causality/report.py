@@ -1,6 +1,6 @@
-"""Findings of causality: strokes, states, dependent storages, algebraic loops and conflicts, in words.
+"""Findings of causality: strokes, states, derivative causality, algebraic loops and conflicts, in words.
 
-With strokes on the bonds every effort and flow has one origin. Cut at the storages, the dependences form
+With strokes on the bonds every effort and flow has one origin. Cut at storage elements, the dependences form
 a directed graph; its strongly connected parts are the algebraic loops: signals that depend on themselves
 without an integration in between.
 """
@@ -123,10 +123,10 @@ def join_nodes(names: Sequence[str]) -> str:
 
 
 def join_with_types(kinds: Mapping[str, str], names: Iterable[str]) -> str:
-    """Write nodes with their types: I m1 and C k."""
+    """Write nodes with their types: m1 (I) and k (C)."""
     return join_nodes(
         [
-            f"{kinds[name]}-junction {name}" if kinds[name] in JUNCTIONS else f"{kinds[name]} {name}"
+            f"{kinds[name]}-junction {name}" if kinds[name] in JUNCTIONS else f"{name} ({kinds[name]})"
             for name in names
         ]
     )
@@ -138,25 +138,13 @@ def explain_dependent(strokes: Strokes, name: str) -> CausalityRemark:
     roots, inner = strokes.roots([bond])
     owners = [owner for owner in _owners(strokes, roots) if owner != name]
     quantity = "momentum" if strokes.kinds[name] == "I" else "displacement"
-    subject = f"{strokes.kinds[name]} {name}"
     two_ports = [node for node in inner if strokes.kinds[node] in TWO_PORTS]
-    through = f" through {join_with_types(strokes.kinds, two_ports or inner)}" if inner else ""
     sources = [owner for owner in owners if strokes.kinds[owner] in SOURCES]
     storages = [owner for owner in owners if strokes.kinds[owner] in STORAGES]
-    if storages:
-        alike = {strokes.kinds[owner] for owner in (name, *storages)}
-        rigidly = "rigidly " if alike == {"I"} else ""
-        meaning = (
-            f"{subject} is {rigidly}tied to {join_with_types(strokes.kinds, [*storages, *sources])}"
-            f"{through}: its {quantity} is not a state of its own"
-        )
-    elif sources:
-        meaning = (
-            f"{subject} is driven by {join_with_types(strokes.kinds, sources)} with nothing in between"
-            f"{through if two_ports else ''}: its {quantity} follows the source"
-        )
-    else:
-        meaning = f"{subject} is held by the junctions around it{through}: its {quantity} is no state"
+    determining = join_with_types(strokes.kinds, [*storages, *sources]) or "the junctions around it"
+    through = f" through {join_with_types(strokes.kinds, two_ports or inner)}" if inner else ""
+    subject = join_with_types(strokes.kinds, [name])
+    meaning = f"{subject} is in derivative causality: its {quantity} is determined by {determining}{through}"
     return CausalityRemark((name, *storages, *sources, *(two_ports or inner)), meaning)
 
 

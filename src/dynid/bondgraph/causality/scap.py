@@ -2,7 +2,7 @@
 
 Sources first, then storages one at a time in their preferred, integral causality, then resistances and
 whatever is left, each with all that it forces. A stroke that leads to a contradiction is turned round.
-Taken one at a time, storages cannot block each other to the wrong effect: sets of storages that
+Taken one at a time, storage elements cannot block each other to the wrong effect: sets of them that
 integrate together are the feasible sets of a delta-matroid (of the matchings of the junctions), on which
 the greedy choice is the largest (Bouchet 1987), as long as every step can still be completed. Where
 forcing alone did not notice that, around a loop, the procedure is run again with a look-ahead at each step.
@@ -250,7 +250,7 @@ def assign_causality(graph: BondGraph) -> Causality:
     Returns
     -------
     Causality
-        Strokes, states, dependent storages and algebraic loops; conflicts where the graph contradicts
+        Strokes, states, dependent storage elements and algebraic loops; conflicts where the graph contradicts
         itself, with the strokes of the rest.
     """
     kinds = {name: node.type for name, node in graph.nodes.items()}

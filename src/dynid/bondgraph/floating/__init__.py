@@ -1,1 +1,1 @@
-"""The float engine: roots of large graphs as eigenvalues; counts, orders and gains exact."""
+"""The floating-point engine: roots of large graphs as eigenvalues; counts, orders and gains exact."""

@@ -1,4 +1,4 @@
-"""The float engine: roots as eigenvalues (`roots`), gains and orders exact (`series`)."""
+"""The floating-point engine: roots as eigenvalues (`roots`), gains and orders exact (`series`)."""
 
 from __future__ import annotations
 

@@ -311,5 +311,6 @@ def checked(discs: RootDiscs, count: int) -> RootDiscs:
 
 def _undecided(what: str) -> Undecided:
     return Undecided(
-        f"the float engine cannot determine {what}", remedy="Use 'analysis.engine: exact', which decides it."
+        f"the floating-point engine cannot determine {what}",
+        remedy="Use 'analysis.engine: exact', which decides it.",
     )

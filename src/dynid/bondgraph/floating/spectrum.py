@@ -203,14 +203,14 @@ class _Pencil:
             except RuntimeError:
                 continue
         raise Undecided(
-            f"the float engine cannot resolve the roots near {s:.6g} rad/s",
+            f"the floating-point engine cannot resolve the roots near {s:.6g} rad/s",
             remedy="Use 'analysis.engine: exact', which does.",
         )
 
 
 # --- systems of equations -------------------------------------------------------------------------
 
-#: Most storages whose eigenvalues are sought: the matrix is dense.
+#: Most storage elements whose eigenvalues are sought: the matrix is dense.
 _LARGEST = 8000
 
 

@@ -149,7 +149,7 @@ def _combined(
 
 # --- rational functions of s ----------------------------------------------------------------------
 
-#: Beyond the storages behind it, a value may carry one factor s (a momentum or displacement output).
+#: Beyond the storage elements behind it, a value may carry one factor s (a momentum or displacement output).
 _SLACK = 1
 
 

@@ -78,7 +78,7 @@ class JunctionElimination:
         elif tie.two_port is not None:
             self._reflect(row, neighbours[0], own, tie)
         elif row.sources:
-            self._swap(row, neighbours[0], Immittance(row.origin, self.program.inv(own)))
+            self._transform_source(row, neighbours[0], Immittance(row.origin, self.program.inv(own)))
         else:
             self._stand(neighbours[0], Immittance(row.origin, self.program.inv(own)), row)
             self._remove(row)
@@ -95,7 +95,7 @@ class JunctionElimination:
         self.trace.done()
 
     def _reflect(self, leaf: Balance, into: Balance, own: Register, tie: Tie) -> None:
-        """Reflect a leaf through a TF or GY, Z1 = n^2 Z2 or Z1 = r^2 / Z2; then swap its sources."""
+        """Reflect a leaf through a TF or GY, Z1 = n^2 Z2 or Z1 = r^2 / Z2; then transform its sources."""
         net, program = self.net, self.program
         modulus = program.parameter(str(tie.two_port))
         square = program.mul(modulus, modulus)
@@ -111,13 +111,15 @@ class JunctionElimination:
             into.entries[leaf], leaf.entries[into] = program.one, program.neg(program.one)
             net.retie(into, leaf, BOND)
             self.trace.done()
-            self._swap(leaf, into, seen, tie.two_port)
+            self._transform_source(leaf, into, seen, tie.two_port)
         else:
             self._stand(into, seen, leaf)
             self._remove(leaf)
 
-    def _swap(self, leaf: Balance, into: Balance, seen: Immittance, two_port: str | None = None) -> None:
-        """Replace the Norton form on a leaf by the Thévenin form on its neighbour, or the other way round."""
+    def _transform_source(
+        self, leaf: Balance, into: Balance, seen: Immittance, two_port: str | None = None
+    ) -> None:
+        """Transform the source on a leaf (PK 16): from Norton there to Thévenin on its neighbour, or back."""
         net, program = self.net, self.program
         factor = program.mul(program.neg(into.entries[leaf]), seen.register)
         for source, amount in leaf.sources.items():
@@ -281,7 +283,7 @@ class Reduction:
 
     @property
     def integrators(self) -> int:
-        """Number of storages in integral causality: their immittance has s in the denominator."""
+        """Number of storage elements in integral causality: their immittance has s in the denominator."""
         return _integrators(self.structure, self.junctions)
 
 
@@ -475,7 +477,7 @@ def _turn(row: Balance) -> tuple[int, int, int, Balance]:
 
 
 def _integrators(structure: JunctionStructure, junctions: Iterable[str]) -> int:
-    """Count the storages on junctions whose immittance has s in the denominator."""
+    """Count the storage elements on junctions whose immittance has s in the denominator."""
     nodes = structure.graph.nodes
     standing = ((structure.junctions[name].kind, name) for name in junctions)
     return sum(

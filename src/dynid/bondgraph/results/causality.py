@@ -1,6 +1,6 @@
 """The causality of a graph and the zero dynamics of its channels in a result.
 
-Strokes, states, dependent storages, loops and conflicts as tables; the zero dynamics of every channel as a
+Strokes, states, derivative causality, loops and conflicts as tables; the zero dynamics of every channel as a
 graph by bicausality, and as exact state equations.
 """
 
@@ -26,7 +26,7 @@ _GROUP = "bond_graph/causality"
 
 
 def add_causality(result: Result, graph: BondGraph) -> Causality:
-    """Add strokes, elements, states, dependent storages, algebraic loops and conflicts of a whole graph.
+    """Add strokes, elements, states, derivative causality, algebraic loops and conflicts of a whole graph.
 
     `order` is the number of states that the structure allows, `order_exact` that of the state equations
     with the graph's values (absent where these have no unique solution).

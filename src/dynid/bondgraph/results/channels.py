@@ -88,7 +88,7 @@ def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> N
     Raises
     ------
     Undecided
-        Where the float engine was asked for and cannot decide.
+        Where the floating-point engine was asked for and cannot decide.
     """
     choice = choose_engine(reduced, analysis)
     try:

@@ -104,7 +104,7 @@ def equations(planned: ProgramPlan, reduction: Reduction, hand: FormulaPrinter) 
 
 # --- zero and pole dynamics -----------------------------------------------------------------------
 
-#: Most storages with which the dynamics of a prototype are formed unasked.
+#: Most storage elements with which the dynamics of a prototype are formed unasked.
 _STORAGES = 150
 
 
@@ -112,7 +112,7 @@ def add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) -
     """Add the dynamics of the prototype at every output; of a large graph only for the exact engine."""
     size = modelled_storages(reduced)
     if size > _STORAGES and engine != "exact":
-        note = f"not formed: {size:,} storages, and exact equations of A and B are formed up to {_STORAGES}"
+        note = f"not formed: {size:,} storage elements; exact equations of A and B: up to {_STORAGES}"
         result.annotate("bond_graph/reduction", dynamics=f"{note}; 'engine: exact' forms them all the same")
         return
     for port, reduction in reduced.reductions.items():

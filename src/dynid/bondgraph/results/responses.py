@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 _TIME = "bond_graph/time_response"
 _SHARED = (
-    "some storages depend on others or on a source: stored energy given to one of them is shared at t = 0+, "
-    "as in an impact (Park & Kim 1997, eqs 13 to 16), so that the response starts elsewhere"
+    "some storage elements depend on others or on a source: stored energy given to one of them is shared at "
+    "t = 0+, as in an impact (Park & Kim 1997, eqs 13 to 16), so that the response starts elsewhere"
 )
 
 

@@ -255,7 +255,7 @@ def _in_balls(
 
 # --- result ----------------------------------------------------------------------------------------
 
-#: Most storages with which they are taken unasked: the work grows with the cube.
+#: Most storage elements with which they are taken unasked: the work grows with the cube.
 _STORAGES = 100
 
 _NOTE = (
@@ -278,7 +278,8 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
     size = modelled_storages(reduced)
     if size > _STORAGES and analysis.engine != "exact":
         raise UsageError(
-            f"sensitivities of a graph of {size:,} storages take very long: they are taken up to {_STORAGES}",
+            f"sensitivities of a graph of {size:,} storage elements take very long: they are computed up to "
+            f"{_STORAGES}",
             remedy="Drop 'sensitivities' from the results, or insist with 'engine: exact'.",
             names=("analysis.results",),
         )

@@ -1,11 +1,14 @@
-"""Summary of a result on one screen: the answers first, then the method."""
+"""Summary of a result on one screen: the answers first, then the method.
+
+Sentences and tables that screens share with reports are in `dynid.report.content`.
+"""
 
 from __future__ import annotations
 
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
-from dynid.report.content import doubts, method
+from dynid.report.content import doubts, method, part_name
 from dynid.scene.kind import KINDS, resolve
 
 if TYPE_CHECKING:
@@ -76,6 +79,7 @@ def need_lines(result: Result) -> list[str]:
     ):
         if left:
             short = names and names.count(", ") < _NAMES and part != "results"
-            texts.append(f"{left:,} of {kept + left:,} {part}{f': {names}' if short else ''} ({why})")
+            name = part_name(result, str(part))
+            texts.append(f"{left:,} of {kept + left:,} {name}{f': {names}' if short else ''} ({why})")
     sentence = f"left out: {'; '.join(texts) or 'nothing'}"
     return wrap(sentence, 108, initial_indent="  ", subsequent_indent="    ")

@@ -50,12 +50,13 @@ def accuracy_lines(result: Result) -> list[str]:
         width = max(map(len, names))
         bounded = any(f"{group}/{name}/bound" in result for name in names)
         heading = f"{about['title']}: {about['because']}"
-        columns = f"{'':{width}}  {about['size']:>11}  {'time':>9}  {'memory':>8}  {'error':>8}"
+        size_width = max(11, len(str(about["size"])))
+        columns = f"{'':{width}}  {about['size']:>{size_width}}  {'time':>9}  {'memory':>8}  {'error':>8}"
         screen += ["", *(f"  {line}" for line in wrap(heading, 100, subsequent_indent="  "))]
         screen.append(f"      {columns}{'  error/bound' if bounded else ''}")
         for name, status in zip(names, result[f"{group}/status"].data, strict=True):
             if f"{group}/{name}/size" in result:
-                screen += _accuracy_rows(result, f"{group}/{name}", f"{name:{width}}")
+                screen += _accuracy_rows(result, f"{group}/{name}", f"{name:{width}}", size_width)
             if status != "done":
                 parts = wrap(f"{name:{width}}  {status}", 96, subsequent_indent=" " * (width + 2))
                 screen += (f"      {line}" for line in parts)
@@ -64,7 +65,7 @@ def accuracy_lines(result: Result) -> list[str]:
     return [*screen, "", "  → the choice · ● Pareto-optimal: nothing is both faster and more accurate"]
 
 
-def _accuracy_rows(result: Result, group: str, name: str) -> Iterable[str]:
+def _accuracy_rows(result: Result, group: str, name: str, width: int) -> Iterable[str]:
     """Yield the measurements of one alternative, one line per size."""
     size, time, memory, best, chosen = (
         result[f"{group}/{column}"].data for column in ("size", "time", "memory", "pareto", "chosen")
@@ -80,4 +81,5 @@ def _accuracy_rows(result: Result, group: str, name: str) -> Iterable[str]:
             finite = bound[k] and not math.isinf(bound[k])
             ratio = f"  {f'{error[k] / bound[k]:.2g}' if finite else '-':>11}"
         mark = "→" if chosen[k] else " "
-        yield f"    {mark} {name}  {count:>11,}  {figures}  {off:>8}{ratio}{' ●' if best[k] else ''}".rstrip()
+        row = f"    {mark} {name}  {count:>{width},}  {figures}  {off:>8}{ratio}{' ●' if best[k] else ''}"
+        yield row.rstrip()

@@ -1,4 +1,4 @@
-"""Screen of causality and state equations: states, dependent storages, conflicts, zero dynamics."""
+"""Screen of causality and state equations: states, derivative causality, conflicts, zero dynamics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STATES, _REMARKS, _BONDS = 12, 6, 24
 
 
 def causality_lines(result: Result) -> Iterable[str]:
-    """Yield the states, conflicts, dependent storages, loops, causal strokes and zero dynamics."""
+    """Yield the states, conflicts, derivative causality, loops, causal strokes and zero dynamics."""
     group = "bond_graph/causality"
     if f"{group}/bonds" not in result:
         return
@@ -21,7 +21,7 @@ def causality_lines(result: Result) -> Iterable[str]:
     more = f", … ({len(states)} in all)" if len(states) > _STATES else ""
     order = counted(len(states), "state")
     yield f"  causality: {order}{': ' if states else ''}{', '.join(states[:_STATES])}{more}"
-    for table, title in (("conflicts", "conflict"), ("dependent_storages", "dependent"), ("loops", "loop")):
+    for table, title in (("conflicts", "conflict"), ("dependent_storages", "derivative"), ("loops", "loop")):
         meanings = [str(text) for text in result[f"{group}/{table}"].data["meaning"]]
         for meaning in meanings[:_REMARKS]:
             yield from _hanging(title, meaning)
@@ -38,10 +38,11 @@ def causality_lines(result: Result) -> Iterable[str]:
     ]
     if len(bonds) > _BONDS:
         cells.append(f"… ({len(bonds)} in all)")
+    yield "    bonds (bar: causal stroke):"
     width = max(map(len, cells)) + 3
-    count = max(1, 96 // width)
+    count = max(1, 94 // width)
     for start in range(0, len(cells), count):
-        yield f"    {''.join(cell.ljust(width) for cell in cells[start : start + count])}".rstrip()
+        yield f"      {''.join(cell.ljust(width) for cell in cells[start : start + count])}".rstrip()
     yield from _zero_dynamics(result, f"{group}/zero_dynamics/")
 
 
@@ -58,14 +59,14 @@ def _zero_dynamics(result: Result, prefix: str) -> Iterable[str]:
             if f"{group}/zeros_{kind}" in result
         }
         if len(counts) == 2 and len(set(counts.values())) == 1:
-            yield f"{'':14}{counts['exact']}"
+            yield f"{'':15}{counts['exact']}"
         elif counts:
-            yield f"{'':14}{' · '.join(f'{kind}: {count}' for kind, count in counts.items())}"
+            yield f"{'':15}{' · '.join(f'{kind}: {count}' for kind, count in counts.items())}"
         note = result.group_attrs.get(group, {}).get("note")
         if note:
             yield from _hanging("", str(note))
     if len(groups) > _REMARKS:
-        yield f"{'':14}… {counted(len(groups) - _REMARKS, 'more channel')} in the file"
+        yield f"{'':15}… {counted(len(groups) - _REMARKS, 'more channel')} in the file"
 
 
 def equation_lines(result: Result, group: str) -> Iterable[str]:
@@ -90,6 +91,6 @@ def equation_lines(result: Result, group: str) -> Iterable[str]:
 
 
 def _hanging(title: str, text: str) -> Iterable[str]:
-    first, *rest = wrap(text, 86)
-    yield f"    {title:<9} {first}"
-    yield from (f"{'':14}{line}" for line in rest)
+    first, *rest = wrap(text, 85)
+    yield f"    {title:<10} {first}"
+    yield from (f"{'':15}{line}" for line in rest)

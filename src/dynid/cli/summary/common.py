@@ -7,6 +7,7 @@ from io import StringIO
 from textwrap import wrap
 
 from dynid.number_format import counted, span_text
+from dynid.report.content import time_span
 from dynid.report.scenes import frequency_span, peak_responses
 from dynid.result import Result
 
@@ -15,7 +16,7 @@ _MOST = 12
 
 
 def response_lines(result: Result, group: str) -> Iterable[str]:
-    """Yield the peaks of the frequency response and the range of the time response below a group."""
+    """Yield the peaks of the frequency responses and the ranges of the time responses of a group."""
     frequency, transient = f"{group}/frequency_response", f"{group}/time_response"
     if f"{frequency}/omega" in result:
         low, high, unit = frequency_span(result, frequency)
@@ -25,21 +26,22 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
         outputs, inputs = (result[f"{frequency}/{axis}"].data for axis in ("output", "input"))
         channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
         for k, m in channels[:_MOST]:
-            size = f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
-            peak = f"is largest, {size} at {top.at[k, m]:.4g} {unit}"
-            peak = peak if top.magnitude[k, m] else "is 0 at all of them"
-            yield f"    |{outputs[k]} over {inputs[m]}| {peak}"
+            ratio, size = f"|{outputs[k]} / {inputs[m]}|", f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
+            if top.magnitude[k, m]:
+                yield f"    max {ratio} = {size} at {top.at[k, m]:.4g} {unit}"
+            else:
+                yield f"    {ratio} = 0 at all frequencies"
         if len(channels) > _MOST:
             yield f"    … {counted(len(channels) - _MOST, 'more channel')} in the file"
     if f"{transient}/time" in result:
-        time, response = result[f"{transient}/time"].data, result[f"{transient}/response"].data
-        yield f"  time response at {counted(len(time), 'instant')}, to {time[-1]:.4g} s"
+        response = result[f"{transient}/response"].data
+        yield f"  time response {time_span(result, transient)}"
         note = result.group_attrs.get(transient, {}).get("note")
         if note:
             yield from (f"    {line}" for line in wrap(f"Note: {note}.", 96))
         outputs = result[f"{transient}/output"].data
         for output, column in zip(outputs[:_MOST], response.T, strict=False):
-            yield f"    {output}: {column.min():.4g} … {column.max():.4g}, at the end {column[-1]:.4g}"
+            yield f"    {output}: min {column.min():.4g}, max {column.max():.4g}, final {column[-1]:.4g}"
         if len(outputs) > _MOST:
             yield f"    … {counted(len(outputs) - _MOST, 'more output')} in the file"
 

@@ -10,6 +10,7 @@ from dynid.cli.summary.common import aligned, response_lines, rich_table
 from dynid.number_format import counted, span_text
 from dynid.report.content.identifiability import (
     GROUP,
+    MODAL_SENSITIVITIES,
     bound_table,
     bound_text,
     calibration_sentences,
@@ -22,7 +23,16 @@ from dynid.report.content.identification import (
     record_summary,
     verdict_sentences,
 )
-from dynid.report.content.plan import chosen_lines, efficiency_text, gain_text
+from dynid.report.content.plan import (
+    BEST_BANDS,
+    PRESCRIBED,
+    best_sensors_text,
+    best_sines_text,
+    chosen_lines,
+    efficiency_text,
+    gain_text,
+    steady_state_text,
+)
 from dynid.report.content.reduction import method_table, remarks, seconds_text
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -62,10 +72,9 @@ def identifiability_lines(result: Result) -> list[str]:
     record = "record" if found.of_time else "frequency responses"
     state = ", initial state unknown" if found.of_time else ""
     heading = f"  identifiability from the {record} (Cramér–Rao bound at the {place}{state}{noise})"
-    headings = ("", "value", "bound", *(["state known"] if found.of_time else []))
     screen = [
         *wrap(heading, 110, subsequent_indent="    "),
-        *aligned([headings, *found.rows]),
+        *aligned([found.heads, *found.rows]),
         *(f"    {line}" for line in collinear_groups(result)),
     ]
     # An identification has the calibration below its estimates.
@@ -74,7 +83,7 @@ def identifiability_lines(result: Result) -> list[str]:
     columns, rows = modal_shifts(result)
     screen += [
         "",
-        "  change of a mode's frequency per 1 % of a stiffness, of its damping ratio per 1 % of a damping",
+        *wrap(f"  {MODAL_SENSITIVITIES}", 110, subsequent_indent="    "),
         *aligned([columns, *rows[:_SHIFTS]]),
     ]
     if len(rows) > _SHIFTS:
@@ -99,7 +108,7 @@ def _modes(result: Result) -> Iterable[str]:
     if massless:
         more = f" … {massless[-1]}" if len(massless) > _MASSLESS else ""
         yield f"    massless: {', '.join(massless[:_MASSLESS])}{more}"
-    yield f"    {'mode':>4}  {'rad/s':>10}  {'Hz':>10}  {'damping':>9}"
+    yield f"    {'mode':>4}  {'rad/s':>10}  {'Hz':>10}  {'ζ':>9}"
     for k in range(min(len(omega), _MODES)):
         hertz, percent = omega[k] / (2 * math.pi), 100 * damping[k]
         row = f"    {k + 1:>4}  {omega[k]:>10.5g}  {hertz:>10.5g}  {percent:>7.3g} %  {name[k]}"
@@ -130,12 +139,12 @@ def plan_lines(result: Result) -> list[str]:
         (f"{'+ ' if k else ''}{name}", *map(bound_text, bounds[k]), gain_text(gains[k]))
         for k, name in enumerate(choice)
     ]
-    now = ("now: " + ", ".join(present), *map(bound_text, result[f"{group}/present_bound"].data), "")
+    now = (f"present: {', '.join(present)}", *map(bound_text, result[f"{group}/present_bound"].data), "")
     return [
         *identifiability_lines(result),
-        f"  best {len(choice)} of {candidates} sensors, in order of their contribution",
-        *aligned([("", *names, "gain"), *rows, now]),
-        f"    {efficiency_text(result.value(f'{group}/efficiency'), 'the sensors')}",
+        f"  {best_sensors_text(len(choice), candidates)}",
+        *aligned([("", *names, "factor"), *rows, now]),
+        f"    {efficiency_text(result.value(f'{group}/efficiency'), 'sensors')}",
         "",
         *_excitation(result),
     ]
@@ -145,25 +154,19 @@ def _excitation(result: Result) -> Iterable[str]:
     """Yield the best sines and frequency bands of a plan, with their bounds."""
     group = "plan/excitation"
     if f"{group}/choice" not in result:
-        yield "  the structure is driven by a prescribed motion: forces in its place are not ranked"
+        yield f"  {PRESCRIBED}"
         return
     names = [str(name) for name in result[f"{group}/parameter"].data]
     choice = chosen_lines(result)
-    amplitude = result.value(f"{group}/amplitude")
-    sines = f"{len(choice)} sine{'s' * (len(choice) != 1)} of {amplitude:.3g} N"
-    yield f"  best {sines} (RMS of the present force), bounds with the present sensors"
+    yield from wrap(f"  {best_sines_text(result)}", 110, subsequent_indent="    ")
     gains = result[f"{group}/gain"].data
     bounds = [[""] * len(names)] * (len(choice) - 1)
     bounds.append(list(map(bound_text, result[f"{group}/best_bound"].data)))
     rows = [(f"{'+ ' if k else ''}{name}", *bounds[k], gain_text(gains[k])) for k, name in enumerate(choice)]
-    now = ("now", *map(bound_text, result[f"{group}/present_bound"].data), "")
-    yield from aligned([("", *names, "gain"), *rows, now])
-    yield f"    {efficiency_text(result.value(f'{group}/efficiency'), 'the forces')}"
-    if f"{group}/settling_time" in result:
-        wait = result.value(f"{group}/settling_time")
-        yield f"    of the steady state: the slowest mode takes {wait:.2g} s to decay to 1 %"
-    else:
-        yield "    of the steady state, which an undamped structure does not reach by itself"
+    now = ("present", *map(bound_text, result[f"{group}/present_bound"].data), "")
+    yield from aligned([("", *names, "factor"), *rows, now])
+    yield f"    {efficiency_text(result.value(f'{group}/efficiency'), 'forces')}"
+    yield f"    {steady_state_text(result)}"
     group, unit = f"{group}/bands", frequency_unit(result)
     bands = zip(
         *(result[f"{group}/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")), strict=True
@@ -173,5 +176,5 @@ def _excitation(result: Result) -> Iterable[str]:
         for dof, low, high, bound in bands
     ]
     yield ""
-    yield "  best bands, the same force spread evenly over one (steady state)"
+    yield f"  {BEST_BANDS}"
     yield from aligned([("", *names), *rows])

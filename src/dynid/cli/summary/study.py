@@ -55,7 +55,7 @@ def lines(result: Result) -> list[str]:
     sources, notes = variance_sources(table, shown, _RANKED)
     influences = list(_grouped([(*split_name(name), inputs) for name, inputs in sources]))
     if sources:
-        influences.insert(0, "  where the variance comes from")
+        influences.insert(0, "  sources of the variance")
         influences += [f"    ({notes[0]})", *(f"    {note}" for note in notes[1:])]
     blocks = [
         status,

@@ -108,7 +108,7 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
 def _formula(result: Result, group: str, *, alone: bool) -> Iterable[str]:
     """Yield a transfer function in numbers, and in symbols if they are short enough."""
     written = [*numeric_forms(result, group)]
-    formula = str(result.group_attrs.get(group, {}).get("symbolic", ""))
+    formula = str(result.group_attrs.get(group, {}).get("symbolic", "")).replace("**", "^")
     if formula and written != ["0"] and (alone or len(formula) < _LONGEST):
         written.append(formula if len(formula) < _LONGEST else "(its formula is in the file)")
     for place, text in enumerate(written):
@@ -135,7 +135,7 @@ def _properties(result: Result, output: str, source: str) -> Iterable[str]:
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is None or not len(hidden.data):
         return
-    head = "    hidden modes (natural modes that this channel does not show)  "
+    head = "    hidden modes (uncontrollable or unobservable in this channel)  "
     yield from _hanging(head, roots_text(hidden.data, hertz=hertz), indent=12)
     if f"{group}/hidden_mode_cause" not in result:
         return

@@ -11,7 +11,7 @@ where the likelihood ends in residuals that are not noise, magnitudes are fitted
 and then from others.
 
 One attempt is enough where its residuals are noise and the parameters are well determined. Otherwise further
-starts are drawn: a Latin hypercube in logarithms around the given start, within bounds and priors. The best
+starts are drawn: a Latin hypercube in logarithms around the given start, within limits and priors. The best
 ones by the misfit of a likelihood with fewer local optima (`guide`) are tried first; each is improved on such
 likelihoods before the true one. The search ends when several starts end at the best optimum, or when the
 starts are used up.
@@ -247,7 +247,7 @@ def guided(route: Sequence[Likelihood], logs: Array) -> SearchStart:
 
 
 def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: int) -> Array:
-    """Return a Latin hypercube of logarithms around an origin, within bounds and priors (count x p).
+    """Return a Latin hypercube of logarithms around an origin, within limits and priors (count x p).
 
     M. D. McKay, R. J. Beckman, W. J. Conover, Technometrics 21 (1979) 239–245.
     """

@@ -39,10 +39,11 @@ class SystemZerosPoles(NamedTuple):
     zeros, poles
         Finite invariant zeros (decoupling zeros included) and finite poles, repeated by multiplicity.
     zero_bounds, pole_bounds
-        Bounds on their absolute errors: certified by the exact engine, first-order by the float engine.
+        Bounds on their absolute errors: certified by the exact engine, first-order by the floating-point
+        engine.
     zero_roots, pole_roots
-        The same with multiplicities and half-planes: exact from the exact engine; from the float engine one
-        by one, with the side where the bound decides it.
+        The same with multiplicities and half-planes: exact from the exact engine; from the floating-point
+        engine one by one, with the side where the bound decides it.
     normal_rank
         Rank of the transfer matrix at almost every s.
     relative_degree
@@ -157,7 +158,7 @@ def zeros_poles(
     Singular
         Where sE - A is singular for every s: the equations do not determine the states.
     Undecided
-        Where rounding leaves a result of the float engine undecided.
+        Where rounding leaves a result of the floating-point engine undecided.
     """
     from dynid.lti.pencil.rational_matrices import one_of
 

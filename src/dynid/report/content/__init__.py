@@ -77,7 +77,7 @@ def responses(result: Result) -> Iterator[ReportSection]:
             rows = []
             for k, m in channels[:_MOST]:
                 size = f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
-                rows.append((f"{outputs[k]} over {inputs[m]}", size, f"{top.at[k, m]:.4g}"))
+                rows.append((f"{outputs[k]} / {inputs[m]}", size, f"{top.at[k, m]:.4g}"))
             low, high, unit = frequency_span(result, group)
             count = counted(len(result[f"{group}/omega"].data), "frequency")
             heads = ("", "peak magnitude", f"frequency ({unit})")
@@ -85,21 +85,28 @@ def responses(result: Result) -> Iterator[ReportSection]:
             yield ReportSection("Frequency response", (table, *more(len(channels), _MOST, "channel")))
         group = f"{base}/time_response"
         if f"{group}/time" in result:
-            time, response = result[f"{group}/time"].data, result[f"{group}/response"].data
+            response = result[f"{group}/response"].data
             ranges = tuple(
                 (str(output), *(f"{value:.4g}" for value in (column.min(), column.max(), column[-1])))
                 for output, column in zip(result[f"{group}/output"].data[:_MOST], response.T, strict=False)
             )
-            caption = f"{counted(len(time), 'instant')}, to {time[-1]:.4g} s"
             note = result.group_attrs.get(group, {}).get("note")
             yield ReportSection(
                 "Time response",
                 (
-                    TextTable(("", "minimum", "maximum", "final"), ranges, caption=caption),
+                    TextTable(("", "min", "max", "final"), ranges, caption=time_span(result, group)),
                     *([Statement(f"{note}.")] if note else []),
                     *more(response.shape[1], _MOST, "output"),
                 ),
             )
+
+
+def time_span(result: Result, group: str) -> str:
+    """Return the inputs, the duration and the number of samples of a time response."""
+    time, sources, inputs = (result[f"{group}/{name}"].data for name in ("time", "source", "input"))
+    driven = ", ".join(str(name) for name, column in zip(sources, inputs.T, strict=True) if column.any())
+    to = f"to {driven}, " if driven else ""
+    return f"{to}{time[0]:.4g} … {time[-1]:.4g} s, {counted(len(time), 'sample')}"
 
 
 def expectations(result: Result) -> Iterator[ReportSection]:
@@ -127,6 +134,14 @@ def expectations(result: Result) -> Iterator[ReportSection]:
     )
 
 
+def part_name(result: Result, part: str) -> str:
+    """Return the name of a part of the model in words."""
+    names = {"storages": "storage elements"}
+    if result.kind == "identification":
+        names["engines"] = "estimation methods"
+    return names.get(part, part)
+
+
 def need(result: Result) -> Iterator[ReportSection]:
     """Yield the parts of the scene that the model includes and omits, with the reasons."""
     group = next((path.rpartition("/")[0] for path in result if path.endswith("/need/part")), None)
@@ -134,7 +149,13 @@ def need(result: Result) -> Iterator[ReportSection]:
         return
     columns = ("part", "kept", "left_out", "left_out_names", "why")
     rows = tuple(
-        (str(part), f"{int(kept):,}", f"{int(left):,}", str(names) if len(str(names)) < 200 else "", str(why))
+        (
+            part_name(result, str(part)),
+            f"{int(kept):,}",
+            f"{int(left):,}",
+            str(names) if len(str(names)) < 200 else "",
+            str(why),
+        )
         for part, kept, left, names, why in zip(
             *(result[f"{group}/{column}"].data for column in columns), strict=True
         )

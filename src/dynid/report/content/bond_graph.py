@@ -89,7 +89,11 @@ def _reduction(result: Result) -> Iterator[Block]:
 def _causality(result: Result) -> Iterator[Block]:
     states = result[f"{_CAUSALITY}/states"].data["name"]
     yield definitions(("states", f"{len(states)}: {joined(states, _STATES)}" if len(states) else "none"))
-    for table, title in (("conflicts", "conflict"), ("dependent_storages", "dependent"), ("loops", "loop")):
+    for table, title in (
+        ("conflicts", "conflict"),
+        ("dependent_storages", "derivative"),
+        ("loops", "loop"),
+    ):
         meanings = [str(text) for text in result[f"{_CAUSALITY}/{table}"].data["meaning"]]
         tone = "bad" if table == "conflicts" else ""
         yield from (Statement(f"{title}: {meaning}", tone) for meaning in meanings[:_REMARKS])

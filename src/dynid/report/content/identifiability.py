@@ -23,6 +23,11 @@ _CONSIDERED = "identification/considered"
 _MODES, _QUANTITIES = 20, 60
 #: Least relative change that is shown as a number; least effect, in standard errors, that has a sentence.
 _LEAST, _WORTH = 1e-6, 0.1
+#: Heading of the table of `modal_shifts`.
+MODAL_SENSITIVITIES = (
+    "modal sensitivities: relative change of ω_n per +1 % of k; "
+    "change of ζ, in percentage points, per +1 % of c"
+)
 
 
 def bound_text(value: float) -> str:
@@ -37,14 +42,11 @@ def identifiability_sections(result: Result) -> Iterator[ReportSection]:
     if f"{GROUP}/relative_bound" not in result:
         return
     found = bound_table(result)
-    heads = ("", "value", "bound", *(["bound, initial state known"] if found.of_time else []))
-    table = TextTable(heads, found.rows, caption=f"Cramér–Rao bound at the {''.join(found.where)}")
+    table = TextTable(found.heads, found.rows, caption=f"Cramér–Rao bound at the {''.join(found.where)}")
     faults = (Statement(text, "bad") for text in collinear_groups(result))
     yield ReportSection("Identifiability", (table, *faults))
     columns, rows = modal_shifts(result)
-    caption = (
-        "Change of a mode's frequency by 1 % of a stiffness, and of its damping ratio by 1 % of a damping"
-    )
+    caption = f"{MODAL_SENSITIVITIES[0].upper()}{MODAL_SENSITIVITIES[1:]}"
     modes = TextTable(columns, tuple(rows[:_MODES]), caption=caption)
     yield ReportSection("Parameters and modes", (modes, *more(len(rows), _MODES, "mode")))
 
@@ -65,6 +67,11 @@ class BoundTable(NamedTuple):
     where: tuple[str, str]
     of_time: bool
     rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """Headings of the columns."""
+        return ("", "value", "CR bound", *(["CR bound, initial state known"] if self.of_time else []))
 
 
 def bound_table(result: Result) -> BoundTable:
@@ -117,7 +124,7 @@ def modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
             for j, name in enumerate(names)
         ]
         rows.append((f"{k + 1}", f"{unit.factor * omega[k]:.5g}", f"{100 * zeta[k] + 0.0:.3g} %", *moved))
-    return ("mode", unit.name, "damping", *map(str, names)), rows
+    return ("mode", unit.name, "ζ", *map(str, names)), rows
 
 
 def shift_text(percent: float, symbol: str = "") -> str:
@@ -168,7 +175,10 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
         kind = "delay" if name == "trigger delay" else "sensor" if name.startswith("gain of") else "load"
         kinds.append(kind)
         if kind != "delay":
-            changes.append(f"{100 * size:.2g} % of the {name}")
+            what, _, dof = name.partition(" gain of ")
+            where = f"the {what} at {'the base' if dof == 'base' else f'DOF {dof}'}"
+            signal = name.removeprefix("gain of ") if kind == "sensor" else where
+            changes.append(f"a gain error of {100 * size:.2g} % in {signal}")
             continue
         time = time_text(float(size))
         of_time = "identification/measurement/omega" not in result
@@ -196,11 +206,11 @@ def calibration_sentences(result: Result) -> Iterator[str]:
             worst.append((int(row), int(column)))
     errors = [float(np.nan_to_num(found.deviations[place])) for place in worst]
     for (k, j), many in zip(worst, errors, strict=True):
-        sentence = f"{found.changes[j]} moves {found.parameters[k]} by {_percent(found.moves[k, j])}"
+        sentence = f"{found.changes[j]} biases {found.parameters[k]} by {_percent(found.moves[k, j])}"
         if many:
             sentence += f" ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
         if many == max(errors) > CALIBRATION.value:
-            sentence += "; error bars do not include it"
+            sentence += "; error bars do not include this"
         yield sentence
 
 

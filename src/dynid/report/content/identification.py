@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid.defaults import SIGNAL
+from dynid.defaults import SIGNAL, WHITENESS
 from dynid.number_format import counted, percent, quantity, span_text, with_error
 from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
@@ -16,6 +16,8 @@ from dynid.result import Result
 
 #: Most modes and massless DOFs that are listed.
 _MOST_MODES, _SHOWN = 60, 20
+#: Most channels whose residuals a sentence lists.
+_CHANNELS = 3
 #: Half width of a 95 % interval in standard errors.
 _HALF_WIDTH = 1.959963984540054
 #: Condition number of the information above which parameters are badly conditioned.
@@ -51,7 +53,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         white = good and bool(result.value(f"{_DIAGNOSTICS}/white"))
         statements = []
         for place, sentence in enumerate(verdict_sentences(result)):
-            bad = not good or (place > 0 and sentence.startswith(("warning", "at a bound", "error bars")))
+            bad = not good or (place > 0 and sentence.startswith(("warning", "at a limit", "error bars")))
             tone = "bad" if bad else "good" if white and place == 0 else ""
             statements.append(Statement(_capitalized(sentence), tone))
         columns, rows = parameter_table(result)
@@ -84,7 +86,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
     )
     rigid = int(result.value(f"{group}/rigid"))
     caption = f"{counted(count, 'mode')} of {counted(size, 'DOF')}, {rigid or 'none'} of the rigid body"
-    heads = ("mode", "rad/s", "Hz", "damping", *([""] if named else []))
+    heads = ("mode", "rad/s", "Hz", "ζ", *([""] if named else []))
     table = TextTable(heads, modes, caption=caption)
     massless = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
     remark = []
@@ -119,7 +121,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     if scaled is not None and not (barred and result.value(contradicted)):
         scaled = None
     bars = ("95 % interval", *(() if scaled is None else ("for residual noise",))) if barred else ()
-    truths = (*(("true", "error") if known else ()), *(("bound",) if bounded else ()))
+    truths = (*(("true", "error") if known else ()), *(("CR bound",) if bounded else ()))
     rows = []
     for k, name in enumerate(get["name"]):
         estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
@@ -205,12 +207,19 @@ def contradicted_priors(result: Result) -> list[str]:
 
 
 def verdict_sentences(result: Result) -> Iterator[str]:
-    """Yield the verdict on an estimate: residuals, bounds, conditioning, worst parameter, warnings."""
+    """Yield the verdict on an estimate: residuals, limits, conditioning, worst parameter, warnings."""
     p, white = result.value(f"{_DIAGNOSTICS}/whiteness_p"), bool(result.value(f"{_DIAGNOSTICS}/white"))
     ratio = 100 * result[f"{_DIAGNOSTICS}/residual_ratio"].data
-    left = f"residual {', '.join(f'{value:.2g} %' for value in ratio)} of the signal"
-    residuals = f"the residuals are {'white' if white else 'not white'}, p = {p:.2g}"
-    yield f"{result.value(f'{_DIAGNOSTICS}/verdict')} · {left} · {residuals}"
+    left = f"RMS residual {ratio[0]:.2g} % of the signal"
+    if len(ratio) > 1:
+        channels = result[f"{_DIAGNOSTICS}/channel"].data
+        parts = [f"{value:.2g} % of {name}" for value, name in zip(ratio, channels, strict=True)]
+        left = f"RMS residual: {', '.join(parts[:_CHANNELS])}{', …' if len(parts) > _CHANNELS else ''}"
+    level = f", level {WHITENESS.value:.0e}".replace("e-0", "e-") if white and p >= WHITENESS.value else ""
+    residuals = f"the residuals are {'white' if white else 'not white'} (p = {p:.2g}{level})"
+    yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
+    yield left
+    yield residuals
     rejected = is_rejected(result)
     if rejected:
         yield "error bars are not printed: the result is rejected (those in the file are nominal)"
@@ -219,8 +228,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     names, bounds = result[f"{_PARAMETERS}/name"].data, f"{_PARAMETERS}/at_bound"
     held = ", ".join(names[result[bounds].data]) if bounds in result else ""
     if held:
-        yield f"at a bound: {held}; the likelihood increases beyond it"
-    parts = []
+        yield f"at a limit (min or max): {held}; the likelihood increases beyond it"
     if len(names) > 1:
         condition = result.value(f"{_DIAGNOSTICS}/condition")
         verdict = (
@@ -228,12 +236,10 @@ def verdict_sentences(result: Result) -> Iterator[str]:
             if condition > _BADLY
             else "well conditioned; the parameters are distinguishable"
         )
-        parts.append(f"{verdict} (condition {condition:.2g})")
+        yield f"{verdict} (condition number {condition:.2g})"
     if not rejected:
         relative = result[f"{_PARAMETERS}/standard_error"].data / result[f"{_PARAMETERS}/estimate"].data
         error = percent(100 * relative.max())
-        parts.append(f"least certain: {names[int(np.argmax(relative))]} (standard error {error})")
-    if parts:
-        yield " · ".join(parts)
+        yield f"largest relative standard error: {error} ({names[int(np.argmax(relative))]})"
     for warning in result[f"{_DIAGNOSTICS}/warnings"].data:
         yield f"warning: {warning}"

@@ -13,6 +13,9 @@ from dynid.result import Result
 
 #: Most bands that are listed.
 _BANDS = 12
+#: Texts of screens and reports.
+BEST_BANDS = "best frequency bands, flat force spectrum with the same RMS (steady state)"
+PRESCRIBED = "the structure is excited by a prescribed motion: forces in its place are not ranked"
 
 
 def method(result: Result) -> str:  # noqa: ARG001 - every kind has one
@@ -29,15 +32,14 @@ def sections(result: Result) -> Iterator[ReportSection]:
         for k, (name, bounds, gain) in enumerate(zip(*get.values(), strict=True))
     ]
     present = ", ".join(map(str, result[f"{group}/present"].data))
-    rows.append((f"now: {present}", *map(bound_text, result[f"{group}/present_bound"].data), ""))
-    count = f"best {len(get['choice'])} of {counted(len(result[f'{group}/candidate'].data), 'sensor')}"
-    heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
-    table = TextTable(heads, tuple(rows), caption=f"{count}, the most informative first")
+    rows.append((f"present: {present}", *map(bound_text, result[f"{group}/present_bound"].data), ""))
+    heads = ("", *map(str, result[f"{group}/parameter"].data), "factor")
+    count = best_sensors_text(len(get["choice"]), len(result[f"{group}/candidate"].data))
+    table = TextTable(heads, tuple(rows), caption=_capitalized(count))
     yield ReportSection("Sensors", (table, _efficiency(result, group, "sensors")))
     group = "plan/excitation"
     if f"{group}/choice" not in result:
-        text = "The structure is excited by a prescribed motion: forces in its place are not ranked."
-        yield ReportSection("Excitation", (Statement(text),))
+        yield ReportSection("Excitation", (Statement(f"{_capitalized(PRESCRIBED)}."),))
     else:
         choice, gains = chosen_lines(result), result[f"{group}/gain"].data
         blank = [""] * (len(heads) - 2)
@@ -46,14 +48,11 @@ def sections(result: Result) -> Iterator[ReportSection]:
             (f"{'+ ' if k else ''}{name}", *(best if k == len(choice) - 1 else blank), gain_text(gain))
             for k, (name, gain) in enumerate(zip(choice, gains, strict=True))
         ]
-        rows.append(("now", *map(bound_text, result[f"{group}/present_bound"].data), ""))
-        sines = f"best {counted(len(choice), 'sine')} of {result.value(f'{group}/amplitude'):.3g} N"
-        caption = f"{sines} (the present force's RMS), bounds with the present sensors"
+        rows.append(("present", *map(bound_text, result[f"{group}/present_bound"].data), ""))
+        caption = _capitalized(best_sines_text(result))
         blocks: list[Block] = [TextTable(heads, tuple(rows), caption=caption)]
         blocks.append(_efficiency(result, group, "forces"))
-        if f"{group}/settling_time" in result:
-            wait = f"the slowest mode takes {result.value(f'{group}/settling_time'):.2g} s"
-            blocks.append(Statement(f"In the steady state: {wait} to decay to a hundredth."))
+        blocks.append(Statement(f"{_capitalized(steady_state_text(result))}."))
         bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
         unit = frequency_unit(result)
         spans = tuple(
@@ -63,8 +62,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
             )
             for dof, low, high, bounds in zip(*bands, strict=True)
         )
-        caption = "Best bands, the same force spread evenly over one"
-        blocks.append(TextTable(heads[:-1], spans, caption=caption))
+        blocks.append(TextTable(heads[:-1], spans, caption=_capitalized(BEST_BANDS)))
         yield ReportSection("Excitation", tuple(blocks))
     yield from identifiability_sections(result)
     yield from calibration_sections(result)
@@ -77,6 +75,29 @@ def chosen_lines(result: Result) -> list[str]:
     return [f"{dof} at {unit.text(float(at), 5)}" for dof, at in zip(dofs, omega, strict=True)]
 
 
+def best_sensors_text(count: int, candidates: int) -> str:
+    """Return the heading of the table of sensors."""
+    if count == 1:
+        return f"best sensor of {candidates} candidates"
+    return f"best {count} of {candidates} candidate sensors, most informative first"
+
+
+def best_sines_text(result: Result) -> str:
+    """Return the heading of the table of sines."""
+    group = "plan/excitation"
+    count, amplitude = len(result[f"{group}/choice_dof"].data), result.value(f"{group}/amplitude")
+    sines = f"best {counted(count, 'sine')}, amplitude {amplitude:.3g} N{' each' if count > 1 else ''}"
+    return f"{sines} (total RMS of the present force); bounds with the present sensors"
+
+
+def steady_state_text(result: Result) -> str:
+    """Return the condition under which the bounds of sines hold."""
+    settling = result.get("plan/excitation/settling_time")
+    if settling is None:
+        return "bounds are for the steady state, which an undamped structure does not reach by itself"
+    return f"bounds are for the steady state; the slowest mode decays to 1 % in {float(settling.data):.2g} s"
+
+
 def gain_text(value: float) -> str:
     """Return the factor by which a choice reduces the bounds."""
     return f"× {value:.3g}" if math.isfinite(value) else ""
@@ -85,12 +106,16 @@ def gain_text(value: float) -> str:
 def efficiency_text(efficiency: float, what: str) -> str:
     """Return the efficiency of the present sensors or forces, relative to the best."""
     if efficiency < 1e-3:
-        return f"{what} as they are give almost no information"
+        return f"the present {what} give almost no information"
     if efficiency > 0.995:
-        return f"{what} as they are: nothing better was found"
+        return f"no better {what} were found than the present ones"
     share = f"{100 * efficiency:.2g} %"
-    return f"{what} as they are reach {share} of that (best over present bounds, geometric mean)"
+    return f"efficiency of the present {what}: {share} (geometric mean of best bound / present bound)"
 
 
 def _efficiency(result: Result, group: str, what: str) -> Statement:
-    return Statement(efficiency_text(result.value(f"{group}/efficiency"), f"the {what}").capitalize())
+    return Statement(_capitalized(efficiency_text(result.value(f"{group}/efficiency"), what)))
+
+
+def _capitalized(sentence: str) -> str:
+    return sentence[0].upper() + sentence[1:]

@@ -131,6 +131,10 @@ def variance_sources(
     if not rows:
         return [], []
     notes = [f"{estimator}; ± is the standard error"]
+    if any("↑" in inputs or "↓" in inputs for _, inputs in rows):
+        notes.append("↑ increases, ↓ decreases with the input")
+    if len(factors) == 1 and influences.design is None:
+        notes.append("a lower bound: variation within the classes of the input is not attributed")
     if influences.correlated is not None:
         one, other, value = influences.correlated
         notes.append(f"{one} and {other} are correlated ({value:.2g}): their parts overlap")

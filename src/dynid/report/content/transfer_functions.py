@@ -139,7 +139,7 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
         hertz = in_hertz(result)
-        modes = [f"{roots_text(hidden.data, hertz=hertz)} (natural modes that this channel does not show)"]
+        modes = [f"{roots_text(hidden.data, hertz=hertz)} (uncontrollable or unobservable in this channel)"]
         if f"{group}/hidden_mode_cause" in result:
             causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
             upper = [place for place, root in enumerate(hidden.data) if root.imag >= 0]

@@ -56,9 +56,9 @@ def explain(scene: Scene) -> Explanation:
     if names:
         facts.append(Fact("left out", f"{join_nodes(names)}: no output depends on them"))
     else:
-        facts = [facts[0]._replace(text=f"{facts[0].text}, all of them needed")]
+        facts = [facts[0]._replace(text=f"{facts[0].text}, all affect an output")]
     storages = sum(node.type in STORAGES for node in graph.nodes.values())
-    order = f"{counted(causality.order, 'state')} of {counted(storages, 'energy storage')}"
+    order = f"{counted(causality.order, 'state')}, {counted(storages, 'storage element')}"
     facts.append(Fact("order", order))
     facts += [Fact("warning", sentence) for sentence in reduced.undetermined]
     outputs, inputs = (
@@ -76,11 +76,11 @@ def explain(scene: Scene) -> Explanation:
     )
     facts.append(Fact("computes", asked))
     grids = [counted(len(analysis.omega), "frequency")] if analysis.omega is not None else []
-    grids += [counted(len(analysis.times), "instant")] if analysis.times is not None else []
+    grids += [counted(len(analysis.times), "sample")] if analysis.times is not None else []
     if grids:
         facts.append(Fact("", f"at {' and '.join(grids)}"))
     if others:
-        facts.append(Fact("not asked", others))
+        facts.append(Fact("not requested", others))
     if analysis.port is not None:
         facts.append(
             Fact("port", f"cut at {analysis.port}: equivalents of both sides, prototype, performance")

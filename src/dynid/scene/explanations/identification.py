@@ -265,7 +265,7 @@ def _responses(
         values += lines * (1 + 2 * outputs * max(1, len(analysis.inputs or ()) or loads))
     if analysis.time is not None:
         instants = len(record_of(analysis.time).times)
-        asked.append(f"time response at {counted(instants, 'instant')}")
+        asked.append(f"time response at {counted(instants, 'sample')}")
         parts["time response"] = (
             0.01 + 100 * (2 * n) ** 3 / 1e10 + instants * (2e-6 + 4 * n**2 / _FLOPS)
         ) / speed()

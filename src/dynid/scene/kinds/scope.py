@@ -118,5 +118,5 @@ def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[
 
 
 def _of_reduction(of: str, method: str, size: int, n: int, modes: int, rule: str) -> Sequence[ScopePart]:
-    parts = [ScopePart(f"coordinates{of}", size, n - size, f"reduced by {method}")]
+    parts = [ScopePart(f"coordinates{of}", size, n - size, f"reduction method: {method}")]
     return [*parts, ScopePart(f"modes{of}", modes, n - modes, rule)] if rule else parts

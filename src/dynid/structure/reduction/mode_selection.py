@@ -160,5 +160,5 @@ def mode_rule(given: Sequence[int] | ModeRange | None, interest: Interest, maste
         return "one a master is kept"
     below = "" if wanted.below is None else f"below {frequency_text(wanted.below, 6)}"
     if given is None:
-        return f"{BASIS_BAND.sentence.format(value=BAND)}: {below}"
-    return f"the lowest {below or wanted.count} are kept, as asked for"
+        return f"kept {below}, {BAND:g} times the band of interest"
+    return f"the lowest {below or wanted.count} are kept, as requested"
