@@ -235,7 +235,7 @@ def test_a_record_of_a_structure_that_was_condensed():
         "[{dofs: [2], k: 50}]", "[{dofs: [1, 2], k: 50}, {dofs: [2, 3], k: 30}, {dofs: [3], k: 20}]"
     )
     told = facts(explain(scene_of(f"{text}reduction: {{method: guyan, masters: [1, 3]}}\n")))
-    assert told["model"].startswith("3 DOFs reduced by guyan to 2: 4 physical states; 2 unknown of 2")
+    assert told["model"].startswith("3 DOFs reduced by guyan to 2: 4 states; 2 unknown of 2")
     assert told["basis"] == "2 masters; condition of the slaves' stiffness 1"
 
 

@@ -39,7 +39,7 @@ def test_a_plan_is_a_screen_and_on_request_a_file(dynid, folder):
     assert not list(folder.glob("*.h5"))
     for said in (
         "Three masses",
-        "identifiability from the record",
+        "identifiability (Cramér–Rao bounds at the true values, initial state unknown)",
         "best sensor of 9 candidates",
         "present: 1.velocity",
         "best 2 sines, amplitude",

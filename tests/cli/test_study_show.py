@@ -40,7 +40,7 @@ def test_the_screen_of_a_study(dynid, file):
     assert "order 2 in every sample" in lines
     assert any(line.startswith("stable ") and line.endswith("% true") for line in lines)
     assert any(line.startswith("|poles[1]| 0.") for line in lines)
-    assert "p/response/response: 40 numbers a sample" in lines
+    assert "p/response/response: 40 values per sample" in lines
     assert any(line.startswith("p/properties/prototype: d 7") for line in lines)
     assert any(line.endswith("% p/properties/gain <= 2") for line in lines)
     gain = next(line for line in lines if line.startswith("gain b ↑"))

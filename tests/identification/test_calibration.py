@@ -456,13 +456,13 @@ def test_the_largest_effects_are_printed():
     change = [0.01, 0.002, 0.01]
     slope = [[0.2, 10.0, 0.0], [-1.6, 5.0, 0.003]]
     assert list(calibration_sentences(result_with(slope, change, [0.001, 0.01]))) == [
-        "a gain error of 1 % in the force at DOF 5 biases a.k by +0.2 % (2 standard errors)",
-        "a trigger delay of one sample (2 ms) biases a.k by +2 % (20 standard errors); "
-        "error bars do not include this",
+        "a gain error of 1 % in the force at DOF 5 would bias a.k by +0.2 % (2 standard errors)",
+        "a trigger delay of one sample (2 ms) would bias a.k by +2 % (20 standard errors); "
+        "not included in the error bars",
     ]
     assert list(calibration_sentences(result_with(slope, change, [0.1, 0.1]))) == [
-        "a gain error of 1 % in the force at DOF 5 biases a.c by -1.6 % (0.16 standard errors)",
-        "a trigger delay of one sample (2 ms) biases a.k by +2 % (0.2 standard errors)",
+        "a gain error of 1 % in the force at DOF 5 would bias a.c by -1.6 % (0.16 standard errors)",
+        "a trigger delay of one sample (2 ms) would bias a.k by +2 % (0.2 standard errors)",
     ]
     (part,) = calibration_sections(result_with(slope, change, [0.1, 0.1]))
     grid = next(block for block in part.blocks if isinstance(block, TextTable))

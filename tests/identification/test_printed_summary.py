@@ -13,7 +13,7 @@ from dynid.result import Result
 from tests.identification.cases import run, simulated
 
 
-def outcome(warned=(), **changed):
+def outcome(warned=(), lacks_fit=False, **changed):
     """Return a small result, made up: two parameters and what the screen reads of them."""
     values = {
         "start": [10.0, 5e3],
@@ -54,8 +54,9 @@ def outcome(warned=(), **changed):
     result.add(f"{group}/distance_to_optimum", distance, ("parameter",))
     compared = SimpleNamespace(
         has_signal=diagnostics["signal_p"] < 1e-4,
-        lack_of_fit_p=0.5 if diagnostics["explained"] else 3e-9,
-        signal_explained=0.61,
+        lack_of_fit_p=3e-9 if lacks_fit or not diagnostics["explained"] else 0.5,
+        lacks_fit=lacks_fit or not diagnostics["explained"],
+        signal_explained=0.9998 if lacks_fit else 0.61,
         **{name: diagnostics[name] for name in ("signal_p", "explained", "redundancy")},
     )
     posterior = SimpleNamespace(
@@ -84,7 +85,7 @@ def test_interval_is_that_of_the_logarithm_and_the_bound_is_relative_to_the_trut
         "",
         "  converged: optimum found, the model explains the record",
         "  RMS residual 5 % of the signal",
-        "  the residuals are white (p = 0.44, level 1e-6)",
+        "  white residuals are not rejected (p = 0.44; level 1e-6)",
         "  well conditioned; the parameters are distinguishable (condition number 1.8)",
         "  largest relative standard error: 40 % (a.c)",
     ]
@@ -111,6 +112,11 @@ def test_an_interval_of_orders_of_magnitude_stays_readable_and_positive():
 
 CASES = {
     "both": ({}, "converged: optimum found, the model explains the record", ""),
+    "lack of fit": (
+        {"lacks_fit": True},
+        "converged: optimum found, the model explains 99.98 % of the signal but lacks fit (p = 3e-09)",
+        "",
+    ),
     "off the optimum": (
         {"settled": False, "distance_to_optimum": [2.8123, 0.2]},
         "NOT converged: 2.8 standard errors of a.c from the optimum; the model explains the record",
@@ -140,8 +146,9 @@ def test_the_verdict_says_whether_the_optimum_is_found_and_the_record_explained(
     changed, verdict, remedy = CASES[case]
     result = outcome(**changed)
     p, white = changed.get("whiteness_p", 0.44), "white" if changed.get("white", True) else "not white"
-    level = ", level 1e-6" if white == "white" else ""
-    said = f"  the residuals are {white} (p = {p:.2g}{level})"
+    said = "  white residuals are not rejected (p = 0.44; level 1e-6)"
+    if white == "not white":
+        said = f"  the residuals are not white (p = {p:.2g})"
     assert {f"  {verdict}", said} <= set(lines(result))
     said = f"not converged: {verdict.removeprefix('NOT converged: ')}: {remedy}"
     assert list(cautions(result)) == ([said] if remedy else [])

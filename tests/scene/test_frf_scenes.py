@@ -380,5 +380,5 @@ def test_responses_and_what_can_be_told_beside_them(tmp_path):
     assert result["structure/frequency_response/input"].data.tolist() == ["2"]
     assert result["identification/identifiability/identifiable"].data.all()
     said = "\n".join(lines(result))
-    assert "identifiability from the frequency responses (Cramér–Rao bound at the true values)" in said
+    assert "identifiability from the frequency responses (Cramér–Rao bounds at the true values)" in said
     assert "state known" not in said

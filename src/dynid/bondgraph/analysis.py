@@ -171,7 +171,9 @@ def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Anal
     formulas = any("symbolic" in attributes for attributes in result.group_attrs.values())
     if formulas or any(path.endswith(("/program", "/symbolic_denominator")) for path in result):
         used.add("symbolic")
-    why = str(about.get("engine_reason", "no result needs one"))
+    why = "no result needs one"
+    if "engine" in about:
+        why = f"the {about['engine']} engine is used: {about['engine_reason']}"
     parts.append(divided("engines", ENGINES, used, why))
     parts.append(divided("results", RESULTS, analysis.results, "not requested"))
     add_model_scope(result, "bond_graph", parts)

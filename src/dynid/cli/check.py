@@ -26,21 +26,20 @@ _LEAST, _SHARE = 0.5, 0.1
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scenes; repeatable."
 )
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but faults.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only faults.")
 def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...], quiet: bool) -> int:
     """Read and check scenes without running them.
 
     Prints every fault of every scene as FILE:LINE:COLUMN: message, including data files that cannot be read
-    and singular graphs (no unique solution). The exit code is that of the run: 0: all scenes are valid; 2:
-    some are not; 3: a graph is singular; 4: a file could not be read.
+    and singular graphs (no unique solution). Exit code, as of the run: 0: all scenes are valid;
+    2: a scene is invalid; 3: a graph is singular; 4: a file could not be read.
 
-    For a study, the scene that it varies is checked as well; errors that do not occur in its first sample
-    are ignored.
+    For a study, the scene that it varies is checked, too. Errors of its computation, such as a singular
+    graph, are reported only if the first sample has them as well; errors of other samples are not found.
 
     With --explain, reports for each valid scene what a run would do: independent and dependent states, the
     engine or estimator and the reason for it, the identifiability of each parameter, the parts of the model
-    that are not used, and the estimated time. If this shows that the run will fail, the reason is printed,
-    and the exit code is that of the run.
+    that are not used, and the estimated time. If this shows that the run will fail, the reason is printed.
 
     \b
     Examples:

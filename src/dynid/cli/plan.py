@@ -24,12 +24,12 @@ from dynid.errors import FileError, NumericalError, UsageError
     "--lines",
     type=click.IntRange(1, 1000),
     metavar="N",
-    help="Number of spectral lines (sines); default: as many as the scene has.",
+    help="Number of sines; default: as many as the scene has if all its forces are sines, else 3.",
 )
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only errors.")
 def plan(
     scene: str,
     output: str | None,

@@ -38,7 +38,7 @@ def show(file: str, everything: bool) -> int:
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), help="The HTML file to write; default ./<file>.html.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only errors.")
 @reads_results("file")
 def report(file: str, output: str | None, quiet: bool) -> int:
     """Write an HTML report of a result: its summary, figures, tables, scene and provenance.
@@ -78,7 +78,7 @@ def write_page(result: Result, target: str) -> None:
 )  # fmt: skip
 @click.option("--figure", "names", multiple=True, metavar="NAME", help="Write this figure only; repeatable.")
 @click.option("--list", "listing", is_flag=True, help="List the figures.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only errors.")
 @reads_results("file")
 def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listing: bool, quiet: bool) -> int:
     """Write the figures of a result, one file each."""

@@ -37,9 +37,9 @@ class LocatedError(DynidError):
 @click.option(
     "--accuracy",
     is_flag=True,
-    help="Compare cost and error of the selected algorithms with alternatives.",
+    help="Compare the cost and error of the selected algorithms with those of the alternatives.",
 )
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only errors and warnings.")
 def run(
     scene: str,
     output: str | None,
@@ -57,7 +57,7 @@ def run(
     \b
     Examples:
       dynid run isolator.yaml
-      dynid run isolator.yaml --set parameters.b=80 -o stiff.h5
+      dynid run isolator.yaml --set parameters.b=80 -o damped.h5
       dynid run isolator.yaml --report isolator.html
     """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.progress import showing

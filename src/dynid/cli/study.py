@@ -77,7 +77,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
 )
 @click.option("--report", type=click.Path(), help="Also write an HTML report to this file.")
 @click.option("--dry-run", is_flag=True, help="List the samples without running them.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only errors and warnings.")
 def study(
     study: str,
     output: str | None,

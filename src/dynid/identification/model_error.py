@@ -81,7 +81,7 @@ class ModelError:
             size, way = 100 * abs(np.expm1(shift)), "higher" if shift > 0 else "lower"
             left = 100 * self.noise[k]
             effect = f"with the {self.reference} {name} is {size:.2g} % {way}"
-            effect += f"; standard error due to noise: {left:.2g} %"
+            effect += f" (standard error with that model: {left:.2g} %)"
         return f"the error of the reduced model dominates: {effect}"
 
     def add_to(self, result: Result, channels: list[str]) -> None:

@@ -55,6 +55,12 @@ def verdict(posterior: Posterior) -> str:
         fit = f"nothing in the {noun} could contradict the model (redundancy {compared.redundancy})"
     else:
         fit = f"the model explains the {noun}"
+        if compared.lacks_fit:
+            share = 100 * compared.signal_explained
+            fit = (
+                f"the model explains {share:.4g} % of the signal but lacks fit "
+                f"(p = {compared.lack_of_fit_p:.1g})"
+            )
         if posterior.optimal:
             return f"converged: {found}, {fit}"
     return f"NOT converged: {found}; {fit}"

@@ -1,4 +1,9 @@
-"""Stability and minimum phase, decided by zeros and poles from any engine, with verdicts in words."""
+"""Stability and minimum phase, decided by zeros and poles from any engine, with verdicts in words.
+
+The engines compute on which side of the imaginary axis a root lies, from its error bound: the exact engine in
+`lti/enclosures.py`, the floating-point engine in `bondgraph/floating/roots.py`, pencils in
+`lti/pencil/zeros_poles.py`.
+"""
 
 from __future__ import annotations
 

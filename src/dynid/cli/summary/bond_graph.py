@@ -60,7 +60,8 @@ def _reduction(result: Result) -> Iterable[str]:
             yield f"      {result[f'{group}/{part}'].data[place]}"
         for number, row in enumerate(own[:_MOST] if place == 0 else [], 1):
             first, *rest = wrap(f"{row['rule']}: {row['equation']}", 92, break_long_words=False)
-            yield f"    {number:>2}. {first}"
+            # The last row is the prototype itself, not a step.
+            yield f"    {number:>2}. {first}" if number <= count else f"        {first}"
             yield from (f"          {line}" for line in rest)
         if place == 0 and len(own) > _MOST:
             yield f"    … {counted(len(own) - _MOST, 'more step')} in the file"

@@ -25,6 +25,7 @@ from dynid.report.content.identification import (
 )
 from dynid.report.content.plan import (
     BEST_BANDS,
+    GAIN_OF_SINES,
     PRESCRIBED,
     best_sensors_text,
     best_sines_text,
@@ -63,15 +64,23 @@ def lines(result: Result) -> list[str]:
     return screen[:-1] if not screen[-1] else screen
 
 
-def identifiability_lines(result: Result) -> list[str]:
-    """Return the Cramér–Rao bounds, collinear parameters, and the sensitivities of the modes."""
+def identifiability_lines(result: Result, *, planned: bool = False) -> list[str]:
+    """Return the Cramér–Rao bounds, collinear parameters, and the sensitivities of the modes.
+
+    Parameters
+    ----------
+    result
+        The result.
+    planned
+        True for a plan, which has no record yet.
+    """
     if f"{GROUP}/relative_bound" not in result:
         return []
     found = bound_table(result)
     place, noise = found.where
-    record = "record" if found.of_time else "frequency responses"
+    source = " from the record" if found.of_time else " from the frequency responses"
     state = ", initial state unknown" if found.of_time else ""
-    heading = f"  identifiability from the {record} (Cramér–Rao bound at the {place}{state}{noise})"
+    heading = f"  identifiability{'' if planned else source} (Cramér–Rao bounds at the {place}{state}{noise})"
     screen = [
         *wrap(heading, 110, subsequent_indent="    "),
         *aligned([found.heads, *found.rows]),
@@ -141,9 +150,9 @@ def plan_lines(result: Result) -> list[str]:
     ]
     now = (f"present: {', '.join(present)}", *map(bound_text, result[f"{group}/present_bound"].data), "")
     return [
-        *identifiability_lines(result),
+        *identifiability_lines(result, planned=True),
         f"  {best_sensors_text(len(choice), candidates)}",
-        *aligned([("", *names, "factor"), *rows, now]),
+        *aligned([("", *names, "gain"), *rows, now]),
         f"    {efficiency_text(result.value(f'{group}/efficiency'), 'sensors')}",
         "",
         *_excitation(result),
@@ -164,9 +173,9 @@ def _excitation(result: Result) -> Iterable[str]:
     bounds.append(list(map(bound_text, result[f"{group}/best_bound"].data)))
     rows = [(f"{'+ ' if k else ''}{name}", *bounds[k], gain_text(gains[k])) for k, name in enumerate(choice)]
     now = ("present", *map(bound_text, result[f"{group}/present_bound"].data), "")
-    yield from aligned([("", *names, "factor"), *rows, now])
+    yield from aligned([("", *names, GAIN_OF_SINES), *rows, now])
     yield f"    {efficiency_text(result.value(f'{group}/efficiency'), 'forces')}"
-    yield f"    {steady_state_text(result)}"
+    yield from wrap(f"    {steady_state_text(result)}", 110, subsequent_indent="      ")
     group, unit = f"{group}/bands", frequency_unit(result)
     bands = zip(
         *(result[f"{group}/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")), strict=True

@@ -82,8 +82,10 @@ def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list
         widths = [max(len(row[place]) for row in cells) for place in range(len(COLUMNS) + 1)]
         yield "    " + " " * width + "  " + _joined(cells[0], widths)
         yield from _grouped([(group, name, _joined(row, widths)) for group, name, row in rows])
+        if any(len(row) > 1 and row[-1] for _, _, row in rows):
+            yield "    (samples count from 0)"
     for path in hidden:
-        yield f"  {path}: {table.size(path):,} numbers a sample"
+        yield f"  {path}: {table.size(path):,} values per sample"
 
 
 def _joined(row: list[str], widths: list[int]) -> str:

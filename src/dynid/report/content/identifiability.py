@@ -206,11 +206,11 @@ def calibration_sentences(result: Result) -> Iterator[str]:
             worst.append((int(row), int(column)))
     errors = [float(np.nan_to_num(found.deviations[place])) for place in worst]
     for (k, j), many in zip(worst, errors, strict=True):
-        sentence = f"{found.changes[j]} biases {found.parameters[k]} by {_percent(found.moves[k, j])}"
+        sentence = f"{found.changes[j]} would bias {found.parameters[k]} by {_percent(found.moves[k, j])}"
         if many:
             sentence += f" ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
         if many == max(errors) > CALIBRATION.value:
-            sentence += "; error bars do not include this"
+            sentence += "; not included in the error bars"
         yield sentence
 
 

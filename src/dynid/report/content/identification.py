@@ -32,13 +32,16 @@ def method(result: Result) -> str:
         return "structure"
     passes = result.value(f"{_DIAGNOSTICS}/passes")
     stages = result["identification/stages/stage"].data
-    way = "from" if f"{_MEASURED}/omega" in result else "after"
-    chosen = result.value("identification/stages/chosen")
+    stage = stages[result.value("identification/stages/chosen") - 1]
+    if stage == "a filter pass":
+        start = ", started by an EKF pass"
+    else:
+        start = f" from {stage}" if f"{_MEASURED}/omega" in result else f" after {stage}"
     how = {
         "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
         "output-error": "maximum likelihood",
         "invariant-imbedding": "invariant imbedding",
-        "auto": f"maximum likelihood {way} {stages[chosen - 1]}",
+        "auto": f"maximum likelihood{start}",
     }
     attrs = result.group_attrs["identification"]
     if attrs.get("loss") == "huber":
@@ -163,7 +166,12 @@ def record_summary(result: Result) -> str:
     states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
     records = f"{counted(len(every), 'record')}, " if several else ""
     samples = counted(sum(map(len, measured)), "sample")
-    return f"{counted(states, 'physical state')}, {unknowns}; {records}{samples} of {'; '.join(lists)}{gaps}"
+    scope = result.get("identification/need/part")
+    reduced = scope is not None and "coordinates" in scope.data
+    size = (
+        f"{counted(states, 'state')} of the reduced model" if reduced else counted(states, "physical state")
+    )
+    return f"{size}, {unknowns}; {records}{samples} of {'; '.join(lists)}{gaps}"
 
 
 def preparation(result: Result) -> Iterator[str]:
@@ -215,8 +223,10 @@ def verdict_sentences(result: Result) -> Iterator[str]:
         channels = result[f"{_DIAGNOSTICS}/channel"].data
         parts = [f"{value:.2g} % of {name}" for value, name in zip(ratio, channels, strict=True)]
         left = f"RMS residual: {', '.join(parts[:_CHANNELS])}{', …' if len(parts) > _CHANNELS else ''}"
-    level = f", level {WHITENESS.value:.0e}".replace("e-0", "e-") if white and p >= WHITENESS.value else ""
-    residuals = f"the residuals are {'white' if white else 'not white'} (p = {p:.2g}{level})"
+    residuals = f"the residuals are not white (p = {p:.2g})"
+    if white:
+        level = f"{WHITENESS.value:.0e}".replace("e-0", "e-")
+        residuals = f"white residuals are not rejected (p = {p:.2g}; level {level})"
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
     yield left
     yield residuals

@@ -15,6 +15,8 @@ from dynid.result import Result
 _BANDS = 12
 #: Texts of screens and reports.
 BEST_BANDS = "best frequency bands, flat force spectrum with the same RMS (steady state)"
+#: Heading of the gains of sines: each has the amplitude of the set, whatever their number.
+GAIN_OF_SINES = "gain at equal amplitude"
 PRESCRIBED = "the structure is excited by a prescribed motion: forces in its place are not ranked"
 
 
@@ -33,7 +35,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
     ]
     present = ", ".join(map(str, result[f"{group}/present"].data))
     rows.append((f"present: {present}", *map(bound_text, result[f"{group}/present_bound"].data), ""))
-    heads = ("", *map(str, result[f"{group}/parameter"].data), "factor")
+    heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
     count = best_sensors_text(len(get["choice"]), len(result[f"{group}/candidate"].data))
     table = TextTable(heads, tuple(rows), caption=_capitalized(count))
     yield ReportSection("Sensors", (table, _efficiency(result, group, "sensors")))
@@ -50,7 +52,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         ]
         rows.append(("present", *map(bound_text, result[f"{group}/present_bound"].data), ""))
         caption = _capitalized(best_sines_text(result))
-        blocks: list[Block] = [TextTable(heads, tuple(rows), caption=caption)]
+        blocks: list[Block] = [TextTable((*heads[:-1], GAIN_OF_SINES), tuple(rows), caption=caption)]
         blocks.append(_efficiency(result, group, "forces"))
         blocks.append(Statement(f"{_capitalized(steady_state_text(result))}."))
         bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
@@ -87,15 +89,18 @@ def best_sines_text(result: Result) -> str:
     group = "plan/excitation"
     count, amplitude = len(result[f"{group}/choice_dof"].data), result.value(f"{group}/amplitude")
     sines = f"best {counted(count, 'sine')}, amplitude {amplitude:.3g} N{' each' if count > 1 else ''}"
-    return f"{sines} (total RMS of the present force); bounds with the present sensors"
+    return f"{sines} (same total RMS as the present force); bounds with the present sensors"
 
 
 def steady_state_text(result: Result) -> str:
     """Return the condition under which the bounds of sines hold."""
     settling = result.get("plan/excitation/settling_time")
     if settling is None:
-        return "bounds are for the steady state, which an undamped structure does not reach by itself"
-    return f"bounds are for the steady state; the slowest mode decays to 1 % in {float(settling.data):.2g} s"
+        return "assumes the steady state, which an undamped structure does not reach by itself"
+    return (
+        f"assumes the steady state: the slowest mode needs {float(settling.data):.2g} s to decay to 1 %; "
+        "bounds of a transient record are not comparable"
+    )
 
 
 def gain_text(value: float) -> str:

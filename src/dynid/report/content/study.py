@@ -57,7 +57,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
             items.append((name, row[0]))
         else:
             numbers.append((f"{name} [{column.units}]" if column.units else name, *row))
-    items += [*text_shares(table), *((path, f"{table.size(path):,} numbers a sample") for path in hidden)]
+    items += [*text_shares(table), *((path, f"{table.size(path):,} values per sample") for path in hidden)]
     if numbers or items:
         blocks = [TextTable(("", *COLUMNS, "at sample"), tuple(numbers))] if numbers else []
         yield ReportSection("Statistics", (*blocks, *([definitions(*items)] if items else [])))
@@ -134,7 +134,7 @@ def variance_sources(
     if any("↑" in inputs or "↓" in inputs for _, inputs in rows):
         notes.append("↑ increases, ↓ decreases with the input")
     if len(factors) == 1 and influences.design is None:
-        notes.append("a lower bound: variation within the classes of the input is not attributed")
+        notes.append("lower bound: variation within the bins of an input is not counted")
     if influences.correlated is not None:
         one, other, value = influences.correlated
         notes.append(f"{one} and {other} are correlated ({value:.2g}): their parts overlap")

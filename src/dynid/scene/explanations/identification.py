@@ -97,7 +97,7 @@ def _of_model(structure: StructuralModel, made: StructuralReduction | None, meth
     if made is None:
         yield Fact("model", f"{n:,} DOFs: {2 * n:,} physical states; {parameters}")
         return
-    yield Fact("model", f"{n:,} DOFs reduced by {method} to {r}: {2 * r} physical states; {parameters}")
+    yield Fact("model", f"{n:,} DOFs reduced by {method} to {r}: {2 * r} states; {parameters}")
     basis = [counted(len(made.masters), "master")] if made.masters else []
     if made.modes:
         basis.append(counted(len(made.modes), "mode") + (f" ({made.rule})" if made.rule else ""))
