@@ -15,6 +15,7 @@ from tests.hard.case import SHARED, Case
 SYSTEMS = SHARED / "zeros/state_space.json"
 FUNCTIONS = SHARED / "zeros/transfer_function.json"
 MODELS = {"building": "building", "cdplayer": "cdplayer_11"}
+ENGINES = {"exact": "exact", "float": "floating-point"}
 
 
 def _read(file: Path) -> list[dict[str, Any]]:
@@ -53,7 +54,7 @@ def _known_model(name: str) -> dict[str, np.ndarray]:
 def _cases() -> list[Case]:
     cases = [
         Case(
-            f"{given['name']}, {engine} engine",
+            f"{given['name']}, {ENGINES[engine]} engine",
             "frequency",
             given["source"].split(":")[0].split(" GitHub ")[-1],
             partial(_system, given, engine),
@@ -79,7 +80,7 @@ def _cases() -> list[Case]:
     for name, engine, bound in (("building", "exact", 1e-14), ("building", "float", 1e-12)):
         cases.append(
             Case(
-                f"SLICOT {name} model, {engine} engine",
+                f"SLICOT {name} model, {ENGINES[engine]} engine",
                 "frequency",
                 "SLICOT model-reduction benchmarks; exact arithmetic",
                 partial(_model, name, engine),

@@ -117,7 +117,7 @@ def refused(
     name: str, scene: Mapping[str, Any], says: str, files: Files = NO_FILES, *, slow: bool = False
 ) -> Case:
     """Return a case that has no answer."""
-    source = "by hand: nothing in the record tells it"
+    source = "by hand: the record does not determine it"
     return Case(name, "identification", source, partial(run, scene, files), Refusal(says), slow=slow)
 
 
