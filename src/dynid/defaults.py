@@ -36,15 +36,15 @@ class Default(Generic[T]):
 
 
 @dataclass(frozen=True)
-class Limit(Generic[T]):
-    """A limit of cost: up to it the more accurate way is taken, beyond it another, or an error is raised.
+class Threshold(Generic[T]):
+    """A threshold that no benchmark justifies.
 
     Parameters
     ----------
     value
-        The size.
+        The threshold.
     sentence
-        The limit as a sentence; ``{value}`` stands for the value.
+        What it decides, as a sentence; ``{value}`` stands for the value.
     """
 
     value: T
@@ -54,23 +54,12 @@ class Limit(Generic[T]):
         return self.sentence.format(value=self.value)
 
 
-@dataclass(frozen=True)
-class Level(Generic[T]):
-    """A level of a statistical decision.
+class Limit(Threshold[T]):
+    """A limit of cost: up to it the more accurate way is taken, beyond it another, or an error is raised."""
 
-    Parameters
-    ----------
-    value
-        The level.
-    sentence
-        The decision as a sentence; ``{value}`` stands for the value.
-    """
 
-    value: T
-    sentence: str
-
-    def __str__(self) -> str:
-        return self.sentence.format(value=self.value)
+class Level(Threshold[T]):
+    """A level of a statistical decision."""
 
 
 # Bond graphs: engines.

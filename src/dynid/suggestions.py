@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import heapq
 import re
 from collections.abc import Iterable, Sequence
-from difflib import SequenceMatcher
 
 #: Control characters except line feed and tab; marks of writing direction; surrogates.
 _CONTROL = re.compile(
@@ -23,6 +21,9 @@ def printable(text: str) -> str:
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     """Return "; did you mean 'x'?" for the candidate most similar to a word, or '' where none is similar."""
+    import heapq  # here, since every command loads this module to print
+    from difflib import SequenceMatcher
+
     if len(word) > 100:
         return ""
     lowered = word.lower()

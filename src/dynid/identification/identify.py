@@ -38,7 +38,7 @@ from dynid.identification.model_error import model_error
 from dynid.identification.parametric_model import ParametricModel, parametric_model, unknowns_of
 from dynid.identification.posterior import Posterior
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.write_result import write_result
+from dynid.identification.write_result import add_identification
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.matrices import Label
@@ -183,7 +183,7 @@ def identify_all(
             lambda other, values: _likelihood(_models(other, experiments), experiments, values),
             dofs,
         )
-        return write_result(
+        return add_identification(
             Result("identification") if into is None else into,
             posterior,
             lambda: [true_states(truth or model, last, *experiment) for experiment in experiments],
@@ -243,7 +243,7 @@ def identify_frf(
             lambda other, values: frf_likelihood(other, measurement, values[0]),
             [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)],
         )
-        return write_result(Result("identification"), posterior)
+        return add_identification(Result("identification"), posterior)
 
 
 def _identified(

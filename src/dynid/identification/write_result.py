@@ -45,6 +45,7 @@ with a time axis hold a group each, ``record_1``, …, and channels are called `
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +89,7 @@ _COMPARED = (
 )
 
 
-def write_result(
+def add_identification(
     result: Result,
     posterior: Posterior,
     true_states: Callable[[], Sequence[Array | None]] | None = None,
@@ -276,10 +277,14 @@ def _add_records(
     named = {"history": sweeps[-1]} | ({"first_pass": sweeps[0]} if len(sweeps) > 1 else {})
     for name, sweep in named.items():
         for k, (record, history) in enumerate(zip(records, sweep, strict=True)):
-            group = f"identification/{name}/record_{k + 1}" if posterior.several else f"identification/{name}"
-            _add_history(result, group, record, posterior.dofs, history)
+            _add_history(result, _group(posterior, k, name), record, posterior.dofs, history)
     for k, (record, part) in enumerate(zip(records, parts, strict=True)):
         _add_record(result, posterior, k, record, part, bands[k], true[k])
+
+
+def _group(posterior: Posterior, k: int, name: str) -> str:
+    """Return the path of a group of record k."""
+    return f"identification/{name}/record_{k + 1}" if posterior.several else f"identification/{name}"
 
 
 def _add_record(
@@ -292,10 +297,7 @@ def _add_record(
     true: Array | None,
 ) -> None:
     """Add measurement, states and residuals of a record; `band` and `true` of its states (rows x n)."""
-
-    def group(name: str) -> str:
-        return f"identification/{name}/record_{k + 1}" if posterior.several else f"identification/{name}"
-
+    group = partial(_group, posterior, k)
     model, measurement, rows = record.model, record.taken_under.measurement, stored_rows(len(fit.residual))
     true = None if true is None else true[rows]
     _add_measurement(result, group("measurement"), record, fit)

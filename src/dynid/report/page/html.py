@@ -26,10 +26,10 @@ def text(value: str) -> Markup:
     """Return a text as HTML; control characters are shown by their number."""
     if isinstance(value, Markup):
         return value
-    return Markup(escape(printable(value)))
+    return Markup(escape(visible(value)))
 
 
-def printable(value: str) -> str:
+def visible(value: str) -> str:
     """Return a text with control characters shown by their number, and with unified line ends."""
     return _UNFIT.sub(lambda found: "\n" if found[0] == "\r" else f"⟨U+{ord(found[0]):04X}⟩", value)
 

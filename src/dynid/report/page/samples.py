@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.report.content.study import display_name, shown_numbers
-from dynid.report.page.html import Markup, join, printable, shown_rows, tag
+from dynid.report.page.html import Markup, join, shown_rows, tag, visible
 from dynid.result import Result
 from dynid.study.analysis.table import StudyTable
 
@@ -30,7 +30,7 @@ def samples(result: Result) -> Markup:
     rows = np.array(shown_rows(count, 1, _SAMPLES), dtype=np.intp)
     kept, left, size = [], [], 0
     for name, units, role, values in _columns(table):
-        column = {"name": printable(name), "units": printable(units), "role": role, **_packed(values[rows])}
+        column = {"name": visible(name), "units": visible(units), "role": role, **_packed(values[rows])}
         size += len(column["data"]) + len(json.dumps(column.get("levels", ""), ensure_ascii=False).encode())
         if size > _BYTES and role == "result":
             size -= len(column["data"])
@@ -84,7 +84,7 @@ def _packed(values: NDArray[Any]) -> dict[str, Any]:
             fits = sizes.max() < _LARGE and sizes.min() > _SMALL and not (whole and sizes.max() > _WHOLE)
             kind = "<f4" if fits else "<f8"
         return {"type": kind, "data": b64encode(numbers.astype(kind).tobytes()).decode()}
-    texts = [printable(str(value)) for value in values]
+    texts = [visible(str(value)) for value in values]
     texts = [text if len(text) <= _LETTERS else f"{text[: _LETTERS - 1]}…" for text in texts]
     levels = sorted(set(texts))
     if len(levels) > _LEVELS:
@@ -93,6 +93,6 @@ def _packed(values: NDArray[Any]) -> dict[str, Any]:
     indices = np.array([places.get(text, len(levels) - 1) for text in texts], dtype="<u2")
     return {
         "type": "<u2",
-        "levels": [printable(level) for level in levels],
+        "levels": levels,
         "data": b64encode(indices.tobytes()).decode(),
     }
