@@ -13,8 +13,11 @@ ROOT = Path(dynid.__file__).parent
 LAYERS = [
     {"_version", "errors", "suggestions", "number_format", "file_access", "hdf5"}
     | {"result", "model_scope", "defaults", "progress"},
+    {"arithmetic"},
+    {"parameters"},
     {"lti"},
-    {"bondgraph", "structure"},
+    {"structure"},
+    {"bondgraph"},
     {"identification"},
     {"tables"},
     {"scene"},
@@ -36,7 +39,6 @@ WITHIN = {
     ("__init__", "builders"),
 }
 FORBIDDEN = {
-    ("identification", "bondgraph"),
     *(("store", package) for package in ("lti", "bondgraph", "structure", "identification", "scene")),
     *(("checks", package) for package in ("lti", "bondgraph", "structure", "identification")),
     *(("cli", package) for package in ("lti", "bondgraph", "structure", "identification")),

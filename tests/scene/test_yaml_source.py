@@ -304,7 +304,7 @@ def test_the_closest_of_many_alike_names_is_meant(word):
 
 def test_reading_scenes_imports_nothing_heavy():
     heavy = "{'numpy', 'scipy', 'pydantic'}"
-    modules = "dynid.scene.yaml.source, dynid.scene.arithmetic.expression"
+    modules = "dynid.scene.yaml.source, dynid.arithmetic.expression"
     code = f"import sys, {modules}; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

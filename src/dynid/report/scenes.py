@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from dynid.result import Result
-    from dynid.scene.arithmetic.expression import Expression, Number
+    from dynid.arithmetic.expression import Expression, Number
 
 _REMEDY = "Run the scene again."
 
@@ -49,14 +49,14 @@ class PlainScene:
 
     def exact(self, raw: Any) -> Fraction:
         """Return the value of a quantity as a fraction; a float is its shortest decimal representation."""
-        from dynid.scene.arithmetic.expression import to_fraction
+        from dynid.arithmetic.expression import to_fraction
 
         expression = self.expression(raw)
         return to_fraction(raw if expression is None else expression.evaluate(self.parameters))
 
     def expression(self, raw: Any) -> Expression | None:
         """Return the expression of a quantity; None for a number."""
-        from dynid.scene.arithmetic.expression import parse
+        from dynid.arithmetic.expression import parse
 
         return parse(raw) if isinstance(raw, str) else None
 
@@ -69,7 +69,7 @@ def scene_of(result: Result) -> PlainScene:
     UsageError
         Where it holds none, or one that this version of dynid does not read.
     """
-    from dynid.scene.arithmetic.expression import resolve_parameters
+    from dynid.arithmetic.expression import resolve_parameters
 
     data = plain_data(str(result.attrs.get("scene", "")))
     if not data:

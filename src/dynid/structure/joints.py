@@ -13,19 +13,13 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from dynid.errors import UsageError
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.parameters import ParameterPrior
+from dynid.structure.matrices import Array, Label
 
 Block: TypeAlias = Sequence[Sequence[float]] | Array
 
 # A block that is negative by less, relative to its diagonal, is one of rounded or measured digits.
 _TOLERANCE = 1e-9
-
-
-class ParameterPrior(NamedTuple):
-    """Prior of an unknown parameter: its expected value and relative standard deviation."""
-
-    value: float
-    relative_deviation: float
 
 
 @dataclass(frozen=True)
@@ -74,7 +68,9 @@ class JointParameter:
                     "start and true value of an unknown joint parameter must be finite and positive",
                     remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
                 )
-        known = [number for number in (self.low, self.high, *(self.prior or ())) if number is not None]
+        known = [number for number in (self.low, self.high) if number is not None]
+        if self.prior is not None:
+            known += [self.prior.value, self.prior.relative]
         if known and self.start is None:
             raise UsageError("limits and a prior belong to an unknown joint parameter, one with a start")
         if not all(math.isfinite(number) and number > 0 for number in known):
@@ -157,23 +153,6 @@ class JointTerm(NamedTuple):
     letter: str
     parameter: JointParameter
     block: Array
-
-
-class Unknown(NamedTuple):
-    """An unknown joint parameter: name, letter, unit pattern (n x n), start, true value, physical unit.
-
-    Also its limits and its prior.
-    """
-
-    name: str
-    letter: str
-    pattern: Matrix
-    start: float
-    true: float | None
-    unit: str
-    low: float | None = None
-    high: float | None = None
-    prior: ParameterPrior | None = None
 
 
 def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:

@@ -8,20 +8,40 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
+from dynid.parameters import Parameter
 from dynid.structure import labels
-from dynid.structure.joints import Joint, Unknown, unit_of
+from dynid.structure.joints import Joint, unit_of
 from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
 
 # Beyond this a matrix with all its zeros is not made: 5000 x 5000 takes 0.2 GB.
 _MOST_DENSE = 5000
 # Motion that is rounding, relative to the largest in the same column of a basis.
 _ROUNDING = 16 * float(np.finfo(float).eps)
+
+
+class Term(NamedTuple):
+    """A part of a matrix that depends on unknown parameters.
+
+    Parameters
+    ----------
+    letter
+        The matrix: ``M``, ``C`` or ``K``.
+    coefficient
+        What multiplies `matrix`.
+    matrix
+        A constant matrix (n x n).
+    """
+
+    letter: str
+    coefficient: Dependent
+    matrix: Matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +74,8 @@ class StructuralModel:
     Parameters
     ----------
     M, C, K
-        Mass, damping and stiffness without the joints (n x n), symmetric. M and K may be singular (massless
+        Mass, damping and stiffness without the joints (n x n), symmetric, at the reference values of unknown
+        parameters. M and K may be singular (massless
         DOFs, rigid-body modes), not indefinite. They are arrays; if one is sparse, all become `csc_array`.
         Without C there is no damping.
     joints
@@ -64,6 +85,10 @@ class StructuralModel:
         a number names a DOF by its place, from 1.
     basis
         Of a reduced model, the way back to all DOFs.
+    parameters
+        Unknown parameters other than those of joints.
+    terms
+        The parts of M, C and K that depend on them. M, C and K contain them at the reference values.
 
     Raises
     ------
@@ -77,6 +102,8 @@ class StructuralModel:
     joints: tuple[Joint, ...] = ()
     dofs: tuple[Label, ...] = ()
     basis: Basis | None = None
+    parameters: tuple[Parameter, ...] = ()
+    terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -199,23 +226,36 @@ class StructuralModel:
         """
         matrices = (np.asarray(T.T @ (matrix @ T)) for matrix in (self.M, self.C, self.K))
         M, C, K = ((matrix + matrix.T) / 2 for matrix in matrices)
-        return StructuralModel(M, C, K, self.joints, tuple(dofs), Basis(T, self, tuple(rigid)))
+        terms = tuple(
+            term._replace(matrix=np.asarray(T.T @ np.asarray(term.matrix @ T))) for term in self.terms
+        )
+        basis = Basis(T, self, tuple(rigid))
+        return StructuralModel(M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms)
 
     @cached_property
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """The unknown joint parameters, joint by joint, stiffness before damping."""
-        return tuple(
-            Unknown(
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The unknown parameters: those of joints, joint by joint, stiffness before damping; then all others."""
+        own = [
+            Parameter(
                 name,
-                letter,
-                self._pattern(joint, block, letter),
                 part.start,
                 part.true,
-                unit_of(letter, part, [labels.kind(self.label(dof)) for dof in joint.dofs]),
                 part.low,
                 part.high,
                 part.prior,
+                unit=unit_of(letter, part, [labels.kind(self.label(dof)) for dof in joint.dofs]),
             )
+            for joint in self.joints
+            for name, letter, part, _ in joint.terms
+            if part.start is not None
+        ]
+        return (*own, *self.parameters)
+
+    @cached_property
+    def joint_terms(self) -> tuple[Term, ...]:
+        """The parts of the matrices that unknown parameters of joints multiply."""
+        return tuple(
+            Term(letter.upper(), Dependent.parameter(name, part.start), self._pattern(joint, block, letter))
             for joint in self.joints
             for name, letter, part, block in joint.terms
             if part.start is not None
@@ -223,30 +263,59 @@ class StructuralModel:
 
     @guarded("the sum of mass, stiffness or damping at a DOF", UsageError)
     def with_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
-        """Return M + M_s, C + C_s and K + K_s (Yang, eq 1).
+        """Return mass, damping and stiffness with the joints: M + M_s, C + C_s and K + K_s (Yang, eq 1).
 
         Parameters
         ----------
         values
-            The unknown parameters by name (``<joint>.k``, ``<joint>.c``).
+            The unknown parameters by name. Those that are not joints' own (``<joint>.k``, ``<joint>.c``) have
+            their reference values where they are absent.
 
         Raises
         ------
         UsageError
-            If an unknown parameter has no value, or a name is no unknown parameter.
+            If an unknown parameter of a joint has no value, or a name is no unknown parameter.
         """
         given = dict(values or {})
+        unknown = given.keys() - {one.name for one in self.unknowns}
+        if unknown:
+            this = "this name" if len(unknown) == 1 else "these names"
+            names = [name for name in given if name in unknown]
+            raise UsageError(f"{', '.join(names)}: no unknown parameter has {this}", names=names)
         sums: dict[str, Any] = {"m": self.M, "c": self.C, "k": self.K}
         for joint in self.joints:
             for name, letter, part, block in joint.terms:
-                value = part.value if part.value is not None else given.pop(name, None)
+                value = part.value if part.value is not None else given.get(name)
                 if value is None:
                     raise UsageError(f"the joint parameter {name} has no value", names=(name,))
                 sums[letter] = sums[letter] + self._pattern(joint, value * block, letter)
-        if given:
-            this = "this name" if len(given) == 1 else "these names"
-            raise UsageError(f"{', '.join(given)}: no unknown joint parameter has {this}", names=given)
+        others = {one.name: given.get(one.name, one.expected) for one in self.parameters}
+        for term in self.terms:
+            change = term.coefficient.at(others).value - float(term.coefficient)
+            if change:
+                sums[term.letter.lower()] = sums[term.letter.lower()] + change * term.matrix
         return sums["m"], sums["c"], sums["k"]
+
+    def slopes(self, values: Mapping[str, float]) -> tuple[Mapping[str, Matrix], ...]:
+        """Return the derivatives of the matrices of `with_joints` by each unknown parameter's value.
+
+        Parameters
+        ----------
+        values
+            The unknown parameters by name.
+
+        Returns
+        -------
+        tuple
+            For each of `unknowns` the derivatives by the matrices' letters, ``M``, ``C``, ``K``; those that
+            vanish are absent.
+        """
+        found: dict[str, dict[str, Any]] = {one.name: {} for one in self.unknowns}
+        for term in (*self.joint_terms, *self.terms):
+            for name, rate in term.coefficient.at(values).slopes.items():
+                own, part = found[name], rate * term.matrix
+                own[term.letter] = own[term.letter] + part if term.letter in own else part
+        return tuple(found.values())
 
     def dense(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
         """Return the matrices of `with_joints` as arrays.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import SceneError
 from dynid.result import Scalar
-from dynid.scene.arithmetic.expression import Expression, parse
+from dynid.arithmetic.expression import Expression, parse
 from dynid.scene.kinds.study import base_scene, study_model
 from dynid.scene.schema.raw import mapping, written_key
 from dynid.scene.schema.study import Listed, grid_groups, known_names, paths_of

@@ -109,8 +109,8 @@ def build_graph(model: BondGraphScene) -> BondGraph:
 
 def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
     """Return the variables of the sensitivities: the parameters, and the values written as numbers."""
-    from dynid.scene.arithmetic.derivatives import differentiate, independent_parameters
-    from dynid.scene.arithmetic.numbers import to_fraction
+    from dynid.arithmetic.derivatives import differentiate, independent_parameters
+    from dynid.arithmetic.numbers import to_fraction
 
     known = independent_parameters(model.parameters)
     rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}

@@ -20,8 +20,8 @@ from pydantic import BaseModel
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError
 from dynid.result import Variable
-from dynid.scene.arithmetic.expression import Expression, parse
-from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
+from dynid.arithmetic.expression import Expression, parse
+from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
 from dynid.scene.collect import gather
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene

@@ -16,7 +16,7 @@ from dynid.errors import DynidError
 from dynid.identification.identify import SharedRecords
 from dynid.identification.kernels import repeated
 from dynid.result import Variable
-from dynid.scene.arithmetic.numbers import OutOfRangeError, to_fraction
+from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.scene.batch import run_alone
 from dynid.scene.collect import CollectedResult, gather
 from dynid.scene.kinds.identification import identified, setting

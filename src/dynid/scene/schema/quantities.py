@@ -12,7 +12,7 @@ from pydantic import ValidationInfo
 from pydantic_core import PydanticCustomError
 from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
-from dynid.scene.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
+from dynid.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
 from dynid.suggestions import did_you_mean
 
 

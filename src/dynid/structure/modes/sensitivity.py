@@ -1,8 +1,8 @@
-"""Derivatives of poles with respect to the unknown parameters of the joints.
+"""Derivatives of poles with respect to the unknown parameters of a structure.
 
 Of the symmetric quadratic problem (lambda^2 M + lambda C + K) u = 0 a simple pole moves by
 
-    d lambda = - u^T (lambda dC + dK) u / (u^T (2 lambda M + C) u),
+    d lambda = - u^T (lambda^2 dM + lambda dC + dK) u / (u^T (2 lambda M + C) u),
 
 whatever the damping (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968) 2426–2429, for damped systems S. Adhikari,
 AIAA J. 37 (1999) 1452–1458); a pole of multiplicity r splits into r branches, the eigenvalues of the r x r
@@ -66,10 +66,12 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
     found = modes(M, C, K, backend="dense")
     shapes, omega = found.shapes, found.omega
     D = shapes.T @ C @ shapes
-    patterns = [shapes.T @ as_array(unknown.pattern) @ shapes for unknown in model.unknowns]
-    letters = [unknown.letter for unknown in model.unknowns]
+    moved = [
+        {letter: shapes.T @ as_array(change) @ shapes for letter, change in slopes.items()}
+        for slopes in model.slopes(values)
+    ]
     poles, U = _poles(omega, D)
-    slopes = np.zeros((len(poles), len(patterns)), dtype=complex)
+    slopes = np.zeros((len(poles), len(moved)), dtype=complex)
     clusters: list[list[int]] = []  # places of poles that are one, in the order of their size
     for place, pole in enumerate(poles):
         near = [c for c in clusters if abs(poles[c[0]] - pole) <= _SAME * abs(pole)]
@@ -84,9 +86,11 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
         if np.linalg.svd(gram, compute_uv=False)[-1] <= _DEFECTIVE * scale:
             slopes[cluster] = np.inf
             continue
-        for j, (pattern, letter) in enumerate(zip(patterns, letters, strict=True)):
-            moved = -np.linalg.solve(gram, u.T @ pattern @ u * (pole if letter == "c" else 1.0))
-            slopes[cluster, j] = np.sort_complex(np.linalg.eigvals(moved))
+        for j, changes in enumerate(moved):
+            powers = {"M": pole**2, "C": pole, "K": 1.0}
+            change = sum((powers[letter] * part for letter, part in changes.items()), np.zeros_like(D))
+            branches = -np.linalg.solve(gram, u.T @ change @ u)
+            slopes[cluster, j] = np.sort_complex(np.linalg.eigvals(branches))
     omega = np.abs(poles)
     zeta = -poles.real / omega
     finite = np.isfinite(slopes)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.scene.arithmetic.derivatives import differentiate, independent_parameters
-from dynid.scene.arithmetic.expression import ExpressionError, parse
+from dynid.arithmetic.derivatives import differentiate, independent_parameters
+from dynid.arithmetic.expression import ExpressionError, parse
 
 
 def slopes(text, **parameters):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dynid.scene.arithmetic.expression import Expression, parse, resolve_parameters
-from dynid.scene.arithmetic.numbers import Number, apply
+from dynid.arithmetic.expression import Expression, parse, resolve_parameters
+from dynid.arithmetic.numbers import Number, apply
 
 _ONE, _TWO = Fraction(1), Fraction(2)
 
@@ -56,16 +56,18 @@ def differentiate(expression: Expression, known: Mapping[str, Dual]) -> Dual:
             return Dual(item, {})
         return Dual(math.pi, {}) if item == "pi" else known[item]
 
-    def operate(operation: str, operands: list[Dual]) -> Dual:
-        value = apply(operation, [operand.value for operand in operands])
-        slopes: dict[str, Number] = {}
-        for operand, rate in zip(operands, _rates(operation, operands, value), strict=True):
-            if rate != 0:
-                for name, slope in operand.slopes.items():
-                    slopes[name] = apply("+", [slopes.get(name, Fraction(0)), apply("*", [rate, slope])])
-        return Dual(value, slopes)
-
     return expression.fold(leaf, operate)
+
+
+def operate(operation: str, operands: list[Dual]) -> Dual:
+    """Return the result of an operation with its derivatives."""
+    value = apply(operation, [operand.value for operand in operands])
+    slopes: dict[str, Number] = {}
+    for operand, rate in zip(operands, _rates(operation, operands, value), strict=True):
+        if rate != 0:
+            for name, slope in operand.slopes.items():
+                slopes[name] = apply("+", [slopes.get(name, Fraction(0)), apply("*", [rate, slope])])
+    return Dual(value, slopes)
 
 
 def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:  # noqa: C901 - a table

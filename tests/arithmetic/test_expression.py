@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from dynid.scene.arithmetic.expression import (
+from dynid.arithmetic.expression import (
     ExpressionError,
     OutOfRangeError,
     parse,

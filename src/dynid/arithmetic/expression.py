@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from dynid.errors import UsageError
-from dynid.scene.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
+from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
 from dynid.suggestions import did_you_mean
 
 __all__ = [

@@ -1,0 +1,172 @@
+"""Numbers that depend on unknown parameters: arithmetic that is recorded, and evaluated with derivatives.
+
+A builder of matrices or equations computes with such numbers as with floats; what it returns can then be
+evaluated at any values of the parameters, with exact derivatives (forward accumulation).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, NamedTuple, TypeAlias
+
+from dynid.arithmetic.derivatives import Dual, operate
+from dynid.arithmetic.expression import Expression
+from dynid.arithmetic.numbers import Number, apply
+
+
+class Evaluated(NamedTuple):
+    """A value, and its derivatives by the parameters, by name, those that vanish left out."""
+
+    value: float
+    slopes: Mapping[str, float]
+
+
+class Dependent:
+    """A number that depends on unknown parameters.
+
+    Parameters
+    ----------
+    operation
+        The operation on its operands, named as in `numbers.apply`; of a parameter empty.
+    operands
+        Numbers of which one at least depends on parameters; of a parameter its name.
+    reference
+        Its value at the reference values of the parameters, which `float` returns.
+    """
+
+    __slots__ = ("__dict__", "operands", "operation", "reference")
+
+    def __init__(self, operation: str, operands: tuple[Any, ...], reference: Number) -> None:
+        self.operation, self.operands, self.reference = operation, operands, reference
+
+    @classmethod
+    def parameter(cls, name: str, reference: Number) -> Dependent:
+        """Return the number that a parameter is."""
+        return cls("", (name,), reference)
+
+    @cached_property
+    def _order(self) -> list[Dependent]:
+        """The dependent numbers that it is computed from, operands before results, itself last."""
+        order: list[Dependent] = []
+        seen: set[int] = set()
+        stack: list[tuple[Dependent, bool]] = [(self, False)]
+        while stack:
+            node, entered = stack.pop()
+            if entered:
+                order.append(node)
+            elif id(node) not in seen:
+                seen.add(id(node))
+                stack.append((node, True))
+                stack += [(one, False) for one in node.operands if isinstance(one, Dependent)]
+        return order
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The names of the parameters that it depends on."""
+        return frozenset(node.operands[0] for node in self._order if not node.operation)
+
+    def dual(self, values: Mapping[str, Number]) -> Dual:
+        """Return value and derivatives at values of the parameters, exact where these and it are.
+
+        Raises
+        ------
+        OutOfRangeError
+            If there is no finite value, or no finite derivative.
+        """
+        found: dict[int, Dual] = {}
+        for node in self._order:
+            if node.operation:
+                operands = [
+                    found[id(one)] if isinstance(one, Dependent) else Dual(one, {}) for one in node.operands
+                ]
+                found[id(node)] = operate(node.operation, operands)
+            else:
+                name = node.operands[0]
+                found[id(node)] = Dual(values[name], {name: Fraction(1)})
+        return found[id(self)]
+
+    def at(self, values: Mapping[str, float]) -> Evaluated:
+        """Return value and derivatives at values of the parameters, as floats; raises as `dual`."""
+        found = self.dual(values)
+        return Evaluated(float(found.value), {name: float(rate) for name, rate in found.slopes.items()})
+
+    def __float__(self) -> float:
+        return float(self.reference)
+
+    def __repr__(self) -> str:
+        return f"Dependent({float(self):g}; {', '.join(sorted(self.names))})"
+
+    def __add__(self, other: Real) -> Real:
+        return compute("+", (self, other))
+
+    def __radd__(self, other: Real) -> Real:
+        return compute("+", (other, self))
+
+    def __sub__(self, other: Real) -> Real:
+        return compute("-", (self, other))
+
+    def __rsub__(self, other: Real) -> Real:
+        return compute("-", (other, self))
+
+    def __mul__(self, other: Real) -> Real:
+        return compute("*", (self, other))
+
+    def __rmul__(self, other: Real) -> Real:
+        return compute("*", (other, self))
+
+    def __truediv__(self, other: Real) -> Real:
+        return compute("/", (self, other))
+
+    def __rtruediv__(self, other: Real) -> Real:
+        return compute("/", (other, self))
+
+    def __pow__(self, other: Real) -> Real:
+        return compute("**", (self, other))
+
+    def __neg__(self) -> Real:
+        return compute("neg", (self,))
+
+
+Real: TypeAlias = float | Fraction | Dependent
+"""A number, or one that depends on unknown parameters."""
+
+
+def compute(operation: str, operands: Iterable[Real]) -> Any:
+    """Return the result of an operation: a number, or a dependent number where an operand is one."""
+    given = tuple(operands)
+    numbers = [one.reference if isinstance(one, Dependent) else one for one in given]
+    value = apply(operation, [one if isinstance(one, float | Fraction) else Fraction(one) for one in numbers])
+    if any(isinstance(one, Dependent) for one in given):
+        return Dependent(operation, given, value)
+    return value
+
+
+def sqrt(value: Real) -> Any:
+    """Return the square root of a number."""
+    return compute("sqrt", (value,)) if isinstance(value, Dependent) else math.sqrt(value)
+
+
+def evaluated(value: Real, values: Mapping[str, float]) -> Evaluated:
+    """Return any number with its derivatives at values of the parameters."""
+    return value.at(values) if isinstance(value, Dependent) else Evaluated(float(value), {})
+
+
+def substituted(expression: Expression, known: Mapping[str, Real]) -> Any:
+    """Return an expression in which names have these values: a number, or a dependent one.
+
+    Raises
+    ------
+    ExpressionError
+        As `Expression.evaluate`, at the reference values.
+    """
+
+    def leaf(item: Fraction | str) -> Real:
+        if isinstance(item, Fraction):
+            return item
+        return math.pi if item == "pi" else known[item]
+
+    make: Callable[[str, list[Any]], Any] = compute
+    return expression.fold(leaf, make)

@@ -1,0 +1,190 @@
+"""The interface between a model and the estimators: matrices of a linear system as functions of parameters.
+
+A structure, a bond graph, or any other linear model with unknown parameters is identified through two
+classes: a `SystemModel`, which knows its parameters, and the `LinearSystem` that it makes for the loads and
+channels of one record. Filter, output error, invariant imbedding, frequency responses, plans, identifiability
+and bounds need nothing else.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.measurement import Measurement, Simulation
+from dynid.lti.signals import Signal
+from dynid.lti.state_space import StateSpace
+from dynid.lti.time_response import TimeResponse
+from dynid.parameters import Parameter
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+class StateVariable(NamedTuple):
+    """A state: its name in results, and its unit."""
+
+    name: str
+    unit: str
+
+
+class Matrices(NamedTuple):
+    """``x' = A x + B u``, ``y = C x + sum_k D[k] d^k u / dt^k`` at some values of the parameters.
+
+    Attributes
+    ----------
+    A, B, C, D
+        Matrices (n x n, n x loads, channels x n, orders x channels x loads), SI.
+    A_slopes, B_slopes, C_slopes, D_slopes
+        Their derivatives by the values of the parameters (p x the shape of the matrix).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    A_slopes: Array
+    B_slopes: Array
+    C_slopes: Array
+    D_slopes: Array
+
+
+class Affine(NamedTuple):
+    """Matrices that are affine in the values of the parameters: A and C alone depend on them.
+
+    Attributes
+    ----------
+    A, B, C, D
+        As of `Matrices`, with every parameter at zero.
+    A_slopes, C_slopes
+        Constant derivatives by the values.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    A_slopes: Array
+    C_slopes: Array
+
+    def at(self, values: Array) -> Matrices:
+        """Return the matrices at values of the parameters (p)."""
+        p = len(values)
+        return Matrices(
+            self.A + np.einsum("p,pij->ij", values, self.A_slopes),
+            self.B,
+            self.C + np.einsum("p,pij->ij", values, self.C_slopes),
+            self.D,
+            self.A_slopes,
+            np.zeros((p, *self.B.shape)),
+            self.C_slopes,
+            np.zeros((p, *self.D.shape)),
+        )
+
+
+class LinearSystem(ABC):
+    """A model with the loads and channels of one record.
+
+    Attributes
+    ----------
+    unknowns
+        The unknown parameters (p).
+    states
+        The states (n).
+    signals
+        The acting inputs, one a load.
+    """
+
+    unknowns: tuple[Parameter, ...]
+    states: tuple[StateVariable, ...]
+    signals: list[Signal]
+
+    @abstractmethod
+    def at(self, values: Mapping[str, float]) -> Matrices:
+        """Return the matrices at values of the parameters, by name.
+
+        Raises
+        ------
+        DynidError
+            If there are none.
+        """
+
+    @abstractmethod
+    def prior(self, values: Mapping[str, float], length: float) -> Array:
+        """Return a root (n x n) of the wide prior covariance of the state, up to a factor.
+
+        Every mode has the same energy; motions that store none are bounded by the length of the record, s.
+        """
+
+    def reach(self, found: Matrices, root: Array) -> Array:
+        """Return the standard deviation of each channel under a prior of the state (channels)."""
+        return np.linalg.norm(found.C @ root, axis=1)
+
+    def prescribed(self, time: float) -> tuple[Array, NDArray[np.bool_]]:  # noqa: ARG002
+        """Return the state at a time that each load prescribes (loads x n), and where one does (n)."""
+        n = len(self.states)
+        return np.zeros((len(self.signals), n)), np.zeros(n, dtype=bool)
+
+    @property
+    def affine(self) -> Affine | None:
+        """The matrices as affine functions of the parameters; None where they are not."""
+        return None
+
+    def poles(self, values: Mapping[str, float]) -> ComplexArray:
+        """Return the poles at values of the parameters, 1/s."""
+        from dynid.lti.exponential import balance, rescaled
+
+        A = self.at(values).A
+        return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
+
+    def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Return frequency responses (L x channels x loads), and their derivatives by the values (… x p).
+
+        With H = C (i omega - A)^-1 B + sum_k (i omega)^k D_k, and R = (i omega - A)^-1:
+        dH = (dC + C R dA) R B + C R dB + sum_k (i omega)^k dD_k.
+        """
+        found, s = self.at(values), 1j * omega[:, None, None]
+        n = len(found.A)
+        by_load = np.linalg.solve(s * np.eye(n) - found.A, found.B.astype(complex)[None])
+        by_channel = np.linalg.solve((s * np.eye(n) - found.A).swapaxes(1, 2), found.C.T.astype(complex)[None])
+        by_channel = by_channel.swapaxes(1, 2)  # C R
+        H = found.C @ by_load
+        moved = by_channel[:, None] @ (found.A_slopes @ by_load[:, None] + found.B_slopes)
+        moved = moved + found.C_slopes @ by_load[:, None]
+        for order in range(len(found.D)):
+            power = (1j * omega) ** order
+            H = H + power[:, None, None] * found.D[order]
+            moved = moved + power[:, None, None, None] * found.D_slopes[:, order]
+        return H, np.moveaxis(moved, 1, -1)
+
+    def state_space(self, values: Mapping[str, float]) -> StateSpace:
+        """Return the state space at values of the parameters."""
+        found = self.at(values)
+        return StateSpace(found.A, found.B, found.C, found.D[0], tuple(found.D[1:]))
+
+
+@runtime_checkable
+class SystemModel(Protocol):
+    """A model with unknown parameters, before loads and channels are chosen."""
+
+    @property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The unknown parameters (p)."""
+
+    def system(self, loads: Sequence[Any], channels: Sequence[Any]) -> LinearSystem:
+        """Return the system from the loads to the channels.
+
+        Raises
+        ------
+        UsageError
+            If a load or channel makes no sense here.
+        """
+
+    def simulated(
+        self, loads: Sequence[Any], measurement: Measurement, source: Simulation, values: Mapping[str, float]
+    ) -> TimeResponse:
+        """Return the exact, noise-free response at the sampling times, from the initial state at t = 0."""
