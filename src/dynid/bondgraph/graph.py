@@ -18,10 +18,13 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Literal, NamedTuple, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
 
 from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from dynid.arithmetic.dependent import Dependent
 
 NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1"]
 Quantity = Literal["e", "f", "q", "p"]
@@ -119,6 +122,8 @@ class Node:
         own name stands for its value.
     domain
         Its physical domain, where it is given: one of `UNITS`.
+    dependent
+        The value as a function of unknown parameters, where it is one; `value` is that at the reference.
 
     Raises
     ------
@@ -131,6 +136,7 @@ class Node:
     value: Fraction | None = None
     formula: ValueExpression | None = None
     domain: str = ""
+    dependent: Dependent | None = None
 
     def __post_init__(self) -> None:
         if not self.domain:
@@ -223,7 +229,7 @@ class BondGraph:
         """Return the graph with other values of some of its elements."""
         other = copy(self)
         other.nodes = {
-            name: replace(node, value=values[name]) if name in values else node
+            name: replace(node, value=values[name], dependent=None) if name in values else node
             for name, node in self.nodes.items()
         }
         return other
