@@ -18,8 +18,8 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, TypeVar
 
-from dynid.errors import UsageError
 from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
+from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean
 
 __all__ = [

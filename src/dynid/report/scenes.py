@@ -21,8 +21,8 @@ from dynid.scene.frequency_unit import HERTZ, RADIANS, FrequencyUnit, unit_of_fr
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from dynid.result import Result
     from dynid.arithmetic.expression import Expression, Number
+    from dynid.result import Result
 
 _REMEDY = "Run the scene again."
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.expression import Expression, parse
 from dynid.errors import SceneError
 from dynid.result import Scalar
-from dynid.arithmetic.expression import Expression, parse
 from dynid.scene.kinds.study import base_scene, study_model
 from dynid.scene.schema.raw import mapping, written_key
 from dynid.scene.schema.study import Listed, grid_groups, known_names, paths_of

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 from pydantic import BaseModel
 
+from dynid.arithmetic.expression import Expression, parse
+from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError
 from dynid.result import Variable
-from dynid.arithmetic.expression import Expression, parse
-from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
 from dynid.scene.collect import gather
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene

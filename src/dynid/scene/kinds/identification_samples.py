@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.errors import DynidError
 from dynid.identification.identify import SharedRecords
 from dynid.identification.kernels import repeated
 from dynid.result import Variable
-from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.scene.batch import run_alone
 from dynid.scene.collect import CollectedResult, gather
 from dynid.scene.kinds.identification import identified, setting

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-from dynid.errors import Fault, FileError, SceneError, UsageError
 from dynid.arithmetic.expression import ExpressionError, parse
+from dynid.errors import Fault, FileError, SceneError, UsageError
 from dynid.scene.load import Scene, check_source
 from dynid.scene.schema.raw import mapping
 from dynid.scene.schema.study import (

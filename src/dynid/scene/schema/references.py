@@ -14,8 +14,8 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from dynid.errors import Fault
 from dynid.arithmetic.expression import resolve_parameters
+from dynid.errors import Fault
 from dynid.scene.schema.quantities import SceneNames
 from dynid.scene.schema.raw import mapping, node_types, written_key
 from dynid.scene.yaml.source import Source
