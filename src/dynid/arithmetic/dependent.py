@@ -99,34 +99,34 @@ class Dependent:
     def __repr__(self) -> str:
         return f"Dependent({float(self):g}; {', '.join(sorted(self.names))})"
 
-    def __add__(self, other: Real) -> Real:
+    def __add__(self, other: Real) -> Any:
         return compute("+", (self, other))
 
-    def __radd__(self, other: Real) -> Real:
+    def __radd__(self, other: Real) -> Any:
         return compute("+", (other, self))
 
-    def __sub__(self, other: Real) -> Real:
+    def __sub__(self, other: Real) -> Any:
         return compute("-", (self, other))
 
-    def __rsub__(self, other: Real) -> Real:
+    def __rsub__(self, other: Real) -> Any:
         return compute("-", (other, self))
 
-    def __mul__(self, other: Real) -> Real:
+    def __mul__(self, other: Real) -> Any:
         return compute("*", (self, other))
 
-    def __rmul__(self, other: Real) -> Real:
+    def __rmul__(self, other: Real) -> Any:
         return compute("*", (other, self))
 
-    def __truediv__(self, other: Real) -> Real:
+    def __truediv__(self, other: Real) -> Any:
         return compute("/", (self, other))
 
-    def __rtruediv__(self, other: Real) -> Real:
+    def __rtruediv__(self, other: Real) -> Any:
         return compute("/", (other, self))
 
-    def __pow__(self, other: Real) -> Real:
+    def __pow__(self, other: Real) -> Any:
         return compute("**", (self, other))
 
-    def __neg__(self) -> Real:
+    def __neg__(self) -> Any:
         return compute("neg", (self,))
 
 

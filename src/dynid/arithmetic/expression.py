@@ -13,7 +13,7 @@ import re
 import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, TypeVar
@@ -237,7 +237,7 @@ class Expression:
     """
 
     text: str
-    steps: tuple[ast.expr, ...]
+    steps: tuple[ast.expr, ...] = field(compare=False)  # nodes of equal texts are not equal
 
     @cached_property
     def names(self) -> frozenset[str]:

@@ -70,13 +70,13 @@ def scene_of(result: Result) -> PlainScene:
         Where it holds none, or one that this version of dynid does not read.
     """
     from dynid.arithmetic.expression import resolve_parameters
+    from dynid.scene.schema.raw import reference_values
 
     data = plain_data(str(result.attrs.get("scene", "")))
     if not data:
         raise UsageError("the result does not hold the text of its scene", remedy=_REMEDY)
     with readable():
-        given = {str(name): value for name, value in data.get("parameters", {}).items()}
-        return PlainScene(data, resolve_parameters(given)[0])
+        return PlainScene(data, resolve_parameters(reference_values(data.get("parameters", {})))[0])
 
 
 @lru_cache(maxsize=4)

@@ -151,11 +151,12 @@ def check_source(source: Source) -> Scene:
 
     from dynid.scene.schema.accuracy import accuracy_faults
     from dynid.scene.schema.faults import located_faults, without_unknown_keys
-    from dynid.scene.schema.references import read_names
+    from dynid.scene.schema.names import read_names
 
     source = as_current(source)
     model = _model_of(source)
     names, faults = read_names(source)
+    reported = {(one.file, one.line, one.column) for one in faults}  # of parameters, with their cause
     if check := KINDS[source.data["kind"]].load("check"):
         faults += check(source, names)
     faults += accuracy_faults(source)
@@ -164,7 +165,11 @@ def check_source(source: Source) -> Scene:
         try:
             validated = model.model_validate(data, context=names)
         except ValidationError as error:
-            faults += located_faults(source, model, error)
+            faults += [
+                one
+                for one in located_faults(source, model, error)
+                if (one.file, one.line, one.column) not in reported
+            ]
             validated = model.model_validate(without_unknown_keys(data, error), context=names)
     except ValidationError:
         raise SceneError(faults) from None

@@ -10,6 +10,7 @@ from dynid.bondgraph.graph import BondGraph, Node, NodeType
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
+from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.bond_graph import BondGraphScene
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import StepSignal
@@ -112,7 +113,12 @@ def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
     from dynid.arithmetic.derivatives import differentiate, independent_parameters
     from dynid.arithmetic.numbers import to_fraction
 
-    known = independent_parameters(model.parameters)
+    known = independent_parameters(
+        {
+            name: given.reference if isinstance(given, DefinedParameter) else given
+            for name, given in model.parameters.items()
+        }
+    )
     rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}
     numbers = []
     for name, node in model.graph.nodes.items():

@@ -27,8 +27,10 @@ from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome
 from dynid.scene.run import run_scene
+from dynid.scene.schema.base import DefinedParameter
+from dynid.scene.schema.names import read_names
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.references import read_names
+from dynid.scene.schema.raw import reference_key, reference_values
 
 if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
@@ -110,11 +112,21 @@ def _place(scene: Scene, path: str) -> Path | None:
     match path.split("."):
         case ["parameters", name] if name in model.parameters:
             return ("parameter", name)
+        case ["parameters", name, key] if _is_reference(model.parameters.get(name), key):
+            return ("parameter", name)
         case ["graph", "nodes", name, "value"] if name in model.graph.nodes and model.graph.nodes[name].value:
             return ("value", name)
         case ["initial", name, ("e" | "f") as part] if getattr(model.initial.get(name), part, None):
             return ("stored", name)
     return None
+
+
+def _is_reference(given: Any, key: str) -> bool:
+    """Return True for the key that alone determines a parameter's value, which may have any."""
+    if not isinstance(given, DefinedParameter) or getattr(given, key, None) is None:
+        return False
+    bounded = given.min is not None or given.max is not None or given.scale == "log"
+    return not bounded and key == reference_key(dict(given))
 
 
 class _GraphBatch:
@@ -135,8 +147,8 @@ class _GraphBatch:
         graph, analysis = question(scene)
         varied = {name for kind, name in places.values() if kind == "parameter"}
         self._expressions: dict[str, Expression] = {}  # of dependent parameters, each after those it needs
-        raw = scene.source.data.get("parameters") or {}
-        texts = {str(name): parse(text) for name, text in raw.items() if isinstance(text, str)}
+        raw = reference_values(scene.source.data.get("parameters") or {})
+        texts = {name: parse(text) for name, text in raw.items() if isinstance(text, str)}
         order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
         for name in order.static_order():
             if name not in varied and texts[name].names & {*varied, *self._expressions}:

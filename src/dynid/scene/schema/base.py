@@ -1,7 +1,8 @@
-"""Base of the schema: sections, references, expectations, frequencies."""
+"""Base of the schema: sections, references, parameters, expectations, frequencies."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -10,12 +11,14 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainValidator,
+    ValidationInfo,
     WithJsonSchema,
     field_validator,
     model_validator,
 )
 
-from dynid.scene.schema.quantities import NotNegative, Positive, fault
+from dynid.arithmetic.numbers import Number
+from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 from dynid.scene.schema.references import DOF, FILE
 
 
@@ -109,12 +112,94 @@ class Expectation(Section):
         return self
 
 
+class DefinedPrior(Section):
+    """Prior of an unknown parameter: its expected value, and its standard deviation, absolute or relative."""
+
+    value: Value
+    relative_deviation: Positive | None = None
+    std: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_deviation(self) -> Self:
+        if (self.relative_deviation is None) == (self.std is None):
+            raise fault("a prior has either a 'relative_deviation', or its standard deviation 'std'")
+        if self.relative_deviation is not None and self.value.value == 0:
+            raise fault("the prior's 'value' is 0, of which no deviation is a part; write 'std'")
+        return self
+
+
+class DefinedParameter(Section):
+    """A named value: unknown (`start`), or known with uncertainty (`value`, `std`)."""
+
+    start: Value | None = None
+    true: Value | None = None
+    min: Value | None = None
+    max: Value | None = None
+    prior: DefinedPrior | None = None
+    scale: Literal["log", "linear"] | None = None
+    value: Value | None = None
+    std: Positive | None = None
+
+    @model_validator(mode="after")
+    def _known_or_unknown(self) -> Self:
+        if (self.start is None) == (self.value is None):
+            raise fault(_FORMS_OF_A_PARAMETER)
+        if self.start is None:
+            for key in ("true", "min", "max", "prior", "scale"):
+                if getattr(self, key) is not None:
+                    raise fault(f"'{key}' belongs to an unknown parameter, which has a 'start'")
+            return self
+        if self.std is not None:
+            raise fault(
+                "'std' belongs beside 'value'; of an unknown parameter write prior: {value: …, std: …}"
+            )
+        low = -math.inf if self.min is None else float(self.min)
+        high = math.inf if self.max is None else float(self.max)
+        if not low <= float(self.start) <= high:
+            raise fault("'start' does not lie between 'min' and 'max'")
+        numbers = {key: getattr(self, key) for key in ("start", "true", "min", "max")}
+        numbers["prior"] = self.prior.value if self.prior else None
+        for key, number in numbers.items():
+            if self.scale == "log" and number is not None and number.value <= 0:
+                raise fault(
+                    f"'{key}' is {float(number):g}; with 'scale: log' the logarithm is estimated: "
+                    "write 'scale: linear' where zero or negative values are possible"
+                )
+        return self
+
+    @property
+    def reference(self) -> Number:
+        """Its true value where it is known, else its start; of a known value this one."""
+        given = next(one for one in (self.true, self.start, self.value) if one is not None)
+        return given.value
+
+
+_FORMS_OF_A_PARAMETER = (
+    "a parameter is a number, an expression, unknown with its 'start', or known with a 'value' and its 'std'"
+)
+
+
+def _as_defined(raw: Any, info: ValidationInfo) -> Any:
+    if not isinstance(raw, dict):
+        return raw  # known: read and checked with the names of the scene
+    if raw.keys() == {"value"}:
+        raise fault("the 'std' of this 'value' is missing; a known parameter is the number alone")
+    return DefinedParameter.model_validate(raw, context=info.context)
+
+
+ParameterEntry = Annotated[
+    DefinedParameter | float | str,
+    PlainValidator(_as_defined, json_schema_input_type=DefinedParameter | float | str),
+]
+"""An entry of `parameters`; a known one as it is written."""
+
+
 class SceneModel(Section):
     """Keys of every scene."""
 
     dynid: Literal[1]
     title: str = ""
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, ParameterEntry] = {}
     expect: list[Expectation] = []
 
     @field_validator("dynid", mode="before")

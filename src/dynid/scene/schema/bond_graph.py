@@ -34,7 +34,7 @@ from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import FrequencyGrid, SceneModel, Section, once
-from dynid.scene.schema.quantities import SceneNames, Value, fault, names_of
+from dynid.scene.schema.quantities import SceneNames, Uncertain, Value, fault, names_of
 from dynid.scene.schema.raw import chain_ends, listing, mapping, node_types, written_key
 from dynid.scene.schema.references import sections
 from dynid.scene.schema.signals import SignalPart, TimeGrid
@@ -78,7 +78,7 @@ class NodeModel(Section):
     """One node: type, value, and physical domain, which determines units."""
 
     type: _NodeType
-    value: Value | None = None
+    value: Uncertain | None = None
     domain: Domain | None = None
 
     @model_validator(mode="after")

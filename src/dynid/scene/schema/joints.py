@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from dynid.scene.schema.base import Dof, Section
-from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Value, fault
+from dynid.scene.schema.quantities import Positive, Quantity, Start, Uncertain, UncertainNotNegative, fault
 from dynid.scene.schema.structure import LinkModel
 
 
@@ -27,7 +27,9 @@ def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
     return rows
 
 
-JointMatrix = Annotated[list[list[Value]], Field(min_length=1, max_length=100), AfterValidator(_symmetric)]
+JointMatrix = Annotated[
+    list[list[Uncertain]], Field(min_length=1, max_length=100), AfterValidator(_symmetric)
+]
 
 
 class PriorModel(Section):
@@ -40,8 +42,8 @@ class PriorModel(Section):
 class ParameterModel(Section):
     """A joint's stiffness or damping, or the factor of its matrix: known (`value`), or unknown (`start`)."""
 
-    start: Positive | None = None
-    value: NotNegative | None = None
+    start: Start | None = None
+    value: UncertainNotNegative | None = None
     true: Positive | None = None
     matrix: JointMatrix | None = None
     min: Positive | None = None
@@ -73,7 +75,7 @@ class ParameterModel(Section):
 class MassModel(Section):
     """A joint's mass: a number, shared equally between its DOFs, or a block over them."""
 
-    value: NotNegative | None = None
+    value: UncertainNotNegative | None = None
     matrix: JointMatrix | None = None
 
 

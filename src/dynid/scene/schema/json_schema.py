@@ -25,7 +25,7 @@ def scene_schema(model: type[Section]) -> dict[str, Any]:
             for key, wanted in whole.get("properties", {}).items():
                 text = sentence(classes[name], key)
                 form, default = wanted.get("description", ""), wanted.get("default")
-                if isinstance(default, dict) and default.keys() == {"value", "expression"}:
+                if isinstance(default, dict) and default.keys() == {"value", "expression", "dependent"}:
                     wanted["default"] = default["value"]  # a quantity, as a scene writes it
                 if "$ref" in wanted:  # draft 7 ignores all keys beside a reference
                     wanted["allOf"] = [{"$ref": wanted.pop("$ref")}]

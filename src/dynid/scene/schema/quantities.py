@@ -12,6 +12,7 @@ from pydantic import ValidationInfo
 from pydantic_core import PydanticCustomError
 from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
+from dynid.arithmetic.dependent import Dependent, Real, substituted
 from dynid.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
 from dynid.suggestions import did_you_mean
 
@@ -23,13 +24,21 @@ class Quantity:
     Parameters
     ----------
     value
-        Its value: exact where the expression is.
+        Its value at the reference values of the parameters: exact where the expression is.
     expression
         The expression it was written as; None for a bare number.
+    dependent
+        The same as a function of unknown and considered parameters; None where it depends on none.
     """
 
     value: Number
     expression: Expression | None = None
+    dependent: Dependent | None = field(default=None, compare=False)
+
+    @property
+    def real(self) -> Real:
+        """Its value, or the number that depends on parameters where it does: what models are built with."""
+        return float(self.value) if self.dependent is None else self.dependent
 
     def __float__(self) -> float:
         return float(self.value)
@@ -47,7 +56,11 @@ class SceneNames:
     Parameters
     ----------
     parameters
-        Values of the parameters that have one.
+        Values of the parameters that have one; unknown and considered ones have their reference values.
+    dependent
+        Those that are unknown or considered, or depend on such.
+    identifying
+        Whether the scene identifies them, and its quantities depend on them; else these have their values.
     faulty
         Parameters that are defined but have no value; they are reported once, where they are defined.
     nodes
@@ -57,6 +70,8 @@ class SceneNames:
     """
 
     parameters: Mapping[str, Number] = field(default_factory=dict)
+    dependent: Mapping[str, Dependent] = field(default_factory=dict)
+    identifying: bool = False
     faulty: frozenset[str] = frozenset()
     nodes: Mapping[str, str] = field(default_factory=dict)
     complete: bool = True
@@ -86,13 +101,21 @@ def resolve(raw: Any, info: ValidationInfo) -> Quantity:
     names = names_of(info)
     try:
         expression = parse(raw)
-        unknown = sorted(expression.names - set(names.parameters) - names.faulty)
+        unknown = sorted(
+            name for name in expression.names if name not in names.parameters and name not in names.faulty
+        )
         if unknown and names.complete:
             known = [*names.parameters, *names.faulty]
             raise fault("; ".join(f"no parameter '{name}'{did_you_mean(name, known)}" for name in unknown))
         if unknown or expression.names & names.faulty:
             return Quantity(Fraction(1))  # reported where it is defined; with any value the other checks run
-        return _in_range(Quantity(expression.evaluate(names.parameters), expression))
+        value = expression.evaluate(names.parameters)
+        dependent = None
+        if names.identifying and not expression.names.isdisjoint(names.dependent):
+            values = names.parameters
+            reals = {name: names.dependent.get(name, values[name]) for name in expression.names}
+            dependent = substituted(expression, reals)
+        return _in_range(Quantity(value, expression, dependent))
     except ExpressionError as error:
         raise fault(str(error)) from None
 
@@ -107,14 +130,53 @@ def _in_range(quantity: Quantity) -> Quantity:
     return quantity
 
 
-def _where(condition: Callable[[Number], bool], message: str) -> Callable[[Any, ValidationInfo], Quantity]:
+def _any(value: Number) -> bool:  # noqa: ARG001
+    return True
+
+
+def _positive(value: Number) -> bool:
+    return value > 0
+
+
+def _not_negative(value: Number) -> bool:
+    return value >= 0
+
+
+def _where(
+    condition: Callable[[Number], bool], message: str = "", *, uncertain: bool = False, remedy: str = ""
+) -> Callable[[Any, ValidationInfo], Quantity]:
+    """Return the check of a quantity.
+
+    Parameters
+    ----------
+    condition
+        What its value fulfils.
+    message
+        What is wrong with a value that does not.
+    uncertain
+        Whether it may depend on unknown and considered parameters.
+    remedy
+        What to write instead where it may not.
+    """
+
     def check(raw: Any, info: ValidationInfo) -> Quantity:
         quantity = resolve(raw, info)
         if not condition(quantity.value):
             raise fault(f"{float(quantity):g} {message}")
+        if quantity.dependent is not None and not uncertain:
+            raise fault(_needs_a_number(quantity.dependent) + remedy)
         return quantity
 
     return check
+
+
+def _needs_a_number(dependent: Dependent) -> str:
+    names = sorted(dependent.names)
+    shown = ", ".join(f"'{name}'" for name in names[:3]) + ", …" * (len(names) > 3)
+    return (
+        f"this depends on {shown}, unknown or known with uncertainty; "
+        "here a number belongs, or an expression of known parameters"
+    )
 
 
 class _By:
@@ -139,6 +201,25 @@ class _By:
         return {"type": ["number", "string"], **self._bounds, "description": text}
 
 
-Value = Annotated[Quantity, _By(resolve)]
-Positive = Annotated[Quantity, _By(_where(lambda v: v > 0, "is not positive"), exclusiveMinimum=0)]
-NotNegative = Annotated[Quantity, _By(_where(lambda v: v >= 0, "is negative"), minimum=0)]
+Value = Annotated[Quantity, _By(_where(_any))]
+Positive = Annotated[Quantity, _By(_where(_positive, "is not positive"), exclusiveMinimum=0)]
+NotNegative = Annotated[Quantity, _By(_where(_not_negative, "is negative"), minimum=0)]
+
+# Quantities of models, which may depend on unknown and considered parameters.
+Uncertain = Annotated[Quantity, _By(_where(_any, uncertain=True))]
+UncertainPositive = Annotated[
+    Quantity, _By(_where(_positive, "is not positive", uncertain=True), exclusiveMinimum=0)
+]
+UncertainNotNegative = Annotated[
+    Quantity, _By(_where(_not_negative, "is negative", uncertain=True), minimum=0)
+]
+Start = Annotated[
+    Quantity,
+    _By(
+        _where(
+            _positive, "is not positive", remedy="; to share an unknown, write its name alone, as `k: kb`"
+        ),
+        exclusiveMinimum=0,
+    ),
+]
+"""The start of an unknown that has no name of its own."""

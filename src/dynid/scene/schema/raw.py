@@ -37,6 +37,22 @@ def listing(holder: Any, key: str) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
+def reference_key(entry: Any) -> str | None:
+    """Return the key of a parameter's reference value: its true value, else its start, else its value.
+
+    None of a parameter that is no mapping, or has none of them.
+    """
+    return next((key for key in ("true", "start", "value") if mapping_of(entry).get(key) is not None), None)
+
+
+def reference_values(parameters: dict[Any, Any]) -> dict[str, Any]:
+    """Return the parameters of a scene as written, unknown and considered ones at their reference values."""
+    return {
+        str(name): entry.get(reference_key(entry)) if isinstance(entry, dict) else entry
+        for name, entry in parameters.items()
+    }
+
+
 def written_key(mapping: dict[Any, Any], name: str) -> Any:
     """Return the key of a mapping that is written like `name` (a number may be a key)."""
     return name if name in mapping else next((key for key in mapping if str(key) == name), name)

@@ -14,10 +14,7 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from dynid.arithmetic.expression import resolve_parameters
 from dynid.errors import Fault
-from dynid.scene.schema.quantities import SceneNames
-from dynid.scene.schema.raw import mapping, node_types, written_key
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 
@@ -180,18 +177,3 @@ def node_faults(model: type[BaseModel], data: Any, count: int) -> Iterator[tuple
     for path, node, _ in references(model, data, NODE):
         if isinstance(node, int) and node > count:
             yield path, f"there is no node {node}; there are {count}"
-
-
-def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
-    """Return the values of the parameters and the types of the nodes of a scene.
-
-    Returns
-    -------
-    SceneNames, list of Fault
-        The names, and the faults of the parameters.
-    """
-    raw = mapping(source.data, "parameters")
-    complete = isinstance(source.data.get("parameters", {}), dict)
-    values, problems = resolve_parameters({str(name): value for name, value in raw.items()})
-    faults = [source.fault(("parameters", written_key(raw, name)), text) for name, text in problems.items()]
-    return SceneNames(values, frozenset(problems), node_types(source.data), complete), faults

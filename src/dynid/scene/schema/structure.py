@@ -17,7 +17,14 @@ from pydantic import (
 
 from dynid.scene.schema.base import Dof, DofLabel, FilePath, Section
 from dynid.scene.schema.dof_labels import Freedom, beam_labels, frame_labels
-from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
+from dynid.scene.schema.quantities import (
+    NotNegative,
+    Positive,
+    Uncertain,
+    UncertainNotNegative,
+    UncertainPositive,
+    fault,
+)
 from dynid.scene.schema.references import FILE, NODE
 
 #: The most elements and nodes that a scene may ask for.
@@ -38,14 +45,22 @@ PerElementOrZero = Annotated[
     Annotated[NotNegative, Tag("one")] | Annotated[list[NotNegative], Tag("each")],
     Discriminator(_one_or_each),
 ]
+UncertainPerElement = Annotated[
+    Annotated[UncertainPositive, Tag("one")] | Annotated[list[UncertainPositive], Tag("each")],
+    Discriminator(_one_or_each),
+]
+UncertainPerElementOrZero = Annotated[
+    Annotated[UncertainNotNegative, Tag("one")] | Annotated[list[UncertainNotNegative], Tag("each")],
+    Discriminator(_one_or_each),
+]
 
 
 class DampingModel(Section):
     """Damping from mass and stiffness (alpha, beta), or damping ratios of the modes."""
 
-    alpha: NotNegative | None = None
-    beta: NotNegative | None = None
-    ratio: PerElementOrZero | None = None
+    alpha: UncertainNotNegative | None = None
+    beta: UncertainNotNegative | None = None
+    ratio: UncertainPerElementOrZero | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -59,8 +74,8 @@ class PointMassModel(Section):
     """A mass at a node."""
 
     node: NodeNumber
-    m: NotNegative | None = None
-    J: NotNegative | None = None
+    m: UncertainNotNegative | None = None
+    J: UncertainNotNegative | None = None
 
     @model_validator(mode="after")
     def _has_something(self) -> Self:
@@ -85,8 +100,8 @@ class FrameSupport(Section):
 
 class _Spring(Section):
     node: NodeNumber
-    k: NotNegative | None = None
-    c: NotNegative | None = None
+    k: UncertainNotNegative | None = None
+    c: UncertainNotNegative | None = None
 
     @model_validator(mode="after")
     def _has_something(self) -> Self:
@@ -111,9 +126,9 @@ class BeamModel(Section):
     """An Euler–Bernoulli beam of elements in a row; nodes count from 1."""
 
     elements: int = Field(ge=1, le=MOST_ELEMENTS, strict=True)
-    length: PerElement
-    EI: PerElement
-    rhoA: PerElementOrZero
+    length: UncertainPerElement
+    EI: UncertainPerElement
+    rhoA: UncertainPerElementOrZero
     supports: list[BeamSupport] = []
     masses: list[PointMassModel] = []
     springs: list[BeamSpring] = []
@@ -136,9 +151,9 @@ class MemberModel(Section):
     """A straight member of a frame between two nodes."""
 
     nodes: list[NodeNumber] = Field(min_length=2, max_length=2)
-    EA: Positive
-    EI: Positive
-    rhoA: NotNegative
+    EA: UncertainPositive
+    EI: UncertainPositive
+    rhoA: UncertainNotNegative
     elements: int = Field(default=1, ge=1, le=MOST_ELEMENTS, strict=True)
     hinges: list[Literal[1, 2]] = []
 
@@ -146,7 +161,7 @@ class MemberModel(Section):
 class FrameModel(Section):
     """A plane frame: nodes by their coordinates, members between them."""
 
-    nodes: list[Annotated[list[Value], Field(min_length=2, max_length=2)]] = Field(
+    nodes: list[Annotated[list[Uncertain], Field(min_length=2, max_length=2)]] = Field(
         min_length=2, max_length=MOST_ELEMENTS
     )
     members: list[MemberModel] = Field(min_length=1, max_length=MOST_ELEMENTS)
@@ -187,8 +202,8 @@ class LinkModel(Section):
     """A spring and a damper between two DOFs, or from one DOF to ground."""
 
     dofs: list[Dof] = Field(min_length=1, max_length=2)
-    k: NotNegative | None = None
-    c: NotNegative | None = None
+    k: UncertainNotNegative | None = None
+    c: UncertainNotNegative | None = None
 
     @field_validator("dofs")
     @classmethod
@@ -202,7 +217,7 @@ class LinkModel(Section):
 class LumpedModel(Section):
     """Point masses, each with one degree of freedom, and the links between them."""
 
-    masses: list[NotNegative] = Field(min_length=1, max_length=2000)
+    masses: list[UncertainNotNegative] = Field(min_length=1, max_length=2000)
     links: list[LinkModel] = []
 
     def labels(self) -> list[int | str]:

@@ -1,0 +1,99 @@
+"""Unknown and considered parameters of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pydantic import BaseModel
+
+from dynid.parameters import Parameter, ParameterPrior
+from dynid.scene.schema.base import DefinedParameter
+from dynid.scene.schema.quantities import Quantity
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.base import SceneModel
+
+
+class ConsideredParameter(NamedTuple):
+    """A parameter that is known with uncertainty: its value, and its standard deviation."""
+
+    name: str
+    value: float
+    std: float
+
+
+def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
+    """Return the unknown parameters of a scene in its order; those of joints are not among them.
+
+    One without a `scale` is linear where an offset or a delay depends on it, else logarithmic.
+
+    Raises
+    ------
+    UsageError
+        If a number does not fit the scale; it names the parameter.
+    """
+    unknown = {
+        name: given
+        for name, given in model.parameters.items()
+        if isinstance(given, DefinedParameter) and given.start is not None
+    }
+    linear: frozenset[str] = frozenset()
+    if any(given.scale is None for given in unknown.values()):
+        linear = linear.union(
+            *(one.dependent.names for key, one in quantities(model) if key in _SIGNED and one.dependent)
+        )
+    return tuple(
+        Parameter(
+            name,
+            float(given.start or 0),
+            _number(given.true),
+            _number(given.min),
+            _number(given.max),
+            _prior(given),
+            given.scale or ("linear" if name in linear else "log"),
+        )
+        for name, given in unknown.items()
+    )
+
+
+def considered_parameters(model: SceneModel) -> tuple[ConsideredParameter, ...]:
+    """Return the parameters of a scene that are known with uncertainty, in its order."""
+    return tuple(
+        ConsideredParameter(name, float(given.value), float(given.std))
+        for name, given in model.parameters.items()
+        if isinstance(given, DefinedParameter) and given.value is not None and given.std is not None
+    )
+
+
+#: Keys of quantities that may have any sign, and so have no logarithm.
+_SIGNED = ("offset", "delay")
+
+
+def quantities(part: Any, key: str = "") -> Iterator[tuple[str, Quantity]]:
+    """Yield the quantities in a part of a scene at any depth, each with the key that it stands under."""
+    if isinstance(part, Quantity):
+        yield key, part
+    elif isinstance(part, BaseModel):
+        for name, value in part:
+            yield from quantities(value, name)
+    elif isinstance(part, Mapping):
+        for value in part.values():
+            yield from quantities(value, key)
+    elif isinstance(part, list | tuple):
+        for value in part:
+            yield from quantities(value, key)
+
+
+def _number(given: Quantity | None) -> float | None:
+    return None if given is None else float(given)
+
+
+def _prior(given: DefinedParameter) -> ParameterPrior | None:
+    prior = given.prior
+    if prior is None:
+        return None
+    if prior.relative_deviation is not None:
+        return ParameterPrior(float(prior.value), float(prior.relative_deviation))
+    assert prior.std is not None
+    return ParameterPrior(float(prior.value), deviation=float(prior.std))
