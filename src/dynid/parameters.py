@@ -99,7 +99,10 @@ class Parameter:
                     "is estimated by its logarithm, and has a number that is not positive",
                     "Write `scale: linear` where zero or negative values are possible.",
                 )
-        low, high = (-math.inf if self.low is None else self.low), (math.inf if self.high is None else self.high)
+        low, high = (
+            (-math.inf if self.low is None else self.low),
+            (math.inf if self.high is None else self.high),
+        )
         if not low <= self.start <= high:
             raise self._refused("starts outside its limits")
         if self.prior is not None and not self.prior.absolute > 0:
@@ -184,4 +187,22 @@ def named(parameters: Sequence[Parameter], eta: Array) -> dict[str, float]:
 
 def expected(parameters: Sequence[Parameter]) -> Mapping[str, float]:
     """Return the true values where they are known, else the starts, by name."""
+    return {one.name: one.expected for one in parameters}
+
+
+def true_values(parameters: Sequence[Parameter]) -> dict[str, float]:
+    """Return the true values by name.
+
+    Raises
+    ------
+    UsageError
+        If one is not known.
+    """
+    missing = [one.name for one in parameters if one.true is None]
+    if missing:
+        raise UsageError(
+            f"no true value is known of {', '.join(missing)}",
+            remedy="Give `true` beside `start`: records are simulated with it.",
+            names=missing,
+        )
     return {one.name: one.expected for one in parameters}

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from dynid.identification.filter import PART, InitialState, _History, _walk, filter_pass
-from dynid.identification.measurement import Measurement, Simulation, data
+from dynid.identification.measurement import Measurement, data
 from dynid.identification.parametric_model import ParametricModel, Transition, parametric_model
+from dynid.identification.simulation import Simulation
 from dynid.identification.time_record import TimeRecord
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
@@ -79,14 +80,14 @@ def _covariances(samples: int, parts: int) -> dict[str, Any]:
     record, times = data(model, loads, taken), taken.record.times
     joined = parametric_model(model, loads, channels, times[:2])
     prior = TimeRecord(joined, record).wide_initial_state(np.log([9.9e3]))
-    origin, smallest, symmetric = prior.logs, [], True
+    origin, smallest, symmetric = prior.eta, [], True
     for rows in np.array_split(np.arange(samples), parts):
         here = slice(max(rows[0] - 1, 0), rows[-1] + 1)
         values = record.values[here].copy()
         values[: rows[0] - here.start] = np.nan  # the last sample of the part before: it has been heard
         joined = parametric_model(model, loads, channels, times[here])
         done = filter_pass(joined, values, prior, record.noise, origin)
-        prior = InitialState(done.states[-1], done.logs[-1], done.whole)
+        prior = InitialState(done.states[-1], done.eta[-1], done.whole)
         P = done.whole @ done.whole.T
         symmetric &= bool((P == P.T).all())
         size = np.sqrt(np.diag(P))
@@ -133,8 +134,8 @@ def _margin(kind: type) -> float:
 class _Rounded(ParametricModel):
     """A model whose numbers and steps are of one precision."""
 
-    def transition(self, logs: np.ndarray, h: float) -> Transition:
-        exact = super().transition(logs.astype(float), h)
+    def transition(self, eta: np.ndarray, h: float) -> Transition:
+        exact = super().transition(eta.astype(float), h)
         return Transition(*(part.astype(self.C.dtype) for part in exact))
 
 
@@ -163,21 +164,21 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
     record = data(structure, loads, taken)
     model = parametric_model(structure, loads, channels, taken.record.times)
     prior = TimeRecord(model, record).wide_initial_state(np.log([u.start for u in model.unknowns]))
-    z, S = np.concatenate([prior.state, prior.logs]).astype(kind), prior.root.astype(kind)
+    z, S = np.concatenate([prior.state, prior.eta]).astype(kind), prior.root.astype(kind)
     n, p, count = model.states, model.parameters, len(record.values)
     shapes = [(count, size) for size in (p, p, n, n)] + [record.values.shape]
     history = _History(*(np.zeros(shape, dtype=kind) for shape in shapes))
     weight = np.broadcast_to(1 / record.noise, record.values.shape).astype(kind)
-    origin = prior.logs.astype(kind)
+    origin = prior.eta.astype(kind)
     with np.errstate(over="ignore"):  # the bounds on safe squares are those of doubles
         _walk(_rounded(model, kind), record.values.astype(kind), weight, z, S, origin, history, PART)
-    return history.logs, history.deviations
+    return history.eta, history.deviations
 
 
 def _rounding(kind: type) -> float:
     """Return how far roundings of a pass move an estimate at most, in its deviations."""
-    (logs, _), (true, deviations) = passed(kind), passed(np.longdouble)
-    return float(np.abs((logs - true) / deviations).max())
+    (eta, _), (true, deviations) = passed(kind), passed(np.longdouble)
+    return float(np.abs((eta - true) / deviations).max())
 
 
 def _sure_case(samples: int) -> Case:

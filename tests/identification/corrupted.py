@@ -262,9 +262,9 @@ def power(case):
     times = STEP * np.arange(SAMPLES)
     sigma, y = noise_of(case, times), faulted(case, times)
 
-    def left(logs):
+    def left(eta):
         k, c = case.chain.k.copy(), case.chain.c.copy()
-        k[list(case.unknown)], c[list(case.unknown)] = np.exp(logs).reshape(-1, 2).T
+        k[list(case.unknown)], c[list(case.unknown)] = np.exp(eta).reshape(-1, 2).T
         forced, by_start = driven(Chain(modelled(case), k, c), case.force, case.channels, times)
         weighted = ((y - forced) / sigma).T.ravel()
         basis = (by_start / sigma[:, None]).swapaxes(0, 1).reshape(len(weighted), -1)

@@ -57,10 +57,10 @@ class Problem(NamedTuple):
         """Logarithms of the true values."""
         return np.log([getattr(self.elements[k], letter) for k, letter in self.unknowns])
 
-    def matrices(self, logs):
+    def matrices(self, eta):
         """Return M, C and K at logarithms of the unknowns."""
         elements = list(self.elements)
-        for (k, letter), value in zip(self.unknowns, np.exp(logs), strict=True):
+        for (k, letter), value in zip(self.unknowns, np.exp(eta), strict=True):
             elements[k] = elements[k]._replace(**{letter: value})
         n = len(self.masses)
         C, K = np.zeros((n, n)), np.zeros((n, n))
@@ -71,9 +71,9 @@ class Problem(NamedTuple):
             K += element.k * np.outer(row, row)
         return np.diag(self.masses), C, K
 
-    def system(self, logs):
+    def system(self, eta):
         """Return A, B, C and D of the state (displacements, velocities)."""
-        M, damping, K = self.matrices(logs)
+        M, damping, K = self.matrices(eta)
         n = len(M)
         lower = np.linalg.solve(M, np.hstack([-K, -damping]))
         A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
@@ -84,9 +84,9 @@ class Problem(NamedTuple):
         D = np.array([B[n + dof] if order == 2 else 0.0 for dof, order in self.channels])
         return A, B, C, D
 
-    def response(self, logs):
+    def response(self, eta):
         """Return the response from rest (samples x channels), and that to initial states (… x 2n)."""
-        A, B, C, D = self.system(logs)
+        A, B, C, D = self.system(eta)
         free = _observed(C, expm(A * self.step), self.samples)
         return getattr(self, f"_{self.force.kind}")(A, B, C, D), free
 
@@ -154,9 +154,9 @@ class Record:
         stiff = K + M / length**2
         self.unit = block_diag(np.linalg.inv(np.linalg.cholesky(stiff)).T, np.diag(1 / np.sqrt(np.diag(M))))
 
-    def residual(self, logs, noise):
+    def residual(self, eta, noise):
         """Return the residuals over noise (samples x channels), the initial state fitted."""
-        forced, free = self.problem.response(logs)
+        forced, free = self.problem.response(eta)
         right = ((self.values - forced) / noise).ravel()
         return self._rest(free, noise, right).reshape(self.values.shape)
 
@@ -170,11 +170,11 @@ class Record:
     def _seen(self, free, noise):
         return ((free @ self.unit) / noise[:, None]).reshape(free.shape[0] * free.shape[1], -1)
 
-    def deviance(self, logs, noise=None):
+    def deviance(self, eta, noise=None):
         """Return −2 log L, and the noise of each channel that makes it least."""
         noise, before = self.rms if noise is None else noise, np.inf
         for _ in range(50):
-            size = np.sqrt(np.mean((self.residual(logs, noise) * noise) ** 2, axis=0))
+            size = np.sqrt(np.mean((self.residual(eta, noise) * noise) ** 2, axis=0))
             noise = np.hypot(size, _FLOOR * self.rms)
             found = 2 * len(self.values) * float(np.sum(np.log(noise)))
             if abs(before - found) < 1e-7 or len(noise) == 1:
@@ -182,36 +182,36 @@ class Record:
             before = found
         return found, noise
 
-    def fit(self, logs, noise=None, reach=12.0, rounds=8):
+    def fit(self, eta, noise=None, reach=12.0, rounds=8):
         """Return the logarithms of the nearest optimum and −2 log L there."""
-        found, noise = self.deviance(logs, noise)
-        low, high = logs - reach, logs + reach
+        found, noise = self.deviance(eta, noise)
+        low, high = eta - reach, eta + reach
         for _ in range(rounds):
             end = least_squares(
-                lambda x, noise=noise: self.residual(x, noise).ravel(), logs, bounds=(low, high),
+                lambda x, noise=noise: self.residual(x, noise).ravel(), eta, bounds=(low, high),
                 x_scale="jac", xtol=1e-9, ftol=1e-11, gtol=1e-12, max_nfev=40,
             )  # fmt: skip
             reached, level = self.deviance(end.x, noise)
             if not reached < found:
                 break
-            gain, found, logs, noise = found - reached, reached, end.x, level
+            gain, found, eta, noise = found - reached, reached, end.x, level
             if gain < 1e-3:
                 break
-        return logs, found
+        return eta, found
 
-    def deviations(self, logs, noise):
+    def deviations(self, eta, noise):
         """Return the Cramér–Rao bound of the logarithms at noise, infinite where there is no information."""
-        forced, free = self.problem.response(logs)
+        forced, free = self.problem.response(eta)
         right = ((self.values - forced) / noise).ravel()
         start = self.unit @ np.linalg.lstsq(self._seen(free, noise), right, _RANK)[0]
 
         def moved(step):
-            forced, other = self.problem.response(logs + step)
+            forced, other = self.problem.response(eta + step)
             return self._rest(free, noise, ((forced + other @ start) / noise).ravel())
 
-        J = np.column_stack([(moved(step) - moved(-step)) / 2e-5 for step in 1e-5 * np.eye(len(logs))])
+        J = np.column_stack([(moved(step) - moved(-step)) / 2e-5 for step in 1e-5 * np.eye(len(eta))])
         size = np.linalg.norm(J, axis=0)
         if not size.all():
-            return np.full(len(logs), np.inf)
+            return np.full(len(eta), np.inf)
         _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
-        return np.linalg.norm(Vt.T / s, axis=1) / size if s[-1] > 1e-7 * s[0] else np.full(len(logs), np.inf)
+        return np.linalg.norm(Vt.T / s, axis=1) / size if s[-1] > 1e-7 * s[0] else np.full(len(eta), np.inf)

@@ -157,9 +157,9 @@ def judged(seed):
     seconds = time.process_time() - begun
     group = "identification/parameters"
     found = dict(zip(result.value(f"{group}/name"), result.value(f"{group}/estimate"), strict=True))
-    logs = np.log([found[name] for name in names])
-    reached, noise = record.deviance(logs)
-    above = reached - min(_least(this), record.fit(logs, noise)[1])
+    eta = np.log([found[name] for name in names])
+    reached, noise = record.deviance(eta)
+    above = reached - min(_least(this), record.fit(eta, noise)[1])
     converged = bool(result.value("identification/diagnostics/converged"))
     status = OPTIMUM if above <= _AT else NEAR if above <= _FAR else FALSELY if converged else LOCAL
     words = "converged" if converged else "NOT converged"

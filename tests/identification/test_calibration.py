@@ -20,10 +20,11 @@ from dynid.identification.kernels import VARIABLE
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.lti.signals import Multisine, Sampled
+from dynid.parameters import ParameterPrior
 from dynid.report.content.blocks import TextTable
 from dynid.report.content.identifiability import calibration_sections, calibration_sentences
 from dynid.result import Result, Selection
-from dynid.structure.joints import Joint, JointParameter, ParameterPrior
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 from dynid.structure.reduction.methods import reduce
@@ -171,12 +172,12 @@ def fitted(records, noises, change, held=(), prior=None, steps=3):
     """
     free = [k for k in range(4) if k not in held]
 
-    def residual(logs):
+    def residual(eta):
         theta = TRUE.copy()
         for place, value in dict(held).items():
             theta[place] = value
-        theta[free] = np.exp(logs)
-        out = [] if prior is None else [[(np.log(prior[1]) - logs[free.index(prior[0])]) / prior[2]]]
+        theta[free] = np.exp(eta)
+        out = [] if prior is None else [[(np.log(prior[1]) - eta[free.index(prior[0])]) / prior[2]]]
         for place, (record, noise) in enumerate(zip(records, noises, strict=True)):
             gains, delay, scales = change(place)
             left = ((record.measured * scales - record.forced(theta, gains, delay)) / noise).ravel()
@@ -191,9 +192,9 @@ def fitted(records, noises, change, held=(), prior=None, steps=3):
     J = np.column_stack([(ahead - behind) / 2e-5 for ahead, behind in both])
     for _ in range(steps):
         found = found - np.linalg.lstsq(J, residual(found))[0]
-    logs = np.full(4, np.nan)
-    logs[free] = found
-    return logs
+    eta = np.full(4, np.nan)
+    eta[free] = found
+    return eta
 
 
 def refitted(records, noises, quantity, step, **known):
@@ -362,16 +363,16 @@ def test_slopes_of_frequency_responses_are_those_of_estimating_anew():
         model, data = np.exp(change * factors).T
         late = np.exp(-1j * LINES[:, None] * change * (name == "trigger delay"))
 
-        def residual(logs):
-            left = (measured * data - responses(np.exp(logs)) * model * late) / noise
+        def residual(eta):
+            left = (measured * data - responses(np.exp(eta)) * model * late) / noise
             return np.concatenate([left.real, left.imag]).ravel()
 
-        logs = np.log(TRUE)
-        both = [(residual(logs + e), residual(logs - e)) for e in 1e-5 * np.eye(4)]
+        eta = np.log(TRUE)
+        both = [(residual(eta + e), residual(eta - e)) for e in 1e-5 * np.eye(4)]
         J = np.column_stack([(ahead - behind) / 2e-5 for ahead, behind in both])
         for _ in range(3):
-            logs = logs - np.linalg.lstsq(J, residual(logs))[0]
-        return logs
+            eta = eta - np.linalg.lstsq(J, residual(eta))[0]
+        return eta
 
     sensors = ["gain of 2.acceleration", "gain of 3.velocity"]
     assert list(found) == ["force gain of 4", "force gain of 1", "trigger delay", *sensors]

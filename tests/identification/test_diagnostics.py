@@ -203,6 +203,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         "prior_conflict": np.zeros(2),
         "error_in_bounds": np.array([1.0, np.nan]),
         "consistency": None,
+        "relative_errors": information["deviations"],
     }
     return SimpleNamespace(
         likelihood=SimpleNamespace(names=("a.k", "b.k"), records=[record]),

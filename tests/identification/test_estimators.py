@@ -51,15 +51,15 @@ def test_output_error_ends_where_an_optimiser_ends_that_shares_nothing_with_it(n
     result = run(model, measurement, estimator=OutputError())
     record = data(model, LOADS, measurement)
     fits = TimeRecord(parametric_model(model, LOADS, channels, measurement.record.times), record)
-    logs = np.log(parameter(result, "estimate"))
-    sigma = np.sqrt(np.mean(fits.fit(logs, record.values).residual ** 2, axis=0))
+    eta = np.log(parameter(result, "estimate"))
+    sigma = np.sqrt(np.mean(fits.fit(eta, record.values).residual ** 2, axis=0))
 
     def over_noise(x):
         return (fits.fit(x, record.values, sigma).residual / sigma).ravel()
 
-    best = least_squares(over_noise, logs + 0.01, jac="3-point", xtol=1e-12)
+    best = least_squares(over_noise, eta + 0.01, jac="3-point", xtol=1e-12)
     deviation = parameter(result, "standard_error") / parameter(result, "estimate")
-    assert np.abs(best.x - logs).max() < 0.01 * deviation.min()
+    assert np.abs(best.x - eta).max() < 0.01 * deviation.min()
     assert diagnostic(result, "settled")
 
 

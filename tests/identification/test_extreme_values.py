@@ -8,8 +8,9 @@ from dynid.errors import Diverged, DynidError, NotIdentifiable, NumericalError, 
 from dynid.identification import parametric_model as cost
 from dynid.identification.filter import InitialState, filter_pass, run_away
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Measurement, Simulation
+from dynid.identification.measurement import Measurement
 from dynid.identification.parametric_model import parametric_model
+from dynid.identification.simulation import Simulation
 from dynid.identification.statistics import chi_squared_tail, root_mean_square
 from dynid.lti.signals import Multisine, RecordTimes, signal
 from dynid.structure.joints import Joint
@@ -118,7 +119,7 @@ def test_variances_are_not_negative_however_sure_the_filter_is():
     size = joint.states + joint.parameters
     prior = InitialState(np.zeros(joint.states), np.log([1e4, 10, 1e4, 10]), 1e6 * np.eye(size))
     prior.root[joint.states :] *= 1e-12  # the parameters are all but known
-    walked = filter_pass(joint, y, prior, np.full(2, 1e-15), prior.logs)
+    walked = filter_pass(joint, y, prior, np.full(2, 1e-15), prior.eta)
     assert np.isfinite(walked.deviations).all()
     assert np.all(walked.deviations > 0)
     assert np.all(np.diff(walked.deviations, axis=0) <= 1e-9 * walked.deviations[:-1])

@@ -27,10 +27,10 @@ def test_an_estimate_may_leave_its_start_by_a_factor_of_a_million(sign):
 
 def test_an_estimate_that_is_no_number_has_run_away():
     unknowns = suspension().unknowns
-    logs = np.zeros(len(unknowns))
-    logs[0] = np.nan
+    eta = np.zeros(len(unknowns))
+    eta[0] = np.nan
     with pytest.raises(Diverged, match=unknowns[0].name):
-        check_run_away(unknowns, logs, np.zeros(len(unknowns)))
+        check_run_away(unknowns, eta, np.zeros(len(unknowns)))
 
 
 @pytest.mark.parametrize("wish", ["0", "1"])

@@ -8,10 +8,10 @@ import pytest
 
 from dynid.errors import Diverged, NotIdentifiable, Singular, UsageError
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement, frf_data, responses
+from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem, frf_data
 from dynid.identification.identifiability import frf_identifiability
 from dynid.identification.identify import identify_frf
-from dynid.identification.measurement import Simulation
+from dynid.identification.simulation import Simulation
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel
@@ -51,7 +51,7 @@ def test_clean_responses_give_the_joints_back_exactly():
 def test_responses_are_those_of_the_matrices(quantity):
     channels = (Frf(Channel(2, quantity), 5), Frf(Channel(3, quantity, 1), 4))
     model = suspension()
-    found = responses(model, channels, LINES).values
+    found = FrfSystem.of(model, channels).response(LINES).values
     oracle = exact((*channels[:1], Frf(Channel(3, quantity), 4), Frf(Channel(1, quantity), 4)))
     assert found[:, 0] == pytest.approx(oracle[:, 0], rel=1e-11)
     assert found[:, 1] == pytest.approx(oracle[:, 1] - oracle[:, 2], rel=1e-11)
@@ -59,11 +59,11 @@ def test_responses_are_those_of_the_matrices(quantity):
 
 def test_slopes_are_those_of_differences():
     model = suspension()
-    logs = np.log(list(model.true_values().values()))
-    slopes = responses(model, CHANNELS, LINES, logs).slopes
-    for k in range(len(logs)):
-        step = 1e-5 * np.eye(len(logs))[k]
-        two = [responses(model, CHANNELS, LINES, logs + sign * step).values for sign in (1, -1)]
+    eta = np.log(list(model.true_values().values()))
+    slopes = FrfSystem.of(model, CHANNELS).response(LINES, eta).slopes
+    for k in range(len(eta)):
+        step = 1e-5 * np.eye(len(eta))[k]
+        two = [FrfSystem.of(model, CHANNELS).response(LINES, eta + sign * step).values for sign in (1, -1)]
         # central differences: truncation and rounding leave about 1e-10 of the largest
         assert slopes[..., k] == pytest.approx((two[0] - two[1]) / 2e-5, abs=1e-8 * np.abs(slopes).max())
 
@@ -76,7 +76,7 @@ def test_far_starts_end_at_the_optimum(factor):
 def test_the_bound_is_that_of_the_information_of_complex_values():
     result = run(noise=0.05)
     model = suspension()
-    slopes = responses(model, CHANNELS, LINES, np.log(list(model.true_values().values()))).slopes
+    slopes = FrfSystem.of(model, CHANNELS).response(LINES, np.log(list(model.true_values().values()))).slopes
     sigma = 0.05 * np.sqrt(np.mean(np.abs(exact()) ** 2, axis=0))  # of the complex noise
     weighted = (slopes / sigma[:, None]).reshape(-1, 4)
     fisher = 2 * (weighted.conj().T @ weighted).real  # S. M. Kay, Estimation Theory, eq 15.52

@@ -109,7 +109,7 @@ def test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample(monkeypa
         filter_pass(joint, fits.data.values, fits.wide_initial_state(origin), noise, origin, part)
         for part in (PART, 0.0)
     )
-    assert np.abs((some.logs - every.logs) / every.deviations).max() < 0.01
+    assert np.abs((some.eta - every.eta) / every.deviations).max() < 0.01
     np.testing.assert_allclose(some.deviations[-1], every.deviations[-1], rtol=1e-3)
 
 

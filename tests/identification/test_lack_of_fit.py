@@ -9,10 +9,12 @@ import pytest
 from dynid.errors import NumericalError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify, identify_all
-from dynid.identification.measurement import Experiment, Simulation, simulated
+from dynid.identification.measurement import Experiment, simulated
+from dynid.identification.simulation import Simulation
 from dynid.identification.statistics import log_f_tail
 from dynid.lti.signals import Multisine, Sampled, Sine
-from dynid.structure.joints import Joint, JointParameter, ParameterPrior
+from dynid.parameters import ParameterPrior
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Load
 from tests.identification.cases import diagnostic

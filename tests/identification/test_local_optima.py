@@ -16,7 +16,8 @@ from dynid.identification.identify import identify
 from dynid.identification.measurement import Measurement
 from dynid.identification.priors import Priors
 from dynid.lti.signals import Multisine
-from dynid.structure.joints import Joint, JointParameter, ParameterPrior
+from dynid.parameters import ParameterPrior
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import diagnostic, parameter
@@ -114,8 +115,8 @@ def test_segments_are_fitted_each_from_an_initial_state_of_its_own(seed, part, g
     ensemble, origin = likelihood(this)
     guide = in_segments(ensemble, part)
     names = [f"j{k}.{letter}" for k, letter in this.problem.unknowns]
-    logs = np.array([origin[ensemble.names.index(name)] for name in names])
-    forced, free = this.problem.response(logs)
+    eta = np.array([origin[ensemble.names.index(name)] for name in names])
+    forced, free = this.problem.response(eta)
     rms, length = np.sqrt(np.nanmean(this.record.values**2, axis=0)), guide.records[0].length
     left = np.zeros(2)
     for first in range(0, len(forced), length):
@@ -144,12 +145,12 @@ def test_starts_are_a_latin_hypercube_within_bounds_and_priors():
         [1, 1, 1], [], [Joint("a", (1,), free), Joint("b", (1, 2), bounded), Joint("c", (2, 3), believed)]
     )
     knowledge = Priors.of(model.unknowns)
-    logs = drawn_starts(knowledge, np.log([2.0, 2.0, 2.0]), 64, 100.0, 5)
-    np.testing.assert_array_equal(logs, drawn_starts(knowledge, np.log([2.0, 2.0, 2.0]), 64, 100.0, 5))
+    eta = drawn_starts(knowledge, np.log([2.0, 2.0, 2.0]), 64, 100.0, 5)
+    np.testing.assert_array_equal(eta, drawn_starts(knowledge, np.log([2.0, 2.0, 2.0]), 64, 100.0, 5))
     low, high = np.log([0.02, 1.0, 50.0]), np.log([200.0, 3.0, 50.0])
     low[2], high[2] = low[2] - 4 * knowledge.deviations[2], high[2] + 4 * knowledge.deviations[2]
-    assert np.all((logs >= low) & (logs <= high))
-    strata = np.floor(64 * (logs - low) / (high - low)).astype(int)
+    assert np.all((eta >= low) & (eta <= high))
+    strata = np.floor(64 * (eta - low) / (high - low)).astype(int)
     np.testing.assert_array_equal(np.sort(strata, axis=0), np.tile(np.arange(64)[:, None], (1, 3)))
 
 

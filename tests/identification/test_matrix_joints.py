@@ -13,11 +13,12 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement, responses
+from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem
 from dynid.identification.identify import identify, identify_frf
 from dynid.identification.kernels import VARIABLE
-from dynid.identification.measurement import Measurement, Simulation
+from dynid.identification.measurement import Measurement
 from dynid.identification.parametric_model import parametric_model
+from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -98,8 +99,8 @@ def test_the_step_of_a_dense_joint_and_its_derivatives_are_those_of_complex_step
     model = dense()
     measured = simulated(samples=5)
     joint = parametric_model(model, LOADS, VELOCITIES, measured.record.times)
-    logs, h, n = np.log([0.7, 1.9]), float(joint.line.lengths[0]), 5
-    found = joint.transition(logs, h)
+    eta, h, n = np.log([0.7, 1.9]), float(joint.line.lengths[0]), 5
+    found = joint.transition(eta, h)
     M = np.diag(MASSES).astype(float)
     places = np.ix_([4, 1, 2, 0], [4, 1, 2, 0])
 
@@ -111,9 +112,9 @@ def test_the_step_of_a_dense_joint_and_its_derivatives_are_those_of_complex_step
         scaled = A / joint.scale[:, None] * joint.scale
         return expm(scaled * h)
 
-    assert found.step[:, : 2 * n] == pytest.approx(step(logs).real, abs=1e-13)
+    assert found.step[:, : 2 * n] == pytest.approx(step(eta).real, abs=1e-13)
     for k in range(2):
-        slope = step(logs + 1e-30j * np.eye(2)[k]).imag / 1e-30
+        slope = step(eta + 1e-30j * np.eye(2)[k]).imag / 1e-30
         size = np.abs(slope).max()
         assert found.derivatives[k][:, : 2 * n] == pytest.approx(slope, abs=1e-11 * size)
 
@@ -132,8 +133,8 @@ def _links(letter):
 
 def test_response_slopes_of_a_dense_joint_are_exact():
     """Against the receptance in 40 digits, differentiated by a step of 1e-12."""
-    logs, omega = np.log([0.7, 1.9]), 63.0
-    found = responses(dense(), [Frf(Channel(3, "acceleration"), 5)], np.array([omega]), logs)
+    eta, omega = np.log([0.7, 1.9]), 63.0
+    found = FrfSystem.of(dense(), [Frf(Channel(3, "acceleration"), 5)]).response(np.array([omega]), eta)
     K0, C0 = _links("k"), _links("c")
 
     def response(at):
@@ -149,7 +150,7 @@ def test_response_slopes_of_a_dense_joint_are_exact():
         return -(mp.mpf(omega) ** 2) * mp.lu_solve(Z, mp.matrix([0, 0, 0, 0, 1]))[2]
 
     with mp.workdps(40):
-        centre = [mp.mpf(float(value)) for value in logs]
+        centre = [mp.mpf(float(value)) for value in eta]
         assert found.values[0, 0] == pytest.approx(complex(response(centre)), rel=1e-12)
         for k in range(2):
             ahead, behind = (

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.identifiability import expected_time_records, identifiability, relative_bounds
+from dynid.identification.identifiability import coordinate_bounds, expected_time_records, identifiability
 from dynid.identification.information import collinear_groups
-from dynid.identification.measurement import Experiment, Measurement, Simulation
+from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.planning.excitation import candidate_sines, exact_bounds, grid
 from dynid.identification.planning.plan import PlanRequest, candidate_sensors, every_channel, plan
 from dynid.identification.planning.selection import Candidates, select
+from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -83,14 +84,14 @@ def test_a_sine_in_a_single_mass_has_the_information_of_the_closed_form():
         np.testing.assert_allclose(root.T @ root, exact, rtol=1e-9, atol=1e-12 * exact.max())
     # The record's own: the state costs a few of 4000 samples, and 17 rad/s is no whole number of periods.
     exact = np.sqrt(np.diag(np.linalg.inv(closed_form(17.0, 4000, 5.0, sigma))))
-    np.testing.assert_allclose(relative_bounds(expected.information()), exact, rtol=5e-3)
+    np.testing.assert_allclose(coordinate_bounds(expected.information()), exact, rtol=5e-3)
 
 
 def test_bounds_of_settled_sines_are_those_of_a_record_that_has_settled():
     model, experiment = single()
     expected = expected_time_records(model, [experiment])
     direct = exact_bounds(model, experiment, expected, [Load(1, Multisine([5.0], [17.0]))])
-    np.testing.assert_allclose(direct, relative_bounds(expected.information()), rtol=1e-9)
+    np.testing.assert_allclose(direct, coordinate_bounds(expected.information()), rtol=1e-9)
 
 
 def test_what_sensors_tell_is_the_information_of_records_with_them():
@@ -103,7 +104,7 @@ def test_what_sensors_tell_is_the_information_of_records_with_them():
     ):
         direct = expected_time_records(suspension(), [Experiment(LOADS, simulated(0.05, channels=names))])
         np.testing.assert_allclose(
-            found.candidates.bounds(found.places(names)), relative_bounds(direct.information()), rtol=1e-6
+            found.candidates.bounds(found.places(names)), coordinate_bounds(direct.information()), rtol=1e-6
         )
 
 
@@ -254,7 +255,8 @@ def test_the_identifiable_combination_of_a_group_is_named(gradient, seen):
     rng = np.random.default_rng(1)
     rows = np.concatenate([np.outer(rng.standard_normal(20), gradient), np.zeros((20, 2))], axis=1)
     rows[:, 2:] = rng.standard_normal((20, 2))
-    (group,) = collinear_groups(("a", "b", "c", "d"), np.array([3.0, 5.0, 1.0, 1.0]), rows, 1e-8)
+    values = np.array([3.0, 5.0, 1.0, 1.0])  # rates of logarithms, too
+    (group,) = collinear_groups(("a", "b", "c", "d"), values, values, rows, 1e-8)
     assert (group.places, group.identifiable) == ((0, 1), seen)
     np.testing.assert_allclose(rows[:, :2] @ group.blind.T, 0, atol=1e-12)
 
@@ -263,7 +265,8 @@ def test_groups_do_not_depend_on_the_vectors_of_the_blind_space():
     rng = np.random.default_rng(2)
     x, y, z = rng.standard_normal((3, 30, 1))
     rows = np.concatenate([x, 2 * x, y, -y, z, 0.5 * x], axis=1)
-    found = collinear_groups(tuple("abcdef"), np.array([1.0, 2.0, 1.0, 1.0, 1.0, 0.5]), rows, 1e-8)
+    values = np.array([1.0, 2.0, 1.0, 1.0, 1.0, 0.5])
+    found = collinear_groups(tuple("abcdef"), values, values, rows, 1e-8)
     assert [group.places for group in found] == [(0, 1, 5), (2, 3)]
     assert [group.identifiable for group in found] == ["a + b + f", "c - d"]
     assert [len(group.blind) for group in found] == [2, 1]
@@ -310,7 +313,7 @@ def test_the_best_lines_keep_what_they_promise(planned):
     ]
     noise = planned.value(f"{GROUP}/noise/deviation")
     expected = expected_time_records(suspension(), [Experiment(loads, simulated(0.05, settle=58.0))])
-    bounds = relative_bounds(expected.likelihood.information(expected.fit, [noise]))
+    bounds = coordinate_bounds(expected.likelihood.information(expected.fit, [noise]))
     np.testing.assert_allclose(bounds, planned.value(f"{group}/best_bound"), rtol=1e-6)
     assert np.all(bounds < planned.value(f"{group}/present_bound"))
     assert planned.value(f"{group}/efficiency") < 1

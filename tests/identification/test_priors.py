@@ -8,7 +8,8 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.structure.joints import Joint, JointParameter, ParameterPrior
+from dynid.parameters import ParameterPrior
+from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from tests.identification.cases import LINKS, MASSES, diagnostic, parameter, run, simulated
 

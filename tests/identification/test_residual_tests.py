@@ -9,9 +9,10 @@ from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.identify import identify_all, identify_frf
-from dynid.identification.measurement import Experiment, Measurement, Simulation
+from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.preparation import BandPass, Detrend, prepare
 from dynid.identification.residual_tests import noise_test, residual_shape
+from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped

@@ -37,9 +37,9 @@ def force(t):
     return 5 * np.sin(17 * t + 0.3) + half_sine
 
 
-def oracle(logs, x0):
+def oracle(eta, x0):
     """Displacement, velocity, acceleration of the oscillator by Runge–Kutta, split where contact ends."""
-    k, c = np.exp(logs)
+    k, c = np.exp(eta)
 
     def rate(t, x):
         return [x[1], (force(t) - k * x[0] - c * x[1]) / M]
@@ -57,22 +57,22 @@ def test_sensitivities_are_the_derivatives_of_the_prediction():
     model = oscillator()
     channels = tuple(Channel(1, q) for q in ("displacement", "velocity", "acceleration"))
     joint = parametric_model(model, LOADS, channels, T)
-    logs, x0 = np.log([K, C]), np.array([0.01, -0.3])
-    y = oracle(logs, x0)
+    eta, x0 = np.log([K, C]), np.array([0.01, -0.3])
+    y = oracle(eta, x0)
     record = data(model, LOADS, simulated(channels=channels, samples=60, settle=0.0))
-    fit = TimeRecord(joint, record).fit(logs, y)
+    fit = TimeRecord(joint, record).fit(eta, y)
     np.testing.assert_allclose(fit.predicted.outputs, y, rtol=0, atol=1e-11 * np.abs(y).max())
     np.testing.assert_allclose(fit.predicted.states[0] * joint.scale, x0, rtol=1e-9)
-    found = prediction(joint, logs, fit.predicted.states[0], *free_prediction(joint, logs))
+    found = prediction(joint, eta, fit.predicted.states[0], *free_prediction(joint, eta))
     for j in range(2):
         e = 1e-4 * np.eye(2)[j]
         # Five-point rule: truncation h^4, rounding 1e-12 / h.
         slope = (
-            8 * (oracle(logs + e, x0) - oracle(logs - e, x0))
-            - (oracle(logs + 2 * e, x0) - oracle(logs - 2 * e, x0))
+            8 * (oracle(eta + e, x0) - oracle(eta - e, x0))
+            - (oracle(eta + 2 * e, x0) - oracle(eta - 2 * e, x0))
         ) / (12 * 1e-4)
         np.testing.assert_allclose(found.by_parameter[:, :, j], slope, rtol=0, atol=1e-8 * np.abs(y).max())
-        state = oracle(logs, x0 + np.eye(2)[j]) - oracle(logs, x0)
+        state = oracle(eta, x0 + np.eye(2)[j]) - oracle(eta, x0)
         np.testing.assert_allclose(
             found.by_state[:, :, j] / joint.scale[j], state, rtol=0, atol=1e-9 * np.abs(state).max()
         )
@@ -152,7 +152,7 @@ def test_the_filter_is_the_extended_kalman_filter_of_the_augmented_state():
         gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(sigma**2))
         z, P = z + gain @ (y[k] - [z[1], acceleration(T[k], z)]), P - gain @ H @ P
         # Numerical Jacobians: step^2 = 1e-10, grown by the correction they feed.
-        np.testing.assert_allclose(walked.logs[k], z[2:], atol=1e-7)
+        np.testing.assert_allclose(walked.eta[k], z[2:], atol=1e-7)
         np.testing.assert_allclose(walked.states[k] * joint.scale, z[:2], atol=1e-7)
         np.testing.assert_allclose(walked.deviations[k], np.sqrt(np.diag(P)[2:]), rtol=1e-5)
 
@@ -231,8 +231,8 @@ def test_the_distance_to_the_optimum_is_the_one_that_a_search_of_the_maximum_lik
     start = np.log(parameter(result, "estimate"))
     noise = fits.fit(start, record.values).noise
 
-    def over_noise(logs):
-        return (fits.fit(logs, record.values).residual / noise).ravel()
+    def over_noise(eta):
+        return (fits.fit(eta, record.values).residual / noise).ravel()
 
     best = least_squares(over_noise, start, jac="3-point", xtol=1e-10)
     deviation = parameter(result, "standard_error") / parameter(result, "estimate")

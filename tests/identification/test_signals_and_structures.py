@@ -6,7 +6,8 @@ import pytest
 from dynid.errors import Diverged, NotIdentifiable, UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Measurement, Simulation
+from dynid.identification.measurement import Measurement
+from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Impulse, Multisine, RecordTimes, signal
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -222,7 +223,7 @@ def test_impulse_while_settling_counts():
 
 
 def test_nonsense_is_refused():
-    with pytest.raises(UsageError, match="no joint parameter is unknown"):
+    with pytest.raises(UsageError, match="no parameter is unknown"):
         run(lumped(MASSES, LINKS))
     with pytest.raises(UsageError, match="nothing is measured"):
         run(measurement=Measurement(0.002, 800, ()))

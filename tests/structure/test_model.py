@@ -37,7 +37,8 @@ def test_unknowns_come_joint_by_joint_and_take_their_values_by_name():
     )
     model = lumped([1, 1], [], joints)
     assert [u.name for u in model.unknowns] == ["upper.k", "upper.c", "lower.c"]
-    assert [(u.letter, u.start, u.true) for u in model.unknowns] == [("k", 1, 2), ("c", 3, None), ("c", 5, 6)]
+    assert [(u.start, u.true) for u in model.unknowns] == [(1, 2), (3, None), (5, 6)]
+    assert [term.letter for term in model.joint_terms] == ["K", "C", "C"]
     _, C, K = model.with_joints({"upper.k": 10, "upper.c": 0.1, "lower.c": 1})
     np.testing.assert_allclose(K, [[10, -10], [-10, 14]])
     np.testing.assert_allclose(C, [[0.1, -0.1], [-0.1, 1.1]])
@@ -185,8 +186,8 @@ def test_sparse_models_stay_sparse_and_say_the_same():
     for dense, sparse in zip(full.with_joints(values), slim.with_joints(values), strict=True):
         assert isinstance(sparse, csc_array)
         np.testing.assert_allclose(sparse.toarray(), dense, rtol=1e-15)
-    for dense, sparse in zip(full.unknowns, slim.unknowns, strict=True):
-        np.testing.assert_array_equal(sparse.pattern.toarray(), dense.pattern)
+    for dense, sparse in zip(full.joint_terms, slim.joint_terms, strict=True):
+        np.testing.assert_array_equal(sparse.matrix.toarray(), dense.matrix)
 
 
 # --- joints ----------------------------------------------------------------------------------------

@@ -68,6 +68,18 @@ class Dependent:
         """The names of the parameters that it depends on."""
         return frozenset(node.operands[0] for node in self._order if not node.operation)
 
+    @property
+    def is_multiple(self) -> bool:
+        """True if it is a parameter, or a constant multiple of one."""
+        if self.operation == "*":
+            a, b = self.operands
+            one, other = (a, b) if isinstance(a, Dependent) else (b, a)
+            return not isinstance(other, Dependent) and one.is_multiple
+        if self.operation == "/":
+            a, b = self.operands
+            return not isinstance(b, Dependent) and a.is_multiple
+        return not self.operation
+
     def dual(self, values: Mapping[str, Number]) -> Dual:
         """Return value and derivatives at values of the parameters, exact where these and it are.
 

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from dynid.lti.floating import finite
 from dynid.result import Result
-from dynid.structure.matrices import Label
-from dynid.structure.ports import Channel
 
 Array = NDArray[np.float64]
 
@@ -40,7 +38,7 @@ class CalibrationDerivatives(NamedTuple):
     changes
         The change of each that effects are quoted for (q): 1 % of a gain, a sampling step of the delay.
     by_parameter
-        Derivatives of the prediction by the logarithms of the parameters (rows x p), free of the initial
+        Derivatives of the prediction by the coordinates of the parameters (rows x p), free of the initial
         state.
     by_quantity
         Derivatives of prediction less measurement by the logarithms of gains and by the delay (rows x q),
@@ -51,16 +49,6 @@ class CalibrationDerivatives(NamedTuple):
     changes: Array
     by_parameter: Array
     by_quantity: Array
-
-
-def load_gain(dof: Label | None, motion: str | None = None) -> str:
-    """Return the name of the gain of a force at a DOF, or of a motion of it or of the base."""
-    return f"{motion or 'force'} gain of {'base' if dof is None else dof}"
-
-
-def channel_gain(channel: Channel) -> str:
-    """Return the name of the gain of a sensor."""
-    return f"gain of {channel.name}"
 
 
 class CalibrationSlopes(NamedTuple):

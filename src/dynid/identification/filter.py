@@ -12,7 +12,7 @@ constant, so that between samples nothing is added to P.
 
 Between samples the physical part is propagated exactly at parameters near the estimate, and to first order in
 the difference of their values: in these a short step is nearly linear, in their logarithms it is not. It is
-linearised anew where a logarithm has changed by its own standard deviation. The error of this first order is
+linearised anew where a coordinate has changed by its own standard deviation. The error of this first order is
 then some thousandths of that of the filter itself, which linearises about an estimate with errors of that
 size; so a pass takes some tens of matrix exponentials, not one a sample, and hardly more over a longer
 record.
@@ -30,25 +30,33 @@ from numpy.typing import NDArray
 from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
 from dynid.identification.kernels import compiled
-from dynid.identification.parametric_model import ParametricModel
-from dynid.structure.joints import Unknown
+from dynid.identification.parametric_model import DirectTerm, ParametricModel
+from dynid.parameters import Parameter, logarithmic
 
 Array = NDArray[np.float64]
 
-#: How far a logarithm may move before steps are linearised anew: in its standard deviations, and at the most.
+#: How far a coordinate may move before steps are linearised anew: in its standard deviations, and at most.
 PART, MOST = LINEARISED.value, 0.1
 # The remedy for estimates that diverge.
 ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
-# A logarithm this far from its start has diverged: a factor of a million.
-RUNAWAY = float(np.log(1e6))
+# A logarithm this far from its start has diverged: a factor of a million; and any other, in its unit.
+RUNAWAY, FARTHEST = float(np.log(1e6)), 1e6
 # Squares between these neither overflow nor lose digits.
 _SMALL, _LARGE = 1e-280, 1e280
 #: Rows of a history, at the most.
 MOST_ROWS = 100_000
 
 
+class Outputs(NamedTuple):
+    """Outputs about some coordinates: C (channels x n), what the inputs add at once, and their slopes."""
+
+    C: Array
+    C_slopes: Array
+    direct: DirectTerm
+
+
 class LinearisedStep(NamedTuple):
-    """``forward`` (n (1 + p) x n + q) takes [x, w] to the next state and its derivatives by the logarithms.
+    """``forward`` (n (1 + p) x n + q) takes [x, w] to the next state and its derivatives by the coordinates.
 
     `phi` (n x n) is its part of x, `phi_slopes` (p x n n) the derivatives of that.
     """
@@ -59,37 +67,63 @@ class LinearisedStep(NamedTuple):
 
 
 class Linearised:
-    """The steps of a model about some logarithms, computed when they are needed.
+    """The steps of a model about some coordinates, computed when they are needed.
 
     Parameters
     ----------
     model
         The model.
     part
-        How far a logarithm may move, in its deviations.
+        How far a coordinate may move, in its deviations.
     """
 
     def __init__(self, model: ParametricModel, part: float) -> None:
         self._model, self._part = model, part
         self._steps: dict[int, LinearisedStep] = {}
-        self.logs = np.full(model.parameters, np.nan)
+        self._outputs: Outputs | None = None
+        self._log, self._most = logarithmic(model.unknowns), most_moved(model)
+        self._every_log = bool(self._log.all())
+        self.eta = np.full(model.parameters, np.nan)
 
-    def follow(self, logs: Array, spread: Array) -> None:
-        """Linearise anew if logarithms of these deviations (p) have left the present ones."""
-        if not np.all(np.abs(logs - self.logs) <= np.minimum(self._part * spread, MOST)):
-            self.logs = logs.copy()
+    def follow(self, eta: Array, spread: Array) -> None:
+        """Linearise anew if coordinates of these deviations (p) have left the present ones."""
+        if not np.all(np.abs(eta - self.eta) <= np.minimum(self._part * spread, self._most)):
+            self.eta = eta.copy()
             self._steps.clear()
+            self._outputs = None
 
-    def growth(self, logs: Array) -> Array:
-        """Return the relative change of the values (p) from those of the steps, to second order."""
-        left = logs - self.logs
-        return np.asarray(left + left * left / 2)
+    def growth(self, eta: Array) -> tuple[Array, Array]:
+        """Return what slopes are multiplied by (p): for the change from the steps, and for the slope here.
+
+        Of a logarithm the former is the relative change of the value, to second order.
+        """
+        left = eta - self.eta
+        growth = left + left * left / 2
+        if self._every_log:
+            return growth, 1 + growth
+        return np.where(self._log, growth, left), np.where(self._log, 1 + growth, 1.0)
+
+    def outputs(self, eta: Array) -> tuple[Array, Array, Array, Array | None]:
+        """Return C (channels x n), its slopes, the direct term (times x channels), and its slopes."""
+        affine = self._model.affine
+        if self._outputs is None:
+            self._outputs = Outputs(*self._model.output(self.eta), self._model.direct(self.eta))
+        if affine is not None:
+            change = np.exp(eta)[:, None, None] * affine.C_slopes
+            return affine.C + change.sum(axis=0), change, self._outputs.direct.value, None
+        (C, slopes, direct), (growth, here) = self._outputs, self.growth(eta)
+        moved = slopes * here[:, None, None]
+        C = C + np.einsum("p,pcn->cn", growth, slopes)
+        if direct.slopes is None:
+            return C, moved, direct.value, None
+        value = direct.value + np.einsum("p,ptc->tc", growth, direct.slopes)
+        return C, moved, value, direct.slopes * here[:, None, None]
 
     def step(self, length: int) -> LinearisedStep:
         """Return the step of a length of the timeline."""
         if length not in self._steps:
             n = self._model.states
-            step, slopes = self._model.transition(self.logs, float(self._model.line.lengths[length]))
+            step, slopes = self._model.transition(self.eta, float(self._model.line.lengths[length]))
             forward = np.concatenate([step[None], slopes]).reshape(-1, step.shape[1])
             phi_slopes = slopes[:, :, :n].reshape(len(slopes), n * n)
             self._steps[length] = LinearisedStep(forward, step[:, :n], phi_slopes)
@@ -97,27 +131,27 @@ class Linearised:
 
 
 class InitialState(NamedTuple):
-    """Initial augmented state of a pass: state (n, scaled), logarithms (p), and a root of their covariance.
+    """Initial augmented state of a pass: state (n, scaled), coordinates (p), and a root of their covariance.
 
-    `root` (n + p x n + p) is any S with S S^T the covariance of state and logarithms.
+    `root` (n + p x n + p) is any S with S S^T the covariance of state and coordinates.
     """
 
     state: Array
-    logs: Array
+    eta: Array
     root: Array
 
 
 class Pass(NamedTuple):
     """One pass over a record.
 
-    `logs` and `deviations`: logarithms and their standard deviations (times x p); `states` and
-    `state_deviations`: physical states and theirs (times x n, scaled); `root`: a root of the logarithms'
+    `eta` and `deviations`: coordinates and their standard deviations (times x p); `states` and
+    `state_deviations`: physical states and theirs (times x n, scaled); `root`: a root of the coordinates'
     covariance after the last sample (p x any); `innovations`: normalised by their deviations (times x
     channels; NaN where a sample is missing), if known; `whole`: a root of the
-    covariance of state (scaled) and logarithms after the last sample (n + p x any), if known.
+    covariance of state (scaled) and coordinates after the last sample (n + p x any), if known.
     """
 
-    logs: Array
+    eta: Array
     deviations: Array
     states: Array
     state_deviations: Array
@@ -147,9 +181,9 @@ def filter_pass(
     deviation
         Assumed standard deviation of each channel's noise (channels) or of each sample (times x channels).
     origin
-        Logarithms from which a divergence is measured (p).
+        Coordinates from which a divergence is measured (p).
     part
-        How far a logarithm may move, in its deviations, before steps are linearised anew; 0: at every sample.
+        How far a coordinate may move, in its deviations, before steps are linearised anew; 0: every sample.
 
     Raises
     ------
@@ -158,19 +192,19 @@ def filter_pass(
     """
     n, p = model.states, model.parameters
     samples = len(measured)
-    z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
-    logs, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
-    history = _History(logs, deviations, states, bands, np.full(measured.shape, np.nan))
+    z, S = np.concatenate([prior.state, prior.eta]), prior.root.copy()
+    eta, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
+    history = _History(eta, deviations, states, bands, np.full(measured.shape, np.nan))
     weight = np.broadcast_to(1 / deviation, measured.shape)
     run = _walk_compiled if compiled(len(model.line.nodes), n + len(model.line.G), p) else _walk
     root = run(model, measured, weight, z, S, origin, history, part)
-    return Pass(logs, deviations, states, bands, root[n:], history.innovations, root)
+    return Pass(eta, deviations, states, bands, root[n:], history.innovations, root)
 
 
 class _History(NamedTuple):
     """Arrays that a pass of the kernel fills in, as in `Pass`."""
 
-    logs: Array
+    eta: Array
     deviations: Array
     states: Array
     state_deviations: Array
@@ -189,33 +223,36 @@ def _walk(
 ) -> Array:
     """Filter the record, from state and root before the first sample; return the last root."""
     n = model.states
-    logs, deviations, states, bands, innovations = history
+    eta, deviations, states, bands, innovations = history
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
-    expected = measured - model.feedthrough
-    outputs_vary = bool(model.C_slopes.any())
+    vary = bool(model.output(z[n:])[1].any()) or model.affine is None
     H = np.zeros((measured.shape[1], len(z)), dtype=z.dtype)
-    H[:, :n] = model.C
-    steps, spread = Linearised(model, part), _lengths(S)
+    steps, spread, limits = Linearised(model, part), _lengths(S), run_away_limits(model.unknowns)
+    steps.follow(z[n:], spread[n:])
+    H[:, :n], _, direct, direct_slopes = steps.outputs(z[n:])
     for node, sample in enumerate(model.line.sample_of().tolist()):
         if node:
             steps.follow(z[n:], spread[n:])
             # State and root from the node before this one: S turns into F S.
-            step, growth = steps.step(int(model.line.which[node - 1])), steps.growth(z[n:])
+            step, (growth, here) = steps.step(int(model.line.which[node - 1])), steps.growth(z[n:])
             moved = (step.forward @ np.concatenate([z[:n], model.W[node - 1]])).reshape(-1, n)
             phi = step.phi + (growth @ step.phi_slopes).reshape(n, n)
             z[:n] = moved[0] + growth @ moved[1:]
-            S[:n] = np.concatenate([phi, (moved[1:] * (1 + growth)[:, None]).T], axis=1) @ S
+            S[:n] = np.concatenate([phi, (moved[1:] * here[:, None]).T], axis=1) @ S
         if sample < 0:
             continue
-        if outputs_vary:
-            C, C_slopes = model.output(z[n:])
-            H[:, :n], H[:, n:] = C, (C_slopes @ z[:n]).T
-        innovation = expected[sample] - H[:, :n] @ z[:n]
+        if vary:
+            H[:, :n], C_slopes, direct, direct_slopes = steps.outputs(z[n:])
+            H[:, n:] = (C_slopes @ z[:n]).T
+            if direct_slopes is not None:
+                H[:, n:] += direct_slopes[:, sample].T
+        innovation = measured[sample] - direct[sample] - H[:, :n] @ z[:n]
         whitened = H * weight[sample][:, None], innovation * weight[sample]
         z += _update(S, *whitened, present[sample], innovations[sample])
-        check_run_away(model.unknowns, z[n:], origin)
+        if not np.all(np.abs(z[n:] - origin) < limits):
+            check_run_away(model.unknowns, z[n:], origin)
         spread = _lengths(S)
-        logs[sample], deviations[sample] = z[n:], spread[n:]
+        eta[sample], deviations[sample] = z[n:], spread[n:]
         states[sample], bands[sample] = z[:n], spread[:n]
     return S
 
@@ -236,17 +273,22 @@ def _walk_compiled(
     n, lengths, nodes = model.states, model.line.lengths, len(model.line.nodes)
     at, padded, spread = steps.linear(model), filter_kernel.padded(S), _lengths(S)[n:]
     record = steps.plain(measured), steps.plain(weight)
-    limits = part, MOST, RUNAWAY
+    limits = part, most_moved(model), run_away_limits(model.unknowns)
+    at.eta[:] = z[n:]
+    outputs, about = steps.outputs(model, at.eta), at.eta.copy()
     node = 0
     while node < nodes:
+        made = steps.tables(model), at, outputs
         node = filter_kernel.filter_samples(
-            steps.tables(model), at, limits, node, *record, z, padded, spread, origin, tuple(history)
+            *made, limits, node, *record, z, padded, spread, origin, tuple(history)
         )
         if node < 0:
             check_run_away(model.unknowns, z[n:], origin)
         if node < nodes:
             length = int(model.line.which[node - 1])
-            steps.place(at, length, model.transition(at.logs, float(lengths[length])))
+            steps.place(at, length, model.transition(at.eta, float(lengths[length])))
+            if model.affine is None and not np.array_equal(about, at.eta):
+                outputs, about = steps.outputs(model, at.eta), at.eta.copy()
     return padded[:, : len(S)]
 
 
@@ -269,7 +311,7 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
     Returns
     -------
     Array
-        The correction of state and logarithms (n + p).
+        The correction of state and coordinates (n + p).
     """
     correction = np.zeros(len(S), dtype=S.dtype)
     for channel in present:
@@ -284,9 +326,19 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
     return correction
 
 
-def check_run_away(unknowns: Sequence[Unknown], logs: Array, origin: Array) -> None:
-    """Refuse logarithms (p) that are not finite or a factor of a million from their origin."""
-    away = ~(np.abs(logs - origin) < RUNAWAY)
+def most_moved(model: ParametricModel) -> Array:
+    """Return how far coordinates may move at the most before steps are linearised anew (p)."""
+    return np.array([MOST * one.first_spread / 2 for one in model.unknowns])
+
+
+def run_away_limits(unknowns: Sequence[Parameter]) -> Array:
+    """Return how far from their origin coordinates have diverged (p)."""
+    return np.array([RUNAWAY if one.logarithmic else FARTHEST * one.first_spread for one in unknowns])
+
+
+def check_run_away(unknowns: Sequence[Parameter], eta: Array, origin: Array) -> None:
+    """Refuse coordinates (p) that are not finite or a factor of a million from their origin."""
+    away = ~(np.abs(eta - origin) < run_away_limits(unknowns))
     if away.any():
         raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad])
 
@@ -310,9 +362,9 @@ def stored_rows(samples: int) -> slice:
 
 def thinned(history: Pass) -> Pass:
     """Return a pass with the rows that are stored; innovations are kept whole."""
-    rows = stored_rows(len(history.logs))
+    rows = stored_rows(len(history.eta))
     if rows.step == 1:
         return history
-    names = ("logs", "deviations", "states", "state_deviations")
+    names = ("eta", "deviations", "states", "state_deviations")
     # Copies: a view would keep all of it in memory.
     return history._replace(**{name: getattr(history, name)[rows].copy() for name in names})

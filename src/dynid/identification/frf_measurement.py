@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import NotIdentifiable, Singular, UsageError
-from dynid.identification.measurement import RecordData, Simulation, per_channel
-from dynid.lti.frequency_response import second_order_response
-from dynid.number_format import frequency_text
-from dynid.structure.matrices import Label, as_array
+from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.linear_system import LinearSystem, SystemModel
+from dynid.identification.measurement import RecordData
+from dynid.identification.parametric_model import system_of
+from dynid.identification.simulation import Simulation, per_channel
+from dynid.parameters import named, rates, true_values
+from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.ports import Channel
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -33,10 +34,15 @@ _LEAST_DEVIATION = 1e-6
 
 
 class Frf(NamedTuple):
-    """A frequency response function: the response of `channel` to a unit force at the DOF `force`."""
+    """A frequency response function: the response of `channel` to a unit of `force`, a DOF or source."""
 
-    channel: Channel
+    channel: Any
     force: Label
+
+    @property
+    def load(self) -> Any:
+        """The load, a unit impulse."""
+        return self.channel.unit_load(self.force)
 
     @property
     def name(self) -> str:
@@ -46,7 +52,7 @@ class Frf(NamedTuple):
     @property
     def unit(self) -> str:
         """Its unit, SI."""
-        return f"{self.channel.unit}/N"
+        return f"{self.channel.unit}/{self.load.unit}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,13 +141,13 @@ class FrfMeasurement:
 
 
 class Response(NamedTuple):
-    """Responses at all lines: `values` (L x channels), `slopes` (L x channels x p) by the logarithms."""
+    """Responses at all lines: `values` (L x channels), `slopes` (L x channels x p) by the coordinates."""
 
     values: ComplexArray
     slopes: ComplexArray
 
 
-def check_cost(model: StructuralModel, lines: int) -> None:
+def check_cost(model: StructuralModel | SystemModel, lines: int) -> None:
     """Refuse a computation that would take too long or too much memory.
 
     Raises
@@ -149,66 +155,71 @@ def check_cost(model: StructuralModel, lines: int) -> None:
     UsageError
         With the remedy.
     """
-    if lines * float(model.size) ** 3 > _MOST_WORK or lines * model.size > _MOST_NUMBERS:
+    size = model.size if isinstance(model, StructuralModel) else 0
+    if lines * float(size) ** 3 > _MOST_WORK or lines * size > _MOST_NUMBERS:
         raise UsageError(
-            f"{lines} lines of a model of {model.size} DOFs are too many to solve again and again",
+            f"{lines} lines of a model of {size} DOFs are too many to solve again and again",
             remedy="Reduce the structure: reduction: {method: joint-aware}; or give fewer lines.",
             names=("measurement.frf", "measurement"),
         )
 
 
-def responses(
-    model: StructuralModel, channels: Sequence[Frf], omega: Array, logs: Array | None = None
-) -> Response:
-    """Return frequency response functions and their exact slopes, ``dH = -H dZ H`` on the dynamic stiffness.
+@dataclass(frozen=True, eq=False)
+class FrfSystem:
+    """A model with the channels and forces of measured frequency response functions.
 
-    Parameters
+    Attributes
     ----------
-    model
-        The structure.
-    channels, omega
-        The functions, and their lines (L), rad/s.
-    logs
-        Logarithms of the unknown parameters (p); absent: their true values, and no slopes.
-
-    Raises
-    ------
-    Singular
-        If a line lies on an undamped pole, to rounding.
-    UsageError
-        If a DOF does not exist or a true value is missing.
+    system
+        The model with the distinct channels and loads.
+    pairs
+        Of each function the places of its channel and its load.
     """
-    names = [unknown.name for unknown in model.unknowns]
-    values = model.true_values() if logs is None else dict(zip(names, np.exp(logs).tolist(), strict=True))
-    M, C, K = model.dense(values)
-    forces = np.array([model.row(channel.force) for channel in channels])
-    rows = np.array([channel.channel.row(model) for channel in channels])
-    ends, where = np.unique(np.concatenate([forces, rows]), axis=0, return_inverse=True)
-    where = where.reshape(2, len(channels))
-    n = len(M)
-    solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
-    infinite = ~np.isfinite(solved).all(axis=(1, 2))
-    if infinite.any():
-        raise Singular(
-            f"at {frequency_text(float(omega[np.argmax(infinite)]), 6)} a frequency response is infinite: "
-            "that line lies on an undamped pole",
-            remedy="Leave that line out, or give the structure some damping.",
-            names=("measurement.frf", "measurement"),
-        )
-    driven, read = solved[:, :, where[0]], solved[:, :, where[1]]
-    factor = (1j * omega[:, None]) ** [channel.channel.order for channel in channels]
-    H = factor * np.einsum("cn,lnc->lc", rows, driven)
-    slopes = np.empty((*H.shape, 0 if logs is None else len(names)), dtype=complex)
-    for k, unknown in enumerate(model.unknowns[: slopes.shape[-1]]):
-        pattern = as_array(unknown.pattern)
-        here = np.flatnonzero(pattern.any(axis=0))
-        bent = pattern[np.ix_(here, here)] @ driven[:, here]
-        rate = values[unknown.name] * (1j * omega[:, None] if unknown.letter == "c" else 1.0)
-        slopes[..., k] = -factor * rate * np.sum(read[:, here] * bent, axis=1)
-    return Response(H, slopes)
+
+    system: LinearSystem
+    pairs: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, model: StructuralModel | SystemModel, functions: Sequence[Frf]) -> FrfSystem:
+        """Return the system of a model for some functions.
+
+        Raises
+        ------
+        UsageError
+            If a channel or a load does not exist.
+        """
+        channels = list(dict.fromkeys(one.channel for one in functions))
+        loads = list(dict.fromkeys(one.load for one in functions))
+        pairs = tuple((channels.index(one.channel), loads.index(one.load)) for one in functions)
+        return cls(system_of(model, loads, channels), pairs)
+
+    def response(self, omega: Array, eta: Array | None = None) -> Response:
+        """Return the responses at lines (L), rad/s, and their exact slopes by the coordinates.
+
+        Parameters
+        ----------
+        omega
+            The lines.
+        eta
+            Coordinates of the unknown parameters (p); absent: their true values, and no slopes.
+
+        Raises
+        ------
+        Singular
+            If a line lies on an undamped pole, to rounding.
+        UsageError
+            If a true value is missing.
+        """
+        unknowns = self.system.unknowns
+        if eta is None:
+            return Response(
+                *self.system.paired_response(true_values(unknowns), omega, self.pairs, slopes=False)
+            )
+        H, slopes = self.system.paired_response(named(unknowns, eta), omega, self.pairs)
+        return Response(H, slopes * rates(unknowns, eta))
 
 
-def frf_data(model: StructuralModel, measurement: FrfMeasurement) -> RecordData:
+def frf_data(model: StructuralModel | SystemModel, measurement: FrfMeasurement) -> RecordData:
     """Return the measured values as real ones, simulated with `model` where they are to be simulated.
 
     Raises
@@ -224,7 +235,7 @@ def frf_data(model: StructuralModel, measurement: FrfMeasurement) -> RecordData:
     source = measurement.source
     if isinstance(source, Simulation):
         check_cost(model, len(measurement.omega))
-        clean = stacked(responses(model, measurement.channels, measurement.omega).values)
+        clean = stacked(FrfSystem.of(model, measurement.channels).response(measurement.omega).values)
         noise = source.deviation(clean)
         if source.noise is not None:
             noise = noise / np.sqrt(2)  # half of the power in each part

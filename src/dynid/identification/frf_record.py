@@ -17,19 +17,18 @@ from dynid.identification.calibration import (
     DELAY,
     GAIN_CHANGE,
     CalibrationDerivatives,
-    channel_gain,
-    load_gain,
 )
 from dynid.identification.frf_measurement import (
     Frf,
     FrfMeasurement,
+    FrfSystem,
     check_cost,
-    responses,
     stacked,
     unstacked,
 )
 from dynid.identification.information import Information, information
 from dynid.identification.likelihood import Likelihood
+from dynid.identification.linear_system import SystemModel
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, weights
@@ -42,9 +41,8 @@ from dynid.identification.saturated_model import (
     saturated_coordinates,
 )
 from dynid.identification.statistics import root_mean_square
-from dynid.lti.exponential import balance, rescaled
 from dynid.number_format import frequency_text
-from dynid.structure.joints import Unknown
+from dynid.parameters import Parameter, named, rates, values
 from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
@@ -57,8 +55,8 @@ class FrfRecord(RecordLikelihood):
 
     Attributes
     ----------
-    model
-        The structure.
+    system
+        The model with the responses' channels and forces.
     measurement
         Lines and channels.
     data
@@ -68,7 +66,7 @@ class FrfRecord(RecordLikelihood):
         fewer local minima.
     """
 
-    model: StructuralModel
+    system: FrfSystem
     measurement: FrfMeasurement
     data: RecordData
     magnitudes: bool = False
@@ -102,18 +100,18 @@ class FrfRecord(RecordLikelihood):
         return float(self.measurement.omega[int(np.nanargmax(sizes))])
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
-        return self.model.unknowns
+        return self.system.system.unknowns
 
     @property
     def nuisances(self) -> int:
         """0: a frequency response does not depend on an initial state."""
         return 0
 
-    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
-        """Predict the responses at the parameters exp(logs) and compare them with `values`."""
-        found = responses(self.model, self.measurement.channels, self.measurement.omega, logs)
+    def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
+        """Predict the responses at the parameters exp(eta) and compare them with `values`."""
+        found = self.system.response(self.measurement.omega, eta)
         if self.magnitudes:
             outputs = _logarithms(np.abs(found.values))
             there = np.where(found.values == 0, 1.0, found.values)
@@ -127,10 +125,10 @@ class FrfRecord(RecordLikelihood):
         predicted = Trajectory(outputs, none)
         counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
         level = self.noise_in(counts, size)
-        return RecordFit(logs, predicted, residual, counts, size, level, by_parameter=by_parameter)
+        return RecordFit(eta, predicted, residual, counts, size, level, by_parameter=by_parameter)
 
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return the derivatives by the logarithms over noise (values x p), 0 where a value is missing."""
+        """Return the derivatives by the coordinates over noise (values x p), 0 where a value is missing."""
         assert fit.by_parameter is not None
         weight = weights(noise, fit.residual)
         return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
@@ -150,12 +148,12 @@ class FrfRecord(RecordLikelihood):
         slopes = self.slopes(fit, noise)
         signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
         found = information(names, slopes, np.zeros((len(slopes), 0)), signal, int(np.count_nonzero(weight)))
-        return replace(found, values=np.exp(fit.logs))
+        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         assert fit.by_parameter is not None
-        poles, omega = _poles(self.model, fit.logs), self.measurement.omega
+        poles, omega = self._poles(fit.eta), self.measurement.omega
         found = []
         for c, rms in enumerate(self.data.rms):
             there, count = ~np.isnan(fit.residual[:, c]), int(self.data.counts[c])
@@ -176,8 +174,8 @@ class FrfRecord(RecordLikelihood):
         frfs, omega = self.measurement.channels, self.measurement.omega
         H, measured = fit.predicted.outputs, np.nan_to_num(self.data.recorded)
         late = stacked(-1j * omega[:, None] * unstacked(H))  # a delay turns the phase
-        forces = np.array([load_gain(frf.force) for frf in frfs])
-        sensors = np.array([channel_gain(frf.channel) for frf in frfs])
+        forces = np.array([frf.load.gain_name for frf in frfs])
+        sensors = np.array([frf.channel.gain_name for frf in frfs])
         every = {name: np.where(forces == name, H, 0.0) for name in dict.fromkeys(forces.tolist())}
         every[DELAY] = late
         every |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
@@ -188,6 +186,13 @@ class FrfRecord(RecordLikelihood):
         by_quantity = weighted.reshape(-1, len(every))
         return CalibrationDerivatives(tuple(every), np.array(changes), by_parameter, by_quantity)
 
+    def _poles(self, eta: Array) -> ComplexArray:
+        """Return the poles at these coordinates, 1/s; none of a model too large for that."""
+        system = self.system.system
+        if len(system.states) > 2 * DENSE_STRUCTURES.value:
+            return np.empty(0, dtype=complex)
+        return system.poles(named(self.unknowns, eta))
+
     def series(self, residual: Array) -> Array:
         """Return the residuals line after line, real and imaginary parts side by side."""
         return residual if self.magnitudes else np.concatenate(np.split(residual, 2), axis=1)
@@ -196,19 +201,6 @@ class FrfRecord(RecordLikelihood):
         """Return the same responses compared by the logarithms of their magnitudes."""
         sizes = np.abs(unstacked(self.data.values)) * self.measurement.profile
         return replace(self, data=RecordData(_logarithms(sizes)), magnitudes=True)
-
-
-def _poles(model: StructuralModel, logs: Array) -> NDArray[np.complex128]:
-    """Return the poles at the parameters exp(logs), 1/s; none of a model too large for that."""
-    if model.size > DENSE_STRUCTURES.value:
-        return np.empty(0, dtype=complex)
-    names = [unknown.name for unknown in model.unknowns]
-    M, C, K = model.dense(dict(zip(names, np.exp(logs).tolist(), strict=True)))
-    n = len(M)
-    A = np.zeros((2 * n, 2 * n))
-    A[:n, n:] = np.eye(n)
-    A[n:] = -np.linalg.solve(M, np.concatenate([K, C], axis=1))
-    return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
 
 
 def _logarithms(sizes: Array) -> Array:
@@ -227,7 +219,9 @@ class FrfLikelihood(Likelihood):
         return FrfLikelihood(tuple(record.by_magnitude() for record in self.records))
 
 
-def frf_likelihood(model: StructuralModel, measurement: FrfMeasurement, data: RecordData) -> FrfLikelihood:
+def frf_likelihood(
+    model: StructuralModel | SystemModel, measurement: FrfMeasurement, data: RecordData
+) -> FrfLikelihood:
     """Return the likelihood of measured responses with a model.
 
     Raises
@@ -236,4 +230,4 @@ def frf_likelihood(model: StructuralModel, measurement: FrfMeasurement, data: Re
         If there is more to solve than can be.
     """
     check_cost(model, len(measurement.omega))
-    return FrfLikelihood((FrfRecord(model, measurement, data),))
+    return FrfLikelihood((FrfRecord(FrfSystem.of(model, measurement.channels), measurement, data),))

@@ -19,6 +19,7 @@ from dynid.identification.measurement import Experiment, as_estimated, data
 from dynid.identification.parametric_model import parametric_model
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.floating import guarded
+from dynid.parameters import coordinates, named, rates, starts, truths, values
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.sensitivity import pole_sensitivities
@@ -62,7 +63,7 @@ class ExpectedRecords:
     @property
     def values(self) -> dict[str, float]:
         """The parameters by name."""
-        return dict(zip(self.likelihood.names, np.exp(self.fit.logs).tolist(), strict=True))
+        return named(self.likelihood.unknowns, self.fit.eta)
 
     @property
     def redundancy(self) -> int:
@@ -127,10 +128,9 @@ def expected_records(likelihood: Likelihood) -> ExpectedRecords:
 def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     """Return `fit`, `noise`, `place` and `assumed` of `ExpectedRecords`."""
     unknowns = likelihood.unknowns
-    true = [unknown.true for unknown in unknowns if unknown.true is not None]
-    at_truth = len(true) == len(unknowns)
-    values = true if at_truth else [unknown.start for unknown in unknowns]
-    fit = likelihood.fit(np.log(values), clean=True)
+    true = truths(unknowns)
+    at_truth = not np.isnan(true).any()
+    fit = likelihood.fit(coordinates(unknowns, true) if at_truth else starts(unknowns), clean=True)
     noise, assumed = [], False
     for record in likelihood.records:
         level = record.data.noise if record.data.noise is not None else record.given_or(np.zeros(1))
@@ -139,8 +139,8 @@ def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     return fit, noise, "true" if at_truth else "start", assumed
 
 
-def relative_bounds(information: Information) -> Array:
-    """Return the bounds on the standard errors of the logarithms (p), infinite where not identifiable."""
+def coordinate_bounds(information: Information) -> Array:
+    """Return the bounds on the standard errors of the coordinates (p), infinite where not identifiable."""
     size = np.linalg.norm(information.projected, axis=0)
     # Sensitivities that are round-off beside the initial state or the signal are no information.
     sensitive = size > _NOT * np.maximum(information.total, _NOT * information.signal)
@@ -218,7 +218,7 @@ def frf_identifiability(
 
 def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
     """Add ``considered/``: expected slopes by the calibration; NaN of parameters not identifiable."""
-    unbounded = ~np.isfinite(relative_bounds(expected.information()))
+    unbounded = ~np.isfinite(coordinate_bounds(expected.information()))
     likelihood, free = expected.likelihood, np.zeros(len(unbounded), dtype=bool)
     each = zip(likelihood.records, expected.fit.parts, expected.noise, strict=True)
     derivatives = [record.calibration(part, level) for record, part, level in each]
@@ -256,13 +256,15 @@ def identifiability_result(
     unknowns, records = expected.likelihood.unknowns, expected.likelihood.records
     information = expected.information()
     unit = common_unit(unknown.unit for unknown in unknowns)
-    values, bounds = np.exp(expected.fit.logs), relative_bounds(information)
+    eta = expected.fit.eta
+    value, bounds = values(unknowns, eta), rates(unknowns, eta) * coordinate_bounds(information)
     result.annotate(group, at=expected.place, noise="assumed" if expected.assumed else "known")
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in unknowns])
     result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
-    result.add(f"{group}/value", values, dims, unit)
-    result.add(f"{group}/bound", values * bounds, dims, unit)
-    result.add(f"{group}/relative_bound", bounds, dims)
+    result.add(f"{group}/value", value, dims, unit)
+    result.add(f"{group}/bound", bounds, dims, unit)
+    relative = np.where(value == 0, np.inf, np.abs(value))
+    result.add(f"{group}/relative_bound", bounds / relative, dims)
     result.add(f"{group}/identifiable", np.isfinite(bounds), dims)
     # The bounds were the initial states known: nothing is projected out.
     each = zip(records, expected.fit.parts, expected.noise, strict=True)
@@ -270,7 +272,8 @@ def identifiability_result(
     count = sum(int(record.data.counts.sum()) for record in records)
     total = np.linalg.norm(full, axis=0)
     known = replace(information, projected=full, total=total, freedom=count)
-    result.add(f"{group}/relative_bound_known_state", relative_bounds(known), dims)
+    own = rates(unknowns, eta) * coordinate_bounds(known)
+    result.add(f"{group}/relative_bound_known_state", own / relative, dims)
     size = np.linalg.norm(information.projected, axis=0)
     _, s, _ = thin_svd(information.projected / np.where(size > 0, size, 1.0))
     s = np.concatenate([s, np.zeros(len(size) - len(s))])

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +24,11 @@ from dynid.identification.filter import ASTRAY
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
 from dynid.identification.likelihood import Likelihood
+from dynid.identification.linear_system import SystemModel
 from dynid.identification.measurement import (
     Experiment,
     Measurement,
     RecordData,
-    Simulation,
     as_estimated,
     data,
     simulated,
@@ -37,15 +37,19 @@ from dynid.identification.measurement import (
 from dynid.identification.model_error import model_error
 from dynid.identification.parametric_model import ParametricModel, parametric_model, unknowns_of
 from dynid.identification.posterior import Posterior
+from dynid.identification.simulation import Simulation
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.write_result import add_identification
 from dynid.lti.floating import guarded
+from dynid.parameters import named, starts
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Load
 
 Array = NDArray[np.float64]
+
+Model: TypeAlias = StructuralModel | SystemModel
+"""What is identified: a structure, or any other model with unknown parameters."""
 
 Rebuild = Callable[[Mapping[str, float]], StructuralModel]
 """Returns the model for joint parameters by name."""
@@ -76,7 +80,7 @@ class SharedRecords:
 
     @classmethod
     def of(
-        cls, model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel, *, same: bool
+        cls, model: Model, experiments: Sequence[Experiment], truth: Model, *, same: bool
     ) -> SharedRecords:
         """Simulate the records without noise; `same`: build also the models, which are the same in all.
 
@@ -101,29 +105,29 @@ class SharedRecords:
 
 
 def identify(
-    model: StructuralModel,
-    loads: Sequence[Load],
+    model: Model,
+    loads: Sequence[Any],
     measurement: Measurement,
     estimator: Estimator | None = None,
     *,
-    truth: StructuralModel | None = None,
+    truth: Model | None = None,
     rebuild: Rebuild | None = None,
 ) -> Result:
-    """Identify the unknown joint parameters of a structure from one record; see `identify_all`."""
+    """Identify the unknown parameters of a model from one record; see `identify_all`."""
     return identify_all(model, [Experiment(loads, measurement)], estimator, truth=truth, rebuild=rebuild)
 
 
 def identify_all(
-    model: StructuralModel,
+    model: Model,
     experiments: Sequence[Experiment],
     estimator: Estimator | None = None,
     *,
-    truth: StructuralModel | None = None,
+    truth: Model | None = None,
     rebuild: Rebuild | None = None,
     common: SharedRecords | None = None,
     into: Result | None = None,
 ) -> Result:
-    """Identify the unknown joint parameters of a structure from records that share them.
+    """Identify the unknown parameters of a model from records that share them.
 
     Parameters
     ----------
@@ -172,8 +176,10 @@ def identify_all(
         else:
             likelihood = _likelihood(_models(model, experiments), experiments, values)
             _check_identifiable(likelihood.ideal)
-        dofs = [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
-        dofs += [channel.dof for _, measurement in experiments for channel in measurement.channels]
+        dofs: list[Label] = []
+        if isinstance(model, StructuralModel):
+            dofs += [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
+            dofs += [channel.dof for _, measurement in experiments for channel in measurement.channels]
         posterior, last = _identified(
             model,
             truth or model,
@@ -191,14 +197,14 @@ def identify_all(
 
 
 def identify_frf(
-    model: StructuralModel,
+    model: Model,
     measurement: FrfMeasurement,
     estimator: FrfAuto | OutputError | Huber | None = None,
     *,
-    truth: StructuralModel | None = None,
+    truth: Model | None = None,
     rebuild: Rebuild | None = None,
 ) -> Result:
-    """Identify the unknown joint parameters of a structure from frequency response functions.
+    """Identify the unknown parameters of a model from frequency response functions.
 
     Parameters
     ----------
@@ -241,20 +247,22 @@ def identify_frf(
             estimator or FrfAuto(),
             rebuild,
             lambda other, values: frf_likelihood(other, measurement, values[0]),
-            [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)],
+            [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)]
+            if isinstance(model, StructuralModel)
+            else [],
         )
         return add_identification(Result("identification"), posterior)
 
 
 def _identified(
-    model: StructuralModel,
-    truth: StructuralModel,
+    model: Model,
+    truth: Model,
     likelihood: Likelihood,
     estimator: Any,
     rebuild: Rebuild | None,
-    likelihood_of: Callable[[StructuralModel, Sequence[RecordData]], Likelihood],
+    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
     dofs: Sequence[Label],
-) -> tuple[Posterior, StructuralModel]:
+) -> tuple[Posterior, Model]:
     """Return the posterior of the parameters, and the model at the end.
 
     With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search from
@@ -279,7 +287,7 @@ def _identified(
         DOFs of loads and sensors.
     """
     names, values = likelihood.names, [record.data for record in likelihood.records]
-    logs = np.log([unknown.start for unknown in model.unknowns])
+    eta = starts(model.unknowns)
     search_last = isinstance(likelihood, FrfLikelihood)
     here, most_rounds = estimator, _MOST_ROUNDS
     if search_last and rebuild is not None:
@@ -287,17 +295,15 @@ def _identified(
     before: Posterior | None = None
     for number in count(1):
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
-            estimate = here.run(likelihood, logs)
+            estimate = here.run(likelihood, eta)
         if before is not None:
-            estimate = _continued(before, model, likelihood, estimate)
-        before = posterior = Posterior(
-            estimate.likelihood or likelihood, estimator.name, estimate, model.dofs
-        )
+            estimate = _continued(before, likelihood, estimate)
+        before = posterior = Posterior(estimate.likelihood or likelihood, estimator.name, estimate)
         if rebuild is None:
             break
         deviations = posterior.information.deviations()
-        change, logs = np.abs(estimate.fit.logs - logs), estimate.fit.logs
-        settled = bool(np.all(change <= np.maximum(_SETTLED * deviations, _LEAST)))
+        change, eta = np.abs(estimate.fit.eta - eta), estimate.fit.eta
+        settled = bool(np.all(change <= np.maximum(_SETTLED * deviations, _LEAST * likelihood.priors.units)))
         if search_last and (settled or number == _MOST_ROUNDS):
             searching = _with(here, multi_start=True)
             if posterior.explained or searching == here:
@@ -307,12 +313,13 @@ def _identified(
             if settled:
                 break
             here = _with(here, multi_start=False)
-        model = rebuild(dict(zip(names, np.exp(logs).tolist(), strict=True)))
+        model = rebuild(named(model.unknowns, eta))
         if number == most_rounds:
             break
         likelihood = likelihood_of(model, values)
     posterior.check()
-    if model.basis is not None and truth.basis is None:
+    full = isinstance(truth, StructuralModel) and truth.basis is None
+    if full and isinstance(model, StructuralModel) and model.basis is not None:
         own = [record.data for record in posterior.likelihood.records]
         found = model_error(
             model,
@@ -332,7 +339,7 @@ def _with(estimator: Any, **options: bool) -> Any:
     return replace(estimator, **options) if isinstance(estimator, Auto | FrfAuto) else estimator  # type: ignore[arg-type]
 
 
-def _models(model: StructuralModel, experiments: Sequence[Experiment]) -> list[ParametricModel]:
+def _models(model: Model, experiments: Sequence[Experiment]) -> list[ParametricModel]:
     """Return the model of each record, with its loads as an estimator knows them."""
     return [
         parametric_model(
@@ -359,12 +366,12 @@ def _likelihood(
 
 def _check_identifiable(likelihood: Likelihood) -> None:
     """Refuse records from which the parameters are not identifiable at their start values."""
-    logs = np.log([unknown.start for unknown in likelihood.unknowns])
+    eta = starts(likelihood.unknowns)
     rms = [record.data.rms for record in likelihood.records]
-    likelihood.information(likelihood.fit(logs), rms).check()
+    likelihood.information(likelihood.fit(eta), rms).check()
 
 
-def _continued(before: Posterior, model: StructuralModel, likelihood: Likelihood, now: Estimate) -> Estimate:
+def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Estimate:
     """Return an estimate with the stages and histories of the one before it, which had another model.
 
     Histories are converted to the units of the new states; they are left out where the states are others.
@@ -374,13 +381,13 @@ def _continued(before: Posterior, model: StructuralModel, likelihood: Likelihood
     if isinstance(likelihood, FrfLikelihood):
         return replace(now, stages=stages)
     earlier: list[Sweep] = []
-    if list(before.dofs) == list(model.dofs):
-        pairs = zip(before.likelihood.records, likelihood.records, strict=True)
-        units = [
-            one.model.scale / other.model.scale
-            for one, other in pairs
-            if isinstance(one, TimeRecord) and isinstance(other, TimeRecord)
-        ]
+    pairs = [
+        (one.model, other.model)
+        for one, other in zip(before.likelihood.records, likelihood.records, strict=True)
+        if isinstance(one, TimeRecord) and isinstance(other, TimeRecord)
+    ]
+    if all(one.system.states == other.system.states for one, other in pairs):
+        units = [one.scale / other.scale for one, other in pairs]
         earlier = [
             [
                 history._replace(

@@ -29,7 +29,7 @@ _IDENTIFIABLE = 1e-8
 class CollinearGroup(NamedTuple):
     """Parameters that cannot be distinguished.
 
-    `places` of the parameters; `blind` (directions x parameters): changes of their logarithms to which the
+    `places` of the parameters; `blind` (directions x parameters): changes of their coordinates to which the
     record is insensitive, of unit length; `identifiable`: the combination of them that is identifiable, to
     first order (empty where there are several).
     """
@@ -40,16 +40,16 @@ class CollinearGroup(NamedTuple):
 
 
 def collinear_groups(
-    names: Sequence[str], values: Array, sensitivity: Array, level: float
+    names: Sequence[str], values: Array, rates: Array, sensitivity: Array, level: float
 ) -> list[CollinearGroup]:
     """Return the groups of parameters that cannot be distinguished.
 
     Parameters
     ----------
-    names, values
-        The parameters (p).
+    names, values, rates
+        The parameters, and the derivatives of their values by their coordinates (p).
     sensitivity
-        Of the record to their logarithms, over noise and free of the initial state (rows x p), rows at least
+        Of the record to their coordinates, over noise and free of the initial state (rows x p), rows at least
         as many as parameters. Columns of zeros are left out: these parameters form no group.
     level
         Directions with singular values below this part of the largest, columns scaled to one length, are
@@ -74,7 +74,7 @@ def collinear_groups(
         identifiable = ""
         if len(inside) == len(members) - 1:
             normal = np.linalg.svd(inside)[2][-1]
-            gradient = normal * size[places]
+            gradient = normal * size[places] / rates[places]
             identifiable = _combination([names[place] for place in places], values[places], gradient)
         groups.append(CollinearGroup(tuple(int(place) for place in places), changes, identifiable))
     return groups
@@ -95,20 +95,26 @@ def _components(together: NDArray[np.bool_]) -> list[list[int]]:
 
 
 def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
-    """Return the combination with this gradient by the logarithms: a sum, a sum of inverses, a product."""
-    for by_value, pattern in ((gradient / values, "{}"), (gradient * values, "1/{}"), (gradient, "ln {}")):
-        terms = by_value / by_value[0]
+    """Return the combination with this gradient by the values: a sum, a sum of inverses, a product."""
+    by_inverse, by_logarithm = gradient * values**2, gradient * values
+    for by, pattern in ((gradient, "{}"), (by_inverse, "1/{}"), (by_logarithm, "ln {}")):
+        if not by.all():
+            continue
+        terms = by / by[0]
         if np.all(np.abs(np.abs(terms) - 1) < _EQUAL):
             written = [pattern.format(name) for name in names]
             signs = [" - " if term < 0 else " + " for term in terms[1:]]
             return written[0] + "".join(s + w for s, w in zip(signs, written[1:], strict=True))
-    shares = gradient / np.abs(gradient).max()
-    return " + ".join(f"{share:.2g} ln {name}" for share, name in zip(shares, names, strict=True))
+    logarithmic = bool(by_logarithm.all())
+    shares = by_logarithm if logarithmic else gradient
+    shares = shares / np.abs(shares).max()
+    pattern = "{:.2g} ln {}" if logarithmic else "{:.2g} {}"
+    return " + ".join(pattern.format(share, name) for share, name in zip(shares, names, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Sensitivities of a record to the parameters' logarithms, free of the initial state.
+    """Sensitivities of a record to the parameters' coordinates, free of the initial state.
 
     Attributes
     ----------
@@ -122,8 +128,9 @@ class Information:
         Norm of the predicted record over noise.
     freedom
         Number of measured values beyond those that the initial state takes.
-    values
-        The parameters' values (p), if messages are to name combinations of them.
+    values, rates
+        The parameters' values, and their derivatives by their coordinates (p), if messages are to name
+        combinations of them.
     """
 
     names: tuple[str, ...]
@@ -132,6 +139,7 @@ class Information:
     signal: float
     freedom: int
     values: Array | None = None
+    rates: Array | None = None
 
     def beside(self, rows: Array) -> Information:
         """Return the information with that of independent observations (count x p) of the parameters."""
@@ -171,7 +179,7 @@ class Information:
             raise _refusal(
                 self._named(insensitive),
                 "cannot be identified from this record: the sensitivity is zero",
-                "Excite or measure where the joint works.",
+                "Excite or measure where it acts.",
             )
         _, s, Vt = thin_svd(self.projected / np.linalg.norm(self.projected, axis=0))
         s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
@@ -191,10 +199,11 @@ class Information:
     def groups(self, level: float = _IDENTIFIABLE) -> list[CollinearGroup]:
         """Return the groups of parameters that cannot be distinguished, as `collinear_groups` does."""
         values = np.ones(len(self.names)) if self.values is None else self.values
-        return collinear_groups(self.names, values, self.projected, level)
+        rates = np.ones(len(self.names)) if self.rates is None else self.rates
+        return collinear_groups(self.names, values, rates, self.projected, level)
 
     def covariance(self) -> Array:
-        """Return the Cramér–Rao bound on the covariance of the logarithms (p x p)."""
+        """Return the Cramér–Rao bound on the covariance of the coordinates (p x p)."""
         return np.asarray(self.root @ self.root.T)
 
     @cached_property
@@ -205,11 +214,11 @@ class Information:
         return np.asarray(np.linalg.solve(R, np.eye(len(size))) / size[:, None])
 
     def deviations(self) -> Array:
-        """Return the lower bound on the standard deviations of the logarithms (p)."""
+        """Return the lower bound on the standard deviations of the coordinates (p)."""
         return np.sqrt(self.covariance().diagonal())
 
     def correlation(self) -> Array:
-        """Return the correlations of the estimates of the logarithms (p x p)."""
+        """Return the correlations of the estimates of the coordinates (p x p)."""
         covariance = self.covariance()
         deviations = np.sqrt(covariance.diagonal())
         correlation = np.clip(covariance / np.outer(deviations, deviations), -1.0, 1.0)
@@ -222,7 +231,7 @@ class Information:
         return float((s[0] / s[-1]) ** 2)
 
     def step(self, residual: Array) -> Array:
-        """Return the Gauss–Newton step of the logarithms (p) for this residual over noise (values)."""
+        """Return the Gauss–Newton step of the coordinates (p) for this residual over noise (values)."""
         size = np.linalg.norm(self.projected, axis=0)
         size = np.where(size > 0, size, 1.0)
         rank = float(len(residual) * np.finfo(float).eps)
@@ -263,6 +272,7 @@ def joint_information(parts: Sequence[Information]) -> Information:
         float(np.linalg.norm([part.signal for part in parts])),
         sum(part.freedom for part in parts),
         parts[0].values,
+        parts[0].rates,
     )
 
 
@@ -271,7 +281,7 @@ def below_noise(names: list[str]) -> NotIdentifiable:
     return _refusal(
         names,
         "cannot be estimated from this record: the sensitivity is below the noise",
-        "Excite or measure where the joint works, measure longer or with less noise, or fix some at a value.",
+        "Excite or measure where they act, measure longer or with less noise, or fix some at a value.",
     )
 
 

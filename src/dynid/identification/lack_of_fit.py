@@ -219,7 +219,7 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
         [record.coordinates(part) for record, part in zip(records, fit.parts, strict=True)],
         [record.given / record.data.rms for record in records],
         likelihood.priors.deviations,
-        ~likelihood.priors.at_bound(fit.logs),
+        ~likelihood.priors.at_bound(fit.eta),
         white if plain and white is not None else 1.0,
     )
 

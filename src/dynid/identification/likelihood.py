@@ -19,7 +19,7 @@ from dynid.identification.priors import Priors
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.residual_tests import whiteness
 from dynid.identification.statistics import root_mean_square
-from dynid.structure.joints import Unknown
+from dynid.parameters import Parameter, coordinates, truths
 
 Array = NDArray[np.float64]
 
@@ -33,13 +33,13 @@ class Fit:
 
     Attributes
     ----------
-    logs
-        Logarithms of the parameters (p).
+    eta
+        Coordinates of the parameters (p).
     parts
         One fit a record.
     """
 
-    logs: Array
+    eta: Array
     parts: tuple[RecordFit, ...]
 
     @property
@@ -78,10 +78,10 @@ class Likelihood:
     @cached_property
     def at_truth(self) -> Fit:
         """The fit at the true values, all of which are known."""
-        return self.fit(np.log([unknown.true or np.nan for unknown in self.unknowns]))
+        return self.fit(coordinates(self.unknowns, truths(self.unknowns)))
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
         return self.records[0].unknowns
 
@@ -95,13 +95,13 @@ class Likelihood:
         """Names of the unknown parameters."""
         return [unknown.name for unknown in self.unknowns]
 
-    def fit(self, logs: Array, noise: Sequence[Array] | None = None, *, clean: bool = False) -> Fit:
-        """Fit the initial states at the parameters exp(logs).
+    def fit(self, eta: Array, noise: Sequence[Array] | None = None, *, clean: bool = False) -> Fit:
+        """Fit the initial states at the parameters exp(eta).
 
         Parameters
         ----------
-        logs
-            Logarithms of the parameters (p).
+        eta
+            Coordinates of the parameters (p).
         noise
             Standard deviations that weight the channels of each record; absent: their RMS.
         clean
@@ -112,8 +112,8 @@ class Likelihood:
             values = record.data.values
             if clean and record.data.clean is not None:
                 values = record.data.clean
-            parts.append(record.fit(logs, values, None if noise is None else noise[k]))
-        return Fit(logs, tuple(parts))
+            parts.append(record.fit(eta, values, None if noise is None else noise[k]))
+        return Fit(eta, tuple(parts))
 
     def information(self, fit: Fit, noise: Sequence[Array], *, prior: bool = True) -> Information:
         """Return the information on the parameters of a fit, for a noise of these deviations.
@@ -128,22 +128,22 @@ class Likelihood:
         """Return the residuals over noise, row by row as the information has them, priors at the end."""
         each = zip(self.records, fit.parts, noise, strict=True)
         measured = [record.weighted(part, level) for record, part, level in each]
-        return np.concatenate([*measured, self.priors.residual(fit.logs)])
+        return np.concatenate([*measured, self.priors.residual(fit.eta)])
 
     def misfit(self, fit: Fit) -> float:
         """Return minus the logarithm of the likelihood, priors included, up to a constant.
 
         The noise of a channel whose deviation is not given is its maximum-likelihood estimate.
         """
-        return self._misfit(fit.logs, [part.counts for part in fit.parts], [part.size for part in fit.parts])
+        return self._misfit(fit.eta, [part.counts for part in fit.parts], [part.size for part in fit.parts])
 
-    def misfit_at(self, logs: Array) -> float:
-        """Return the misfit at these logarithms (p), without the derivatives that a fit has."""
-        sizes = [root_mean_square(record.residual(logs)) for record in self.records]
-        return self._misfit(logs, [record.data.counts for record in self.records], sizes)
+    def misfit_at(self, eta: Array) -> float:
+        """Return the misfit at these coordinates (p), without the derivatives that a fit has."""
+        sizes = [root_mean_square(record.residual(eta)) for record in self.records]
+        return self._misfit(eta, [record.data.counts for record in self.records], sizes)
 
-    def _misfit(self, logs: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
-        total = float(np.sum(self.priors.residual(logs) ** 2)) / 2
+    def _misfit(self, eta: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
+        total = float(np.sum(self.priors.residual(eta) ** 2)) / 2
         for record, count, size in zip(self.records, counts, sizes, strict=True):
             level = _likeliest(record, size)
             squares = np.where(np.isnan(record.given), 0.0, size / level) ** 2

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.measurement import Measurement, Simulation
+from dynid.identification.simulation import Simulation
+from dynid.lti.frequency_response import on_a_pole
 from dynid.lti.signals import Signal
 from dynid.lti.state_space import StateSpace
 from dynid.lti.time_response import TimeResponse
@@ -120,9 +121,18 @@ class LinearSystem(ABC):
         Every mode has the same energy; motions that store none are bounded by the length of the record, s.
         """
 
-    def reach(self, found: Matrices, root: Array) -> Array:
-        """Return the standard deviation of each channel under a prior of the state (channels)."""
-        return np.linalg.norm(found.C @ root, axis=1)
+    def reach(self, values: Mapping[str, float], length: float) -> Array:
+        """Return the standard deviation of each channel under the prior of the state (channels)."""
+        return np.asarray(np.linalg.norm(self.at(values).C @ self.prior(values, length), axis=1))
+
+    def check(self) -> None:  # noqa: B027 - most models need none
+        """Refuse a model of which records of time cannot be predicted from an initial state.
+
+        Raises
+        ------
+        UsageError
+            With the remedies.
+        """
 
     def prescribed(self, time: float) -> tuple[Array, NDArray[np.bool_]]:  # noqa: ARG002
         """Return the state at a time that each load prescribes (loads x n), and where one does (n)."""
@@ -141,6 +151,31 @@ class LinearSystem(ABC):
         A = self.at(values).A
         return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
 
+    def paired_response(
+        self,
+        values: Mapping[str, float],
+        omega: Array,
+        pairs: Sequence[tuple[int, int]],
+        *,
+        slopes: bool = True,
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the responses of pairs of a channel and a load (L x pairs), and their derivatives (… x p).
+
+        The derivatives are by the values of the parameters; without `slopes` there are none (p = 0).
+
+        Raises
+        ------
+        Singular
+            If a line lies on an undamped pole, to rounding.
+        """
+        H, moved = self.response(values, omega)
+        channels, loads = zip(*pairs, strict=True)
+        if not np.isfinite(H).all():
+            raise on_a_pole(float(omega[np.argmax(~np.isfinite(H).all(axis=(1, 2)))]))
+        return H[:, channels, loads], moved[:, channels, loads, :] if slopes else moved[
+            :, channels, loads, :0
+        ]
+
     def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """Return frequency responses (L x channels x loads), and their derivatives by the values (… x p).
 
@@ -150,7 +185,9 @@ class LinearSystem(ABC):
         found, s = self.at(values), 1j * omega[:, None, None]
         n = len(found.A)
         by_load = np.linalg.solve(s * np.eye(n) - found.A, found.B.astype(complex)[None])
-        by_channel = np.linalg.solve((s * np.eye(n) - found.A).swapaxes(1, 2), found.C.T.astype(complex)[None])
+        by_channel = np.linalg.solve(
+            (s * np.eye(n) - found.A).swapaxes(1, 2), found.C.T.astype(complex)[None]
+        )
         by_channel = by_channel.swapaxes(1, 2)  # C R
         H = found.C @ by_load
         moved = by_channel[:, None] @ (found.A_slopes @ by_load[:, None] + found.B_slopes)
@@ -185,6 +222,21 @@ class SystemModel(Protocol):
         """
 
     def simulated(
-        self, loads: Sequence[Any], measurement: Measurement, source: Simulation, values: Mapping[str, float]
+        self, loads: Sequence[Any], channels: Sequence[Any], times: Array, source: Simulation
     ) -> TimeResponse:
-        """Return the exact, noise-free response at the sampling times, from the initial state at t = 0."""
+        """Return the exact, noise-free response at the true values of the parameters.
+
+        Parameters
+        ----------
+        loads, channels
+            As of `system`.
+        times
+            Sampling times, s.
+        source
+            Settings; the state at t = 0.
+
+        Raises
+        ------
+        UsageError
+            If a true value is not known.
+        """

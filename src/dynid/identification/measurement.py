@@ -2,72 +2,26 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.linear_system import SystemModel
+from dynid.identification.simulation import Simulation, per_channel
 from dynid.identification.statistics import root_mean_square
 from dynid.lti.signals import Random, RecordTimes, WhiteNoise
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.structure.excitation import drive, signals_of, starting_state
 from dynid.structure.matrices import Label, as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load
+from dynid.structure.response import Channel
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """Settings of a simulated record.
-
-    Parameters
-    ----------
-    noise_ratio
-        Standard deviation of the added white noise over the channel's RMS (Yang, eq 23); 0: clean. One
-        number, or one a channel.
-    seed
-        Seed of the noise (PCG64).
-    settle
-        Time from t = 0 to the first sample, s.
-    noise
-        Standard deviation of the noise instead of the ratio, in the channel's unit; one number, or one a
-        channel.
-    displacement, velocity
-        Initial displacement, m, and velocity, m/s, by DOF; absent: at rest.
-    """
-
-    noise_ratio: float | Sequence[float] = 0.0
-    seed: int = 0
-    settle: float = 0.0
-    noise: float | Sequence[float] | None = None
-    displacement: Mapping[Label, float] = field(default_factory=dict)
-    velocity: Mapping[Label, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name, level in (("noise_ratio", self.noise_ratio), ("noise", self.noise)):
-            numbers = np.asarray(0.0 if level is None else level, dtype=float)
-            if not (np.isfinite(numbers).all() and np.all(numbers >= 0)):
-                words = name.replace("_", " ")
-                raise UsageError(f"the {words} must be finite and not negative", names=(name,))
-        if self.noise is not None and np.any(self.noise_ratio):
-            raise UsageError("the noise has either a ratio or a standard deviation", names=("noise",))
-        if not (math.isfinite(self.settle) and self.settle >= 0):
-            raise UsageError("the settling time must be finite and not negative", names=("settle",))
-        if self.seed < 0:
-            raise UsageError("a seed must not be negative", names=("seed",))
-
-    def deviation(self, clean: Array) -> Array:
-        """Return the standard deviation of the noise of each channel (channels) of a clean record."""
-        if self.noise is not None:
-            return per_channel("noise", self.noise, clean.shape[1])
-        return per_channel("noise_ratio", self.noise_ratio, clean.shape[1]) * root_mean_square(clean)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +52,7 @@ class Measurement:
 
     step: float
     samples: int
-    channels: tuple[Channel, ...]
+    channels: tuple[Any, ...]
     source: Simulation | ArrayLike = field(default_factory=Simulation)
     noise: float | Sequence[float] | None = None
     start: float = 0.0
@@ -106,7 +60,7 @@ class Measurement:
     passed: float = 1.0
 
     def __post_init__(self) -> None:
-        channels = tuple(Channel(*channel) for channel in self.channels)
+        channels = tuple(Channel(*one) if type(one) is tuple else one for one in self.channels)
         object.__setattr__(self, "channels", channels)
         if len(set(channels)) != len(channels):
             twice = [channel.name for channel in channels if channels.count(channel) > 1]
@@ -148,7 +102,7 @@ class Experiment(NamedTuple):
     The time of the forces is that of the simulation: with settling, the first sample is not t = 0.
     """
 
-    loads: Sequence[Load]
+    loads: Sequence[Any]
     measurement: Measurement
 
     @property
@@ -239,7 +193,10 @@ class RecordData:
 
 
 def data(
-    model: StructuralModel, loads: Sequence[Load], measurement: Measurement, clean: Array | None = None
+    model: StructuralModel | SystemModel,
+    loads: Sequence[Any],
+    measurement: Measurement,
+    clean: Array | None = None,
 ) -> RecordData:
     """Return the measured values, simulated with `model` where they are to be simulated.
 
@@ -273,17 +230,25 @@ def data(
     return record
 
 
-def simulated(model: StructuralModel, loads: Sequence[Load], measurement: Measurement) -> TimeResponse:
-    """Return the exact, noise-free response at the sampling times, from the initial motion at t = 0."""
-    driven, matrices = drive(model, loads, measurement.channels), model.dense(model.true_values())
-    source = measurement.source
-    motions = (source.displacement, source.velocity) if isinstance(source, Simulation) else ()
+def simulated(
+    model: StructuralModel | SystemModel, loads: Sequence[Any], measurement: Measurement
+) -> TimeResponse:
+    """Return the exact, noise-free response at the sampling times, from the initial state at t = 0."""
+    source = measurement.source if isinstance(measurement.source, Simulation) else Simulation()
+    if not isinstance(model, StructuralModel):
+        return model.simulated(loads, measurement.channels, measurement.record.times, source)
+    truth = model.true_values()
+    driven, matrices = drive(model, loads, measurement.channels, truth), model.dense(truth)
+    motions = source.displacement, source.velocity
     start = driven.state(*matrices[:2], starting_state(model, loads, *motions))
     return propagate(driven.system(*matrices), signals_of(loads), measurement.record.times, start)
 
 
 def true_states(
-    truth: StructuralModel, model: StructuralModel, loads: Sequence[Load], measurement: Measurement
+    truth: StructuralModel | SystemModel,
+    model: StructuralModel | SystemModel,
+    loads: Sequence[Any],
+    measurement: Measurement,
 ) -> Array | None:
     """Return the true states of a simulated record (times x n, SI), in the coordinates of `model`.
 
@@ -293,6 +258,8 @@ def true_states(
     if not isinstance(measurement.source, Simulation):
         return None
     states = simulated(truth, loads, measurement).states
+    if not isinstance(truth, StructuralModel) or not isinstance(model, StructuralModel):
+        return states
     if states.shape[1] != 2 * truth.size:  # massless DOFs are no states
         channels = tuple(Channel(dof, kind) for kind in ("displacement", "velocity") for dof in truth.dofs)
         states = simulated(truth, loads, replace(measurement, channels=channels)).outputs
@@ -308,7 +275,7 @@ def true_states(
     return np.asarray(moved.reshape(len(states), -1))
 
 
-def as_estimated(loads: Sequence[Load], record: RecordTimes) -> list[Load]:
+def as_estimated(loads: Sequence[Any], record: RecordTimes) -> list[Any]:
     """Return the loads as an estimator knows them: of a random signal its samples only."""
     return [
         load._replace(signal=load.signal.sampled(record))
@@ -316,19 +283,3 @@ def as_estimated(loads: Sequence[Load], record: RecordTimes) -> list[Load]:
         else load
         for load in loads
     ]
-
-
-def per_channel(name: str, level: float | Sequence[float], channels: int) -> Array:
-    """Return one number a channel (channels).
-
-    Raises
-    ------
-    UsageError
-        If there are more or fewer of them.
-    """
-    numbers = np.atleast_1d(np.asarray(level, dtype=float))
-    if numbers.shape not in ((1,), (channels,)):
-        raise UsageError(
-            f"'{name}' has {len(numbers)} entries, but there are {channels} channels", names=(name,)
-        )
-    return np.broadcast_to(numbers, channels).copy()

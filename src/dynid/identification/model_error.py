@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.statistics import root_mean_square
+from dynid.parameters import Parameter, named, rates, values
 from dynid.result import Result
-from dynid.structure.joints import Unknown
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import common_unit
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _MOST_DOFS, _FINER = 48, 3
 # Shifts below this part of a parameter cause no warning, whatever the noise.
 _NEGLIGIBLE = 1e-5
-# Longest step of a logarithm for which the first order is valid.
+# Longest step of a coordinate for which the first order is valid.
 _LONGEST = 0.5
 
 
@@ -44,10 +44,12 @@ class ModelError:
         The unknown parameters (p).
     estimate
         Their estimates with the reduced model (p).
+    coordinates
+        Their coordinates (p).
     shift
-        Two Gauss–Newton steps of the logarithms from there towards the optimum with the reference (p).
+        Two Gauss–Newton steps of the coordinates from there towards the optimum with the reference (p).
     noise
-        Standard deviations of the logarithms by the noise (p).
+        Standard deviations of the coordinates by the noise (p).
     response
         RMS of the difference of the predictions over that of the measured values (channels of all records).
     omega, reference_omega
@@ -55,8 +57,9 @@ class ModelError:
     """
 
     reference: str
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[Parameter, ...]
     estimate: Array
+    coordinates: Array
     shift: Array
     noise: Array
     response: Array
@@ -74,15 +77,27 @@ class ModelError:
         if not self.dominant.any():
             return ""
         k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE)))
-        name, shift = self.unknowns[k].name, self.shift[k]
-        if np.abs(self.shift).max() >= _LONGEST:
+        name, unknown = self.unknowns[k].name, self.unknowns[k]
+        moved, rate = self.shifted[k] - self.estimate[k], rates(self.unknowns, self.coordinates)[k]
+        if np.abs(self.shift / [one.first_spread / 2 for one in self.unknowns]).max() >= _LONGEST:
             effect = f"the estimates with the {self.reference} are far from these"
         else:
-            size, way = 100 * abs(np.expm1(shift)), "higher" if shift > 0 else "lower"
-            left = 100 * self.noise[k]
-            effect = f"with the {self.reference} {name} is {size:.2g} % {way}"
-            effect += f" (standard error with that model: {left:.2g} %)"
+            way = "higher" if moved > 0 else "lower"
+            size, left, mark = abs(moved), rate * self.noise[k], f" {unknown.unit}".rstrip()
+            if self.estimate[k]:
+                size, left, mark = (
+                    100 * size / abs(self.estimate[k]),
+                    100 * left / abs(self.estimate[k]),
+                    " %",
+                )
+            effect = f"with the {self.reference} {name} is {size:.2g}{mark} {way}"
+            effect += f" (standard error with that model: {left:.2g}{mark})"
         return f"the error of the reduced model dominates: {effect}"
+
+    @property
+    def shifted(self) -> Array:
+        """The estimates with the reference (p)."""
+        return values(self.unknowns, self.coordinates + self.shift)
 
     def add_to(self, result: Result, channels: list[str]) -> None:
         """Add it as ``identification/model_error``; `channels` are the names of all records' channels."""
@@ -90,8 +105,8 @@ class ModelError:
         unit = common_unit(unknown.unit for unknown in self.unknowns)
         result.add_axis(f"{group}/parameter", [unknown.name for unknown in self.unknowns])
         result.add(f"{group}/unit", [unknown.unit for unknown in self.unknowns], dims)
-        result.add(f"{group}/shift", self.estimate * np.expm1(self.shift), dims, unit)
-        result.add(f"{group}/noise_error", self.estimate * self.noise, dims, unit)
+        result.add(f"{group}/shift", self.shifted - self.estimate, dims, unit)
+        result.add(f"{group}/noise_error", rates(self.unknowns, self.coordinates) * self.noise, dims, unit)
         result.add(f"{group}/dominant", self.dominant, dims)
         result.add_axis(f"{group}/channel", channels)
         result.add(f"{group}/response_error", self.response, ("channel",))
@@ -123,28 +138,29 @@ def model_error(
         Returns the records with another model.
     """
     assert model.basis is not None
-    names, estimate = likelihood.names, np.exp(fit.logs)
-    values = dict(zip(names, estimate.tolist(), strict=True))
-    finer, words = _reference(model, model.basis.parent, dofs, values)
+    unknowns = likelihood.unknowns
+    at = named(unknowns, fit.eta)
+    finer, words = _reference(model, model.basis.parent, dofs, at)
     reference = refitted(finer)
-    other = reference.fit(fit.logs)
+    other = reference.fit(fit.eta)
     shift = _step(reference, other)
     # The second step; the residual there is noise.
-    nearer = reference.fit(fit.logs + shift)
+    nearer = reference.fit(fit.eta + shift)
     each = zip(fit.parts, other.parts, likelihood.records, strict=True)
     response = [
         root_mean_square(a.predicted.outputs - b.predicted.outputs) / record.data.rms for a, b, record in each
     ]
-    omega = _frequencies(model, values, None)
+    omega = _frequencies(model, at, None)
     return ModelError(
         words,
-        likelihood.unknowns,
-        estimate,
+        unknowns,
+        values(unknowns, fit.eta),
+        fit.eta,
         shift + _step(reference, nearer),
         reference.information(nearer, _noise(reference, nearer)).deviations(),
         np.concatenate(response),
         omega,
-        _frequencies(model.basis.parent, values, len(omega)),
+        _frequencies(model.basis.parent, at, len(omega)),
     )
 
 
@@ -155,10 +171,11 @@ def _noise(likelihood: Likelihood, fit: Fit) -> list[Array]:
 
 
 def _step(likelihood: Likelihood, fit: Fit) -> Array:
-    """Return the Gauss–Newton step of the logarithms, no longer than is valid to first order."""
+    """Return the Gauss–Newton step of the coordinates, no longer than is valid to first order."""
     noise = _noise(likelihood, fit)
     step = likelihood.information(fit, noise).step(likelihood.weighted(fit, noise))
-    return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
+    length = float(np.abs(step / likelihood.priors.units).max(initial=_LONGEST))
+    return np.asarray(step * min(1.0, _LONGEST / length))
 
 
 def _reference(

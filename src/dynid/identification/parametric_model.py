@@ -1,34 +1,30 @@
 """Parametric model of a record: a map from the unknown parameters to matrices and their exact derivatives.
 
-Physical states and the logarithms of the unknown joint parameters form the augmented state of K. T. Yang
-1997, eqs 12–13. Logarithms keep the parameters positive; joints that are known are part of the physical model
-and add no state. For fixed parameters the physical part is linear and is propagated exactly, with the
-signals' generators joined to it.
+Physical states and the coordinates of the unknown parameters form the augmented state of K. T. Yang 1997, eqs
+12–13. A coordinate is the logarithm of a parameter, which keeps it positive, or the parameter itself; what is
+known is part of the physical model and adds no state. For fixed parameters the physical part is linear and is
+propagated exactly, with the signals' generators joined to it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.calibration import channel_gain, load_gain
+from dynid.identification.linear_system import Affine, LinearSystem, Matrices, SystemModel
+from dynid.identification.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential_with_derivatives, rescaled
-from dynid.lti.floating import finite
 from dynid.lti.signals import Signal
 from dynid.lti.time_response import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
-from dynid.structure.excitation import Excitation, drive, prescribed_state, signals_of
-from dynid.structure.joints import Unknown
-from dynid.structure.matrices import as_array
+from dynid.parameters import Parameter, named, rates, values
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load
-from dynid.structure.state_space import massless_motion
 
 Array = NDArray[np.float64]
 
@@ -40,48 +36,46 @@ _COPIES = 4
 class Transition(NamedTuple):
     """One step: ``x+ = Phi x + Gamma w`` as ``step`` (n x (n + q)) on [x, w], and its derivatives.
 
-    ``derivatives`` (parameters x n x (n + q)) are with respect to the logarithms of the parameters.
+    ``derivatives`` (parameters x n x (n + q)) are with respect to the coordinates of the parameters.
     """
 
     step: Array
     derivatives: Array
 
 
+class DirectTerm(NamedTuple):
+    """What inputs add to outputs at once: `value` (times x channels), `slopes` (p x times x channels).
+
+    `slopes` are by the coordinates; None where they vanish.
+    """
+
+    value: Array
+    slopes: Array | None
+
+
 @dataclass(frozen=True, eq=False)
 class ParametricModel:
-    """A structure with unknown joint parameters, its loads and channels, on the record's timeline.
+    """A model with unknown parameters, its loads and channels, on the record's timeline.
 
-    The map from parameters to matrices is `system` and `output`, which return values and derivatives by the
-    logarithms of the parameters; `transition` and the predictions follow from them. Only the kernels
-    (`kernels.steps`) use that the matrices are affine in the parameters.
+    Its matrices and their derivatives by the coordinates of the parameters are those of `at`; `transition`
+    and the predictions follow from them. The kernels (`kernels.steps`) compute the steps of models that are
+    `affine` themselves.
 
-    The physical states are displacements and velocities divided by `scale`, powers of two that balance
-    the system matrix. Build it with `parametric_model`.
+    The physical states are divided by `scale`, powers of two that balance the system matrix. Build it with
+    `parametric_model`.
 
     Attributes
     ----------
-    unknowns
-        The unknown parameters (p).
+    system
+        The model with the loads and channels of the record.
     scale
         Unit of each state (n), in SI.
-    A, A_slopes
-        System matrix without the unknowns (n x n), and its change by each unit unknown (p x n x n).
-    B
-        Input matrix (n x loads).
-    drive
-        Input matrix times the signals' read-out (n x q).
-    C, C_slopes
-        Output matrix without the unknowns (channels x n), and its change (p x channels x n).
-    D
-        Direct terms of the loads on the channels (channels x loads).
+    w_scale
+        Unit of the generator states.
     line
         The record's timeline.
-    W
-        Generator states at the nodes (nodes x q), scaled to `drive`.
     initials, known
         First state that each load prescribes (loads x n), scaled, zero elsewhere; and where one does (n).
-    signals
-        The inputs, one signal a load.
     channels
         The measured quantities.
     gains
@@ -90,26 +84,35 @@ class ParametricModel:
         Root (n x n) of the wide prior covariance of the state (scaled), up to a factor.
     reach
         Standard deviation of each channel under that prior (channels).
+    affine
+        The matrices, scaled, where they are affine in the parameters, all of which are logarithmic.
+    acting
+        Mask of the loads that act (loads).
     """
 
-    unknowns: tuple[Unknown, ...]
+    system: LinearSystem
     scale: Array
-    A: Array
-    A_slopes: Array
-    B: Array
-    drive: Array
-    C: Array
-    C_slopes: Array
-    D: Array
+    w_scale: float
     line: Timeline
-    W: Array
     initials: Array
     known: NDArray[np.bool_]
-    signals: tuple[Signal, ...]
-    channels: tuple[Channel, ...]
+    channels: tuple[Any, ...]
     gains: tuple[tuple[str, ...], tuple[str, ...]]
     state_root: Array
     reach: Array
+    affine: Affine | None
+    acting: NDArray[np.bool_]
+    _last: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
+
+    @property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The unknown parameters (p)."""
+        return self.system.unknowns
+
+    @property
+    def signals(self) -> Sequence[Signal]:
+        """The inputs, one signal a load."""
+        return self.system.signals
 
     @property
     def initial(self) -> Array:
@@ -117,68 +120,102 @@ class ParametricModel:
         return np.asarray(self.initials.sum(axis=0))
 
     @cached_property
-    def feedthrough(self) -> Array:
-        """Direct effect of the loads on the channels (times x channels)."""
-        return np.asarray(self.line.inputs() @ self.D.T)
+    def W(self) -> Array:
+        """Generator states at the nodes (nodes x q), scaled."""
+        return self.line.W / self.w_scale
 
     @property
     def states(self) -> int:
         """Number of physical states."""
-        return len(self.A)
+        return len(self.scale)
 
     @property
     def parameters(self) -> int:
         """Number of parameter states."""
         return len(self.unknowns)
 
-    def system(self, logs: Array) -> tuple[Array, Array]:
-        """Return the system matrix (n x n) and its derivatives by the logarithms (p x n x n)."""
-        change = np.exp(logs)[:, None, None] * self.A_slopes
-        return self.A + change.sum(axis=0), change
+    def at(self, eta: Array) -> Matrices:
+        """Return the scaled matrices at coordinates of the parameters (p), slopes by the coordinates."""
+        key = eta.tobytes()
+        if key not in self._last:
+            theta, rate = values(self.unknowns, eta), rates(self.unknowns, eta)
+            if self.affine is None:
+                found = _scaled(self.system.at(named(self.unknowns, eta)), self.scale)
+            else:
+                found = self.affine.at(theta)
+            slopes = (
+                slope * rate.reshape(-1, *(1 for _ in slope.shape[1:])) if slope.any() else slope
+                for slope in found[4:]
+            )
+            self._last.clear()
+            self._last[key] = Matrices(*found[:4], *slopes)
+        return self._last[key]
 
-    def transition(self, logs: Array, h: float) -> Transition:
-        """Return the exact step over h at the parameters ``exp(logs)``, with its derivatives."""
-        n, (A, change) = self.states, self.system(logs)
+    def transition(self, eta: Array, h: float) -> Transition:
+        """Return the exact step over h at these coordinates, with its derivatives."""
+        n, found = self.states, self.at(eta)
+        readout = self.line.H * self.acting[:, None] * self.w_scale
         size = n + len(self.line.G)
-        derivatives = np.zeros((len(logs), size, size))
-        derivatives[:, :n, :n] = change
-        joint = joint_generator(A, self.drive, self.line.G)
+        derivatives = np.zeros((len(eta), size, size))
+        derivatives[:, :n, :n] = found.A_slopes
+        derivatives[:, :n, n:] = found.B_slopes @ readout
+        joint = joint_generator(found.A, found.B @ readout, self.line.G)
         E, dE = exponential_with_derivatives(joint, derivatives, h)
         return Transition(E[:n], dE[:, :n])
 
-    def poles(self, logs: Array) -> NDArray[np.complex128]:
-        """Return the poles at the parameters ``exp(logs)`` (n), 1/s."""
-        return np.asarray(np.linalg.eigvals(self.system(logs)[0]), dtype=complex)
+    def output(self, eta: Array) -> tuple[Array, Array]:
+        """Return the output matrix (channels x n) and its derivatives (p x channels x n)."""
+        found = self.at(eta)
+        return found.C, found.C_slopes
+
+    def direct(self, eta: Array) -> DirectTerm:
+        """Return the direct effect of the loads on the channels."""
+        found = self.at(eta)
+        inputs = [self.line.inputs(order) * self.acting for order in range(len(found.D))]
+        value = sum((u @ D.T for u, D in zip(inputs, found.D, strict=True)), np.zeros(()))
+        if not found.D_slopes.any():
+            return DirectTerm(value, None)
+        each = zip(inputs, found.D_slopes.swapaxes(0, 1), strict=True)
+        return DirectTerm(value, sum((u @ D.swapaxes(1, 2) for u, D in each), np.zeros(())))
+
+    def rates(self, eta: Array, states: Array) -> Array:
+        """Return the derivatives of the outputs by time (times x channels).
+
+        Parameters
+        ----------
+        eta
+            Coordinates of the parameters (p).
+        states
+            States at the sampling times (times x n), scaled.
+        """
+        found = self.at(eta)
+        moving = states @ found.A.T + (self.line.inputs() * self.acting) @ found.B.T
+        rate = moving @ found.C.T
+        for order, D in enumerate(found.D, 1):
+            rate = rate + (self.line.inputs(order) * self.acting) @ D.T
+        return np.asarray(rate)
+
+    def poles(self, eta: Array) -> NDArray[np.complex128]:
+        """Return the poles at these coordinates (n), 1/s."""
+        return np.asarray(np.linalg.eigvals(self.at(eta).A), dtype=complex)
 
     def driven_by(self, loads: Sequence[int]) -> ParametricModel:
         """Return the model driven by these loads alone (places, from 0)."""
-        read = (self.line.H[loads] != 0).any(axis=0)  # each signal has generator states of its own
         only = np.isin(np.arange(len(self.initials)), loads)
-        return replace(
-            self,
-            B=self.B * only,
-            drive=self.drive * read,
-            D=self.D * only,
-            initials=self.initials * only[:, None],
-        )
-
-    def output(self, logs: Array) -> tuple[Array, Array]:
-        """Return the output matrix (channels x n) and its derivatives (p x channels x n)."""
-        change = np.exp(logs)[:, None, None] * self.C_slopes
-        return self.C + change.sum(axis=0), change
+        return replace(self, acting=only, initials=self.initials * only[:, None], _last={})
 
 
 def parametric_model(
-    model: StructuralModel, loads: Sequence[Load], channels: Sequence[Channel], times: Array
+    model: StructuralModel | SystemModel, loads: Sequence[Any], channels: Sequence[Any], times: Array
 ) -> ParametricModel:
-    """Build the augmented model of a structure (Yang, eqs 12–13).
+    """Build the augmented model of a record (Yang, eqs 12–13).
 
     Parameters
     ----------
     model
-        The structure; its joints' unknowns become parameter states.
+        The model; its unknowns become parameter states.
     loads
-        The forces as the estimator knows them.
+        The loads as the estimator knows them.
     channels
         The measured quantities.
     times
@@ -192,88 +229,57 @@ def parametric_model(
     unknowns = unknowns_of(model)
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
-    driven = drive(model, loads, channels)
-    fixed = model.dense({unknown.name: 0.0 for unknown in unknowns})
-    if some := massless_motion(driven.mass(fixed[0])):
-        raise UsageError(
-            f"the mass matrix is singular ({some}): what is estimated in time needs mass everywhere",
-            remedy="Reduce to DOFs that have mass, give the others mass, or identify from frequency response "
-            "functions.",
-            names=("structure",),
-        )
-    system = driven.system(*fixed)
-    A_slopes, C_slopes = _slopes(driven, driven.mass(fixed[0]), unknowns)
-    prescribed = [prescribed_state(model, [load], float(times[0])) for load in loads]
-    initials = np.array([state for state, _ in prescribed]).reshape(len(prescribed), 2 * model.size)
-    known = np.any([where for _, where in prescribed], axis=0) | np.zeros(2 * model.size, dtype=bool)
-    started = system.A + np.einsum("p,pij->ij", [unknown.start for unknown in unknowns], A_slopes)
-    d = balance(started)
-    started = rescaled(started, d)
-    poles = np.linalg.eigvals(started).astype(complex)
+    system = system_of(model, loads, channels)
+    system.check()
+    starts = {unknown.name: unknown.start for unknown in unknowns}
+    started = system.at(starts)
+    initials, known = system.prescribed(float(times[0]))
+    d = balance(started.A)
+    poles = np.linalg.eigvals(rescaled(started.A, d)).astype(complex)
     check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
-    signals = signals_of(loads)
-    line = timeline(signals, times, float(times[0]))
-    _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), driven.rows.size * len(times) * 2)
-    entering = system.B @ line.H / d[:, None]
-    w_scale = drive_scale(started, entering)
-    state_root, reach = _wide_prior(model, unknowns, channels, line)
+    line = timeline(system.signals, times, float(times[0]))
+    _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), len(channels) * len(d) * len(times) * 2)
+    length = max(float(np.ptp(line.nodes)), 1.0)
+    state_root = system.prior(starts, length)
     state_root[known] = 0.0
+    affine = system.affine
+    if affine is not None:
+        zero = np.zeros(len(unknowns))
+        scaled = _scaled(affine.at(zero), d)
+        affine = Affine(*scaled[:5], scaled.C_slopes)
     return ParametricModel(
-        unknowns=unknowns,
+        system=system,
         scale=d,
-        A=rescaled(system.A, d),
-        A_slopes=rescaled(A_slopes, d),
-        B=system.B / d[:, None],
-        drive=entering * w_scale,
-        C=system.C * d,
-        C_slopes=C_slopes * d,
-        D=system.D,
+        w_scale=drive_scale(rescaled(started.A, d), started.B @ line.H / d[:, None]),
         line=line,
-        W=line.W / w_scale,
         initials=initials / d,
         known=known,
-        signals=tuple(signals),
         channels=tuple(channels),
-        gains=(tuple(load_gain(load.dof, load.motion) for load in loads), tuple(map(channel_gain, channels))),
+        gains=(tuple(load.gain_name for load in loads), tuple(channel.gain_name for channel in channels)),
         state_root=state_root / d[:, None],
-        reach=reach,
+        reach=system.reach(starts, length),
+        affine=affine,
+        acting=np.ones(len(loads), dtype=bool),
     )
 
 
-def _wide_prior(
-    model: StructuralModel, unknowns: Sequence[Unknown], channels: Sequence[Channel], line: Timeline
-) -> tuple[Array, Array]:
-    """Return the root of a prior covariance of the state (2 n x 2 n), and the channels' reach.
+def system_of(
+    model: StructuralModel | SystemModel, loads: Sequence[Any], channels: Sequence[Any]
+) -> LinearSystem:
+    """Return a model with the loads and channels of a record.
 
-    Displacements and velocities have the covariance ``(K + M / T^2)^-1`` and ``M^-1``, equal energy in every
-    mode, up to a common factor. T, the record's length, bounds rigid-body drift. The roots of both come from
-    the modes, so that no stiffness is too large.
+    Raises
+    ------
+    UsageError
+        If a load or channel makes no sense there.
     """
-    M, _, K = model.dense({unknown.name: unknown.start for unknown in unknowns})
-    length = max(float(np.ptp(line.nodes)), 1.0)
-    scale = np.sqrt(np.diag(M))
-    lower = np.linalg.cholesky(M / scale / scale[:, None])
-    mobility = np.asarray(np.linalg.solve(lower.T, np.eye(len(M))) / scale[:, None])  # root of M^-1
-    stiffness = mobility.T @ K @ mobility
-    finite("the stiffness beside the mass", stiffness)
-    square, shapes = np.linalg.eigh((stiffness + stiffness.T) / 2)
-    omega = np.sqrt(np.maximum(square, 0.0) + 1 / length**2)  # below 0: round-off of rigid-body modes
-    mobility = mobility @ shapes
-    compliance = mobility / omega
-    reach = []
-    for channel in channels:
-        row = channel.row(model)
-        spread = np.linalg.norm(row @ (compliance if channel.order == 0 else mobility))
-        # An acceleration is taken for the slowest motion it can be: the widest prior.
-        reach.append(spread * (omega[0] if channel.order == 2 else 1.0))
-    n = len(M)
-    root = np.zeros((2 * n, 2 * n))
-    root[:n, :n], root[n:, n:] = compliance, mobility
-    return root, np.array(reach)
+    if isinstance(model, StructuralModel):
+        return StructureSystem(model, loads, channels)
+    return model.system(loads, channels)
 
 
-def unknowns_of(model: StructuralModel) -> tuple[Unknown, ...]:
-    """Return the unknown parameters of a structure, of which there must be at least one.
+def unknowns_of(model: StructuralModel | SystemModel) -> tuple[Parameter, ...]:
+    """Return the unknown parameters of a model, of which there must be at least one.
 
     Raises
     ------
@@ -281,8 +287,25 @@ def unknowns_of(model: StructuralModel) -> tuple[Unknown, ...]:
         If there is none.
     """
     if not model.unknowns:
-        raise UsageError("no joint parameter is unknown", remedy="Give a joint's k or c a `start`.")
+        raise UsageError(
+            "no parameter is unknown",
+            remedy="Give a parameter, or a joint's k or c, a `start`.",
+        )
     return model.unknowns
+
+
+def _scaled(found: Matrices, d: Array) -> Matrices:
+    """Return matrices for states that are divided by d (n)."""
+    return Matrices(
+        rescaled(found.A, d),
+        found.B / d[:, None],
+        found.C * d,
+        found.D,
+        rescaled(found.A_slopes, d),
+        found.B_slopes / d[:, None],
+        found.C_slopes * d,
+        found.D_slopes,
+    )
 
 
 def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
@@ -295,14 +318,3 @@ def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
             remedy="Use fewer samples or channels, or a smaller model.",
             names=("samples",),
         )
-
-
-def _slopes(driven: Excitation, M: Array, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
-    """Return the changes of system and output matrix by a unit of each unknown (p x …)."""
-    n = len(M)
-    by_A = np.zeros((len(unknowns), 2 * n, 2 * n))
-    for change, unknown in zip(by_A, unknowns, strict=True):
-        here = slice(0, n) if unknown.letter == "k" else slice(n, 2 * n)
-        change[n:, here] = -np.linalg.solve(M, driven.others(as_array(unknown.pattern)))
-    accelerations = np.array(driven.orders)[:, None] == 2
-    return by_A, np.where(accelerations, driven.rows @ by_A[:, n:], 0.0)

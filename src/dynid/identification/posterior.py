@@ -1,12 +1,11 @@
 """Posterior of the parameters at an estimate: information, intervals, bounds, and tests of the residuals.
 
-It is Gaussian in the logarithms of the parameters, and the same for records of time and frequency responses.
+It is Gaussian in the coordinates of the parameters, and the same for records of time and frequency responses.
 `dynid.identification.verdict` states it in words, `dynid.identification.write_result` as named arrays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -35,7 +34,7 @@ from dynid.identification.residual_tests import (
     whiteness,
 )
 from dynid.identification.statistics import root_mean_square
-from dynid.structure.matrices import Label
+from dynid.parameters import logarithmic, rates, truths, values
 
 Array = NDArray[np.float64]
 
@@ -47,7 +46,7 @@ _NOTHING = 1.0
 _ROUND_OFF = 1e-6
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
 _UNKNOWN = 10.0
-# Errors of logarithms below this are round-off, for which the bound of clean data has no meaning.
+# Errors of coordinates below this are round-off, for which the bound of clean data has no meaning.
 _LEAST_BOUND = 1e-9
 
 
@@ -72,8 +71,6 @@ class Posterior:
         Name of the estimator.
     estimate
         The estimate.
-    dofs
-        Labels of the DOFs of the model.
     model_error
         Error that the reduction of the model causes, if it is reduced.
     """
@@ -81,7 +78,6 @@ class Posterior:
     likelihood: Likelihood
     method: str
     estimate: Estimate
-    dofs: Sequence[Label] = ()
     model_error: ModelError | None = None
 
     @property
@@ -121,9 +117,15 @@ class Posterior:
         """The Fisher information at the estimate, for the noise given or that of the residuals."""
         return self.likelihood.information(self.fit, self.noise)
 
+    @property
+    def relative_errors(self) -> Array:
+        """Standard errors over the estimates (p); 0 of parameters of any sign, which may be 0."""
+        log = logarithmic(self.likelihood.unknowns)
+        return np.where(log, self.information.deviations(), 0.0)
+
     @cached_property
     def step(self) -> Array:
-        """The Gauss–Newton step from the estimate to the optimum of the records, in logarithms (p)."""
+        """The Gauss–Newton step from the estimate to the optimum of the records, in coordinates (p)."""
         return self.information.without(self.held).step(self.likelihood.weighted(self.fit, self.noise))
 
     @property
@@ -135,16 +137,16 @@ class Posterior:
     def held(self) -> NDArray[np.bool_]:
         """Mask of parameters at a limit beyond which the likelihood is greater (p)."""
         direction = self.information.projected.T @ self.likelihood.weighted(self.fit, self.noise)
-        return self.likelihood.priors.blocked(self.fit.logs, direction)
+        return self.likelihood.priors.blocked(self.fit.eta, direction)
 
     @property
     def prior_conflict(self) -> Array:
         """Distance of priors and records in deviations of that distance (p), 0 without a prior."""
-        return self.likelihood.priors.conflict(self.fit.logs, self.information.deviations())
+        return self.likelihood.priors.conflict(self.fit.eta, self.information.deviations())
 
     @cached_property
     def scaled_deviations(self) -> Array:
-        """Standard errors of the logarithms (p) for the observed noise instead of the given one.
+        """Standard errors of the coordinates (p) for the observed noise instead of the given one.
 
         The weights stay those of the noise given: H^-1 J^T D J H^-1, with D the ratios of variances.
         """
@@ -160,8 +162,17 @@ class Posterior:
     @property
     def true(self) -> Array:
         """True values of the parameters (p), NaN where they are not known."""
-        unknowns = self.likelihood.unknowns
-        return np.array([np.nan if unknown.true is None else unknown.true for unknown in unknowns])
+        return truths(self.likelihood.unknowns)
+
+    @property
+    def values(self) -> Array:
+        """The estimates (p)."""
+        return values(self.likelihood.unknowns, self.fit.eta)
+
+    @property
+    def rates(self) -> Array:
+        """Derivatives of the parameters by their coordinates at the estimate (p)."""
+        return rates(self.likelihood.unknowns, self.fit.eta)
 
     @cached_property
     def bound(self) -> Array:
@@ -170,10 +181,11 @@ class Posterior:
 
     def bound_with(self, *, prior: bool) -> Array:
         """Return the bound (p), with the priors or of the records alone: infinite where not identifiable."""
-        likelihood, fit, values, true = self.likelihood, self.fit, np.exp(self.fit.logs), self.true
+        likelihood, fit, rate, true = self.likelihood, self.fit, self.rates, self.true
         if not np.isnan(true).any():
             likelihood = self.likelihood.ideal
-            fit, values = likelihood.at_truth, true
+            fit = likelihood.at_truth
+            rate = rates(likelihood.unknowns, fit.eta)
         each = zip(self.likelihood.records, self.noise, strict=True)
         noise = [level if record.data.noise is None else record.data.noise for record, level in each]
         if not all(level.all() for level in noise):
@@ -183,14 +195,16 @@ class Posterior:
             try:
                 found.check()
             except NotIdentifiable:
-                return np.full(len(values), np.inf)
-        return np.asarray(values * found.deviations())
+                return np.full(len(rate), np.inf)
+        return np.asarray(rate * found.deviations())
 
     @property
     def error_in_bounds(self) -> Array:
         """Distance of the estimates from the true values in bounds (p), NaN where the truth is not known."""
-        off = np.abs(np.exp(self.fit.logs) - self.true)
-        return np.where(self.bound > 0, off / np.maximum(self.bound, _LEAST_BOUND), np.nan)
+        off = np.abs(self.values - self.true)
+        return np.where(
+            self.bound > 0, off / np.maximum(self.bound, _LEAST_BOUND * np.abs(self.true)), np.nan
+        )
 
     @property
     def calibration_slopes(self) -> CalibrationSlopes:
@@ -233,7 +247,8 @@ class Posterior:
             Naming those whose order of magnitude the records do not determine.
         """
         unexplained = self._unexplained()
-        unknown = self.information.deviations() > _UNKNOWN
+        log = logarithmic(self.likelihood.unknowns)
+        unknown = log & (self.information.deviations() > _UNKNOWN)
         # Of a record that is noise alone there is no estimate to refuse; the verdict states that.
         if (unexplained or unknown.any()) and not self.comparison.has_signal:
             return

@@ -45,7 +45,7 @@ class Prediction(NamedTuple):
     """Prediction at given parameters and initial state, with sensitivities.
 
     `outputs` (times x channels), `states` (times x n, scaled), `by_parameter` (times x channels x p) with
-    respect to the logarithms of the parameters, `by_state` (times x channels x n).
+    respect to the coordinates of the parameters, `by_state` (times x channels x n).
     """
 
     outputs: Array
@@ -54,30 +54,31 @@ class Prediction(NamedTuple):
     by_state: Array
 
 
-def free_prediction(model: ParametricModel, logs: Array) -> tuple[Free, Steps]:
+def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
     """Return the prediction for every initial state, and the steps that it uses.
 
     Parameters
     ----------
     model
         The augmented model.
-    logs
-        Logarithms of the parameters (p).
+    eta
+        Coordinates of the parameters (p).
     """
     line, n = model.line, model.states
     if compiled(len(line.nodes), n + len(line.G), model.parameters):
         from dynid.identification.kernels import prediction_kernel  # loads numba
         from dynid.identification.kernels.steps import tables
 
-        at = prediction_kernel.steps_at(model, logs)
-        outputs = np.empty(model.feedthrough.shape)
+        at = prediction_kernel.steps_at(model, eta)
+        direct = model.direct(eta).value
+        outputs = np.empty(direct.shape)
         by_state = np.empty((*outputs.shape, n))
-        prediction_kernel.free(tables(model), at, model.output(logs)[0], outputs, by_state)
+        prediction_kernel.free(tables(model), at, model.output(eta)[0], direct, outputs, by_state)
         return Free(outputs, by_state), at
-    transitions = [model.transition(logs, h) for h in line.lengths]
+    transitions = [model.transition(eta, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     forced = np.zeros((len(line.nodes), n))
-    C, state = model.output(logs)[0], np.eye(n)
+    C, state = model.output(eta)[0], np.eye(n)
     sample_of = line.sample_of()
     # Of the response to the state only that of the channels is kept: all of it would be n times as large.
     by_state = np.empty((len(line.wanted), len(C), n))
@@ -89,31 +90,34 @@ def free_prediction(model: ParametricModel, logs: Array) -> tuple[Free, Steps]:
         by_nodes, state = free_response(Phi, state, C, last - first)
         here = sample_of[after]
         by_state[here[here >= 0]] = by_nodes[here >= 0]
-    return Free(forced[line.wanted] @ C.T + model.feedthrough, by_state), transitions
+    return Free(forced[line.wanted] @ C.T + model.direct(eta).value, by_state), transitions
 
 
-def prediction(model: ParametricModel, logs: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
-    """Return the prediction from `x0` with its sensitivities to the parameters' logarithms.
+def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
+    """Return the prediction from `x0` with its sensitivities to the parameters' coordinates.
 
     Parameters
     ----------
-    model, logs
-        Model and parameters' logarithms (p).
+    model, eta
+        Model and parameters' coordinates (p).
     x0
         Initial state (n), scaled.
     free, steps
         The result of `free_prediction` for the same parameters.
     """
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
-    C, C_slopes = model.output(logs)
+    (C, C_slopes), direct = model.output(eta), model.direct(eta)
     if not isinstance(steps, list):
         from dynid.identification.kernels import prediction_kernel  # loads numba
         from dynid.identification.kernels.steps import tables
 
-        outputs = np.empty(model.feedthrough.shape)
+        outputs = np.empty(direct.value.shape)
         by_time, by_parameter = np.empty((len(outputs), n)), np.empty((*outputs.shape, p))
         varying = C_slopes if C_slopes.any() else C_slopes[:0]
-        prediction_kernel.sensitive(tables(model), steps, C, varying, x0, outputs, by_time, by_parameter)
+        own = C, varying, direct.value
+        prediction_kernel.sensitive(tables(model), steps, *own, x0, outputs, by_time, by_parameter)
+        if direct.slopes is not None:
+            by_parameter += np.moveaxis(direct.slopes, 0, -1)
         return Prediction(outputs, by_time, by_parameter, free.by_state)
     transitions = steps
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
@@ -128,40 +132,25 @@ def prediction(model: ParametricModel, logs: Array, x0: Array, free: Free, steps
         slopes[after] = recurrence(Phi, driven + drift[first:last], slopes[first])
     trajectory, slopes = states[model.line.wanted, 0], slopes[model.line.wanted]
     moved = (slopes.reshape(-1, n) @ C.T).reshape(-1, p, len(C)).swapaxes(1, 2)
-    direct = np.moveaxis(trajectory @ C_slopes.swapaxes(1, 2), 0, -1)
-    outputs = trajectory @ C.T + model.feedthrough
-    return Prediction(outputs, trajectory, moved + direct, free.by_state)
+    moved = moved + np.moveaxis(trajectory @ C_slopes.swapaxes(1, 2), 0, -1)
+    if direct.slopes is not None:
+        moved += np.moveaxis(direct.slopes, 0, -1)
+    return Prediction(trajectory @ C.T + direct.value, trajectory, moved, free.by_state)
 
 
-def forced_by(model: ParametricModel, logs: Array, loads: Sequence[int]) -> Array:
+def forced_by(model: ParametricModel, eta: Array, loads: Sequence[int]) -> Array:
     """Return the response to some of the loads alone, from the state that they prescribe (times x channels).
 
     Parameters
     ----------
-    model, logs
-        Model and parameters' logarithms (p).
+    model, eta
+        Model and parameters' coordinates (p).
     loads
         Places of the loads, from 0.
     """
     part = model.driven_by(loads)
-    free, _ = free_prediction(part, logs)
+    free, _ = free_prediction(part, eta)
     return np.asarray(free.forced + free.by_state @ part.initial)
-
-
-def rates(model: ParametricModel, logs: Array, states: Array) -> Array:
-    """Return the derivatives of the outputs by time (times x channels).
-
-    Parameters
-    ----------
-    model, logs
-        Model and parameters' logarithms (p).
-    states
-        States at the sampling times (times x n), scaled.
-    """
-    line = model.line
-    A, _ = model.system(logs)
-    moving = states @ A.T + model.W[line.wanted] @ model.drive.T
-    return np.asarray(moving @ model.output(logs)[0].T + line.inputs(order=1) @ model.D.T)
 
 
 def runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.measurement import Experiment, Simulation, as_estimated
+from dynid.identification.measurement import Experiment, as_estimated
+from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
 from dynid.structure.response import Load
 

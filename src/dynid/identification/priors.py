@@ -1,6 +1,6 @@
 """Priors and limits of the parameters; a prior counts as a measurement, independent of the records.
 
-The mean of a prior is a pseudo-observation of the logarithm of its parameter. The prior of one parameter, as
+The mean of a prior is a pseudo-observation of the coordinate of its parameter. The prior of one parameter, as
 a scene gives it, is `ParameterPrior` in `structure/joints.py`.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.filter import InitialState
-from dynid.structure.joints import Unknown
+from dynid.parameters import Parameter
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ _INFORMATIVE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Priors:
-    """Limits and priors of the logarithms of the parameters.
+    """Limits and priors of the coordinates of the parameters.
 
     Attributes
     ----------
@@ -33,55 +33,63 @@ class Priors:
         Limits (p), infinite where there are none.
     means, deviations
         Means and standard deviations of the priors (p), NaN where there are none.
+    units
+        Steps of the coordinates that count as one (p): 1 of logarithms.
     """
 
     low: Array
     high: Array
     means: Array
     deviations: Array
+    units: Array
 
     @classmethod
-    def of(cls, unknowns: Sequence[Unknown]) -> Priors:
+    def of(cls, unknowns: Sequence[Parameter]) -> Priors:
         """Return the priors and limits of unknown parameters.
 
         The deviation of the logarithm is that of the log-normal distribution of the same relative deviation.
         """
-        low = [math.log(unknown.low) if unknown.low else -math.inf for unknown in unknowns]
-        high = [math.log(unknown.high) if unknown.high else math.inf for unknown in unknowns]
-        priors = [unknown.prior for unknown in unknowns]
-        means = [math.nan if prior is None else math.log(prior.value) for prior in priors]
+        low = [-math.inf if one.low is None else one.coordinate(one.low) for one in unknowns]
+        high = [math.inf if one.high is None else one.coordinate(one.high) for one in unknowns]
+        priors = [(one, one.prior) for one in unknowns]
+        means = [math.nan if prior is None else one.coordinate(prior.value) for one, prior in priors]
         deviations = [
-            math.nan if prior is None else math.sqrt(math.log1p(prior.relative_deviation**2))
-            for prior in priors
+            math.nan
+            if prior is None
+            else math.sqrt(math.log1p(prior.relative**2))
+            if one.logarithmic
+            else prior.absolute
+            for one, prior in priors
         ]
-        return cls(np.array(low), np.array(high), np.array(means), np.array(deviations))
+        units = [one.first_spread / 2 for one in unknowns]
+        return cls(*map(np.array, (low, high, means, deviations, units)))
 
     @property
     def given(self) -> NDArray[np.bool_]:
         """Mask of parameters that have a prior (p)."""
         return ~np.isnan(self.means)
 
-    def clipped(self, logs: Array) -> Array:
-        """Return the nearest logarithms within the limits (p)."""
-        return np.clip(logs, self.low, self.high)
+    def clipped(self, eta: Array) -> Array:
+        """Return the nearest coordinates within the limits (p)."""
+        return np.clip(eta, self.low, self.high)
 
-    def at_bound(self, logs: Array) -> NDArray[np.bool_]:
-        """Return the mask of logarithms that are at a limit (p)."""
-        return (logs <= self.low) | (logs >= self.high)
+    def at_bound(self, eta: Array) -> NDArray[np.bool_]:
+        """Return the mask of coordinates that are at a limit (p)."""
+        return (eta <= self.low) | (eta >= self.high)
 
-    def blocked(self, logs: Array, direction: Array) -> NDArray[np.bool_]:
-        """Return the mask of logarithms that a limit keeps from moving in this direction (p)."""
-        return ((logs <= self.low) & (direction < 0)) | ((logs >= self.high) & (direction > 0))
+    def blocked(self, eta: Array, direction: Array) -> NDArray[np.bool_]:
+        """Return the mask of coordinates that a limit keeps from moving in this direction (p)."""
+        return ((eta <= self.low) & (direction < 0)) | ((eta >= self.high) & (direction > 0))
 
     def rows(self) -> Array:
         """Return the sensitivities of the priors' pseudo-observations over their deviations (count x p)."""
         return np.asarray(np.diag(1 / self.deviations)[self.given])
 
-    def residual(self, logs: Array) -> Array:
+    def residual(self, eta: Array) -> Array:
         """Return the residuals of the pseudo-observations over their deviations (count)."""
-        return np.asarray(((self.means - logs) / self.deviations)[self.given])
+        return np.asarray(((self.means - eta) / self.deviations)[self.given])
 
-    def conflict(self, logs: Array, deviations: Array) -> Array:
+    def conflict(self, eta: Array, deviations: Array) -> Array:
         """Return how far priors and records are apart, in deviations of that distance (p); 0 without a prior.
 
         It is the normalised residual of a pseudo-observation: its residual at the estimate over the deviation
@@ -89,18 +97,18 @@ class Priors:
 
         Parameters
         ----------
-        logs, deviations
+        eta, deviations
             The estimate, and its deviations with the priors (p).
         """
         free = 1 - (deviations / self.deviations) ** 2
         compared = self.given & (free > _INFORMATIVE)
-        apart = np.abs(self.means - logs) / self.deviations
+        apart = np.abs(self.means - eta) / self.deviations
         return np.where(compared, apart / np.sqrt(np.where(compared, free, 1.0)), 0.0)
 
     def combined(self, prior: InitialState) -> InitialState:
         """Return the initial state of a filter pass, updated by the pseudo-observations."""
         n = len(prior.state)
-        z, S = np.concatenate([prior.state, prior.logs]), prior.root.copy()
+        z, S = np.concatenate([prior.state, prior.eta]), prior.root.copy()
         for k in np.flatnonzero(self.given):
             phi = S[n + k] / self.deviations[k]
             spread = float(phi @ phi) + 1.0

@@ -22,7 +22,7 @@ from dynid.identification.information import Information
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory
 from dynid.identification.saturated_model import SaturatedCoordinates
-from dynid.structure.joints import Unknown
+from dynid.parameters import Parameter
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,8 @@ class RecordFit:
 
     Attributes
     ----------
-    logs
-        Logarithms of the parameters (p).
+    eta
+        Coordinates of the parameters (p).
     predicted
         Noise-free prediction, the states in SI divided by the model's scale.
     residual
@@ -57,13 +57,13 @@ class RecordFit:
         Standard deviation of the noise (channels): as given, else estimated from the residuals.
     triangles
         Of each channel, over its RMS, a triangular factor of the derivatives by the initial state (scaled)
-        and by the logarithms, and the residuals, side by side (channels x n + p + 1 x n + p + 1): it has the
+        and by the coordinates, and the residuals, side by side (channels x n + p + 1 x n + p + 1): it has the
         information of all values for any weights of the channels. None where `by_parameter` is used.
     by_parameter
-        Derivatives of the prediction by the logarithms (times x channels x p), where there are no triangles.
+        Derivatives of the prediction by the coordinates (times x channels x p), where there are no triangles.
     """
 
-    logs: Array
+    eta: Array
     predicted: Trajectory
     residual: Array
     counts: NDArray[np.int_]
@@ -117,7 +117,7 @@ class RecordLikelihood(ABC):
 
     @property
     @abstractmethod
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
 
     @property
@@ -126,19 +126,19 @@ class RecordLikelihood(ABC):
         """Number of nuisances: unknowns beside the parameters."""
 
     @abstractmethod
-    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:
-        """Fit the nuisances, such as an initial state, to `values` (rows x channels) at exp(logs).
+    def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
+        """Fit the nuisances, such as an initial state, to `values` (rows x channels) at exp(eta).
 
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
 
-    def residual(self, logs: Array) -> Array:
-        """Return the residual of the fit at exp(logs) (rows x channels), NaN where missing."""
-        return self.fit(logs, self.data.values).residual
+    def residual(self, eta: Array) -> Array:
+        """Return the residual of the fit at exp(eta) (rows x channels), NaN where missing."""
+        return self.fit(eta, self.data.values).residual
 
     @abstractmethod
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return the derivatives by the logarithms over noise (… x p), or few rows with the same products."""
+        """Return the derivatives by the coordinates over noise (… x p), or rows with the same products."""
 
     def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
         """Return the degrees of freedom of each channel that the nuisances use up (channels)."""

@@ -83,9 +83,9 @@ def is_optimal(step: Array, deviations: Array) -> bool:
     Parameters
     ----------
     step
-        The Gauss–Newton step left, in logarithms (p).
+        The Gauss–Newton step left, in coordinates (p).
     deviations
-        Standard errors of the logarithms (p).
+        Standard errors of the coordinates (p).
     """
     return bool(np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP)))
 

@@ -30,7 +30,6 @@ from dynid.identification.prediction import (
     forced_by,
     free_prediction,
     prediction,
-    rates,
     runs,
 )
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
@@ -46,15 +45,13 @@ from dynid.identification.saturated_model import (
 )
 from dynid.identification.statistics import root_mean_square
 from dynid.lti.recurrence import recurrence
-from dynid.structure.joints import Unknown
+from dynid.parameters import Parameter, rates, values
 from dynid.structure.response import Channel
 
 Array = NDArray[np.float64]
 
 # The prior lets every channel be this many times larger than measured.
 _WIDE = 10.0
-# Prior standard deviation of the logarithms in the first pass: a factor of e squared.
-_FACTOR = 2.0
 # Noise below this part of the RMS is not assumed: the covariance would lose its digits.
 _LEAST_NOISE = 1e-4
 
@@ -125,7 +122,7 @@ class TimeRecord(RecordLikelihood):
         return np.asarray(_WIDE * (self.data.rms / self.model.reach).max() * self.model.state_root)
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
         return self.model.unknowns
 
@@ -134,23 +131,23 @@ class TimeRecord(RecordLikelihood):
         """Number of physical states, whose initial values are unknown."""
         return self.model.states
 
-    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:
-        """Fit the initial state to `values` (times x channels) at the parameters exp(logs).
+    def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
+        """Fit the initial state to `values` (times x channels) at the parameters exp(eta).
 
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
-        free, steps = free_prediction(self.model, logs)
+        free, steps = free_prediction(self.model, eta)
         x0 = self._start(free, values, noise)
-        predicted = prediction(self.model, logs, x0, free, steps)
+        predicted = prediction(self.model, eta, x0, free, steps)
         residual = values - predicted.outputs
         found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
         size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
         trajectory = Trajectory(predicted.outputs, predicted.states)
-        return RecordFit(logs, trajectory, residual, counts, size, self.noise_in(counts, size), found)
+        return RecordFit(eta, trajectory, residual, counts, size, self.noise_in(counts, size), found)
 
-    def residual(self, logs: Array) -> Array:
-        """Return the residual of the fit at exp(logs) (times x channels), NaN where missing."""
-        free, _ = free_prediction(self.model, logs)
+    def residual(self, eta: Array) -> Array:
+        """Return the residual of the fit at exp(eta) (times x channels), NaN where missing."""
+        free, _ = free_prediction(self.model, eta)
         x0 = self._start(free, self.data.values, None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
 
@@ -165,7 +162,7 @@ class TimeRecord(RecordLikelihood):
         return np.asarray(self.model.initial + self.root @ shift)
 
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return few rows with the same products as the derivatives by the logarithms over noise (… x p)."""
+        """Return few rows with the same products as the derivatives by the coordinates over noise (… x p)."""
         n, p = self.model.states, self.model.parameters
         return self._weighted(fit, noise)[:, n : n + p]
 
@@ -197,16 +194,16 @@ class TimeRecord(RecordLikelihood):
         signal = float(np.linalg.norm(np.where(present, fit.predicted.outputs, 0.0) / noise))
         count = int(np.count_nonzero(present))
         found = information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count)
-        return replace(found, values=np.exp(fit.logs))
+        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
-        line, free_and_steps = self.model.line, free_prediction(self.model, fit.logs)
-        predicted = prediction(self.model, fit.logs, fit.predicted.states[0], *free_and_steps)
+        line, free_and_steps = self.model.line, free_prediction(self.model, fit.eta)
+        predicted = prediction(self.model, fit.eta, fit.predicted.states[0], *free_and_steps)
         times, white = line.nodes[line.wanted], self.data.passed == 1
         most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
         inputs = [line.inputs(order) for order in (0, 1)]
-        shared = regressors_in_time(self.model.signals, inputs, self.model.poles(fit.logs), times, most)
+        shared = regressors_in_time(self.model.signals, inputs, self.model.poles(fit.eta), times, most)
         found = []
         for c, rms in enumerate(self.data.rms):
             there = ~np.isnan(fit.residual[:, c])
@@ -230,8 +227,8 @@ class TimeRecord(RecordLikelihood):
         """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
         model, n, p = self.model, self.model.states, self.model.parameters
         names, changes, columns = self._by_loads(fit)
-        free, steps = free_prediction(model, fit.logs)
-        found = prediction(model, fit.logs, fit.predicted.states[0], free, steps)
+        free, steps = free_prediction(model, fit.eta)
+        found = prediction(model, fit.eta, fit.predicted.states[0], free, steps)
         columns = [*columns, np.nan_to_num(self.data.recorded)]
         beside = np.concatenate([found.by_parameter, np.stack(columns, axis=2)], axis=2)
         rows = self._triangles(self.influential(fit), found.by_state, beside)[0][..., :-1]
@@ -262,12 +259,12 @@ class TimeRecord(RecordLikelihood):
             columns = [fit.predicted.outputs]
         else:
             places = [[place for place, one in enumerate(loads) if one == name] for name in names]
-            columns = [forced_by(model, fit.logs, here) for here in places]
+            columns = [forced_by(model, fit.eta, here) for here in places]
         changes, times = [GAIN_CHANGE] * len(names), model.line.nodes[model.line.wanted]
         if names and len(times) > 1:
             names.append(DELAY)
             changes.append(float(f"{np.diff(times).min():.12g}"))  # as a scene writes it
-            columns.append(-rates(model, fit.logs, fit.predicted.states))
+            columns.append(-model.rates(fit.eta, fit.predicted.states))
         return names, changes, columns
 
     def weighted(self, fit: RecordFit, noise: Array) -> Array:
@@ -299,9 +296,9 @@ class TimeRecord(RecordLikelihood):
         """Return the noise to assume: not less than a small part of each channel's RMS."""
         return np.maximum(noise, _LEAST_NOISE * self.data.rms)
 
-    def wide_initial_state(self, logs: Array, spread: float = _FACTOR) -> InitialState:
-        """Return that of a first pass: any state the record allows, logarithms with this deviation."""
-        return InitialState(self.model.initial, logs, self._wide_root(spread))
+    def wide_initial_state(self, eta: Array, part: float = 1.0) -> InitialState:
+        """Return that of a first pass: any state the record allows, coordinates with part of their spread."""
+        return InitialState(self.model.initial, eta, self._wide_root(part))
 
     def unit_initial_state(self, fit: RecordFit) -> InitialState:
         """Return a fresh initial state around a fit that weighs as much as a single measured value.
@@ -314,28 +311,28 @@ class TimeRecord(RecordLikelihood):
         _, s, Vt = thin_svd(rows @ root)
         share = np.zeros(len(root))
         share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
-        return InitialState(fit.predicted.states[0], fit.logs, root @ (Vt.T / np.sqrt(1 + share)))
+        return InitialState(fit.predicted.states[0], fit.eta, root @ (Vt.T / np.sqrt(1 + share)))
 
-    def continued(self, prior: InitialState, logs: Array, root: Array) -> InitialState:
-        """Return an initial state of this record, with logarithms as another record left them.
+    def continued(self, prior: InitialState, eta: Array, root: Array) -> InitialState:
+        """Return an initial state of this record, with coordinates as another record left them.
 
         Parameters
         ----------
         prior
             State and its root.
-        logs, root
-            Logarithms (p) and a root of their covariance (p x any).
+        eta, root
+            Coordinates (p) and a root of their covariance (p x any).
         """
         n, size = self.model.states, len(prior.root)
         both = np.zeros((size, size))
         both[:n, :n], both[n:, n:] = _square(prior.root[:n]), _square(root)
-        return InitialState(prior.state, logs, both)
+        return InitialState(prior.state, eta, both)
 
-    def _wide_root(self, spread: float = _FACTOR) -> Array:
+    def _wide_root(self, part: float = 1.0) -> Array:
         n, p = self.model.states, self.model.parameters
         root = np.zeros((n + p, n + p))
         root[:n, :n] = self.root
-        root[n:, n:] = spread * np.eye(p)
+        root[n:, n:] = np.diag([part * one.first_spread for one in self.unknowns])
         return root
 
 
@@ -372,14 +369,14 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Ar
     noise
         Standard deviation of the noise (channels).
     known
-        A root of the covariance of the logarithms, given all records (p x p).
+        A root of the covariance of the coordinates, given all records (p x p).
     """
     model, n = record.model, record.model.states
-    transitions = [model.transition(fit.logs, h) for h in model.line.lengths]
+    transitions = [model.transition(fit.eta, h) for h in model.line.lengths]
     stored = np.zeros(len(model.line.nodes), dtype=bool)
     stored[model.line.wanted[stored_rows(len(model.line.wanted))]] = True
     root = _initial_root(record, fit, noise, known)
-    by_logs, columns = root[n:].T, root[:n].T
+    by_eta, columns = root[n:].T, root[:n].T
     x = fit.predicted.states[0]
     out = [_sizes(columns[None])] if stored[0] else []
     for first, last, k in runs(model.line.which):
@@ -388,7 +385,7 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Ar
         path = recurrence(Phi, (W @ step[:, n:].T)[:, None], x[None])[:, 0]
         driven = np.concatenate([np.concatenate([x[None], path[:-1]]), W], axis=1)
         moved = (driven @ slopes.swapaxes(1, 2)).swapaxes(0, 1)  # steps x p x n
-        spread = recurrence(Phi, by_logs @ moved, columns)
+        spread = recurrence(Phi, by_eta @ moved, columns)
         x, columns = path[-1], spread[-1]
         out.append(_sizes(spread[stored[first + 1 : last + 1]]))
     return np.concatenate(out)
@@ -402,9 +399,9 @@ def _sizes(columns: Array) -> Array:
 
 
 def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:
-    """Return a root of the covariance of initial state (scaled) and logarithms (n + p x n + p).
+    """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p).
 
-    Given the logarithms, the state has the mean and covariance of its regression on them.
+    Given the coordinates, the state has the mean and covariance of its regression on them.
     """
     n = record.model.states
     by_state, by_parameter = record.by_start(fit, noise), record.slopes(fit, noise)

@@ -11,7 +11,7 @@ from dynid.identification.posterior import ChannelOfRecord, Posterior
 from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.number_format import frequency_text
 
-# Levels of the warnings: a correlation, a standard error of a logarithm, an error in standard errors, a part
+# Levels of the warnings: a correlation, a standard error of a coordinate, an error in standard errors, a part
 # of the samples that are missing or stand at the channel's extreme.
 _CORRELATED, _UNCERTAIN, _OFF, _GAPS, _CLIPPED = 0.95, 0.5, 5.0, 0.2, 0.01
 #: How many deviations a prior and a record are apart that contradict each other: by chance one in 16,000.
@@ -90,12 +90,12 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                 f"the prior of {name} and the record contradict each other ({apart:.2g} deviations apart): "
                 "correct its value, or give it a larger relative_deviation"
             )
-    deviations, correlation = posterior.information.deviations(), posterior.information.correlation()
+    correlation, relative = posterior.information.correlation(), posterior.relative_errors
     for k, name in enumerate(names):
         if errors[k] > _OFF:
             yield f"error of {name}: {errors[k]:.2g} × Cramér–Rao bound"
-        if deviations[k] > _UNCERTAIN:
-            yield f"{name} is poorly known: its standard error is {100 * deviations[k]:.0f} % of it"
+        if relative[k] > _UNCERTAIN:
+            yield f"{name} is poorly known: its standard error is {100 * relative[k]:.0f} % of it"
         for other in range(k):
             rho = correlation[k, other]
             if abs(rho) > _CORRELATED:

@@ -56,15 +56,16 @@ from dynid.identification.calibration import add_calibration_slopes
 from dynid.identification.filter import Pass, stored_rows
 from dynid.identification.frf_record import FrfRecord
 from dynid.identification.measurement import Measurement
+from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.posterior import Posterior
 from dynid.identification.record_likelihood import RecordFit
 from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum, whiteness
 from dynid.identification.time_record import TimeRecord, state_deviations
 from dynid.identification.verdict import CONTRADICTED, verdict, warnings
+from dynid.parameters import rates, values
 from dynid.result import Result
 from dynid.structure.excitation import inputs_of
-from dynid.structure.matrices import Label
-from dynid.structure.response import Channel, common_unit, source_names
+from dynid.structure.response import common_unit, source_names
 
 Array = NDArray[np.float64]
 
@@ -114,11 +115,11 @@ def add_identification(
     result.annotate("identification", estimator=posterior.method)
     result.add_axis(f"{_STAGES}/stage", [stage.name for stage in stages])
     result.add_axis(f"{_STAGES}/parameter", posterior.likelihood.names)
-    estimates = np.exp([stage.logs for stage in stages])
+    estimates = values(posterior.likelihood.unknowns, np.array([stage.eta for stage in stages]))
     result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), _unit(posterior))
     result.add(f"{_STAGES}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
     result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
-    chosen = [stage.logs is posterior.fit.logs for stage in stages].index(True) + 1
+    chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
     result.add(f"{_STAGES}/chosen", chosen)
     _add_diagnostics(result, posterior)
     if posterior.model_error is not None:
@@ -134,22 +135,23 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
         posterior.likelihood.names,
         posterior.likelihood.priors,
     )
-    unit, estimate, true = _unit(posterior), np.exp(posterior.fit.logs), posterior.true
+    unit, estimate, rate, true = _unit(posterior), posterior.values, posterior.rates, posterior.true
     result.add_axis(f"{group}/parameter", names)
     result.add(f"{group}/name", names, dims)
     result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
     result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
     result.add(f"{group}/true", true, dims, unit)
     result.add(f"{group}/estimate", estimate, dims, unit)
-    result.add(f"{group}/standard_error", estimate * posterior.information.deviations(), dims, unit)
+    result.add(f"{group}/standard_error", rate * posterior.information.deviations(), dims, unit)
     if result.wants(f"{group}/standard_error_scaled") and posterior.noise_is_given:
-        result.add(f"{group}/standard_error_scaled", estimate * posterior.scaled_deviations, dims, unit)
+        result.add(f"{group}/standard_error_scaled", rate * posterior.scaled_deviations, dims, unit)
     if result.wants(f"{group}/cramer_rao"):
         result.add(f"{group}/cramer_rao", posterior.bound, dims, unit)
-    result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.logs), dims)
+    result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.eta), dims)
     if priors.given.any():
         result.add(f"{group}/cramer_rao_without_prior", posterior.bound_with(prior=False), dims, unit)
-    result.add(f"{group}/error_percent", 100 * np.abs(estimate / true - 1), dims, "%")
+    nonzero = np.where(true == 0, np.nan, true)
+    result.add(f"{group}/error_percent", 100 * np.abs(estimate / nonzero - 1), dims, "%")
     # An axis of its own: two axes of one name could not be distinguished.
     result.add_axis(f"{group}/other", names)
     result.add(f"{group}/correlation", posterior.information.correlation(), ("parameter", "other"))
@@ -272,12 +274,12 @@ def _add_records(
         for part, band in zip(parts, bands, strict=True):
             states = part.predicted.states[stored_rows(len(part.residual))]
             every = np.ones((len(states), 1))
-            whole.append(Pass(every * part.logs, every * deviations, states, band, np.diag(deviations)))
+            whole.append(Pass(every * part.eta, every * deviations, states, band, np.diag(deviations)))
         sweeps = [whole]
     named = {"history": sweeps[-1]} | ({"first_pass": sweeps[0]} if len(sweeps) > 1 else {})
     for name, sweep in named.items():
         for k, (record, history) in enumerate(zip(records, sweep, strict=True)):
-            _add_history(result, _group(posterior, k, name), record, posterior.dofs, history)
+            _add_history(result, _group(posterior, k, name), record, history)
     for k, (record, part) in enumerate(zip(records, parts, strict=True)):
         _add_record(result, posterior, k, record, part, bands[k], true[k])
 
@@ -308,7 +310,7 @@ def _add_record(
         result.add(f"{group('history')}/true_state", true, ("time", "component"))
     states, dims = group("states"), ("time", "component")  # measured or not (Yang, Fig. 9)
     _add_stored_times(result, states, measurement)
-    _add_components(result, states, posterior.dofs)
+    _add_components(result, states, model)
     result.add(f"{states}/estimate", fit.predicted.states[rows] * model.scale, dims)
     result.add(f"{states}/standard_deviation", band * model.scale, dims)
     if true is not None:
@@ -332,25 +334,24 @@ def _add_record(
             result.add(f"{innovations}/{name}", getattr(found, name))
 
 
-def _add_history(
-    result: Result, group: str, record: TimeRecord, dofs: Sequence[Label], history: Pass
-) -> None:
+def _add_history(result: Result, group: str, record: TimeRecord, history: Pass) -> None:
     """Add the histories of parameters and states over a record."""
-    model, estimate, dims = record.model, np.exp(history.logs), ("time", "parameter")
+    model, dims = record.model, ("time", "parameter")
+    estimate, rate = values(model.unknowns, history.eta), rates(model.unknowns, history.eta)
     _add_stored_times(result, group, record.taken_under.measurement)
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
     unit = common_unit(unknown.unit for unknown in model.unknowns)
     result.add(f"{group}/estimate", estimate, dims, unit)
-    result.add(f"{group}/standard_deviation", estimate * history.deviations, dims, unit)
-    _add_components(result, group, dofs)
+    result.add(f"{group}/standard_deviation", rate * history.deviations, dims, unit)
+    _add_components(result, group, model)
     # Not an axis named `state`: a variable of two axes cannot have the name of one of them.
     result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
     band = history.state_deviations * model.scale
     result.add(f"{group}/state_standard_deviation", band, ("time", "component"))
 
 
-def _add_components(result: Result, group: str, dofs: Sequence[Label]) -> None:
-    components = [Channel(dof, quantity) for quantity in ("displacement", "velocity") for dof in dofs]
+def _add_components(result: Result, group: str, model: ParametricModel) -> None:
+    components = model.system.states
     result.add_axis(f"{group}/component", [component.name for component in components])
     result.add(f"{group}/unit", [component.unit for component in components], ("component",))
 

@@ -8,8 +8,9 @@ A displacement or a velocity that is prescribed acts by its derivative, with the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Derivative, Signal
 from dynid.lti.state_space import StateSpace
 from dynid.structure import labels
-from dynid.structure.matrices import Array, Label, as_array
+from dynid.structure.matrices import Array, Label, Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel, Load, ports
 from dynid.structure.state_space import massless_directions, massless_motion, state_space
@@ -52,10 +53,24 @@ class Excitation:
 
     def mass(self, M: Array) -> Array:
         """Return the mass matrix with the prescribed DOFs uncoupled (n x n)."""
-        uncoupled, places = M.copy(), self._coordinates
-        uncoupled[places], uncoupled[:, places] = 0.0, 0.0
+        uncoupled, places = self.free(M), self._coordinates
         uncoupled[places, places] = 1.0
         return uncoupled
+
+    def free(self, matrix: Array) -> Array:
+        """Return a change of the mass matrix (n x n) that leaves the prescribed DOFs as they are."""
+        uncoupled, places = matrix.copy(), self._coordinates
+        uncoupled[places], uncoupled[:, places] = 0.0, 0.0
+        return uncoupled
+
+    def inertia(self, M: Array) -> Array:
+        """Return the forces (n x loads) by which prescribed motions of DOFs act through a mass matrix."""
+        forces = np.zeros_like(self.directions)
+        for load, place in enumerate(self.held):
+            if place >= 0:
+                forces[:, load] = -M[:, place]
+        forces[self._coordinates] = 0.0
+        return forces
 
     def others(self, matrix: Array) -> Array:
         """Return a stiffness or damping (n x n) that exerts nothing on the prescribed DOFs."""
@@ -65,11 +80,9 @@ class Excitation:
 
     def system(self, M: Array, C: Array, K: Array) -> StateSpace:
         """Return the state space from the signals to the channels."""
-        forces = self.directions.copy()
+        forces = self.directions + self.inertia(M)
         for load, place in enumerate(self.held):
             if place >= 0:
-                forces[:, load] = -M[:, place]
-                forces[self._coordinates, load] = 0.0
                 forces[place, load] = 1.0
         system = state_space(self.mass(M), self.others(C), self.others(K), forces, self.rows, self.orders)
         return replace(system, D=system.D + self.base)
@@ -112,8 +125,20 @@ class Excitation:
                     )
 
 
-def drive(model: StructuralModel, loads: Sequence[Load], channels: Sequence[Channel]) -> Excitation:
+def drive(
+    model: StructuralModel,
+    loads: Sequence[Load],
+    channels: Sequence[Channel],
+    values: Mapping[str, float] | None = None,
+) -> Excitation:
     """Return the directions of the loads and the rows of the channels.
+
+    Parameters
+    ----------
+    model, loads, channels
+        The structure, its loads and its channels.
+    values
+        Unknown parameters by name, on which the mass moved by the ground may depend; absent: the reference.
 
     Raises
     ------
@@ -126,7 +151,7 @@ def drive(model: StructuralModel, loads: Sequence[Load], channels: Sequence[Chan
     held = [-1] * len(loads)
     for k, load in enumerate(loads):
         if load.dof is None:
-            shake, carried = _shaken(model)
+            shake, carried = _shaken(model, lambda full: full.mass(values))
             directions[:, k] = -shake
             for row, channel in enumerate(channels):
                 if channel.absolute:
@@ -243,11 +268,30 @@ def _coordinate(model: StructuralModel, load: Load) -> int:
     return place
 
 
-def _shaken(model: StructuralModel) -> tuple[Array, StructuralModel]:
+def base_slopes(model: StructuralModel, loads: Sequence[Load], values: Mapping[str, float]) -> Array:
+    """Return the derivatives (p x n x loads) of the forces by which a moving ground acts."""
+    found = np.zeros((len(model.unknowns), model.size, len(loads)))
+    full = model
+    while full.basis is not None:
+        full = full.basis.parent
+    for k, change in enumerate(full.slopes(values)):
+        if "M" in change:
+            moved, _ = _shaken(model, partial(_first, change["M"]))
+            found[k] = np.outer(moved, [-float(load.dof is None) for load in loads])
+    return found
+
+
+def _first(matrix: Matrix, _: StructuralModel) -> Matrix:
+    return matrix
+
+
+def _shaken(
+    model: StructuralModel, mass: Callable[[StructuralModel], Matrix]
+) -> tuple[Array, StructuralModel]:
     """Return M r of the coordinates, r the unit translation of all that translates, and the full model."""
     if model.basis is None:
-        return np.asarray(as_array(model.M) @ _translation(model)), model
-    inner, full = _shaken(model.basis.parent)
+        return np.asarray(mass(model) @ _translation(model)), model
+    inner, full = _shaken(model.basis.parent, mass)
     return np.asarray(model.basis.T.T @ inner), full
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
-from dynid.parameters import Parameter
+from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
 from dynid.structure.joints import Joint, unit_of
 from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
@@ -234,7 +234,7 @@ class StructuralModel:
 
     @cached_property
     def unknowns(self) -> tuple[Parameter, ...]:
-        """The unknown parameters: those of joints, joint by joint, stiffness before damping; then all others."""
+        """The unknown parameters: of joints, joint by joint, stiffness before damping; then all others."""
         own = [
             Parameter(
                 name,
@@ -317,6 +317,16 @@ class StructuralModel:
                 own[term.letter] = own[term.letter] + part if term.letter in own else part
         return tuple(found.values())
 
+    def mass(self, values: Mapping[str, float] | None = None) -> Matrix:
+        """Return the mass matrix with that of the joints, for unknown parameters by name."""
+        given = {one.name: one.expected for one in self.unknowns} | dict(values or {})
+        return self.with_joints(given)[0]
+
+    @property
+    def affine(self) -> bool:
+        """True if every unknown parameter is the factor of stiffness and damping matrices, and of no mass."""
+        return all(term.letter != "M" and term.coefficient.is_multiple for term in self.terms)
+
     def dense(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
         """Return the matrices of `with_joints` as arrays.
 
@@ -345,14 +355,7 @@ class StructuralModel:
         UsageError
             If one has no true value.
         """
-        missing = [unknown.name for unknown in self.unknowns if unknown.true is None]
-        if missing:
-            raise UsageError(
-                f"no true value is known of {', '.join(missing)}",
-                remedy="Give `true` beside `start`: records are simulated with it.",
-                names=missing,
-            )
-        return {unknown.name: unknown.true for unknown in self.unknowns if unknown.true is not None}
+        return true_values(self.unknowns)
 
     @cached_property
     def _places(self) -> dict[Label, int]:

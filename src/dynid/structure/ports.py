@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid.errors import UsageError
 from dynid.lti.frequency_response import QUANTITIES
-from dynid.lti.signals import Signal
+from dynid.lti.signals import Impulse, Signal
 from dynid.structure import labels
 from dynid.structure.matrices import Array, Label
 from dynid.structure.model import StructuralModel
@@ -36,6 +36,11 @@ class Channel(NamedTuple):
         return f"{self.dof}{relative}.{self.quantity}{'.absolute' * self.absolute}"
 
     @property
+    def gain_name(self) -> str:
+        """The name of its gain."""
+        return f"gain of {self.name}"
+
+    @property
     def unit(self) -> str:
         """Its unit, SI; in rad of rotations that the label names."""
         turning = labels.kind(self.dof) == "rotation"
@@ -45,6 +50,10 @@ class Channel(NamedTuple):
         """Return its row of the displacements (n)."""
         row = model.row(self.dof)
         return row if self.reference is None else np.asarray(row - model.row(self.reference))
+
+    def unit_load(self, dof: Label) -> Load:
+        """Return the load that a frequency response of it refers to: a unit impulse at a DOF."""
+        return Load(dof, Impulse(1.0))
 
     @property
     def order(self) -> int:
@@ -75,6 +84,16 @@ class Load(NamedTuple):
         return None if self.motion is None else Channel(0, self.motion).order
 
     @property
+    def name(self) -> str:
+        """Its name in results."""
+        return "base" if self.dof is None else str(self.dof)
+
+    @property
+    def gain_name(self) -> str:
+        """The name of its gain."""
+        return f"{self.motion or 'force'} gain of {'base' if self.dof is None else self.dof}"
+
+    @property
     def unit(self) -> str:
         """The unit of its signal."""
         return "N" if self.motion is None else Channel(self.dof or 0, self.motion).unit
@@ -82,10 +101,10 @@ class Load(NamedTuple):
 
 def source_names(loads: Sequence[Load]) -> list[str]:
     """Return a name for each load: its DOF or the base, numbered where a DOF carries several."""
-    dofs = ["base" if load.dof is None else load.dof for load in loads]
+    names = [load.name for load in loads]
     return [
-        str(dof) if dofs.count(dof) == 1 else f"{dof}#{dofs[: k + 1].count(dof)}"
-        for k, dof in enumerate(dofs)
+        name if names.count(name) == 1 else f"{name}#{names[: k + 1].count(name)}"
+        for k, name in enumerate(names)
     ]
 
 

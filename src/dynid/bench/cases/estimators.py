@@ -46,8 +46,9 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     """Return a record of this length and noise."""
     import numpy as np
 
-    from dynid.identification.measurement import Measurement, Simulation, data
+    from dynid.identification.measurement import Measurement, data
     from dynid.identification.parametric_model import parametric_model
+    from dynid.identification.simulation import Simulation
     from dynid.identification.time_record import TimeLikelihood, TimeRecord
     from dynid.lti.signals import Multisine
     from dynid.structure.joints import Joint, JointParameter
@@ -74,9 +75,11 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     M, C, K = model.dense({unknown.name: 0.0 for unknown in model.unknowns})
     A = np.block([[np.zeros((5, 5)), np.eye(5)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     slopes = np.zeros((4, 10, 10))
-    for slope, unknown in zip(slopes, model.unknowns, strict=True):
-        here = slice(0, 5) if unknown.letter == "k" else slice(5, 10)
-        slope[5:, here] = -np.linalg.solve(M, as_array(unknown.pattern))
+    changes = model.slopes(model.true_values())
+    for slope, change in zip(slopes, changes, strict=True):
+        for letter, pattern in change.items():
+            here = slice(0, 5) if letter == "K" else slice(5, 10)
+            slope[5:, here] = -np.linalg.solve(M, as_array(pattern))
     b = np.concatenate([np.zeros(5), np.linalg.inv(M)[:, 4]])
     return SuspensionRecord(ensemble, start, truth, bound, A, slopes, b)
 
@@ -137,7 +140,7 @@ def _pass(wish: str, part: float = PART) -> Callable[[int], Callable[[], Any]]:
     """Return dynid's pass, compiled or not; `part` 0: linearised anew at every sample."""
 
     def prepare(samples: int) -> Callable[[], Any]:
-        return lambda: _passed(samples, wish, part).logs[-1]
+        return lambda: _passed(samples, wish, part).eta[-1]
 
     return prepare
 
@@ -161,7 +164,7 @@ def _joseph(precision: str) -> Callable[[int], Callable[[], Any]]:
         scale = np.append(model.scale, np.ones(4))
         first = (first_covariance(this) / scale / scale[:, None]).astype(kind)
         H = np.zeros((2, 14), dtype=kind)
-        H[:, :10] = model.C
+        H[:, :10] = model.output(this.start)[0]
         noise, values = assumed_noise(this), record.data.values.astype(kind)
 
         def work() -> Any:
@@ -201,8 +204,8 @@ def _imbedding(substeps: int) -> Callable[[int], Callable[[], Any]]:
         times, h = record.model.line.nodes, STEP / substeps
 
         def work() -> Any:
-            equations = Flow(record, InvariantImbedding())
-            v = equations.packed(np.concatenate([prior.state, prior.logs]), prior.root @ prior.root.T)
+            equations = Flow(record, InvariantImbedding(), this.start)
+            v = equations.packed(np.concatenate([prior.state, prior.eta]), prior.root @ prior.root.T)
             with np.errstate(all="ignore"):
                 for time, weight in zip(times[:-1], weights[:-1], strict=True):
                     equations.weight = weight
@@ -229,7 +232,7 @@ def _filter_error(samples: int, found: Any) -> float:
     import numpy as np
 
     exact = _exact_pass(samples)
-    error = float(np.max(np.abs(found - exact.logs[-1]) / exact.deviations[-1]))
+    error = float(np.max(np.abs(found - exact.eta[-1]) / exact.deviations[-1]))
     return error if np.isfinite(error) else float("inf")
 
 
@@ -285,7 +288,7 @@ def _estimator(name: str, wish: str = "1") -> Callable[[int], Callable[[], Any]]
 
         def work() -> Any:
             with kernels(wish):
-                return estimator.run(this.ensemble, this.start).fit.logs
+                return estimator.run(this.ensemble, this.start).fit.eta
 
         return work
 
@@ -318,7 +321,7 @@ def _estimator_error(samples: int, found: Any) -> float:
     import numpy as np
 
     cases = [case(samples, seed) for seed in _SEEDS]
-    errors = [(logs - this.truth) / this.bound for logs, this in zip(found, cases, strict=True)]
+    errors = [(eta - this.truth) / this.bound for eta, this in zip(found, cases, strict=True)]
     return float(np.sqrt(np.mean(np.square(errors))))
 
 

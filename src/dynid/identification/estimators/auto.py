@@ -11,7 +11,7 @@ where the likelihood ends in residuals that are not noise, magnitudes are fitted
 and then from others.
 
 One attempt is enough where its residuals are noise and the parameters are well determined. Otherwise further
-starts are drawn: a Latin hypercube in logarithms around the given start, within limits and priors. The best
+starts are drawn: a Latin hypercube in coordinates around the given start, within limits and priors. The best
 ones by the misfit of a likelihood with fewer local optima (`guide`) are tried first; each is improved on such
 likelihoods before the true one. The search ends when several starts end at the best optimum, or when the
 starts are used up.
@@ -40,6 +40,7 @@ from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.priors import Priors
 from dynid.identification.residual_tests import is_explained
 from dynid.identification.time_record import TimeLikelihood
+from dynid.parameters import logarithmic
 from dynid.progress import report_progress, tracked
 
 Array = NDArray[np.float64]
@@ -52,13 +53,13 @@ _PRIOR = 4.0
 _STEPS = 15
 # Most steps of an attempt, and further ones where it is the best so far and has not converged.
 _MOST_STEPS, _FURTHER_STEPS = 50, 200
-# Two ends are one optimum if the logarithms agree to this, or the misfits to this.
+# Two ends are one optimum if the coordinates agree to this, or the misfits to this.
 _SAME, _AS_GOOD = 0.02, 0.02
 # Residuals below this part of a channel's RMS are accepted whatever their colour …
 _EXACT = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
 _WHITE = 1e-4
-# A parameter is vague beyond this standard error of its logarithm: other optima may be as white. To look for
+# A parameter is vague beyond this standard error of its coordinate: other optima may be as white. To look for
 # them, starts are drawn, besides those so many standard errors away (of at most so much).
 _VAGUE, _AWAY, _FARTHEST = 0.05, 3.0, 2.0
 # Beyond this one the parameter is not identifiable, whatever the start.
@@ -72,7 +73,7 @@ _CONFIRMING = len(_ROUTES)
 
 
 SearchStart: TypeAlias = tuple[Array, list[Sweep]]
-"""Start of an attempt: logarithms (p), and the sweeps before it."""
+"""Start of an attempt: coordinates (p), and the sweeps before it."""
 
 
 class Attempt(NamedTuple):
@@ -113,12 +114,12 @@ class Search:
         report_progress(name)
         self.drawn += drawn
         try:
-            logs, sweeps = begun()
-            fit, steps = refine(self.likelihood, logs, _MOST_STEPS)
+            eta, sweeps = begun()
+            fit, steps = refine(self.likelihood, eta, _MOST_STEPS)
             best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
             if steps == _MOST_STEPS and self.likelihood.misfit(fit) < best:
                 # Further steps, as in a narrow valley, are for the best attempt alone.
-                fit, further = refine(self.likelihood, fit.logs, _FURTHER_STEPS)
+                fit, further = refine(self.likelihood, fit.eta, _FURTHER_STEPS)
                 steps += further
         except DynidError as error:  # from a poor start an attempt may diverge, from another one not
             self.failure = self.failure or error
@@ -149,7 +150,7 @@ class Search:
             Sequences of likelihoods that are maximised one after the other; starts take the routes in turn.
             An empty one begins with the true likelihood, whose own misfit ranks its starts.
         origin
-            Logarithms around which starts are drawn (p).
+            Coordinates around which starts are drawn (p).
         """
         turn = cycle(routes)
         for seed, (count, reach, part) in enumerate(_ROUNDS):
@@ -161,7 +162,7 @@ class Search:
                 is_guided = bool(route)
                 if is_guided not in ranked:
                     chooser = guide if is_guided else self.likelihood
-                    misfits = [_misfit_at(chooser, logs) for logs in tracked(starts, "start")]
+                    misfits = [_misfit_at(chooser, eta) for eta in tracked(starts, "start")]
                     ranked[is_guided] = iter(np.argsort(misfits, kind="stable").tolist())
                 chosen = next(k for k in ranked[is_guided] if k not in taken)
                 taken.add(chosen)
@@ -173,10 +174,11 @@ class Search:
         """Try starts on both sides of the best optimum, in the direction that is determined least."""
         for side in (1.0, -1.0, 1.0, -1.0):
             fit = self.best_tried.fit
-            U, s, _ = np.linalg.svd(self.likelihood.information(fit, fit.noise).root)
-            away = side * U[:, 0] * min(_AWAY * s[0], _FARTHEST)
-            logs = self.likelihood.priors.clipped(fit.logs + away)
-            self.attempt("a start nearby", partial(guided, (), logs), drawn=False)
+            units = self._units(fit.eta)
+            U, s, _ = np.linalg.svd(self.likelihood.information(fit, fit.noise).root / units[:, None])
+            away = side * units * U[:, 0] * min(_AWAY * s[0], _FARTHEST)
+            eta = self.likelihood.priors.clipped(fit.eta + away)
+            self.attempt("a start nearby", partial(guided, (), eta), drawn=False)
 
     @property
     def best_tried(self) -> Attempt:
@@ -192,7 +194,13 @@ class Search:
     def vague(self) -> bool:
         """True if parameters are so uncertain that another optimum may leave residuals as white."""
         fit = self.best_tried.fit
-        return bool(_VAGUE < self.likelihood.information(fit, fit.noise).deviations().max() < _BLIND)
+        deviations = self.likelihood.information(fit, fit.noise).deviations()
+        return bool(_VAGUE < (deviations / self._units(fit.eta)).max() < _BLIND)
+
+    def _units(self, eta: Array) -> Array:
+        """Return what coordinates are compared with (p): 1, or of linear ones the unit or the value."""
+        units = self.likelihood.priors.units
+        return np.where(logarithmic(self.likelihood.unknowns), 1.0, np.maximum(np.abs(eta), units))
 
     @property
     def agreeing(self) -> int:
@@ -201,7 +209,7 @@ class Search:
         there = [
             tried.drawn
             for tried in self.tried
-            if np.all(np.abs(best.logs - tried.stage.logs) <= _SAME)
+            if np.all(np.abs(best.eta - tried.stage.eta) <= _SAME * self._units(best.eta))
             or abs(best.misfit - tried.stage.misfit) <= _AS_GOOD
         ]
         return sum(there) + (not all(there))
@@ -239,31 +247,31 @@ class Search:
         )
 
 
-def guided(route: Sequence[Likelihood], logs: Array) -> SearchStart:
+def guided(route: Sequence[Likelihood], eta: Array) -> SearchStart:
     """Begin at the end of a few steps on each likelihood of a route."""
     for guide in route:
-        logs = refine(guide, logs, _STEPS).fit.logs
-    return logs, []
+        eta = refine(guide, eta, _STEPS).fit.eta
+    return eta, []
 
 
 def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: int) -> Array:
-    """Return a Latin hypercube of logarithms around an origin, within limits and priors (count x p).
+    """Return a Latin hypercube of coordinates around an origin, within limits and priors (count x p).
 
     M. D. McKay, R. J. Beckman, W. J. Conover, Technometrics 21 (1979) 239–245.
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     strata = rng.permuted(np.tile(np.arange(count), (len(origin), 1)), axis=1).T
     centre = np.where(priors.given, priors.means, origin)
-    spread = np.fmin(np.log(reach), _PRIOR * priors.deviations)
+    spread = np.fmin(np.log(reach) * priors.units, _PRIOR * priors.deviations)
     low, high = np.maximum(centre - spread, priors.low), np.minimum(centre + spread, priors.high)
     places = (strata + rng.random(strata.shape)) / count
     return priors.clipped(low + (high - low) * places)
 
 
-def _misfit_at(guide: Likelihood, logs: Array) -> float:
-    """Return the misfit at logarithms (p), infinite where the prediction leaves the range of numbers."""
+def _misfit_at(guide: Likelihood, eta: Array) -> float:
+    """Return the misfit at coordinates (p), infinite where the prediction leaves the range of numbers."""
     try:
-        return guide.misfit_at(logs)
+        return guide.misfit_at(eta)
     except DynidError:
         return np.inf
 
@@ -282,7 +290,7 @@ class Auto:
     name: str = "auto"
 
     def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
+        """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------
@@ -307,10 +315,10 @@ class Auto:
 
 
 def _filtered(
-    passes: Callable[[TimeLikelihood, Array], list[Sweep]], likelihood: TimeLikelihood, logs: Array
+    passes: Callable[[TimeLikelihood, Array], list[Sweep]], likelihood: TimeLikelihood, eta: Array
 ) -> SearchStart:
     """Begin with passes of the filter."""
-    sweeps = passes(likelihood, logs)
+    sweeps = passes(likelihood, eta)
     return last(likelihood, sweeps), sweeps
 
 
@@ -331,7 +339,7 @@ class FrfAuto:
     name: str = "auto"
 
     def run(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
+        """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------

@@ -29,8 +29,8 @@ class EstimationStage:
     ----------
     name
         Name of the attempt.
-    logs
-        The logarithms that it ended with (p).
+    eta
+        The coordinates that it ended with (p).
     residual_ratio
         RMS of the residuals there over that of the measured values (channels of all records).
     misfit
@@ -40,7 +40,7 @@ class EstimationStage:
     """
 
     name: str
-    logs: Array
+    eta: Array
     residual_ratio: Array
     misfit: float
     iterations: int
@@ -48,7 +48,7 @@ class EstimationStage:
     @classmethod
     def at(cls, name: str, likelihood: Likelihood, fit: Fit, iterations: int = 0) -> Self:
         """Return the attempt that ended with a fit."""
-        return cls(name, fit.logs, likelihood.residual_ratio(fit), likelihood.misfit(fit), iterations)
+        return cls(name, fit.eta, likelihood.residual_ratio(fit), likelihood.misfit(fit), iterations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class Estimator(Protocol):
         """Its name in a scene."""
 
     def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
+        """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------

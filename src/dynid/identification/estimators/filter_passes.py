@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 _FIRST_NOISE = 2.0
 _LAST_NOISE = 0.05
 _FALL = 0.125
-# Annealing, pass by pass: the noise assumed, over the RMS, and the prior's deviation of the logarithms.
-_ANNEALED = ((0.5, 2.0), (0.2, 1.0), (0.08, 0.5), (0.03, 0.3))
+# Annealing, pass by pass: the noise assumed, over the RMS, and the part of the first spread of coordinates.
+_ANNEALED = ((0.5, 1.0), (0.2, 0.5), (0.08, 0.25), (0.03, 0.15))
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Filter:
             raise UsageError("the filter needs at least one pass")
 
     def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
+        """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------
@@ -68,8 +68,8 @@ class Filter:
 
 
 def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
-    """Return the logarithms that sweeps end with, within their bounds (p)."""
-    return likelihood.priors.clipped(sweeps[-1][-1].logs[-1])
+    """Return the coordinates that sweeps end with, within their bounds (p)."""
+    return likelihood.priors.clipped(sweeps[-1][-1].eta[-1])
 
 
 def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[Sweep]:
@@ -80,7 +80,7 @@ def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[S
     likelihood
         The records and the model.
     origin
-        Logarithms of the initial parameters (p).
+        Coordinates of the initial parameters (p).
     passes
         How many.
 
@@ -113,7 +113,7 @@ def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
     likelihood
         The records and the model.
     origin
-        Logarithms of the initial parameters (p).
+        Coordinates of the initial parameters (p).
 
     Raises
     ------
@@ -121,11 +121,11 @@ def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
         If the parameters run away.
     """
     sweeps: list[Sweep] = []
-    logs = origin
-    for level, spread in tracked(_ANNEALED, "annealed pass"):
-        priors = [record.wide_initial_state(logs, spread) for record in likelihood.records]
-        sweeps.append(_sweep(likelihood, priors, [level * r.data.rms for r in likelihood.records], logs))
-        logs = last(likelihood, sweeps)
+    eta = origin
+    for level, part in tracked(_ANNEALED, "annealed pass"):
+        priors = [record.wide_initial_state(eta, part) for record in likelihood.records]
+        sweeps.append(_sweep(likelihood, priors, [level * r.data.rms for r in likelihood.records], eta))
+        eta = last(likelihood, sweeps)
     return sweeps
 
 
@@ -149,7 +149,7 @@ def chained(
     sweep: list[Pass] = []
     first = likelihood.priors.combined(priors[0])
     for k, (record, prior) in enumerate(zip(likelihood.records, priors, strict=True)):
-        before = record.continued(prior, sweep[-1].logs[-1], sweep[-1].root) if sweep else first
+        before = record.continued(prior, sweep[-1].eta[-1], sweep[-1].root) if sweep else first
         sweep.append(thinned(passed(k, record, before)))
     return sweep
 

@@ -5,7 +5,7 @@ Source: K. T. Yang 1997, eqs 19–20 (D. M. Detchmendy, R. Sridhar, J. Basic Eng
     dX/dt = f(X) + 2 P H Q (y - h(X)),
     dP/dt = F P + P F^T - 2 P H Q H^T P + 1/2 k W^-1 k^T,    F = df/dX, H^T = dh/dX,
 
-with X the augmented state, its parameters as logarithms, and y(t) the record between its samples by a cubic
+with X the augmented state, its parameters as coordinates, and y(t) the record between its samples by a cubic
 spline. N states make N + N (N + 1)/2 equations. With Q = 1/(2 sigma^2 step) it is the Kalman–Bucy filter of
 white noise of deviation sigma, which `filter` solves exactly and in a hundredth of the time. Eqs 16–18 (the
 two-point boundary-value problem) are not solved: the imbedding replaces it.
@@ -62,7 +62,7 @@ class InvariantImbedding:
             raise UsageError("the tolerance of the integration must lie between 1e-12 and 0.01")
 
     def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
+        """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------
@@ -88,8 +88,8 @@ class InvariantImbedding:
         report_progress("integrating eqs 19 and 20")
         from scipy.integrate import solve_ivp  # heavy import, needed here only
 
-        flow = Flow(record, self)
-        start = flow.packed(np.concatenate([prior.state, prior.logs]), prior.root @ prior.root.T)
+        flow = Flow(record, self, origin)
+        start = flow.packed(np.concatenate([prior.state, prior.eta]), prior.root @ prior.root.T)
         times = record.model.line.nodes
         solved = solve_ivp(
             flow.rate,
@@ -104,15 +104,15 @@ class InvariantImbedding:
         if not solved.success:
             raise Diverged(f"the integration of eqs 19 and 20 breaks down: {solved.message}", remedy=ASTRAY)
         history = flow.history(np.asarray(solved.y.T))
-        for logs in history.logs[[len(history.logs) // 2, -1]]:
-            check_run_away(record.unknowns, logs, origin)
+        for eta in history.eta[[len(history.eta) // 2, -1]]:
+            check_run_away(record.unknowns, eta, origin)
         return history, len(start), int(solved.nfev)
 
 
 class Flow:
     """Right-hand side of eqs 19 and 20, and its derivatives; the covariance as its upper triangle."""
 
-    def __init__(self, record: TimeRecord, options: InvariantImbedding) -> None:
+    def __init__(self, record: TimeRecord, options: InvariantImbedding, origin: Array) -> None:
         self.model = model = record.model
         self.size = model.states + model.parameters
         self.upper = np.triu_indices(self.size)
@@ -121,8 +121,16 @@ class Flow:
         self.weight = 1 / (2 * (options.noise_ratio * record.data.rms) ** 2 * step)  # Q
         self.unmodelled = np.zeros((self.size, self.size))
         n = model.states
-        self.unmodelled[:n, :n] = options.input_deviation**2 * step * model.B @ model.B.T
-        self._splines = _splines(times, record.data.values - model.feedthrough)
+        at_origin, line = model.at(origin), model.line
+        self.unmodelled[:n, :n] = options.input_deviation**2 * step * at_origin.B @ at_origin.B.T
+        # What the inputs add at once may jump between samples: it is taken off before the record is bridged.
+        self._splines = _splines(times, record.data.values - model.direct(origin).value)
+        self._direct = at_origin.D
+        # Inputs and their derivatives (orders x loads x q) by the generators' states.
+        readout = line.H * model.acting[:, None] * model.w_scale
+        self._inputs = np.stack(
+            [readout @ np.linalg.matrix_power(line.G, order) for order in range(len(at_origin.D))]
+        )
 
     def packed(self, z: Array, P: Array) -> Array:
         """Join augmented state and covariance."""
@@ -149,24 +157,22 @@ class Flow:
         deviations, root = np.sqrt(variances), np.asarray(np.linalg.cholesky(left))
         return Pass(rows[:, n:N], deviations[:, n:], rows[:, :n], deviations[:, :n], root)
 
-    def _linearised(self, z: Array) -> tuple[Array, Array, Array]:
-        """Return F (N x N), H^T (channels x N) and the parameters' shares of A (p x n x n)."""
+    def _linearised(self, t: float, z: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return F (N x N), H^T (channels x N), innovation, drive (n), and slopes of A (p x n x n)."""
         model, n = self.model, self.model.states
-        A, change = model.system(z[n:])
+        found, w = model.at(z[n:]), self._generators(t)
+        inputs = self._inputs @ w  # orders x loads
         F = np.zeros((self.size, self.size))
-        F[:n, :n] = A
-        F[:n, n:] = (change @ z[:n]).T
-        C, C_change = model.output(z[n:])
-        return F, np.concatenate([C, (C_change @ z[:n]).T], axis=1), change
+        F[:n, :n] = found.A
+        F[:n, n:] = (found.A_slopes @ z[:n] + found.B_slopes @ inputs[0]).T
+        moved = found.C_slopes @ z[:n] + np.einsum("pkcl,kl->pc", found.D_slopes, inputs)
+        Ht = np.concatenate([found.C, moved.T], axis=1)
+        direct = np.einsum("kcl,kl->c", found.D - self._direct, inputs)
+        innovation = self._splines(t) - found.C @ z[:n] - direct
+        return F, Ht, innovation, found.B @ inputs[0], found.A_slopes
 
-    def rate(self, t: float, v: Array) -> Array:
-        """Return dX/dt and dP/dt (eqs 19, 20)."""
-        n = self.model.states
-        z, P = self._unpacked(v)
-        F, Ht, _ = self._linearised(z)
-        gain = 2 * P @ Ht.T * self.weight
-        innovation = self._splines(t) - Ht[:, :n] @ z[:n]
-        # The generators' state between two nodes, by the series of their exponential.
+    def _generators(self, t: float) -> Array:
+        """Return the generators' states between two nodes, by the series of their exponential."""
         line = self.model.line
         node = int(np.clip(np.searchsorted(line.nodes, t, side="right") - 1, 0, len(line.nodes) - 1))
         tau, w = t - line.nodes[node], self.model.W[node]
@@ -174,19 +180,27 @@ class Flow:
         for k in range(1, _TERMS):
             term = (line.G @ term) * (tau / k)
             w = w + term
+        return np.asarray(w)
+
+    def rate(self, t: float, v: Array) -> Array:
+        """Return dX/dt and dP/dt (eqs 19, 20)."""
+        n = self.model.states
+        z, P = self._unpacked(v)
+        F, Ht, innovation, driven, _ = self._linearised(t, z)
+        gain = 2 * P @ Ht.T * self.weight
         dz = gain @ innovation
-        dz[:n] += F[:n, :n] @ z[:n] + self.model.drive @ w
+        dz[:n] += F[:n, :n] @ z[:n] + driven
         FP = F @ P
         return self.packed(dz, FP + FP.T - gain @ (Ht @ P) + self.unmodelled)
 
     def jacobian(self, t: float, v: Array) -> Array:
-        """Return the derivatives of `rate`, but for those of H (they only slow Newton's iteration)."""
+        """Return the derivatives of `rate`, but for those of H and of slopes (they only slow Newton down)."""
         n, N = self.model.states, self.size
         z, P = self._unpacked(v)
-        F, Ht, change = self._linearised(z)
+        F, Ht, innovation, _, change = self._linearised(t, z)
         gain = 2 * P @ Ht.T * self.weight
         closed = F - gain @ Ht
-        pull = 2 * Ht.T @ (self.weight * (self._splines(t) - Ht[:, :n] @ z[:n]))
+        pull = 2 * Ht.T @ (self.weight * innovation)
         J = np.zeros((len(v), len(v)))
         J[:N, :N] = closed
         i, j = self.upper

@@ -1,4 +1,4 @@
-"""Maximum likelihood by output error: Levenberg–Marquardt on the logarithms of the parameters.
+"""Maximum likelihood by output error: Levenberg–Marquardt on the coordinates of the parameters.
 
 The initial state is linear for fixed parameters and is solved for in every step (variable projection: G. H.
 Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413–432), so that steps are taken in the parameters alone,
@@ -41,7 +41,7 @@ from dynid.progress import report_progress
 
 Array = NDArray[np.float64]
 
-#: Longest step of a logarithm: a factor of 4.5.
+#: Longest step of a coordinate in its unit: of a logarithm a factor of 4.5.
 _LONGEST = 1.5
 #: First damping, its least and its most; it falls and rises tenfold.
 _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
@@ -82,7 +82,7 @@ class OutputError:
             raise UsageError("output error needs at least one iteration")
 
     def run(self, likelihood: Likelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
+        """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------
@@ -93,15 +93,15 @@ class OutputError:
         return Estimate(way.fit, [], [EstimationStage.at("output error", likelihood, way.fit, way.steps)])
 
 
-def refine(likelihood: Likelihood, logs: Array, iterations: int = 50) -> Refined:
+def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
     """Go to the nearest maximum of the likelihood.
 
     Parameters
     ----------
     likelihood
         The records and the model.
-    logs
-        Logarithms to start from (p).
+    eta
+        Coordinates to start from (p).
     iterations
         Most steps.
 
@@ -110,26 +110,27 @@ def refine(likelihood: Likelihood, logs: Array, iterations: int = 50) -> Refined
     Diverged
         If a parameter leaves its start by a factor of a million.
     """
-    fit = likelihood.fit(logs)
+    fit = likelihood.fit(eta)
     misfit = likelihood.misfit(fit)
-    damping, before = _DAMPING, 0.0
+    damping, before, smallest = _DAMPING, 0.0, _SIZE * likelihood.priors.units
     for number in range(1, iterations + 1):
         report_progress(f"maximum likelihood, step {number}")
         noise = likelihood.likeliest(fit)
         information = likelihood.information(fit, noise)
         residual = likelihood.weighted(fit, noise)
-        held = likelihood.priors.blocked(fit.logs, information.projected.T @ residual)
+        held = likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
         better = None
         while better is None and damping <= _MOST:
-            step = np.where(held, 0.0, _damped_step(information.without(held), residual, damping))
-            target = likelihood.priors.clipped(fit.logs + step)
-            better, step = _improved(likelihood, target, noise, misfit), target - fit.logs
+            step = _damped_step(information.without(held), residual, damping, likelihood.priors.units)
+            step = np.where(held, 0.0, step)
+            target = likelihood.priors.clipped(fit.eta + step)
+            better, step = _improved(likelihood, target, noise, misfit), target - fit.eta
             damping *= 1.0 if better else 10.0
         if better is None:  # no step improves: rounding is all that is left
             return Refined(fit, number - 1)
         fit, misfit = better
-        check_run_away(likelihood.unknowns, fit.logs, logs)
-        size = float(np.max(np.abs(step) / np.maximum(_PART * information.deviations(), _SIZE)))
+        check_run_away(likelihood.unknowns, fit.eta, eta)
+        size = float(np.max(np.abs(step) / np.maximum(_PART * information.deviations(), smallest)))
         # The sum of all steps to come, after two of these sizes: a geometric series.
         left = size * size / (before - size) if size < before / 2 else size
         if left <= 1.0:
@@ -138,8 +139,8 @@ def refine(likelihood: Likelihood, logs: Array, iterations: int = 50) -> Refined
     return Refined(fit, iterations)
 
 
-def _damped_step(information: Information, residual: Array, damping: float) -> Array:
-    """Return a damped Gauss–Newton step (Marquardt's scaling), no logarithm moved too far."""
+def _damped_step(information: Information, residual: Array, damping: float, units: Array) -> Array:
+    """Return a damped Gauss–Newton step (Marquardt's scaling), no coordinate moved too far."""
     J = information.projected
     size = np.linalg.norm(J, axis=0)
     size = np.where(size > 0, size, 1.0)
@@ -147,15 +148,15 @@ def _damped_step(information: Information, residual: Array, damping: float) -> A
     rows = np.concatenate([J / size, np.sqrt(damping) * np.eye(p)])
     right = np.concatenate([residual, np.zeros(p)])
     step = least_squares(rows, right, 0.0) / size
-    return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step).max(initial=_LONGEST))))
+    return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step / units).max(initial=_LONGEST))))
 
 
 def _improved(
-    likelihood: Likelihood, logs: Array, noise: Sequence[Array], misfit: float
+    likelihood: Likelihood, eta: Array, noise: Sequence[Array], misfit: float
 ) -> tuple[Fit, float] | None:
-    """Return the fit at these logarithms and its misfit if that is below this one, else None."""
+    """Return the fit at these coordinates and its misfit if that is below this one, else None."""
     try:
-        new = likelihood.fit(logs, noise)
+        new = likelihood.fit(eta, noise)
     except DynidError:  # numbers leave their range
         return None
     reached = likelihood.misfit(new)
@@ -170,7 +171,7 @@ class MaximumLikelihoodEstimator(Protocol):
         """Its name in a scene."""
 
     def run(self, likelihood: Any, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p)."""
+        """Estimate, from the coordinates `origin` (p)."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,7 @@ class Huber:
         return self.inner.name
 
     def run(self, likelihood: Likelihood, origin: Array) -> Estimate:
-        """Estimate, from the logarithms `origin` (p).
+        """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------
@@ -203,10 +204,10 @@ class Huber:
         for number in range(1, _MOST_ITERATIONS + 1):
             report_progress(f"Huber's loss, iteration {number}")
             pseudo = bounded(likelihood if number <= _SETTLING else pseudo, fit)
-            way = refine(pseudo, fit.logs)
-            change, fit = np.abs(way.fit.logs - fit.logs), way.fit
+            way = refine(pseudo, fit.eta)
+            change, fit = np.abs(way.fit.eta - fit.eta), way.fit
             deviations = pseudo.information(fit, pseudo.likeliest(fit)).deviations()
-            if np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10)):
+            if np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10 * likelihood.priors.units)):
                 stage = EstimationStage.at("Huber's loss", pseudo, fit, number)
                 stages = [*found.stages, stage]
                 return replace(found, fit=fit, stages=stages, likelihood=pseudo, comparison=None)

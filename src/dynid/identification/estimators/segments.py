@@ -27,7 +27,7 @@ from dynid.identification.saturated_model import SaturatedCoordinates
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.floating import finite
 from dynid.lti.recurrence import recurrence
-from dynid.structure.joints import Unknown
+from dynid.parameters import Parameter
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Segments(RecordLikelihood):
         return RecordData((whole.values / whole.rms).reshape(-1, 1), given=np.ones(1))
 
     @property
-    def unknowns(self) -> tuple[Unknown, ...]:
+    def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
         return self.record.unknowns
 
@@ -70,24 +70,24 @@ class Segments(RecordLikelihood):
         """Number of initial states of all segments."""
         return self.record.nuisances * math.ceil(len(self.record.data.values) / self.length)
 
-    def residual(self, logs: Array) -> Array:
+    def residual(self, eta: Array) -> Array:
         """Return a residual with the RMS of those of all segments (1 x 1)."""
         model = self.record.model
-        free, _ = free_prediction(model, logs)
+        free, _ = free_prediction(model, eta)
         left = self._cut(self.record.data.values - free.forced - free.by_state @ model.initial)[..., None]
         by_start = self._by_start(free.by_state)
         projected = by_start.swapaxes(-1, -2) @ left
         return self._sized(float(np.sum(left**2) - np.sum(projected * _starts(by_start, projected))))
 
-    def fit(self, logs: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
-        """Fit the initial states of all segments at the parameters exp(logs)."""
+    def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
+        """Fit the initial states of all segments at the parameters exp(eta)."""
         model = self.record.model
-        free, steps = free_prediction(model, logs)
-        whole = prediction(model, logs, model.initial, free, steps)
+        free, steps = free_prediction(model, eta)
+        whole = prediction(model, eta, model.initial, free, steps)
         left = self._cut(self.record.data.values - whole.outputs)[..., None]
         by_start = self._by_start(free.by_state)
         starts = _starts(by_start, by_start.swapaxes(-1, -2) @ left)[..., 0]
-        slopes = self._cut(whole.by_parameter) + self._moved(logs, starts)
+        slopes = self._cut(whole.by_parameter) + self._moved(eta, starts)
         every = np.where(self._present[..., None], np.concatenate([slopes, left], axis=2), 0.0)
         projected = by_start.swapaxes(-1, -2) @ every
         products = every.swapaxes(1, 2) @ every - projected.swapaxes(1, 2) @ _starts(by_start, projected)
@@ -98,11 +98,11 @@ class Segments(RecordLikelihood):
         rms = self._sized(float(np.sum(residual**2)))[0]
         predicted = Trajectory(residual, np.zeros((len(rows), 0)))
         return RecordFit(
-            logs, predicted, residual, self.data.counts, rms, np.ones(1), by_parameter=by_parameter
+            eta, predicted, residual, self.data.counts, rms, np.ones(1), by_parameter=by_parameter
         )
 
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return few rows with the same products as the derivatives by the logarithms over noise (… x p)."""
+        """Return few rows with the same products as the derivatives by the coordinates over noise (… x p)."""
         assert fit.by_parameter is not None
         return np.asarray(fit.by_parameter[:, 0] / noise)
 
@@ -149,12 +149,12 @@ class Segments(RecordLikelihood):
         projected = ((by_state[: self.length] @ root) / rms[:, None]).reshape(-1, len(root))
         return projected if self._present.all() else np.where(self._present[..., None], projected, 0.0)
 
-    def _moved(self, logs: Array, starts: Array) -> Array:
+    def _moved(self, eta: Array, starts: Array) -> Array:
         """Return the derivatives of the free decays from initial states (segments x rows x p)."""
         model, line = self.record.model, self.record.model.line
         (K, n), p, L = starts.shape, model.parameters, self.length
         sampled = line.nodes[line.wanted]
-        transition = model.transition(logs, float(sampled[-1] - sampled[0]) / (len(sampled) - 1))
+        transition = model.transition(eta, float(sampled[-1] - sampled[0]) / (len(sampled) - 1))
         Phi, by_parameter = transition.step[:, :n], transition.derivatives[:, :, :n]
         states, slopes = np.empty((L, K, n)), np.zeros((L, K, p, n))
         states[0] = starts @ self.record.root.T
@@ -163,7 +163,7 @@ class Segments(RecordLikelihood):
         slopes.reshape(L, K * p, n)[1:] = recurrence(
             Phi, forcing.reshape(L - 1, K * p, n), np.zeros((K * p, n))
         )
-        C, C_slopes = model.output(logs)
+        C, C_slopes = model.output(eta)
         projected = slopes @ C.T + (states[:, :, None, None] @ C_slopes.swapaxes(1, 2))[:, :, :, 0]
         return np.asarray((projected / self.record.data.rms).transpose(1, 0, 3, 2).reshape(K, -1, p))
 

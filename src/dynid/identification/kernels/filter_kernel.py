@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.kernels.simd import LANES, accumulate, dots, inlined, kernel, product, row_product
-from dynid.identification.kernels.steps import Linear, Tables, linearise, work
+from dynid.identification.kernels.steps import Linear, Outputs, Tables, linearise, work
 
 Array = NDArray[np.float64]
 
@@ -57,25 +57,25 @@ def _room(t: Tables, at: Linear, size: int, width: int) -> Room:
 
 
 @inlined
-def _stale(at: Linear, z: Array, spread: Array, part: float, most: float) -> bool:
-    """Return True if logarithms are too far from those of the steps."""
+def _stale(at: Linear, z: Array, spread: Array, part: float, most: Array) -> bool:
+    """Return True if coordinates are too far from those of the steps."""
     n = len(z) - len(spread)
     left = False
     for j in range(len(spread)):
-        left |= not abs(z[n + j] - at.logs[j]) <= min(part * spread[j], most)
+        left |= not abs(z[n + j] - at.eta[j]) <= min(part * spread[j], most[j])
     return left
 
 
 @inlined
 def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room) -> None:
     """Take state and root to a node from the one before it; see `dynid.identification.filter`."""
-    n, p = t.lower.shape[1], len(at.logs)
+    n, p = t.lower.shape[1], len(at.eta)
     length = t.which[node - 1]
     wide, width, fed, tall = at.forward.shape[2], S.shape[1], at.forward.shape[1], at.phis.shape[2]
     driven, moved, growth, total = room.driven, room.moved, room.growth, room.total
     for j in range(p):
-        left = z[n + j] - at.logs[j]
-        growth[0, 1 + j] = left + left * left / 2
+        left = z[n + j] - at.eta[j]
+        growth[0, 1 + j] = left + left * left / 2 if t.log[j] else left
     here = length * (1 + p) * tall
     row_product(1, 1 + p, tall, growth, 0, 1 + p, at.phis, here, tall, total, 0, tall)
     for i in range(n):
@@ -89,7 +89,7 @@ def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room)
         z[i] = moved[0, here]
         for j in range(p):
             change = moved[0, here + 1 + j] * growth[0, 1 + j]
-            total[i, n + j] = moved[0, here + 1 + j] + change
+            total[i, n + j] = moved[0, here + 1 + j] + (change if t.log[j] else 0.0)
             z[i] += change
     product(n, n + p, width, total, 0, tall // n, S, 0, width, room.root, 0, width)
     for i in range(n):
@@ -98,23 +98,44 @@ def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room)
 
 
 @inlined
-def _readout(t: Tables, channel: int, z: Array, room: Room) -> None:
-    """Set the row of a channel's derivatives by state and logarithms."""
+def _readout(t: Tables, at: Linear, out: Outputs, sample: int, channel: int, z: Array, room: Room) -> float:
+    """Set the row of a channel's derivatives by state and coordinates; return its direct term."""
     n = t.lower.shape[1]
+    direct: float = out.direct[sample, channel]
     for i in range(n):
-        room.row[0, i] = t.C[channel, i]
-    for j in range(t.C_slopes.shape[0]):
+        room.row[0, i] = out.C[channel, i]
+    for j in range(len(at.eta)):
         room.row[0, n + j] = 0.0
-        value = math.exp(z[n + j])
-        for i in range(n):
-            change = value * t.C_slopes[j, channel, i]
-            room.row[0, i] += change
-            room.row[0, n + j] += change * room.state[i]
+        left = z[n + j] - at.eta[j]
+        growth, here = left, 1.0
+        if out.affine:
+            growth = here = math.exp(z[n + j])
+        elif t.log[j]:
+            growth = left + left * left / 2
+            here = 1 + growth
+        if len(out.C_slopes):
+            for i in range(n):
+                slope = out.C_slopes[j, channel, i]
+                room.row[0, i] += growth * slope
+                room.row[0, n + j] += here * slope * room.state[i]
+        if len(out.direct_slopes):
+            direct += growth * out.direct_slopes[j, sample, channel]
+            room.row[0, n + j] += here * out.direct_slopes[j, sample, channel]
+    return direct
 
 
 @inlined
 def _update(
-    t: Tables, sample: int, measured: Array, weights: Array, z: Array, S: Array, normalised: Array, room: Room
+    t: Tables,
+    at: Linear,
+    out: Outputs,
+    sample: int,
+    measured: Array,
+    weights: Array,
+    z: Array,
+    S: Array,
+    normalised: Array,
+    room: Room,
 ) -> None:
     """Take one sample into account, channel by channel, in units of its noise (Potter)."""
     n, size, width = t.lower.shape[1], len(z), S.shape[1]
@@ -122,12 +143,11 @@ def _update(
     for i in range(n):
         state[i] = z[i]  # every channel is linearised about the state before the sample
     correction[:] = 0.0
-    for channel in range(len(t.C)):
+    for channel in range(len(out.C)):
         if math.isnan(measured[sample, channel]):
             continue
         weight = weights[sample, channel]
-        _readout(t, channel, z, room)
-        innovation = measured[sample, channel] - t.feedthrough[sample, channel]
+        innovation = measured[sample, channel] - _readout(t, at, out, sample, channel, z, room)
         for i in range(n):
             innovation -= row[0, i] * state[i]
         for i in range(size):
@@ -184,7 +204,8 @@ def _length(S: Array, row: int) -> float:
 def filter_samples(
     t: Tables,
     at: Linear,
-    limits: tuple[float, float, float],
+    out: Outputs,
+    limits: tuple[float, Array, Array],
     first: int,
     measured: Array,
     weights: Array,
@@ -198,22 +219,23 @@ def filter_samples(
 
     Parameters
     ----------
-    t, at
-        The model, and its steps as they were last linearised.
+    t, at, out
+        The model, and its steps and outputs as they were last linearised.
     limits
-        Part of their deviation, and most, that logarithms may be off the linearisation; and off the origin.
+        Part of their deviation, and most (p), that coordinates may be off the linearisation; and off the
+        origin (p).
     first
         The node to go to.
     measured, weights
         Measured values, and one over the standard deviation of their noise (times x channels).
     z, S
-        State and logarithms (n + p), and root of their covariance (n + p x width), in place.
+        State and coordinates (n + p), and root of their covariance (n + p x width), in place.
     spread
-        Deviations of the logarithms (p), in place.
+        Deviations of the coordinates (p), in place.
     origin
-        What a logarithm must not leave.
+        What a coordinate must not leave.
     history
-        What is filled: logarithms, their deviations, states, their deviations, innovations.
+        What is filled: coordinates, their deviations, states, their deviations, innovations.
 
     Returns
     -------
@@ -223,12 +245,12 @@ def filter_samples(
     """
     room, series = _room(t, at, len(z), S.shape[1]), work(t)
     part, most, runaway = limits
-    logs, deviations, states, bands, innovations = history
+    eta, deviations, states, bands, innovations = history
     n = t.lower.shape[1]
     for node in range(first, len(t.sample)):
         if node > 0:
             if _stale(at, z, spread, part, most):
-                at.logs[:] = z[n:]
+                at.eta[:] = z[n:]
                 at.ready[:] = False
             length = t.which[node - 1]
             if not at.ready[length] and not linearise(t, length, at, series):
@@ -237,13 +259,13 @@ def filter_samples(
         sample = t.sample[node]
         if sample < 0:
             continue
-        _update(t, sample, measured, weights, z, S, innovations, room)
+        _update(t, at, out, sample, measured, weights, z, S, innovations, room)
         _lengths(S, room.lengths)
         for j in range(len(origin)):
-            if not abs(z[n + j] - origin[j]) < runaway:
+            if not abs(z[n + j] - origin[j]) < runaway[j]:
                 return -1 - node
             spread[j] = room.lengths[n + j, 0]
-            logs[sample, j], deviations[sample, j] = z[n + j], spread[j]
+            eta[sample, j], deviations[sample, j] = z[n + j], spread[j]
         for i in range(n):
             states[sample, i], bands[sample, i] = z[i], room.lengths[i, 0]
     return len(t.sample)

@@ -20,12 +20,12 @@ Array = NDArray[np.float64]
 _ROWS = 64
 
 
-def steps_at(model: ParametricModel, logs: Array) -> Linear:
-    """Return the steps of all lengths at these logarithms (p)."""
+def steps_at(model: ParametricModel, eta: Array) -> Linear:
+    """Return the steps of all lengths at these coordinates (p)."""
     at = linear(model)
-    at.logs[:] = logs
+    at.eta[:] = eta
     for length in prepare(tables(model), at).nonzero()[0].tolist():
-        place(at, length, model.transition(logs, float(model.line.lengths[length])))
+        place(at, length, model.transition(eta, float(model.line.lengths[length])))
     return at
 
 
@@ -40,10 +40,10 @@ def prepare(t: Tables, at: Linear) -> NDArray[np.bool_]:
 
 
 @kernel
-def free(t: Tables, at: Linear, C: Array, outputs: Array, by_state: Array) -> None:
+def free(t: Tables, at: Linear, C: Array, direct: Array, outputs: Array, by_state: Array) -> None:
     """Fill outputs from rest (times x channels), and their derivatives by the first state (… x n)."""
     n, fed, wide = t.lower.shape[1], at.forward.shape[1], at.forward.shape[2]
-    channels, beside, tall = len(C), 1 + len(at.logs), at.phis.shape[2]
+    channels, beside, tall = len(C), 1 + len(at.eta), at.phis.shape[2]
     pitch = tall // n
     driven, moved = np.zeros((1, fed)), np.zeros((1, wide))
     width = -(-n // LANES) * LANES
@@ -64,7 +64,7 @@ def free(t: Tables, at: Linear, C: Array, outputs: Array, by_state: Array) -> No
         if sample < 0:
             continue
         for c in range(channels):
-            total = t.feedthrough[sample, c]
+            total = direct[sample, c]
             for i in range(n):
                 total += C[c, i] * driven[0, i]
                 by_state[sample, c, i] = read[c, i]
@@ -77,14 +77,15 @@ def sensitive(  # noqa: C901 - machine code: handing arrays over takes longer th
     at: Linear,
     C: Array,
     C_slopes: Array,
+    direct: Array,
     start: Array,
     outputs: Array,
     states: Array,
     by_parameter: Array,
 ) -> None:
-    """Fill outputs from a first state, states (times x n), and derivatives by the logarithms (… x p)."""
+    """Fill outputs from a first state, states (times x n), and derivatives by the coordinates (… x p)."""
     n, fed, wide = t.lower.shape[1], at.forward.shape[1], at.forward.shape[2]
-    p, channels, tall = len(at.logs), len(C), at.phis.shape[2]
+    p, channels, tall = len(at.eta), len(C), at.phis.shape[2]
     pitch = tall // n
     driven, moved, width = np.zeros((1, fed)), np.zeros((1, wide)), -(-(1 + p) // LANES) * LANES
     # Beside the sensitivities a column of zeros, which the state itself takes when it is read.
@@ -112,7 +113,7 @@ def sensitive(  # noqa: C901 - machine code: handing arrays over takes longer th
             slopes[i, 0] = states[sample, i] = driven[0, i]
         product(channels, n, width, C, 0, n, slopes, 0, width, read, 0, width)
         for c in range(channels):
-            outputs[sample, c] = read[c, 0] + t.feedthrough[sample, c]
+            outputs[sample, c] = read[c, 0] + direct[sample, c]
             for j in range(p):
                 by_parameter[sample, c, j] = read[c, 1 + j]
             for j in range(len(C_slopes)):

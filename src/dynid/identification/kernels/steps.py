@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from dynid.defaults import FORCING_TABLE
 from dynid.identification.kernels.simd import LANES, accumulate, inlined, kernel, product
+from dynid.identification.linear_system import Affine
 from dynid.identification.parametric_model import ParametricModel, Transition
+from dynid.parameters import logarithmic
 
 Array = NDArray[np.float64]
 
@@ -32,7 +34,9 @@ class Tables(NamedTuple):
     `lower` (n/2 x n) and `rates` (n/2) are the lower half of A and the diagonal of its upper right quarter;
     `left` (p x n/2 x r) times `right` (p x r x n) is the lower half's change by the parameters. `forcing`
     (lengths x degrees x n/2 x q) takes the generator state to what it feeds, degree by degree; `reach`
-    (lengths) is the norm of the generator, times the step.
+    (lengths) is the norm of the generator, times the step; infinite where the series is not used. `log` (p):
+    coordinates that are logarithms. Of a model that is not affine `lower`, `left`, `right` and `rates` are
+    zeros: its steps are computed by the caller.
     """
 
     lower: Array
@@ -43,9 +47,7 @@ class Tables(NamedTuple):
     forcing: Array
     reach: Array
     W: Array
-    C: Array
-    C_slopes: Array
-    feedthrough: Array
+    log: NDArray[np.bool_]
     which: NDArray[np.int64]
     sample: NDArray[np.int64]
 
@@ -54,17 +56,31 @@ _TABLES: WeakKeyDictionary[ParametricModel, Tables] = WeakKeyDictionary()
 
 
 class Linear(NamedTuple):
-    """The steps of all lengths at some logarithms (p), so far as they are `ready` (lengths).
+    """The steps of all lengths at some coordinates (p), so far as they are `ready` (lengths).
 
     `forward` (lengths x n + q x n (1 + p), padded) takes [x, w] to the next state and its derivatives, the
     latter beside each state; `phis` (lengths x 1 + p x n (n + p padded)) are Phi and its derivatives, row
     after row, with room in each row for the sensitivities.
     """
 
-    logs: Array
+    eta: Array
     ready: NDArray[np.bool_]
     forward: Array
     phis: Array
+
+
+class Outputs(NamedTuple):
+    """Outputs of a model: C, its slopes, and the direct term with its slopes (p x times x channels).
+
+    Of an affine model C is that without the parameters, and the slopes are by their values; of any other both
+    are at the coordinates of the steps. Slopes that vanish have no rows.
+    """
+
+    affine: bool
+    C: Array
+    C_slopes: Array
+    direct: Array
+    direct_slopes: Array
 
 
 class Work(NamedTuple):
@@ -94,33 +110,57 @@ def tables(model: ParametricModel) -> Tables:
     found = _TABLES.get(model)
     if found is not None:
         return found
-    line, m = model.line, model.states // 2
+    line, n, m, affine = model.line, model.states, model.states // 2, model.affine
+    if affine is None:
+        found = _TABLES[model] = Tables(
+            lower=np.zeros((m, n)),
+            left=np.zeros((model.parameters, m, 1)),
+            right=np.zeros((model.parameters, 1, n)),
+            rates=np.zeros(m),
+            lengths=plain(line.lengths),
+            forcing=np.empty((0, 0, m, model.W.shape[1])),
+            reach=np.full(len(line.lengths), np.inf),
+            W=plain(model.W),
+            log=logarithmic(model.unknowns),
+            which=line.which,
+            sample=line.sample_of(),
+        )
+        return found
     # The changes of the lower half, factorised by their largest rank.
-    U, s, Vt = np.linalg.svd(model.A_slopes[:, m:], full_matrices=False)
+    U, s, Vt = np.linalg.svd(affine.A_slopes[:, m:], full_matrices=False)
     rank = max(1, int((s > 8 * np.finfo(float).eps * s[:, :1]).sum(axis=1).max()))
-    forcing = _forcing(model)
+    forcing = _forcing(model, affine)
     reach = np.abs(line.G).sum(axis=0).max(initial=0.0) * line.lengths
     found = _TABLES[model] = Tables(
-        lower=plain(model.A[m:]),
+        lower=plain(affine.A[m:]),
         left=plain(U[:, :, :rank] * s[:, None, :rank]),
         right=plain(Vt[:, :rank]),
-        rates=plain(model.A[:m, m:].diagonal()),
+        rates=plain(affine.A[:m, m:].diagonal()),
         lengths=plain(line.lengths),
         forcing=forcing,
         reach=reach if len(forcing) else np.full(len(line.lengths), np.inf),
         W=plain(model.W),
-        C=plain(model.C),
-        C_slopes=plain(model.C_slopes if model.C_slopes.any() else model.C_slopes[:0]),
-        feedthrough=plain(model.feedthrough),
+        log=logarithmic(model.unknowns),
         which=line.which,
         sample=line.sample_of(),
     )
     return found
 
 
-def _forcing(model: ParametricModel) -> Array:
+def outputs(model: ParametricModel, eta: Array) -> Outputs:
+    """Return the outputs of a model, for steps about these coordinates."""
+    direct = model.direct(eta)
+    slopes = np.empty((0, *direct.value.shape)) if direct.slopes is None else direct.slopes
+    affine = model.affine
+    C, C_slopes = model.output(eta) if affine is None else (affine.C, affine.C_slopes)
+    varying = C_slopes if C_slopes.any() else C_slopes[:0]
+    return Outputs(affine is not None, *map(plain, (C, varying, direct.value, slopes)))
+
+
+def _forcing(model: ParametricModel, affine: Affine) -> Array:
     """Return the table of forcing, by Horner's scheme from the highest degree down; empty if it is large."""
-    line, drive = model.line, model.drive[model.states // 2 :]
+    line = model.line
+    drive = (affine.B @ (line.H * model.acting[:, None]) * model.w_scale)[model.states // 2 :]
     degrees = _degree(REACH) + 1
     if len(line.lengths) * degrees * drive.size > FORCING_TABLE.value:
         return np.empty((0, degrees, *drive.shape))
@@ -182,13 +222,13 @@ def work(t: Tables) -> Work:
 
 
 @inlined
-def _norm(t: Tables, logs: Array, room: Work) -> float:
+def _norm(t: Tables, eta: Array, room: Work) -> float:
     """Set values and lower half of the system matrix; return the largest column sum of the whole."""
     p, m, rank = t.left.shape
     A = room.A
     A[:] = t.lower
     for j in range(p):
-        room.values[j] = math.exp(logs[j])
+        room.values[j] = math.exp(eta[j])
         for i in range(m):
             for r in range(rank):
                 share = room.values[j] * t.left[j, i, r]
@@ -243,11 +283,11 @@ def _summed(t: Tables, length: int, degree: int, room: Work) -> Array:
 @kernel
 def linearise(t: Tables, length: int, at: Linear, room: Work) -> bool:
     """Compute the step of a length; return False where the series does not converge fast enough."""
-    norm = max(t.lengths[length] * _norm(t, at.logs, room), t.reach[length])
+    norm = max(t.lengths[length] * _norm(t, at.eta, room), t.reach[length])
     if not norm <= REACH:
         return False
     summed = _summed(t, length, _degree(norm) + 1, room)
-    n, beside, block = 2 * len(t.lower), 1 + len(at.logs), room.touched.shape[1]
+    n, beside, block = 2 * len(t.lower), 1 + len(at.eta), room.touched.shape[1]
     for i in range(n):
         for j in range(beside):
             for k in range(at.forward.shape[1]):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.identifiability import ExpectedTimeRecords, relative_bounds
+from dynid.identification.identifiability import ExpectedTimeRecords, coordinate_bounds
 from dynid.identification.information import information
 from dynid.identification.measurement import Experiment
 from dynid.identification.parametric_model import parametric_model
@@ -25,6 +25,7 @@ from dynid.identification.prediction import free_prediction, prediction
 from dynid.lti.frequency_response import WORST_CONDITION
 from dynid.lti.signals import Multisine, Sine
 from dynid.number_format import frequency_text
+from dynid.parameters import rates
 from dynid.result import Result
 from dynid.structure.matrices import Label, as_array
 from dynid.structure.model import StructuralModel
@@ -51,7 +52,7 @@ class CandidateSines:
     rms
         RMS of the force, N.
     roots
-        Roots of the information on the parameters' logarithms (omega x dofs x rows x p).
+        Roots of the information on the parameters' coordinates (omega x dofs x rows x p).
     bands
         Around each mode, up to the geometric means with its neighbours, rad/s.
     """
@@ -140,8 +141,10 @@ def candidate_sines(
     natural = modes(M, C, K, backend="dense").omega
     omega = grid(natural, measurement.step, measurement.samples, band)
     forces, rows, orders = ports(model, dofs, measurement.channels)
-    patterns = [
-        (unknown.letter, values[unknown.name] * as_array(unknown.pattern)) for unknown in model.unknowns
+    rate = rates(model.unknowns, expected.fit.eta)
+    changes = [
+        {letter: r * as_array(part) for letter, part in slopes.items()}
+        for r, slopes in zip(rate, model.slopes(values), strict=True)
     ]
     inputs = expected.likelihood.records[0].model.line.inputs()
     rms = float(np.sqrt(np.mean(np.sum(inputs**2, axis=1)))) if inputs.size else 0.0
@@ -158,7 +161,10 @@ def candidate_sines(
         solved = scale[:, None] * np.linalg.solve(balanced, scale[:, None] * both)
         by_force, by_row = solved[:, : len(dofs)], solved[:, len(dofs) :]
         power = (1j * w) ** np.array(orders)
-        slopes = [-by_row.T @ (P * (1j * w if letter == "c" else 1.0)) @ by_force for letter, P in patterns]
+        powers = {"K": 1.0, "C": 1j * w, "M": -(w**2)}
+        none = np.zeros((model.size, model.size))
+        moved = [sum((powers[letter] * P for letter, P in one.items()), none) for one in changes]
+        slopes = [-by_row.T @ dZ @ by_force for dZ in moved]
         G = np.stack(slopes, axis=-1) * (power * weight)[:, None, None]  # channels x dofs x p
         kept.append(w)
         roots.append(np.concatenate([G.real, G.imag]).swapaxes(0, 1))
@@ -178,7 +184,7 @@ def exact_bounds(
     measurement = experiment.measurement
     times = measurement.record.times
     joint = parametric_model(model, loads, measurement.channels, times)
-    free, steps = free_prediction(joint, expected.fit.logs)
+    free, steps = free_prediction(joint, expected.fit.eta)
     M, C, K = model.dense(expected.values)
     settled = np.zeros(2 * model.size)  # displacements and velocities of the steady state at the first sample
     for load in loads:
@@ -191,14 +197,14 @@ def exact_bounds(
                 * np.exp(1j * w * float(times[0]))
             )
             settled += np.concatenate([moved.real, (1j * w * moved).real])
-    found = prediction(joint, expected.fit.logs, settled / joint.scale, free, steps)
+    found = prediction(joint, expected.fit.eta, settled / joint.scale, free, steps)
     root = expected.likelihood.records[0].root
     weight = 1 / expected.noise[0][:, None]
     by_parameter = (found.by_parameter * weight).reshape(-1, len(expected.values))
     by_state = (found.by_state @ root * weight).reshape(len(by_parameter), -1)
     signal = float(np.linalg.norm(found.outputs / expected.noise[0]))
     names = tuple(expected.likelihood.names)
-    return relative_bounds(information(names, by_parameter, by_state, signal, found.outputs.size))
+    return coordinate_bounds(information(names, by_parameter, by_state, signal, found.outputs.size))
 
 
 def add_excitation(
@@ -234,7 +240,7 @@ def add_excitation(
     result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), "N")
     result.add(f"{group}/gain", every.steps(chosen), ("choice",))
     best = exact_bounds(model, experiment, expected, found.loads(chosen))
-    present = relative_bounds(expected.information())
+    present = coordinate_bounds(expected.information())
     result.add(f"{group}/best_bound", best, ("parameter",))
     result.add(f"{group}/present_bound", present, ("parameter",))
     both = np.isfinite(best).all() and np.isfinite(present).all()

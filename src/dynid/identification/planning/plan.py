@@ -188,9 +188,9 @@ def candidate_sensors(
     every = tuple(dict.fromkeys([*own, *channels]))
     known = as_estimated(experiment.loads, experiment.measurement.record)
     joint = parametric_model(model, known, every, experiment.measurement.record.times)
-    logs, x0 = expected.fit.logs, expected.fit.parts[0].predicted.states[0]
-    free, steps = free_prediction(joint, logs)
-    predicted = prediction(joint, logs, x0, free, steps)
+    eta, x0 = expected.fit.eta, expected.fit.parts[0].predicted.states[0]
+    free, steps = free_prediction(joint, eta)
+    predicted = prediction(joint, eta, x0, free, steps)
     rms = np.sqrt(np.mean(predicted.outputs**2, axis=0))
     largest = {channel.quantity: 0.0 for channel in every}
     for channel, size in zip(every, rms, strict=True):

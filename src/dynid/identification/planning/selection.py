@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Root of the prior information on a logarithm: a factor of e^1000 either way. It makes first choices
+# Root of the prior information on a coordinate: a factor of e^1000 either way. It makes first choices
 # comparable from which not all parameters are identifiable, and is negligible beside that of any record.
 _BEFORE = 1e-3
 # Root of the prior information on the initial state, as a part of that of its wide prior.
@@ -62,7 +62,7 @@ class Candidates:
         return np.asarray(np.linalg.qr(np.concatenate([self.before(), rows]), mode="r"))
 
     def gains(self, chosen: Sequence[int]) -> Array:
-        """Return the logarithmic determinants on the parameters with each candidate beside those chosen."""
+        """Return the coordinateic determinants on the parameters with each candidate beside those chosen."""
         root = self.root(chosen)
         height = max(1, _AT_ONCE // (len(root) * (len(root) + self.roots.shape[1])))
         worths = []
@@ -94,7 +94,7 @@ class Candidates:
         return np.where(identifiable, factors, np.inf)
 
     def worth(self, chosen: Sequence[int]) -> float:
-        """Return the logarithmic determinant of the information on the parameters."""
+        """Return the coordinateic determinant of the information on the parameters."""
         pivots = np.abs(np.diagonal(self.root(chosen)))[self.nuisance :]
         return float(2 * np.log(pivots).sum())
 

@@ -13,6 +13,7 @@ from dynid.defaults import COMPILED, ESTIMATOR, FILTER_PASSES, HUBER
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.floating import guarded
 from dynid.number_format import counted
+from dynid.parameters import starts
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.explanations.explanation import (
@@ -211,12 +212,12 @@ def _estimated(
     """
     from dynid.identification.kernels import pass_seconds
 
-    logs = np.log([unknown.start for unknown in likelihood.unknowns])
+    eta = starts(likelihood.unknowns)
     # Once before timing: loading is no part of the work. A run checks the same before it begins.
     levels = [record.data.rms for record in likelihood.records]
-    likelihood.information(likelihood.fit(logs), levels).check()
+    likelihood.information(likelihood.fit(eta), levels).check()
     began = time.thread_time()
-    likelihood.fit(logs)
+    likelihood.fit(eta)
     fit = time.thread_time() - began
     timed = [
         record for record in likelihood.records if hasattr(record, "model") and hasattr(record.model, "line")
@@ -234,7 +235,7 @@ def _estimated(
         )
         parts[what] = rounds * swept * one_pass
     parts["maximum likelihood and error bars" if fits > _AFTER else "error bars"] = rounds * fits * fit + 0.03
-    p, values = len(logs), 0.0
+    p, values = len(eta), 0.0
     for record in likelihood.records:
         rows, channels = record.data.values.shape
         histories = (2 if swept > 1 else 1) * (2 * p + 2 * states) if timed else 0

@@ -73,7 +73,8 @@ def experiments(scene: Scene, excitation: Sequence[SignalPart], given: Measureme
 
 def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
-    from dynid.identification.measurement import Measurement, Simulation
+    from dynid.identification.measurement import Measurement
+    from dynid.identification.simulation import Simulation
 
     channels = tuple(channel_of(channel) for channel in given.channels or ())
     step, samples = number(given.step), given.samples or 0
@@ -162,7 +163,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
         Where they are inconsistent.
     """
     from dynid.identification.frf_measurement import Frf, FrfMeasurement
-    from dynid.identification.measurement import Simulation
+    from dynid.identification.simulation import Simulation
 
     assert given.frf is not None
     channels = tuple(

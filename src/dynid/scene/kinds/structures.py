@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError, FileError, SceneError, UsageError
+from dynid.parameters import ParameterPrior
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.references import dof_faults
 from dynid.scene.schema.structure import FileModel
-from dynid.structure.joints import Joint, JointParameter, ParameterPrior
+from dynid.structure.joints import Joint, JointParameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

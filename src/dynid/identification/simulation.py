@@ -1,0 +1,79 @@
+"""Settings of simulated records: noise, seed, settling time and initial state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.identification.statistics import root_mean_square
+from dynid.structure.matrices import Label
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Settings of a simulated record.
+
+    Parameters
+    ----------
+    noise_ratio
+        Standard deviation of the added white noise over the channel's RMS (Yang, eq 23); 0: clean. One
+        number, or one a channel.
+    seed
+        Seed of the noise (PCG64).
+    settle
+        Time from t = 0 to the first sample, s.
+    noise
+        Standard deviation of the noise instead of the ratio, in the channel's unit; one number, or one a
+        channel.
+    displacement, velocity
+        Initial displacement, m, and velocity, m/s, by DOF; absent: at rest.
+    """
+
+    noise_ratio: float | Sequence[float] = 0.0
+    seed: int = 0
+    settle: float = 0.0
+    noise: float | Sequence[float] | None = None
+    displacement: Mapping[Label, float] = field(default_factory=dict)
+    velocity: Mapping[Label, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, level in (("noise_ratio", self.noise_ratio), ("noise", self.noise)):
+            numbers = np.asarray(0.0 if level is None else level, dtype=float)
+            if not (np.isfinite(numbers).all() and np.all(numbers >= 0)):
+                words = name.replace("_", " ")
+                raise UsageError(f"the {words} must be finite and not negative", names=(name,))
+        if self.noise is not None and np.any(self.noise_ratio):
+            raise UsageError("the noise has either a ratio or a standard deviation", names=("noise",))
+        if not (math.isfinite(self.settle) and self.settle >= 0):
+            raise UsageError("the settling time must be finite and not negative", names=("settle",))
+        if self.seed < 0:
+            raise UsageError("a seed must not be negative", names=("seed",))
+
+    def deviation(self, clean: Array) -> Array:
+        """Return the standard deviation of the noise of each channel (channels) of a clean record."""
+        if self.noise is not None:
+            return per_channel("noise", self.noise, clean.shape[1])
+        return per_channel("noise_ratio", self.noise_ratio, clean.shape[1]) * root_mean_square(clean)
+
+
+def per_channel(name: str, level: float | Sequence[float], channels: int) -> Array:
+    """Return one number a channel (channels).
+
+    Raises
+    ------
+    UsageError
+        If there are more or fewer of them.
+    """
+    numbers = np.atleast_1d(np.asarray(level, dtype=float))
+    if numbers.shape not in ((1,), (channels,)):
+        raise UsageError(
+            f"'{name}' has {len(numbers)} entries, but there are {channels} channels", names=(name,)
+        )
+    return np.broadcast_to(numbers, channels).copy()

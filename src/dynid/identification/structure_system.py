@@ -1,0 +1,209 @@
+"""A structure as a linear system: matrices, derivatives, prior and frequency responses.
+
+The states are displacements and velocities, as of K. T. Yang 1997, eq 12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Singular, UsageError
+from dynid.identification.linear_system import Affine, LinearSystem, Matrices, StateVariable
+from dynid.lti.exponential import balance, rescaled
+from dynid.lti.floating import finite
+from dynid.lti.frequency_response import second_order_response
+from dynid.number_format import frequency_text
+from dynid.structure.excitation import Excitation, base_slopes, drive, prescribed_state, signals_of
+from dynid.structure.matrices import Array, as_array
+from dynid.structure.model import StructuralModel
+from dynid.structure.response import Channel, Load
+from dynid.structure.state_space import massless_motion
+
+ComplexArray = NDArray[np.complex128]
+
+
+class StructureSystem(LinearSystem):
+    """A structure with the loads and channels of one record.
+
+    Parameters
+    ----------
+    model
+        The structure, full or reduced.
+    loads, channels
+        Its loads and channels.
+    """
+
+    def __init__(self, model: StructuralModel, loads: Sequence[Load], channels: Sequence[Channel]) -> None:
+        self.model, self.loads, self.channels = model, loads, channels
+        self.unknowns = model.unknowns
+        self.signals = signals_of(loads)
+        self.states = tuple(
+            StateVariable(state.name, state.unit)
+            for quantity in ("displacement", "velocity")
+            for state in (Channel(dof, quantity) for dof in model.dofs)
+        )
+        self._driven = drive(model, loads, channels)
+        self._shaken = any(load.dof is None for load in loads)
+
+    def _at(self, values: Mapping[str, float]) -> Excitation:
+        """Return directions and rows; the force by which a moving ground acts depends on the masses."""
+        return drive(self.model, self.loads, self.channels, values) if self._shaken else self._driven
+
+    def check(self) -> None:
+        """Refuse a structure in which a motion has no mass: its displacements are no states.
+
+        Raises
+        ------
+        UsageError
+            With the remedies.
+        """
+        M = self.model.dense(_references(self.model))[0]
+        if some := massless_motion(self._driven.mass(M)):
+            raise UsageError(
+                f"the mass matrix is singular ({some}): what is estimated in time needs mass everywhere",
+                remedy="Reduce to DOFs that have mass, give the others mass, or identify from frequency "
+                "response functions.",
+                names=("structure",),
+            )
+
+    def at(self, values: Mapping[str, float]) -> Matrices:
+        """Return the matrices; of M a = f - C v - K x the derivative is M da = df - dC v - dK x - dM a."""
+        driven, n = self._at(values), self.model.size
+        M, C, K = self.model.dense(values)
+        system = driven.system(M, C, K)
+        mass = driven.mass(M)
+        rows, accelerations = driven.rows, np.array(driven.orders)[:, None] == 2
+        shape = (len(self.unknowns), n)
+        right = np.zeros((*shape, 2 * n + system.B.shape[1]))
+        flexibility = np.concatenate([system.A[n:], system.B[n:]], axis=1)
+        for part, slopes in zip(right, self.model.slopes(values), strict=True):
+            if "K" in slopes:
+                part[:, :n] -= driven.others(as_array(slopes["K"]))
+            if "C" in slopes:
+                part[:, n : 2 * n] -= driven.others(as_array(slopes["C"]))
+            if "M" in slopes:
+                change = as_array(slopes["M"])
+                part[:, 2 * n :] += driven.inertia(change)
+                part[:] -= driven.free(change) @ flexibility
+        if self._shaken:
+            right[:, :, 2 * n :] += base_slopes(self.model, self.loads, values)
+        moved = np.linalg.solve(mass, right)
+        A_slopes = np.zeros((len(right), 2 * n, 2 * n))
+        A_slopes[:, n:] = moved[:, :, : 2 * n]
+        B_slopes = np.zeros((len(right), *system.B.shape))
+        B_slopes[:, n:] = moved[:, :, 2 * n :]
+        C_slopes = np.where(accelerations, rows @ A_slopes[:, n:], 0.0)
+        D_slopes = np.where(accelerations, rows @ B_slopes[:, n:], 0.0)
+        return Matrices(
+            system.A, system.B, system.C, system.D[None], A_slopes, B_slopes, C_slopes, D_slopes[:, None]
+        )
+
+    @cached_property
+    def affine(self) -> Affine | None:
+        """The matrices where every unknown is the factor of a stiffness or damping; else None."""
+        if not self.model.affine or not all(one.logarithmic for one in self.unknowns):
+            return None
+        found = self.at(dict.fromkeys((one.name for one in self.unknowns), 0.0))
+        return Affine(found.A, found.B, found.C, found.D, found.A_slopes, found.C_slopes)
+
+    def prior(self, values: Mapping[str, float], length: float) -> Array:
+        """Return the root of a prior in which displacements and velocities have equal energy in every mode.
+
+        Their covariances are ``(K + M / T^2)^-1`` and ``M^-1``, up to a common factor. T, the record's
+        length, bounds rigid-body drift. The roots of both come from the modes, so that no stiffness is too
+        large.
+        """
+        compliance, mobility, _ = self._energies(values, length)
+        n = len(mobility)
+        root = np.zeros((2 * n, 2 * n))
+        root[:n, :n], root[n:, n:] = compliance, mobility
+        return root
+
+    def reach(self, values: Mapping[str, float], length: float) -> Array:
+        """Return the standard deviation of each channel; of an acceleration, that of the slowest motion."""
+        compliance, mobility, omega = self._energies(values, length)
+        reach = []
+        for row, order in zip(self._driven.rows, self._driven.orders, strict=True):
+            spread = np.linalg.norm(row @ (compliance if order == 0 else mobility))
+            reach.append(spread * (omega[0] if order == 2 else 1.0))
+        return np.array(reach)
+
+    def _energies(self, values: Mapping[str, float], length: float) -> tuple[Array, Array, Array]:
+        """Return roots of the covariances of displacements and velocities, and the frequencies (modes)."""
+        M, _, K = self.model.dense(values)
+        scale = np.sqrt(np.diag(M))
+        lower = np.linalg.cholesky(M / scale / scale[:, None])
+        mobility = np.asarray(np.linalg.solve(lower.T, np.eye(len(M))) / scale[:, None])  # root of M^-1
+        stiffness = mobility.T @ K @ mobility
+        finite("the stiffness beside the mass", stiffness)
+        square, shapes = np.linalg.eigh((stiffness + stiffness.T) / 2)
+        omega = np.sqrt(np.maximum(square, 0.0) + 1 / length**2)  # below 0: round-off of rigid-body modes
+        mobility = mobility @ shapes
+        return mobility / omega, mobility, omega
+
+    def prescribed(self, time: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return displacements and velocities as far as motions prescribe them."""
+        n = 2 * self.model.size
+        each = [prescribed_state(self.model, [load], time) for load in self.loads]
+        known = np.any([where for _, where in each], axis=0) | np.zeros(n, dtype=bool)
+        return np.array([state for state, _ in each]).reshape(len(each), n), known
+
+    def poles(self, values: Mapping[str, float]) -> ComplexArray:
+        """Return the poles at values of the parameters, 1/s."""
+        M, C, K = self.model.dense(values)
+        n = len(M)
+        A = np.zeros((2 * n, 2 * n))
+        A[:n, n:] = np.eye(n)
+        A[n:] = -np.linalg.solve(M, np.concatenate([K, C], axis=1))
+        return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
+
+    def paired_response(
+        self,
+        values: Mapping[str, float],
+        omega: Array,
+        pairs: Sequence[tuple[int, int]],
+        *,
+        slopes: bool = True,
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the responses of pairs of a channel and a load, dH = -H dZ H on the dynamic stiffness Z.
+
+        Raises
+        ------
+        Singular
+            If a line lies on an undamped pole, to rounding.
+        """
+        M, C, K = self.model.dense(values)
+        forces = self._driven.directions.T[[load for _, load in pairs]]
+        rows = self._driven.rows[[channel for channel, _ in pairs]]
+        ends, where = np.unique(np.concatenate([forces, rows]), axis=0, return_inverse=True)
+        where = where.reshape(2, len(pairs))
+        n = len(M)
+        solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
+        infinite = ~np.isfinite(solved).all(axis=(1, 2))
+        if infinite.any():
+            raise Singular(
+                f"at {frequency_text(float(omega[np.argmax(infinite)]), 6)} a frequency response is "
+                "infinite: that line lies on an undamped pole",
+                remedy="Leave that line out, or give the structure some damping.",
+                names=("measurement.frf", "measurement"),
+            )
+        driven, read = solved[:, :, where[0]], solved[:, :, where[1]]
+        factor = (1j * omega[:, None]) ** [self._driven.orders[channel] for channel, _ in pairs]
+        H = factor * np.einsum("cn,lnc->lc", rows, driven)
+        moved = np.zeros((*H.shape, len(self.unknowns) if slopes else 0), dtype=complex)
+        powers = {"K": np.ones(len(omega)), "C": 1j * omega, "M": -(omega**2)}
+        for k, changes in enumerate(self.model.slopes(values) if slopes else ()):
+            for letter, matrix in changes.items():
+                change = as_array(matrix)
+                here = np.flatnonzero(change.any(axis=0))
+                bent = change[np.ix_(here, here)] @ driven[:, here]
+                moved[..., k] -= factor * powers[letter][:, None] * np.sum(read[:, here] * bent, axis=1)
+        return H, moved
+
+
+def _references(model: StructuralModel) -> dict[str, float]:
+    return {one.name: one.start for one in model.unknowns}
