@@ -7,7 +7,7 @@ evaluated at any values of the parameters, with exact derivatives (forward accum
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
@@ -38,6 +38,7 @@ class Dependent:
     """
 
     __slots__ = ("__dict__", "operands", "operation", "reference")
+    __array_ufunc__ = None  # numbers of NumPy leave the arithmetic to this class
 
     def __init__(self, operation: str, operands: tuple[Any, ...], reference: Number) -> None:
         self.operation, self.operands, self.reference = operation, operands, reference
@@ -83,6 +84,8 @@ class Dependent:
     def dual(self, values: Mapping[str, Number]) -> Dual:
         """Return value and derivatives at values of the parameters, exact where these and it are.
 
+        Parameters that are absent have their reference values.
+
         Raises
         ------
         OutOfRangeError
@@ -97,7 +100,7 @@ class Dependent:
                 found[id(node)] = operate(node.operation, operands)
             else:
                 name = node.operands[0]
-                found[id(node)] = Dual(values[name], {name: Fraction(1)})
+                found[id(node)] = Dual(values.get(name, node.reference), {name: Fraction(1)})
         return found[id(self)]
 
     def at(self, values: Mapping[str, float]) -> Evaluated:
@@ -159,6 +162,79 @@ def compute(operation: str, operands: Iterable[Real]) -> Any:
 def sqrt(value: Real) -> Any:
     """Return the square root of a number."""
     return compute("sqrt", (value,)) if isinstance(value, Dependent) else math.sqrt(value)
+
+
+def hypot(x: Real, y: Real) -> Any:
+    """Return the length of the vector (x, y)."""
+    if isinstance(x, Dependent) or isinstance(y, Dependent):
+        return sqrt(x**2 + y**2)
+    return math.hypot(x, y)
+
+
+class Multiple(NamedTuple):
+    """A dependent number as a number times another: ``factor * core``."""
+
+    factor: float
+    core: Dependent
+
+
+def like_terms(numbers: Sequence[Dependent]) -> list[Multiple]:
+    """Return numbers as multiples; those that are multiples of the same expression have the same core.
+
+    Factors are drawn out of products, quotients, negatives and powers with a numerical exponent; an
+    expression is the same if it is built alike from the same parameters and numbers.
+    """
+    split: dict[int, Multiple] = {}
+    places: dict[tuple[Any, ...], int] = {}
+    known: dict[int, Dependent] = {}
+    found, kept = [], []  # objects are kept, so that their ids stay theirs
+    for number in numbers:
+        for node in number._order:
+            if id(node) not in split:
+                split[id(node)] = _multiple(node, split)
+        factor, core = split[id(number)]
+        kept.append(core)
+        place = _place(core, places)
+        found.append(Multiple(factor, known.setdefault(place, core)))
+    return found
+
+
+def _multiple(node: Dependent, split: Mapping[int, Multiple]) -> Multiple:
+    """Return a number as a multiple, its operands split already."""
+    whole = Multiple(1.0, node)
+    if node.operation not in ("*", "/", "neg", "**"):
+        return whole
+    try:
+        parts = [
+            split[id(one)] if isinstance(one, Dependent) else (float(one), None) for one in node.operands
+        ]
+        (factor, core), (by, other) = parts[0], parts[-1]
+        if node.operation == "neg":
+            factor = -factor
+        elif node.operation == "**":
+            if core is None or other is not None:
+                return whole
+            factor, core = float(compute("**", (factor, by))), core if by == 1 else core ** node.operands[1]
+        elif node.operation == "*":
+            factor *= by
+            core = (core or other) if core is None or other is None else core * other
+        else:
+            factor /= by
+            core = core if other is None else (1 if core is None else core) / other
+    except ArithmeticError:
+        return whole
+    return Multiple(factor, core) if core is not None and math.isfinite(factor) and factor else whole
+
+
+def _place(number: Dependent, places: dict[tuple[Any, ...], int]) -> int:
+    """Return the place of an expression among those that are built differently."""
+    at: dict[int, int] = {}
+    for node in number._order:
+        operands = tuple(
+            ("of", at[id(one)]) if isinstance(one, Dependent) else ("is", one) for one in node.operands
+        )
+        at[id(node)] = places.setdefault((node.operation, *operands), len(places))
+    return at[id(number)]
 
 
 def evaluated(value: Real, values: Mapping[str, float]) -> Evaluated:

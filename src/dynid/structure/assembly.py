@@ -7,13 +7,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dynid.arithmetic.dependent import Dependent, Real, like_terms
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import UsageError
+from dynid.parameters import Parameter
 from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.joints import Joint
-from dynid.structure.matrices import Array, Label, Matrix, combined
-from dynid.structure.model import StructuralModel
+from dynid.structure.matrices import Label, Matrix, as_array
+from dynid.structure.model import StructuralModel, Term
 
 
 @dataclass(frozen=True)
@@ -29,8 +33,8 @@ class PointMass:
     """A mass at a node, kg, with rotary inertia J, kg·m2."""
 
     node: int
-    m: float = 0.0
-    J: float = 0.0
+    m: Real = 0.0
+    J: Real = 0.0
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,8 @@ class Spring:
 
     node: int
     direction: str
-    k: float = 0.0
-    c: float = 0.0
+    k: Real = 0.0
+    c: Real = 0.0
 
 
 def node_label(direction: str, node: int) -> str:
@@ -60,16 +64,25 @@ def free_labels(nodes: int, directions: Sequence[str], fixed: Iterable[tuple[str
 
 
 class Assembly:
-    """Sums of blocks over labelled DOFs; DOFs that are not among the labels are held and left out."""
+    """Sums of blocks over labelled DOFs; DOFs that are not among the labels are held and left out.
 
-    def __init__(self, dofs: Sequence[Label]) -> None:
+    Parameters
+    ----------
+    dofs
+        Labels of the DOFs (n).
+    sparse
+        True for sparse sums; absent: where there are many DOFs.
+    """
+
+    def __init__(self, dofs: Sequence[Label], *, sparse: bool | None = None) -> None:
         if not dofs:
             raise UsageError("the supports leave nothing to move")
         self.dofs = tuple(dofs)
+        self._sparse = len(self.dofs) > DENSE_STRUCTURES.value if sparse is None else sparse
         self._places = {label: place for place, label in enumerate(self.dofs)}
-        self._blocks: dict[str, list[tuple[Array, Array]]] = {"M": [], "C": [], "K": []}
+        self._blocks: dict[str, list[tuple[NDArray[np.intp], DependentMatrix]]] = {"M": [], "C": [], "K": []}
 
-    def add(self, letter: str, dofs: Sequence[Label], block: Array) -> None:
+    def add(self, letter: str, dofs: Sequence[Label], block: DependentMatrix) -> None:
         """Add a block (d x d) over d DOFs to ``M``, ``C`` or ``K``."""
         places = np.array([self._places.get(label, -1) for label in dofs])
         self._blocks[letter].append((places, block))
@@ -86,22 +99,36 @@ class Assembly:
             self._point("K", spring.direction, spring.node, spring.k)
             self._point("C", spring.direction, spring.node, spring.c)
 
-    def _point(self, letter: str, direction: str, node: int, value: float) -> None:
+    def _point(self, letter: str, direction: str, node: int, value: Real) -> None:
         not_negative(f"the value at node {node}", value)
         if value:
-            self.add(letter, [node_label(direction, node)], np.array([[value]]))
+            self.add(letter, [node_label(direction, node)], DependentMatrix(np.eye(1)).times(value))
 
-    def sum(self, letter: str) -> Matrix:
-        """Return the sum of what was added: an array, or sparse where there are many DOFs."""
-        n, blocks = len(self.dofs), self._blocks[letter]
+    def sum(self, letter: str) -> DependentMatrix:
+        """Return the sum of what was added, its patterns those of the different coefficients."""
+        blocks = self._blocks[letter]
+        dependent = [
+            (places, coefficient, pattern) for places, block in blocks for coefficient, pattern in block.terms
+        ]
+        patterns: dict[int, tuple[Dependent, list[tuple[NDArray[np.intp], Matrix]]]] = {}
+        multiples = like_terms([coefficient for _, coefficient, _ in dependent])
+        for (factor, core), (places, _, pattern) in zip(multiples, dependent, strict=True):
+            patterns.setdefault(id(core), (core, []))[1].append((places, factor * pattern))
+        return DependentMatrix(
+            self._summed([(places, block.constant) for places, block in blocks]),
+            tuple((core, self._summed(parts)) for core, parts in patterns.values()),
+        )
+
+    def _summed(self, blocks: Sequence[tuple[NDArray[np.intp], Matrix]]) -> Matrix:
+        n = len(self.dofs)
         rows, columns, values = (np.empty(0, dtype=int), np.empty(0, dtype=int), np.empty(0))
         if blocks:
             rows = np.concatenate([np.repeat(places, len(places)) for places, _ in blocks])
             columns = np.concatenate([np.tile(places, len(places)) for places, _ in blocks])
-            values = np.concatenate([block.ravel() for _, block in blocks])
+            values = np.concatenate([as_array(block).ravel() for _, block in blocks])
         free = (rows >= 0) & (columns >= 0)
         rows, columns, values = rows[free], columns[free], values[free]
-        if n > DENSE_STRUCTURES.value:
+        if self._sparse:
             from scipy.sparse import coo_array  # heavy import, for large models only
 
             return coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
@@ -110,13 +137,47 @@ class Assembly:
         return matrix
 
     def model(
-        self, damping: ProportionalDamping | ModalDamping | None = None, joints: Iterable[Joint] = ()
+        self,
+        damping: ProportionalDamping | ModalDamping | None = None,
+        joints: Iterable[Joint] = (),
+        parameters: Iterable[Parameter] = (),
     ) -> StructuralModel:
         """Return the structure, its damping that of `damping` and of what was added."""
-        M, C, K = self.sum("M"), self.sum("C"), self.sum("K")
-        if damping is not None:
-            C = combined(1.0, C, 1.0, damping.matrix(M, K))
-        return StructuralModel(M, C, K, tuple(joints), self.dofs)
+        return damped_structure(
+            self.sum("M"), self.sum("C"), self.sum("K"), damping, joints, self.dofs, parameters
+        )
+
+
+def damped_structure(
+    M: DependentMatrix,
+    C: DependentMatrix,
+    K: DependentMatrix,
+    damping: ProportionalDamping | ModalDamping | None = None,
+    joints: Iterable[Joint] = (),
+    dofs: Sequence[Label] = (),
+    parameters: Iterable[Parameter] = (),
+) -> StructuralModel:
+    """Return the structure of matrices that may depend on parameters, its damping C and that of `damping`."""
+    modal = None
+    if damping is not None:
+        of_modes, modal = damping.of(M, K)
+        C = C + of_modes
+    M, C, K = M.merged(), C.merged(), K.merged()
+    terms = tuple(
+        Term(letter, coefficient, pattern)
+        for letter, matrix in zip("MCK", (M, C, K), strict=True)
+        for coefficient, pattern in matrix.terms
+    )
+    return StructuralModel(
+        M.reference,
+        C.reference,
+        K.reference,
+        tuple(joints),
+        tuple(dofs),
+        parameters=tuple(parameters),
+        terms=terms,
+        modal=modal,
+    )
 
 
 def check_nodes(
@@ -138,7 +199,7 @@ def check_nodes(
                 raise UsageError(f"a node has no direction {direction!r}", remedy=f"It has {directions}.")
 
 
-def per_element(what: str, given: float | Sequence[float], count: int, *, zero: bool = False) -> Array:
+def per_element(what: str, given: Real | Sequence[Real], count: int, *, zero: bool = False) -> Sequence[Real]:
     """Return a property of each element (count), from one number for all or a list.
 
     Raises
@@ -146,15 +207,17 @@ def per_element(what: str, given: float | Sequence[float], count: int, *, zero: 
     UsageError
         If the list has another length, or a value is not positive (or with `zero`, is negative).
     """
-    values = np.asarray(given, dtype=float)
-    if values.ndim and values.shape != (count,):
-        raise UsageError(f"{what} has {values.size} entries for {count} elements")
+    each = list(given) if isinstance(given, Sequence | np.ndarray) else [given]
+    if isinstance(given, Sequence | np.ndarray) and len(each) != count:
+        raise UsageError(f"{what} has {len(each)} entries for {count} elements")
+    values = np.array([float(value) for value in each])
     if not np.all(np.isfinite(values) & ((values >= 0) if zero else (values > 0))):
         raise UsageError(f"{what} must be {'finite and not negative' if zero else 'positive'}")
-    return np.broadcast_to(values, count)
+    reals = [value if isinstance(value, Dependent) else np.float64(value) for value in each]
+    return reals if len(each) == count else reals * count
 
 
-def not_negative(what: str, value: float) -> None:
+def not_negative(what: str, value: Real) -> None:
     """Refuse a value that is negative or not finite.
 
     Raises
@@ -162,5 +225,6 @@ def not_negative(what: str, value: float) -> None:
     UsageError
         Naming it.
     """
-    if not (math.isfinite(value) and value >= 0):
-        raise UsageError(f"{what} must be finite and not negative, not {value:g}")
+    number = float(value)
+    if not (math.isfinite(number) and number >= 0):
+        raise UsageError(f"{what} must be finite and not negative, not {number:g}")

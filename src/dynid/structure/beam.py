@@ -9,8 +9,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from dynid.arithmetic.dependent import Real
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
+from dynid.parameters import Parameter
 from dynid.structure.assembly import (
     Assembly,
     PointMass,
@@ -22,58 +24,55 @@ from dynid.structure.assembly import (
     per_element,
 )
 from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.dependent_matrix import DependentMatrix, pattern_sum
 from dynid.structure.joints import Joint
-from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 
 
-def bending(EI: float, rhoA: float, length: float) -> tuple[Array, Array]:
+def bending(
+    EI: Real, rhoA: Real, length: Real, hinges: Sequence[int] = ()
+) -> tuple[DependentMatrix, DependentMatrix]:
     """Return stiffness and consistent mass (4 x 4) of a beam element, DOFs [w1, theta1, w2, theta2].
 
-    Rotations are the slopes ``dw/dx``.
-    """
-    L = length
-    k = np.array(
-        [
-            [12, 6 * L, -12, 6 * L],
-            [6 * L, 4 * L**2, -6 * L, 2 * L**2],
-            [-12, -6 * L, 12, -6 * L],
-            [6 * L, 2 * L**2, -6 * L, 4 * L**2],
-        ]
-    )
-    m = np.array(
-        [
-            [156, 22 * L, 54, -13 * L],
-            [22 * L, 4 * L**2, 13 * L, -3 * L**2],
-            [54, 13 * L, 156, -22 * L],
-            [-13 * L, -3 * L**2, -22 * L, 4 * L**2],
-        ]
-    )
-    return EI / L**3 * k, rhoA * L / 420 * m
-
-
-def stretching(EA: float, rhoA: float, length: float) -> tuple[Array, Array]:
-    """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]."""
-    return EA / length * np.array([[1.0, -1], [-1, 1]]), rhoA * length / 6 * np.array([[2.0, 1], [1, 2]])
-
-
-def released(k: Array, m: Array, ends: list[int]) -> tuple[Array, Array]:
-    """Condense DOFs that carry no force out of an element (Guyan), leaving zeros in their place.
+    Rotations are the slopes ``dw/dx``. Those of ends with a hinge carry no moment: they are condensed
+    statically (Guyan), which leaves zeros in their place.
 
     Parameters
     ----------
-    k, m
-        Stiffness and mass (d x d).
-    ends
-        The released DOFs, from 0.
+    EI, rhoA, length
+        Bending stiffness, N·m2, mass per length, kg/m, and length, m.
+    hinges
+        The hinged ends, 1 or 2.
     """
-    if not ends:
-        return k, m
-    kept = [place for place in range(len(k)) if place not in ends]
-    T = np.zeros((len(k), len(k)))
-    T[kept, kept] = 1.0
-    T[np.ix_(ends, kept)] = -np.linalg.solve(k[np.ix_(ends, ends)], k[np.ix_(ends, kept)])
-    return T.T @ k @ T, T.T @ m @ T
+    k, m = (_by_powers(triangle, length) for triangle in _BENDING[tuple(sorted(hinges))])
+    return k.times(EI / length**3), m.times(rhoA * length / 420)
+
+
+# The upper triangles, by rows, of L^3/EI times the stiffness and 420/(rhoA L) times the mass, by hinged ends:
+# an entry is to be multiplied by L once for each rotation among its two DOFs.
+_BENDING: dict[tuple[int, ...], tuple[list[float], list[float]]] = {
+    (): ([12, 6, -12, 6, 4, -6, 2, 12, -6, 4], [156, 22, 54, -13, 4, 13, -3, 156, -22, 4]),
+    (1,): ([3, 0, -3, 3, 0, 0, 0, 3, -3, 3], [99, 0, 58.5, -16.5, 0, 0, 0, 204, -36, 8]),
+    (2,): ([3, 3, -3, 0, 3, -3, 0, 3, 0, 0], [204, 36, 58.5, 0, 8, 16.5, 0, 99, 0, 0]),
+    (1, 2): ([0] * 10, [140, 0, 70, 0, 0, 0, 0, 140, 0, 0]),
+}
+
+
+def _by_powers(triangle: Sequence[float], length: Real) -> DependentMatrix:
+    """Return the matrix (4 x 4) of a triangle of `_BENDING`, its entries times the powers of the length."""
+    whole = np.zeros((4, 4))
+    whole[np.triu_indices(4)] = triangle
+    whole = np.triu(whole) + np.triu(whole, 1).T
+    turning = np.array([0, 1, 0, 1])
+    powers = np.add.outer(turning, turning)
+    P0, P1, P2 = (np.where(powers == p, whole, 0.0) for p in range(3))
+    return pattern_sum((1.0, P0), (length, P1), (length**2, P2))
+
+
+def stretching(EA: Real, rhoA: Real, length: Real) -> tuple[DependentMatrix, DependentMatrix]:
+    """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]."""
+    k, m = DependentMatrix(np.array([[1.0, -1], [-1, 1]])), DependentMatrix(np.array([[2.0, 1], [1, 2]]))
+    return k.times(EA / length), m.times(rhoA * length / 6)
 
 
 DIRECTIONS = ("w", "theta")
@@ -83,15 +82,16 @@ DIRECTIONS = ("w", "theta")
 @guarded("the matrices of the beam", UsageError)
 def beam(
     elements: int,
-    length: float | Sequence[float],
-    EI: float | Sequence[float],
-    rhoA: float | Sequence[float],
+    length: Real | Sequence[Real],
+    EI: Real | Sequence[Real],
+    rhoA: Real | Sequence[Real],
     *,
     supports: Iterable[Support] = (),
     masses: Iterable[PointMass] = (),
     springs: Iterable[Spring] = (),
     damping: ProportionalDamping | ModalDamping | None = None,
     joints: Iterable[Joint] = (),
+    parameters: Iterable[Parameter] = (),
 ) -> StructuralModel:
     """Return a beam with consistent mass; its free DOFs node by node, w before theta.
 
@@ -109,6 +109,8 @@ def beam(
         Of the beam without springs' own damping, which is added.
     joints
         The joints, between DOFs such as ``w_4`` or ``theta_1``.
+    parameters
+        Unknown parameters, on which all numbers may depend.
 
     Raises
     ------
@@ -132,4 +134,4 @@ def beam(
         whole.add("K", ends, k)
         whole.add("M", ends, m)
     whole.attach(points, grounded, ("w",))
-    return whole.model(damping, joints)
+    return whole.model(damping, joints, parameters)

@@ -11,7 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.arithmetic.dependent import evaluated
+from dynid.structure.joints import JointTerm
+from dynid.structure.matrices import Array, Label, Matrix, as_array
 from dynid.structure.model import StructuralModel
 
 # Frequencies closer than this, relative, are one multiple frequency to double precision.
@@ -130,7 +132,7 @@ def energy_shares(
         Names of the parts, the joints after the substructures, and the shares (r x parts), which are zero
         in a rigid-body mode.
     """
-    by_dof = shapes * np.asarray(model.K @ shapes)
+    by_dof = shapes * np.asarray(model.bare(values)[2] @ shapes)
     sets = {name: [model.index(dof) for dof in dofs] for name, dofs in (parts or {}).items()}
     left = np.setdiff1d(np.arange(model.size), [k for places in sets.values() for k in places])
     if len(left):
@@ -139,10 +141,15 @@ def energy_shares(
     for joint in model.joints:
         ends = np.array([model.row(dof) for dof in joint.dofs]) @ shapes
         energies[joint.name] = sum(
-            ((values or {})[term.name] if (known := term.parameter.value) is None else known)
-            * np.einsum("ir,ij,jr->r", ends, term.block, ends)
+            _value(term, values or {})
+            * np.einsum("ir,ij,jr->r", ends, as_array(term.whole.at(values or {})), ends)
             for term in joint.terms
             if term.letter == "k"
         ) + np.zeros(len(omega))
     total = np.where(omega > 0, omega, np.inf) ** 2
     return list(energies), np.array(list(energies.values())).T / total[:, None]
+
+
+def _value(term: JointTerm, values: Mapping[str, float]) -> float:
+    known = term.parameter.value
+    return values[term.name] if known is None else evaluated(known, values).value

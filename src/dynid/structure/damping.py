@@ -1,34 +1,56 @@
-"""Damping from mass and stiffness: proportional, or given ratios of the modes."""
+"""Damping from mass and stiffness: proportional, or given ratios of the modes.
+
+Modal damping ``C = P G P^T`` has P = M Phi, Phi^T M Phi = I and G = diag(2 zeta omega). As mass and stiffness
+change by m = Phi^T dM Phi and k = Phi^T dK Phi, ``dPhi = Phi E`` with E_ij = (k_ij - omega_j^2 m_ij) /
+(omega_j^2 - omega_i^2), E_ii = -m_ii/2 (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968) 2426–2429), dP = -P E^T, and
+dC = P X P^T, X = dG - E^T G - G E. With the divided differences taken in closed form,
+
+    X_ij = (zeta_i + zeta_j) (k_ij + omega_i omega_j m_ij) / (omega_i + omega_j)
+         + (zeta_j - zeta_i) (k_ij - omega_i omega_j m_ij) / (omega_j - omega_i)
+         + 2 dzeta_i omega_i delta_ij,
+
+which holds on the diagonal and for multiple frequencies of one ratio as well.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.errors import UsageError
+from dynid.arithmetic.dependent import Dependent, Real, evaluated
+from dynid.errors import NumericalError, UsageError
+from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.matrices import Array, Matrix, as_array, combined
 
 _MOST_MODAL = 3000
+# Frequencies nearer to each other than this part of their size are one.
+_SAME = 1e-9
+# Energy of a change in a motion, relative to the terms that it is summed of, that is rounding.
+_ROUNDING = 1e-7
 
 
 @dataclass(frozen=True)
 class ProportionalDamping:
     """``C = alpha M + beta K`` (Rayleigh); alpha in 1/s, beta in s."""
 
-    alpha: float = 0.0
-    beta: float = 0.0
+    alpha: Real = 0.0
+    beta: Real = 0.0
 
     def __post_init__(self) -> None:
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
-            if not (math.isfinite(value) and value >= 0):
+            if not (math.isfinite(float(value)) and float(value) >= 0):
                 raise UsageError(f"{name} of the damping must be finite and not negative")
 
+    def of(self, M: DependentMatrix, K: DependentMatrix) -> tuple[DependentMatrix, None]:
+        """Return C, and None: it depends on parameters by its terms alone."""
+        return (M.times(self.alpha) + K.times(self.beta)).merged(), None
+
     def matrix(self, M: Matrix, K: Matrix) -> Matrix:
-        """Return C (n x n)."""
-        return combined(self.alpha, M, self.beta, K)
+        """Return C (n x n) at the reference values of parameters."""
+        return combined(float(self.alpha), M, float(self.beta), K)
 
 
 @dataclass(frozen=True)
@@ -38,15 +60,38 @@ class ModalDamping:
     Modes beyond the list are undamped; rigid-body modes count, but have no damping.
     """
 
-    ratio: float | Sequence[float]
+    ratio: Real | Sequence[Real]
 
     def __post_init__(self) -> None:
-        values = np.atleast_1d(np.asarray(self.ratio, dtype=float))
+        values = np.array([float(ratio) for ratio in self._listed])
         if not np.all(np.isfinite(values) & (values >= 0)):
             raise UsageError("damping ratios must be finite and not negative")
 
-    def matrix(self, M: Matrix, K: Matrix) -> Matrix:
-        """Return C (n x n).
+    @property
+    def _common(self) -> bool:
+        """True of one ratio for all modes."""
+        return not isinstance(self.ratio, Sequence | np.ndarray)
+
+    @property
+    def _listed(self) -> list[Real]:
+        return list(self.ratio) if isinstance(self.ratio, Sequence | np.ndarray) else [self.ratio]
+
+    def of(self, M: DependentMatrix, K: DependentMatrix) -> tuple[DependentMatrix, ModalPart | None]:
+        """Return C, and what it depends on otherwise than by its terms: the modes, where M or K do."""
+        C = self.matrix(M.reference, K.reference)
+        if M.terms or K.terms:
+            return DependentMatrix(C), ModalPart(self, M, K)
+        if not any(isinstance(ratio, Dependent) for ratio in self._listed):
+            return DependentMatrix(C), None
+        omega, _, momentum = _all_modes(as_array(M.constant), as_array(K.constant))
+        total = DependentMatrix(np.zeros_like(C))
+        for modes, ratio in self._of_modes(len(omega)):
+            pattern = (momentum[:, modes] * (2 * omega[modes])) @ momentum[:, modes].T
+            total = total + DependentMatrix((pattern + pattern.T) / 2).times(ratio)
+        return total.merged(), None
+
+    def matrix(self, M: Matrix, K: Matrix, values: Mapping[str, float] | None = None) -> Array:
+        """Return C (n x n); `values` of the parameters on which the ratios depend, absent: reference values.
 
         Raises
         ------
@@ -59,18 +104,138 @@ class ModalDamping:
                 f"modal damping takes all modes, which {n} DOFs are too many for",
                 remedy="Use alpha and beta.",
             )
-        omega, momentum = _all_modes(as_array(M), as_array(K))
+        omega, _, momentum = _all_modes(as_array(M), as_array(K))
         zeta = np.zeros(len(omega))
-        ratios = np.asarray(self.ratio, dtype=float)
-        if ratios.ndim and len(ratios) > len(omega):
-            raise UsageError(f"there are {len(ratios)} damping ratios, but {len(omega)} modes")
-        zeta[: len(ratios) if ratios.ndim else None] = ratios
+        for modes, ratio in self._of_modes(len(omega)):
+            zeta[modes] = evaluated(ratio, values or {}).value
         C = (momentum * (2 * zeta * omega)) @ momentum.T
-        return (C + C.T) / 2
+        return np.asarray((C + C.T) / 2)
+
+    def _of_modes(self, count: int) -> list[tuple[slice, Real]]:
+        """Return the ratios with the modes, of `count`, that have them."""
+        if self._common:
+            return [(slice(None), self._listed[0])]
+        if len(self._listed) > count:
+            raise UsageError(f"there are {len(self._listed)} damping ratios, but {count} modes")
+        return [(slice(at, at + 1), ratio) for at, ratio in enumerate(self._listed)]
+
+    def slopes(self, M: DependentMatrix, K: DependentMatrix, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the derivatives of C (n x n) by the values of parameters, by name.
+
+        Raises
+        ------
+        UsageError
+            Where C has no derivative: modes of one frequency have different ratios, a rigid-body mode gets
+            stiffness, or a massless motion gets mass.
+        """
+        omega, shapes, momentum = _all_modes(as_array(M.at(values)), as_array(K.at(values)))
+        r = len(omega)
+        zeta, X = np.zeros(r), dict[str, Array]()
+        for modes, ratio in self._of_modes(r):
+            found = evaluated(ratio, values)
+            zeta[modes] = found.value
+            for name, slope in found.slopes.items():
+                X.setdefault(name, np.zeros((r, r)))[modes, modes] += np.diag(2 * slope * omega[modes])
+        changes = {
+            letter: [
+                (coefficient.at(values).slopes, _modal(pattern, shapes, momentum, letter))
+                for coefficient, pattern in matrix.terms
+            ]
+            for letter, matrix in (("M", M), ("K", K))
+        }
+        for name in {name for terms in changes.values() for slopes, _ in terms for name in slopes}:
+            m, k, size = np.zeros((r, r)), np.zeros((r, r)), np.zeros(r)
+            for slopes, (part, _) in changes["M"]:
+                m += slopes.get(name, 0.0) * part
+            for slopes, (part, parts) in changes["K"]:
+                k += slopes.get(name, 0.0) * part
+                size += abs(slopes.get(name, 0.0)) * parts
+            X[name] = X.get(name, np.zeros((r, r))) + _moved(omega, zeta, k, m, size)
+        found_slopes = {name: momentum @ x @ momentum.T for name, x in X.items()}
+        return {name: (slope + slope.T) / 2 for name, slope in found_slopes.items()}
 
 
-def _all_modes(M: Array, K: Array) -> tuple[Array, Array]:
-    """Return all finite natural frequencies and ``M Phi``, mass possibly singular, rigid bodies possible.
+@dataclass(frozen=True, eq=False)
+class ModalPart:
+    """Modal damping of a structure whose mass or stiffness depends on parameters.
+
+    Parameters
+    ----------
+    damping
+        The ratios.
+    M, K
+        Mass and stiffness (N x N), without joints.
+    T
+        The basis (N x n) of a reduced model; absent: unity.
+    """
+
+    damping: ModalDamping
+    M: DependentMatrix
+    K: DependentMatrix
+    T: Array | None = None
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names of the parameters that it depends on."""
+        ratios = [ratio for ratio in self.damping._listed if isinstance(ratio, Dependent)]
+        numbers = [*ratios, *(coefficient for coefficient, _ in (*self.M.terms, *self.K.terms))]
+        return frozenset().union(*(number.names for number in numbers))
+
+    def projected(self, T: Array) -> ModalPart:
+        """Return the part in coordinates q with ``x = T q``."""
+        return replace(self, T=T if self.T is None else self.T @ T)
+
+    def change(self, values: Mapping[str, float]) -> Array:
+        """Return the change of C (n x n) from the reference values of the parameters."""
+        C = self.damping.matrix(self.M.at(values), self.K.at(values), values)
+        return self._seen(C - self.damping.matrix(self.M.reference, self.K.reference))
+
+    def slopes(self, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the derivatives of C (n x n) by the values of parameters, as `ModalDamping.slopes`."""
+        found = self.damping.slopes(self.M, self.K, values)
+        return {name: self._seen(slope) for name, slope in found.items()}
+
+    def _seen(self, C: Array) -> Array:
+        return C if self.T is None else np.asarray(self.T.T @ C @ self.T)
+
+
+def _modal(pattern: Matrix, shapes: Array, momentum: Array, letter: str) -> tuple[Array, Array]:
+    """Return a pattern in modal coordinates (r x r), and the size of the terms of its diagonal (r)."""
+    product = np.asarray(pattern @ shapes)
+    part = shapes.T @ product
+    if letter == "M" and shapes.shape[1] < len(shapes):
+        beside = product - momentum @ part
+        if np.abs(beside).max(initial=0.0) > _ROUNDING * np.abs(product).max(initial=0.0):
+            raise UsageError(
+                "modal damping has no derivative by a mass that is unknown where there is none",
+                remedy="Give a mass that is not 0 to start from.",
+            )
+    return part, np.einsum("ij,ij->j", np.abs(shapes), np.asarray(abs(pattern) @ np.abs(shapes)))
+
+
+def _moved(omega: Array, zeta: Array, k: Array, m: Array, size: Array) -> Array:
+    """Return X (r x r) of the module for constant ratios; `size`: that of the terms of k's diagonal (r)."""
+    rigid = omega == 0
+    if np.any(rigid) and np.any((np.abs(np.diag(k)) > _ROUNDING * size) & rigid & (zeta > 0)):
+        raise UsageError(
+            "modal damping has no derivative where a rigid-body mode gets stiffness",
+            remedy="Start from a stiffness that is not 0, or use alpha and beta.",
+        )
+    both, product = np.add.outer(omega, omega), np.multiply.outer(omega, omega)
+    gap, apart = np.subtract.outer(omega, omega).T, np.subtract.outer(zeta, zeta).T
+    one = both <= 0
+    X = np.where(one, 0.0, np.add.outer(zeta, zeta) * (k + product * m) / np.where(one, 1.0, both))
+    different = (apart != 0) & ~one
+    if np.any(different & (np.abs(gap) <= _SAME * both)):
+        raise NumericalError(
+            "modal damping has no derivative where modes of one frequency have different damping ratios",
+            remedy="Give these modes one ratio.",
+        )
+    return np.asarray(X + np.where(different, apart * (k - product * m) / np.where(different, gap, 1.0), 0.0))
+
+
+def _all_modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
+    """Return the finite natural frequencies, Phi and ``M Phi``, mass possibly singular, bodies free.
 
     Solved as ``M phi = mu (K + s M) phi``, mu = 1 / (omega^2 + s): massless motions have mu = 0.
     """
@@ -86,4 +251,4 @@ def _all_modes(M: Array, K: Array) -> tuple[Array, Array]:
     square = 1 / mu - shift
     omega = np.sqrt(np.where(square > 1e-6 * shift, square, 0.0))
     momentum = mass @ shapes / np.sqrt(mu)
-    return omega, np.asarray(momentum * size[:, None])
+    return omega, shapes / np.sqrt(mu) / size[:, None], np.asarray(momentum * size[:, None])

@@ -6,11 +6,14 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
+from dynid.arithmetic.dependent import Dependent, Real, hypot
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
+from dynid.parameters import Parameter
 from dynid.structure.assembly import (
     Assembly,
     PointMass,
@@ -21,8 +24,9 @@ from dynid.structure.assembly import (
     node_label,
     not_negative,
 )
-from dynid.structure.beam import bending, released, stretching
+from dynid.structure.beam import bending, stretching
 from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.dependent_matrix import DependentMatrix, pattern_sum
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
 
@@ -47,16 +51,16 @@ class Member:
     """
 
     nodes: tuple[int, int]
-    EA: float
-    EI: float
-    rhoA: float
+    EA: Real
+    EI: Real
+    rhoA: Real
     elements: int = 1
     hinges: tuple[int, ...] = ()
 
 
 @guarded("the matrices of the frame", UsageError)
 def frame(
-    nodes: Sequence[tuple[float, float]],
+    nodes: Sequence[tuple[Real, Real]],
     members: Sequence[Member],
     *,
     supports: Iterable[Support] = (),
@@ -64,6 +68,7 @@ def frame(
     springs: Iterable[Spring] = (),
     damping: ProportionalDamping | ModalDamping | None = None,
     joints: Iterable[Joint] = (),
+    parameters: Iterable[Parameter] = (),
 ) -> StructuralModel:
     """Return a plane frame with consistent mass; its free DOFs node by node: u, w, theta.
 
@@ -81,13 +86,15 @@ def frame(
         Of the members, masses and springs; the springs' own damping is added.
     joints
         The joints, between DOFs such as ``u_2`` or ``theta_1``.
+    parameters
+        Unknown parameters, on which all numbers may depend.
 
     Raises
     ------
     UsageError
         If a number, a node or a direction makes no sense, or a node belongs to no member.
     """
-    points = [(float(x), float(y)) for x, y in nodes]
+    points: list[tuple[Real, Real]] = [(_real(x), _real(y)) for x, y in nodes]
     pieces = [piece for member in members for piece in _pieces(member, len(nodes), points)]
     held, lumps, grounded = list(supports), list(masses), list(springs)
     for what, items in (("support", held), ("mass", lumps), ("spring", grounded)):
@@ -96,60 +103,96 @@ def frame(
     fixed += [("theta", node) for node in _moment_free(pieces, lumps, grounded, len(points))]
     whole = Assembly(free_labels(len(points), DIRECTIONS, fixed))
     for piece in pieces:
-        (x1, y1), (x2, y2) = (points[node - 1] for node in piece.nodes)
-        length = math.hypot(x2 - x1, y2 - y1)
-        c, s = (x2 - x1) / length, (y2 - y1) / length
-        axial, across = [0, 3], [1, 2, 4, 5]
-        k, m = np.zeros((6, 6)), np.zeros((6, 6))
-        k[np.ix_(axial, axial)], m[np.ix_(axial, axial)] = stretching(piece.EA, piece.rhoA, length)
-        bent = released(*bending(piece.EI, piece.rhoA, length), [(1, 3)[end - 1] for end in piece.hinges])
-        k[np.ix_(across, across)], m[np.ix_(across, across)] = bent
-        T = np.kron(np.eye(2), np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))  # to global directions
-        k, m = T.T @ k @ T, T.T @ m @ T
+        dx, dy = piece.span
+        length = hypot(dx, dy)
+        along = stretching(piece.EA, piece.rhoA, length)
+        across = bending(piece.EI, piece.rhoA, length, piece.hinges)
+        T = pattern_sum((1.0, _TURNING), (dx / length, _COSINES), (dy / length, _SINES))
+        k, m = (
+            (one.congruent(_ALONG) + other.congruent(_ACROSS)).congruent(T)
+            for one, other in zip(along, across, strict=True)
+        )
         ends = [node_label(direction, node) for node in piece.nodes for direction in DIRECTIONS]
         whole.add("K", ends, k)
         whole.add("M", ends, m)
     whole.attach(lumps, grounded, ("u", "w"))
-    return whole.model(damping, joints)
+    return whole.model(damping, joints, parameters)
 
 
-def carried_rotations(members: Iterable[Member]) -> set[int]:
+# The DOFs of an element along and across it, out of [u1, w1, theta1, u2, w2, theta2]; and the parts of the
+# rotation to global directions: constant, times the cosine, times the sine.
+_ALONG, _ACROSS = (DependentMatrix(np.eye(6)[places]) for places in ([0, 3], [1, 2, 4, 5]))
+_TURNING, _COSINES, _SINES = (
+    np.kron(np.eye(2), np.array(part, dtype=float))
+    for part in (
+        [[0, 0, 0], [0, 0, 0], [0, 0, 1]],
+        [[1, 0, 0], [0, 1, 0], [0, 0, 0]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 0]],
+    )
+)
+
+
+class _Piece(NamedTuple):
+    """An element of a member: its nodes, properties, hinged ends, and the vector from end to end, m."""
+
+    nodes: tuple[int, int]
+    EA: Real
+    EI: Real
+    rhoA: Real
+    hinges: tuple[int, ...]
+    span: tuple[Real, Real]
+
+
+def carried_rotations(members: Iterable[Member | _Piece]) -> set[int]:
     """Return the nodes, of those that members name, whose rotation at least one of them carries."""
     return {
         node for member in members for end, node in enumerate(member.nodes, 1) if end not in member.hinges
     }
 
 
-def _pieces(member: Member, given: int, points: list[tuple[float, float]]) -> list[Member]:
-    """Return a member's elements as members, appending their inner nodes to `points`."""
+def _pieces(member: Member, given: int, points: list[tuple[Real, Real]]) -> list[_Piece]:
+    """Return a member's elements, appending their inner nodes to `points`."""
     for node in member.nodes:
         if not 1 <= node <= given:
             raise UsageError(f"a member names node {node}", remedy=f"Nodes are 1 to {given}.")
-    first, last = (np.array(points[node - 1]) for node in member.nodes)
-    if not np.hypot(*(last - first)) > 0:
+    (x1, y1), (x2, y2) = (points[node - 1] for node in member.nodes)
+    if not math.hypot(float(x2 - x1), float(y2 - y1)) > 0:
         raise UsageError(f"the member between nodes {member.nodes[0]} and {member.nodes[1]} has no length")
     for name in ("EA", "EI", "rhoA"):
         not_negative(f"{name} of a member", getattr(member, name))
-    if not (member.EA > 0 and member.EI > 0):
+    if not (float(member.EA) > 0 and float(member.EI) > 0):
         raise UsageError("EA and EI of a member must be positive")
-    if member.elements < 1 or not set(member.hinges) <= {1, 2}:
+    count = member.elements
+    if count < 1 or not set(member.hinges) <= {1, 2}:
         raise UsageError("a member has at least one element, and hinges at its ends 1 and 2 only")
     chain = [member.nodes[0]]
-    for part in range(1, member.elements):
-        x, y = first + (last - first) * part / member.elements
-        points.append((float(x), float(y)))
+    for part in range(1, count):
+        points.append((x1 + (x2 - x1) * part / count, y1 + (y2 - y1) * part / count))
         chain.append(len(points))
     chain.append(member.nodes[1])
-    pairs = list(pairwise(chain))
-    ends = {1: 0, 2: len(pairs) - 1}
+    whole = ((x2 - x1) / count, (y2 - y1) / count)
+    ends = {1: 0, 2: count - 1}
     return [
-        Member(pair, member.EA, member.EI, member.rhoA, 1, tuple(h for h in member.hinges if ends[h] == at))
-        for at, pair in enumerate(pairs)
-    ]
+        _Piece(
+            pair, member.EA, member.EI, member.rhoA, tuple(h for h in member.hinges if ends[h] == at),
+            _span(points[pair[0] - 1], points[pair[1] - 1], whole),
+        )
+        for at, pair in enumerate(pairwise(chain))
+    ]  # fmt: skip
+
+
+def _real(given: Real) -> Real:
+    return given if isinstance(given, Dependent) else float(given)
+
+
+def _span(first: tuple[Real, Real], last: tuple[Real, Real], part: tuple[Real, Real]) -> tuple[Real, Real]:
+    """Return the vector between an element's nodes; where it is dependent, the part of its member."""
+    x, y = (part[at] if isinstance(part[at], Dependent) else last[at] - first[at] for at in range(2))
+    return x, y
 
 
 def _moment_free(
-    pieces: Iterable[Member], masses: Iterable[PointMass], springs: Iterable[Spring], count: int
+    pieces: Iterable[_Piece], masses: Iterable[PointMass], springs: Iterable[Spring], count: int
 ) -> list[int]:
     """Return the nodes whose rotation nothing carries, and refuse nodes that nothing reaches."""
     pieces = list(pieces)

@@ -9,18 +9,21 @@ give them, as residues of that channel.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from dynid.arithmetic.dependent import Real
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import FileError, NumericalError, UsageError
 from dynid.lti.floating import guarded
+from dynid.parameters import Parameter
+from dynid.structure.assembly import damped_structure
 from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.joints import Joint
-from dynid.structure.matrices import Array, Label, Matrix, as_array, nothing, triplets
+from dynid.structure.matrices import NAMES, Array, Label, Matrix, as_array, as_matrix, nothing, triplets
 from dynid.structure.model import StructuralModel
 from dynid.structure.readers.imported_matrix import ImportedMatrix
 from dynid.structure.readers.read import MatrixFile, read_matrix, read_state_space
@@ -32,13 +35,21 @@ _WORST_BASIS = 1e8
 _PART = 1e-6
 
 
+class MatrixPart(NamedTuple):
+    """A matrix in a file, and the number that it is multiplied by."""
+
+    file: MatrixFile
+    factor: Real = 1.0
+
+
 def imported(
-    mass: MatrixFile,
-    stiffness: MatrixFile,
-    damping: MatrixFile | ProportionalDamping | ModalDamping | None = None,
+    mass: MatrixFile | Sequence[MatrixPart],
+    stiffness: MatrixFile | Sequence[MatrixPart],
+    damping: MatrixFile | Sequence[MatrixPart] | ProportionalDamping | ModalDamping | None = None,
     *,
     labels: Sequence[Label] = (),
     joints: Iterable[Joint] = (),
+    parameters: Iterable[Parameter] = (),
 ) -> StructuralModel:
     """Return the structure of matrices in files.
 
@@ -48,11 +59,14 @@ def imported(
     Parameters
     ----------
     mass, stiffness, damping
-        The files; damping may be made from the other two instead.
+        The files, or the parts that each matrix is the sum of; damping may be made from the other two
+        instead.
     labels
         Labels of the DOFs; absent: those of the files, else 1 … n.
     joints
         The joints.
+    parameters
+        Unknown parameters, on which factors and damping may depend.
 
     Raises
     ------
@@ -61,28 +75,46 @@ def imported(
     UsageError
         If the matrices are not those of a structure.
     """
-    files = {"mass": mass, "stiffness": stiffness}
-    if isinstance(damping, MatrixFile):
-        files["damping"] = damping
+    given = {"mass": mass, "damping": damping, "stiffness": stiffness}
+    files = {(role, place): part for role, parts in given.items() for place, part in enumerate(_parts(parts))}
     parts = {}
-    for role, file in files.items():
+    for key in sorted(files, key=lambda key: ["mass", "stiffness", "damping"].index(key[0])):
         try:
-            parts[role] = read_matrix(file, role)
+            parts[key] = read_matrix(files[key].file, key[0])
         except FileError as error:
-            raise FileError(error.problem, remedy=error.remedy, names=(role, *error.names)) from None
+            raise FileError(error.problem, remedy=error.remedy, names=(key[0], *error.names)) from None
     found, matrices = _aligned(parts)
-    n = matrices["stiffness"].shape[0]
-    given = tuple(labels) or found
-    if len(given) not in (0, n):
-        raise UsageError(f"there are {len(given)} DOF labels, but {n} DOFs", names=("labels",))
+    n = matrices["stiffness", 0].shape[0]
+    names = tuple(labels) or found
+    if len(names) not in (0, n):
+        raise UsageError(f"there are {len(names)} DOF labels, but {n} DOFs", names=("labels",))
     dense = n <= DENSE_STRUCTURES.value or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
-    sized = {role: as_array(matrix) if dense else matrix for role, matrix in matrices.items()}
-    M, K = sized["mass"], sized["stiffness"]
-    C = sized.get("damping", nothing(n, sparse=not dense))
-    model = StructuralModel(M, C, K, tuple(joints), given)
-    if isinstance(damping, ProportionalDamping | ModalDamping):
-        return replace(model, C=damping.matrix(model.M, model.K))
-    return model
+    size = matrices["mass", 0].shape[0]
+    M, K, C = (
+        _sum(role, [(files[key].factor, one) for key, one in matrices.items() if key[0] == role], size, dense)
+        for role in ("mass", "stiffness", "damping")
+    )
+    law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
+    return damped_structure(M, C, K, law, joints, names, parameters)
+
+
+def _parts(
+    given: MatrixFile | Sequence[MatrixPart] | ProportionalDamping | ModalDamping | None,
+) -> Sequence[MatrixPart]:
+    if isinstance(given, MatrixFile):
+        return [MatrixPart(given)]
+    return given if isinstance(given, Sequence) else []
+
+
+def _sum(role: str, parts: Sequence[tuple[Real, Matrix]], n: int, dense: bool) -> DependentMatrix:
+    """Return the sum of the parts of a matrix."""
+    letter = {name: letter for letter, name in NAMES.items()}[role]
+    total = None
+    for factor, matrix in parts:
+        sized = as_matrix(letter, as_array(matrix) if dense else matrix, n, sparse=not dense)
+        part = DependentMatrix(sized).times(factor)
+        total = part if total is None else total + part
+    return total or DependentMatrix(nothing(n, sparse=not dense))
 
 
 def from_state_space(
@@ -115,15 +147,19 @@ def from_state_space(
     return StructuralModel(M, C, K, tuple(joints), tuple(labels))
 
 
-def _aligned(parts: Mapping[str, ImportedMatrix]) -> tuple[tuple[Label, ...], dict[str, Matrix]]:
+Key: TypeAlias = tuple[str, int]
+
+
+def _aligned(parts: Mapping[Key, ImportedMatrix]) -> tuple[tuple[Label, ...], dict[Key, Matrix]]:
     """Bring matrices into one order and size; return the labels, if the files have any."""
-    order = list(dict.fromkeys(label for role in sorted(parts, reverse=True) for label in parts[role].labels))
+    roles = sorted(parts, key=lambda key: ["stiffness", "mass", "damping"].index(key[0]))
+    order = list(dict.fromkeys(label for key in roles for label in parts[key].labels))
     places = {label: place for place, label in enumerate(order)}
     n = max([len(order), *(part.matrix.shape[0] for part in parts.values())])
-    matrices: dict[str, Matrix] = {}
-    for role, part in parts.items():
+    matrices: dict[Key, Matrix] = {}
+    for key, part in parts.items():
         if not (part.labels or part.at_least):
-            matrices[role] = part.matrix
+            matrices[key] = part.matrix
             continue
         from scipy.sparse import coo_array  # loaded already: the reader made a sparse matrix
 
@@ -131,7 +167,7 @@ def _aligned(parts: Mapping[str, ImportedMatrix]) -> tuple[tuple[Label, ...], di
         rows, columns, values = triplets(part.matrix)
         if len(moved):
             rows, columns = moved[rows], moved[columns]
-        matrices[role] = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
+        matrices[key] = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
     return tuple(order), matrices
 
 

@@ -12,11 +12,13 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from dynid.arithmetic.dependent import Dependent, Real
 from dynid.errors import UsageError
 from dynid.parameters import ParameterPrior
-from dynid.structure.matrices import Array, Label
+from dynid.structure.dependent_matrix import DependentMatrix, entries
+from dynid.structure.matrices import Array, Label, as_array
 
-Block: TypeAlias = Sequence[Sequence[float]] | Array
+Block: TypeAlias = Sequence[Sequence[Real]] | Array
 
 # A block that is negative by less, relative to its diagonal, is one of rounded or measured digits.
 _TOLERANCE = 1e-9
@@ -29,7 +31,8 @@ class JointParameter:
     Parameters
     ----------
     value
-        The known value, N/m or N·s/m (N·m/rad, N·m·s/rad for rotations).
+        The known value, N/m or N·s/m (N·m/rad, N·m·s/rad for rotations), or one that depends on unknown
+        parameters of the structure, which joints may share.
     start
         Initial guess of an unknown value, positive.
     true
@@ -43,7 +46,7 @@ class JointParameter:
         Prior of an unknown value.
     """
 
-    value: float | None = None
+    value: Real | None = None
     start: float | None = None
     true: float | None = None
     matrix: Block | None = None
@@ -60,7 +63,7 @@ class JointParameter:
             raise UsageError("a joint parameter takes either a value (known) or a start (unknown)")
         if self.value is not None and self.true is not None:
             raise UsageError("a known joint parameter has no true value beside its value")
-        if self.value is not None and not (math.isfinite(self.value) and self.value >= 0):
+        if self.value is not None and not (math.isfinite(float(self.value)) and float(self.value) >= 0):
             raise UsageError("a joint parameter's value must be finite and not negative")
         for number in (self.start, self.true):
             if number is not None and not (math.isfinite(number) and number > 0):
@@ -68,6 +71,10 @@ class JointParameter:
                     "start and true value of an unknown joint parameter must be finite and positive",
                     remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
                 )
+        self._check_unknown()
+
+    def _check_unknown(self) -> None:
+        """Refuse limits, prior and matrix that make no sense beside a start."""
         known = [number for number in (self.low, self.high) if number is not None]
         if self.prior is not None:
             known += [self.prior.value, self.prior.relative]
@@ -75,6 +82,11 @@ class JointParameter:
             raise UsageError("limits and a prior belong to an unknown joint parameter, one with a start")
         if not all(math.isfinite(number) and number > 0 for number in known):
             raise UsageError("limits and prior of a joint parameter must be finite and positive")
+        if self.start is not None and self.matrix is not None and entries(self.matrix).terms:
+            raise UsageError(
+                "the matrix that an unknown joint parameter multiplies must be known",
+                remedy="Leave out the start, or name no unknown parameters in the matrix.",
+            )
         if self.start is not None and not (self.low or 0.0) <= self.start <= (self.high or math.inf):
             raise UsageError("the start of a joint parameter must lie within its limits")
 
@@ -92,14 +104,14 @@ class Joint:
     k, c
         Stiffness and damping: a number is a known value, a square array a block over the DOFs, absent zero.
     m
-        Mass, known. A number is shared equally between the DOFs.
+        Mass, which may depend on parameters of the structure. A number is shared equally between the DOFs.
     """
 
     name: str
     dofs: tuple[Label, ...]
-    k: JointParameter | float | Block | None = None
-    c: JointParameter | float | Block | None = None
-    m: JointParameter | float | Block | None = None
+    k: JointParameter | Real | Block | None = None
+    c: JointParameter | Real | Block | None = None
+    m: JointParameter | Real | Block | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dofs", tuple(self.dofs))
@@ -109,7 +121,7 @@ class Joint:
                 if isinstance(part, Sequence | np.ndarray):
                     part = JointParameter(matrix=part)
                 elif part is not None and not isinstance(part, JointParameter):
-                    part = JointParameter(value=float(part))
+                    part = JointParameter(value=part if isinstance(part, Dependent) else float(part))
                 object.__setattr__(self, letter, part)
         except UsageError as error:
             raise UsageError(
@@ -124,7 +136,7 @@ class Joint:
                 size = len(part.block)
                 raise self._refused(f"names {len(self.dofs)} DOFs, but its {letter} is {size} x {size}")
         if isinstance(self.m, JointParameter) and self.m.start is not None:
-            raise self._refused("can have unknown stiffness and damping, not mass")
+            raise self._refused("can have an unknown mass as a parameter of the structure only")
 
     def _refused(self, said: str) -> UsageError:
         return UsageError(f"joint {self.name} {said}", names=(self.name,))
@@ -139,9 +151,10 @@ class Joint:
             if not isinstance(part, JointParameter):
                 continue
             if part.matrix is not None:
-                block = np.array(part.matrix)
+                block = entries(part.matrix)
             else:
-                block = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
+                pattern = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
+                block = DependentMatrix(pattern)
             terms.append(JointTerm(f"{self.name}.{letter}", letter, part, block))
         return tuple(terms)
 
@@ -152,7 +165,19 @@ class JointTerm(NamedTuple):
     name: str
     letter: str
     parameter: JointParameter
-    block: Array
+    whole: DependentMatrix
+
+    @property
+    def block(self) -> Array:
+        """The block at the reference values of parameters."""
+        return as_array(self.whole.reference)
+
+    @property
+    def product(self) -> DependentMatrix:
+        """The block times its value, of an unknown one as the parameter that it is."""
+        part = self.parameter
+        own = None if part.start is None else Dependent.parameter(self.name, part.start)
+        return self.whole.times(own or part.value or 0.0)
 
 
 def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:
@@ -163,7 +188,8 @@ def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:
     return {"k": ("N/m", "N.m/rad"), "c": ("N.s/m", "N.m.s/rad")}[letter][turning]
 
 
-def _block(values: Block) -> tuple[tuple[float, ...], ...]:
+def _block(values: Block) -> tuple[tuple[Real, ...], ...]:
+    """Return a block as rows, checked at the reference values of parameters."""
     try:
         block = np.array(values, dtype=float)
     except ValueError:
@@ -187,4 +213,7 @@ def _block(values: Block) -> tuple[tuple[float, ...], ...]:
             f"a joint's matrix must not be indefinite: its lowest eigenvalue is {lowest:.3g}",
             remedy="A passive joint stores and dissipates energy; check its signs.",
         )
-    return tuple(tuple(row) for row in block.tolist())
+    return tuple(
+        tuple(given if isinstance(given, Dependent) else even for given, even in zip(*rows, strict=True))
+        for rows in zip(values, block.tolist(), strict=True)
+    )

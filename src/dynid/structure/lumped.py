@@ -8,8 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid.arithmetic.dependent import Real
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
+from dynid.parameters import Parameter
+from dynid.structure.assembly import Assembly
+from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
 from dynid.structure.stiffness_contrast import check_springs
@@ -28,12 +32,18 @@ class Link:
     """
 
     dofs: tuple[int, ...]
-    k: float = 0.0
-    c: float = 0.0
+    k: Real = 0.0
+    c: Real = 0.0
 
 
 @guarded("the sum of stiffness or damping at a DOF", UsageError)
-def lumped(masses: Sequence[float], links: Iterable[Link], joints: Iterable[Joint] = ()) -> StructuralModel:
+def lumped(
+    masses: Sequence[Real],
+    links: Iterable[Link],
+    joints: Iterable[Joint] = (),
+    *,
+    parameters: Iterable[Parameter] = (),
+) -> StructuralModel:
     """Return the structure of point masses joined by links.
 
     Parameters
@@ -44,6 +54,8 @@ def lumped(masses: Sequence[float], links: Iterable[Link], joints: Iterable[Join
         The known links.
     joints
         The joints, kept apart from the matrices.
+    parameters
+        Unknown parameters, on which masses and links may depend.
 
     Raises
     ------
@@ -52,12 +64,14 @@ def lumped(masses: Sequence[float], links: Iterable[Link], joints: Iterable[Join
     NumericalError
         If a spring is so soft beside others that no matrix of doubles holds both.
     """
-    if not masses or not all(math.isfinite(mass) and mass >= 0 for mass in masses):
+    if not masses or not all(math.isfinite(float(mass)) and float(mass) >= 0 for mass in masses):
         raise UsageError("the masses of a lumped structure must be finite and not negative")
     if not any(masses):
         raise UsageError("the masses of the lumped structure are all 0", remedy="Give one of them a mass.")
     n = len(masses)
-    C, K = np.zeros((n, n)), np.zeros((n, n))
+    whole = Assembly(range(1, n + 1), sparse=False)
+    for dof, mass in enumerate(masses, 1):
+        whole.add("M", [dof], DependentMatrix(np.eye(1)).times(mass))
     links = list(links)
     for link in links:
         dofs = tuple(link.dofs)
@@ -66,16 +80,13 @@ def lumped(masses: Sequence[float], links: Iterable[Link], joints: Iterable[Join
         if not all(1 <= dof <= n for dof in dofs):
             there_is = "is DOF 1" if n == 1 else f"are the DOFs 1 to {n}"
             raise UsageError(f"a link names DOFs {list(dofs)}, but there {there_is} only")
-        if not all(math.isfinite(value) and value >= 0 for value in (link.k, link.c)):
+        if not all(math.isfinite(float(value)) and float(value) >= 0 for value in (link.k, link.c)):
             raise UsageError(
                 f"stiffness and damping of the link {list(dofs)} must be finite and not negative"
             )
-        direction = np.zeros(n)
-        direction[dofs[0] - 1] = 1.0
-        if len(dofs) == 2:
-            direction[dofs[1] - 1] = -1.0
-        pattern = np.outer(direction, direction)
-        C += link.c * pattern
-        K += link.k * pattern
-    check_springs(masses, [(link.dofs, link.k) for link in links])
-    return StructuralModel(np.diag(np.asarray(masses, dtype=float)), C, K, tuple(joints))
+        direction = np.array([1.0, -1.0])[: len(dofs)]
+        pattern = DependentMatrix(np.outer(direction, direction))
+        whole.add("C", dofs, pattern.times(link.c))
+        whole.add("K", dofs, pattern.times(link.k))
+    check_springs([float(mass) for mass in masses], [(link.dofs, float(link.k)) for link in links])
+    return whole.model(None, joints, parameters)

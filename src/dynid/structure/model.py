@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynid.arithmetic.dependent import Dependent
+from dynid.arithmetic.dependent import Dependent, evaluated
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
+from dynid.structure.damping import ModalPart
 from dynid.structure.joints import Joint, unit_of
 from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
 
@@ -24,6 +25,8 @@ from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, 
 _MOST_DENSE = 5000
 # Motion that is rounding, relative to the largest in the same column of a basis.
 _ROUNDING = 16 * float(np.finfo(float).eps)
+# The same of computed rigid-body motions.
+_RIGID = 1e-9
 
 
 class Term(NamedTuple):
@@ -89,6 +92,8 @@ class StructuralModel:
         Unknown parameters other than those of joints.
     terms
         The parts of M, C and K that depend on them. M, C and K contain them at the reference values.
+    modal
+        Modal damping, where the modes depend on them; C contains it at the reference values.
 
     Raises
     ------
@@ -104,6 +109,7 @@ class StructuralModel:
     basis: Basis | None = None
     parameters: tuple[Parameter, ...] = ()
     terms: tuple[Term, ...] = ()
+    modal: ModalPart | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -113,6 +119,10 @@ class StructuralModel:
         for name in ("M", "K", "C"):
             given = getattr(self, name)
             object.__setattr__(self, name, as_matrix(name, given, n, sparse=sparse))
+        terms = (
+            term._replace(matrix=as_matrix(term.letter, term.matrix, n, sparse=sparse)) for term in self.terms
+        )
+        object.__setattr__(self, "terms", tuple(terms))
         object.__setattr__(self, "dofs", labels.checked(self.dofs, n))
         if self.basis is None:  # a projection of a structure is one
             for name in ("M", "K"):
@@ -226,16 +236,20 @@ class StructuralModel:
         """
         matrices = (np.asarray(T.T @ (matrix @ T)) for matrix in (self.M, self.C, self.K))
         M, C, K = ((matrix + matrix.T) / 2 for matrix in matrices)
-        terms = tuple(
-            term._replace(matrix=np.asarray(T.T @ np.asarray(term.matrix @ T))) for term in self.terms
-        )
+        terms = tuple(term._replace(matrix=_projected_pattern(term, T, rigid)) for term in self.terms)
+        modal = None if self.modal is None else self.modal.projected(T)
         basis = Basis(T, self, tuple(rigid))
-        return StructuralModel(M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms)
+        return StructuralModel(M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms, modal)
+
+    @property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The unknown parameters that the matrices depend on: those of joints, then of `parameters`."""
+        return (*self.joint_unknowns, *(one for one in self.parameters if one.name in self.names))
 
     @cached_property
-    def unknowns(self) -> tuple[Parameter, ...]:
-        """The unknown parameters: of joints, joint by joint, stiffness before damping; then all others."""
-        own = [
+    def joint_unknowns(self) -> tuple[Parameter, ...]:
+        """The joints' own unknown parameters, joint by joint, stiffness before damping."""
+        return tuple(
             Parameter(
                 name,
                 part.start,
@@ -248,18 +262,46 @@ class StructuralModel:
             for joint in self.joints
             for name, letter, part, _ in joint.terms
             if part.start is not None
-        ]
-        return (*own, *self.parameters)
+        )
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The names of all parameters on which the matrices depend, known or unknown."""
+        numbers = [coefficient for _, coefficient, _ in self.terms]
+        for joint in self.joints:
+            numbers += [coefficient for term in joint.terms for coefficient, _ in term.product.terms]
+        modal = frozenset[str]() if self.modal is None else self.modal.names
+        return modal.union(*(number.names for number in numbers))
 
     @cached_property
     def joint_terms(self) -> tuple[Term, ...]:
-        """The parts of the matrices that unknown parameters of joints multiply."""
+        """The parts of the matrices of joints that depend on parameters."""
         return tuple(
-            Term(letter.upper(), Dependent.parameter(name, part.start), self._pattern(joint, block, letter))
+            Term(term.letter.upper(), coefficient, self._pattern(joint, as_array(block), term.letter))
             for joint in self.joints
-            for name, letter, part, block in joint.terms
-            if part.start is not None
+            for term in joint.terms
+            for coefficient, block in term.product.terms
         )
+
+    def bare(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
+        """Return mass, damping and stiffness without the joints.
+
+        Parameters
+        ----------
+        values
+            Parameters by name; those that are absent have their reference values.
+        """
+        sums: dict[str, Any] = {"M": self.M, "C": self.C, "K": self.K}
+        given = values or {}
+        if self.names.isdisjoint(given):
+            return self.M, self.C, self.K
+        for term in self.terms:
+            change = term.coefficient.at(given).value - float(term.coefficient)
+            if change:
+                sums[term.letter] = sums[term.letter] + change * term.matrix
+        if self.modal is not None:
+            sums["C"] = sums["C"] + self._stored(self.modal.change(given))
+        return sums["M"], sums["C"], sums["K"]
 
     @guarded("the sum of mass, stiffness or damping at a DOF", UsageError)
     def with_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
@@ -268,53 +310,67 @@ class StructuralModel:
         Parameters
         ----------
         values
-            The unknown parameters by name. Those that are not joints' own (``<joint>.k``, ``<joint>.c``) have
+            The parameters by name. Those that are not joints' own (``<joint>.k``, ``<joint>.c``) have
             their reference values where they are absent.
 
         Raises
         ------
         UsageError
-            If an unknown parameter of a joint has no value, or a name is no unknown parameter.
+            If an unknown parameter of a joint has no value, or a name is no parameter.
         """
         given = dict(values or {})
-        unknown = given.keys() - {one.name for one in self.unknowns}
+        unknown = given.keys() - self.names - {one.name for one in self.parameters}
         if unknown:
             this = "this name" if len(unknown) == 1 else "these names"
             names = [name for name in given if name in unknown]
             raise UsageError(f"{', '.join(names)}: no unknown parameter has {this}", names=names)
-        sums: dict[str, Any] = {"m": self.M, "c": self.C, "k": self.K}
+        sums: dict[str, Any] = dict(zip("mck", self.bare(given), strict=True))
         for joint in self.joints:
-            for name, letter, part, block in joint.terms:
-                value = part.value if part.value is not None else given.get(name)
-                if value is None:
+            for name, letter, part, whole in joint.terms:
+                known = given.get(name) if part.value is None else evaluated(part.value, given).value
+                if known is None:
                     raise UsageError(f"the joint parameter {name} has no value", names=(name,))
-                sums[letter] = sums[letter] + self._pattern(joint, value * block, letter)
-        others = {one.name: given.get(one.name, one.expected) for one in self.parameters}
-        for term in self.terms:
-            change = term.coefficient.at(others).value - float(term.coefficient)
-            if change:
-                sums[term.letter.lower()] = sums[term.letter.lower()] + change * term.matrix
+                block = as_array(whole.at(given))
+                sums[letter] = sums[letter] + self._pattern(joint, known * block, letter)
         return sums["m"], sums["c"], sums["k"]
 
-    def slopes(self, values: Mapping[str, float]) -> tuple[Mapping[str, Matrix], ...]:
+    def with_known_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
+        """Return the matrices with the joints that are known, or in `values`; other ones are left out."""
+        others = {one.name: 0.0 for one in self.joint_unknowns}
+        return self.with_joints({**others, **(values or {})})
+
+    def slopes(
+        self, values: Mapping[str, float], names: Iterable[str] | None = None
+    ) -> tuple[Mapping[str, Matrix], ...]:
         """Return the derivatives of the matrices of `with_joints` by each unknown parameter's value.
 
         Parameters
         ----------
         values
-            The unknown parameters by name.
+            The parameters by name; those that are absent have their reference values.
+        names
+            The parameters, known or unknown, by which to differentiate; absent: `unknowns`.
 
         Returns
         -------
         tuple
-            For each of `unknowns` the derivatives by the matrices' letters, ``M``, ``C``, ``K``; those that
+            For each of them the derivatives by the matrices' letters, ``M``, ``C``, ``K``; those that
             vanish are absent.
         """
-        found: dict[str, dict[str, Any]] = {one.name: {} for one in self.unknowns}
-        for term in (*self.joint_terms, *self.terms):
-            for name, rate in term.coefficient.at(values).slopes.items():
-                own, part = found[name], rate * term.matrix
-                own[term.letter] = own[term.letter] + part if term.letter in own else part
+        wanted = [one.name for one in self.unknowns] if names is None else names
+        found: dict[str, dict[str, Any]] = {name: {} for name in wanted}
+        parts = [
+            (name, term.letter, rate * term.matrix)
+            for term in (*self.joint_terms, *self.terms)
+            for name, rate in term.coefficient.at(values).slopes.items()
+        ]
+        if self.modal is not None:
+            changes = self.modal.slopes(values)
+            parts += [(name, "C", self._stored(change)) for name, change in changes.items()]
+        for name, letter, part in parts:
+            if name in found:
+                own = found[name]
+                own[letter] = own[letter] + part if letter in own else part
         return tuple(found.values())
 
     def mass(self, values: Mapping[str, float] | None = None) -> Matrix:
@@ -325,7 +381,20 @@ class StructuralModel:
     @property
     def affine(self) -> bool:
         """True if every unknown parameter is the factor of stiffness and damping matrices, and of no mass."""
-        return all(term.letter != "M" and term.coefficient.is_multiple for term in self.terms)
+        unknown = {one.name for one in self.unknowns}
+        return self.modal is None and all(
+            term.letter != "M" and term.coefficient.is_multiple
+            for term in (*self.joint_terms, *self.terms)
+            if not unknown.isdisjoint(term.coefficient.names)
+        )
+
+    def _stored(self, matrix: Array) -> Matrix:
+        """Return a matrix stored as those of the model are."""
+        if not self.is_sparse:
+            return matrix
+        from scipy.sparse import csc_array  # loaded already: the model is sparse
+
+        return csc_array(matrix)
 
     def dense(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
         """Return the matrices of `with_joints` as arrays.
@@ -344,8 +413,28 @@ class StructuralModel:
         return as_array(M), as_array(C), as_array(K)
 
     def assembled(self, values: Mapping[str, float] | None = None) -> StructuralModel:
-        """Return the model with its joints added to the matrices, and no joints left."""
-        return StructuralModel(*self.with_joints(values), (), self.dofs, self.basis)
+        """Return the model with its joints added to the matrices, and no joints left.
+
+        Parameters
+        ----------
+        values
+            Values of the joints' own unknown parameters. All other parameters stay as they are.
+
+        Raises
+        ------
+        UsageError
+            If a joint's own parameter has no value, or a name is none of these.
+        """
+        given = dict(values or {})
+        others = [name for name in given if name in {one.name for one in self.parameters}]
+        if others:
+            raise UsageError(f"{', '.join(others)}: no parameter of a joint alone", names=others)
+        own = {one.name for one in self.joint_unknowns}
+        lasting = (term for term in self.joint_terms if own.isdisjoint(term.coefficient.names))
+        terms = (*self.terms, *lasting)
+        return StructuralModel(
+            *self.with_joints(given), (), self.dofs, self.basis, self.parameters, terms, self.modal
+        )
 
     def true_values(self) -> dict[str, float]:
         """Return the true values of the unknown parameters.
@@ -402,3 +491,21 @@ class StructuralModel:
             if letter == "k":
                 rows[:, list(self.basis.rigid)] = 0.0
         return np.asarray(rows.T @ block @ rows)
+
+
+def _projected_pattern(term: Term, T: Array, rigid: Sequence[int]) -> Array:
+    """Return a term's matrix in coordinates q with ``x = T q``.
+
+    Coordinates that strain it by no more than rounding get nothing of it; those of rigid-body motions are
+    computed, and rounded more.
+    """
+    product = np.asarray(term.matrix @ T)
+    part: Array = T.T @ product
+    part = (part + part.T) / 2
+    if term.letter != "M":
+        rounding = np.full(T.shape[1], _ROUNDING)
+        rounding[list(rigid)] = _RIGID
+        size = np.asarray(abs(term.matrix) @ np.abs(T)).max(axis=0, initial=0.0)
+        unstrained = np.abs(product).max(axis=0, initial=0.0) <= rounding * size
+        part[unstrained], part[:, unstrained] = 0.0, 0.0
+    return part

@@ -138,7 +138,7 @@ def time_response(
         If the response overflows.
     """
     t = np.asarray(times, dtype=float)
-    driven, (M, C, K) = drive(model, loads, outputs), model.dense(values)
+    driven, (M, C, K) = drive(model, loads, outputs, values), model.dense(values)
     driven.check_initial(M, C, model.dofs, displacement, velocity)
     start = driven.state(M, C, starting_state(model, loads, displacement, velocity))
     y = propagate(driven.system(M, C, K), signals_of(loads), t, start)

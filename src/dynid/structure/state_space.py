@@ -218,20 +218,23 @@ def without_massless(model: StructuralModel, dofs: Sequence[Label]) -> Structura
     Raises
     ------
     UsageError
-        If a massless DOF is damped, loaded, measured, or belongs to an unknown joint.
+        If a massless DOF is damped, loaded, measured, or an unknown parameter acts on it.
     Singular
         If one can move without strain.
     """
-    unknown = {name.name: 0.0 for name in model.unknowns}
-    M, C, _ = model.with_joints(unknown)
+    M, C, _ = model.with_known_joints()
     empty = massless(M)
     if not empty:
         return model
     acting = {model.label(dof): "a force or a sensor is there" for dof in dofs}
     acting |= {model.dofs[at]: "a damper acts on it" for at in np.setdiff1d(empty, massless(C))}
     for joint in model.joints:
-        if any(term.parameter.value is None for term in joint.terms):
+        if any(term.product.terms for term in joint.terms):
             acting |= {model.label(dof): f"the unknown joint {joint.name} acts on it" for dof in joint.dofs}
+    for term in model.terms:
+        named = ", ".join(sorted(term.coefficient.names))
+        rows = np.setdiff1d(empty, massless(term.matrix))
+        acting |= {model.dofs[at]: f"the unknown {named} acts on it" for at in rows}
     labels = [model.dofs[at] for at in empty]
     for label in labels:
         if label in acting:
@@ -254,7 +257,9 @@ def without_massless(model: StructuralModel, dofs: Sequence[Label]) -> Structura
     _, stiffness, mass = condense_massless(K, M, np.array(empty))
     kept = np.setdiff1d(np.arange(model.size), empty)
     others = tuple(joint for joint in model.joints if joint not in there)
+    terms = (term._replace(matrix=as_array(term.matrix)[np.ix_(kept, kept)]) for term in model.terms)
+    modal = None if model.modal is None else model.modal.projected(np.eye(model.size)[:, kept])
     return replace(
         model, M=mass, C=C[np.ix_(kept, kept)], K=stiffness, joints=others,
-        dofs=tuple(model.dofs[at] for at in kept),
+        dofs=tuple(model.dofs[at] for at in kept), terms=tuple(terms), modal=modal,
     )  # fmt: skip

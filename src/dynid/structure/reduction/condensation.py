@@ -19,7 +19,7 @@ from dynid.number_format import frequency_text
 from dynid.structure.matrices import Array, Label, Matrix, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.strain_energy import StrainEnergy
-from dynid.structure.reduction.masters import Indices, Masters, masters_alone, with_known_joints
+from dynid.structure.reduction.masters import Indices, Masters, masters_alone
 from dynid.structure.reduction.mode_selection import Interest
 from dynid.structure.reduction.reduction import StructuralReduction, projected
 
@@ -198,7 +198,7 @@ class Guyan:
 
 def constraint_modes(cut: Partition) -> tuple[Array, float]:
     """Return the constraint modes, the slaves' static motion (s x m), and their condition."""
-    K = with_known_joints(cut.model)[2]
+    K = cut.model.with_known_joints()[2]
     solve = solver(cut.inner(K), FREE, REMEDY)
     return -solve(cut.coupling(K)), solve.condition
 
@@ -242,7 +242,7 @@ class Dynamic:
                 names=("frequency",),
             )
         cut = partition(model, masters_alone(model, self.masters, self.interest))
-        M, _, K = with_known_joints(model)
+        M, _, K = model.with_known_joints()
         Z: Any = K - omega**2 * M
         solve = solver(
             cut.inner(Z),

@@ -14,7 +14,7 @@ from dynid.lti.floating import guarded
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.condensation import SLAVES, constraint_modes, partition
-from dynid.structure.reduction.masters import Masters, masters_alone, with_known_joints
+from dynid.structure.reduction.masters import Masters, masters_alone
 from dynid.structure.reduction.mode_selection import Interest, ModeRange, mode_rule, selected, wanted_modes
 from dynid.structure.reduction.reduction import StructuralReduction, projected
 
@@ -58,7 +58,7 @@ class CraigBampton:
         if wanted == ModeRange(count=0):
             small = projected(model, cut.basis(static), cut.labels)
             return StructuralReduction(small, cut.labels, condition=condition, inverted=SLAVES)
-        M, C, K = (cut.inner(matrix) for matrix in with_known_joints(model))
+        M, C, K = (cut.inner(matrix) for matrix in model.with_known_joints())
         fixed = selected((M, C, K), wanted)
         names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
         # Of unit size at their largest, like the boundary's coordinates.

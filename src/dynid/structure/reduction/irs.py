@@ -35,7 +35,7 @@ from dynid.structure.reduction.condensation import (
     partition,
     solver,
 )
-from dynid.structure.reduction.masters import Masters, masters_alone, with_known_joints
+from dynid.structure.reduction.masters import Masters, masters_alone
 from dynid.structure.reduction.mode_selection import Interest
 from dynid.structure.reduction.reduction import (
     StructuralReduction,
@@ -91,7 +91,7 @@ class Irs:
             If the slaves are not held by the masters, or the masters move without inertia.
         """
         cut = partition(model, masters_alone(model, self.masters, self.interest))
-        M, _, K = with_known_joints(model)
+        M, _, K = model.with_known_joints()
         solve = solver(cut.inner(K), FREE, REMEDY)
         problem = _Iteration(cut, M, K, solve, -solve(cut.coupling(K)))
         T, square, growth = problem.iterated(self.iterations)

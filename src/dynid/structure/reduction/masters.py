@@ -17,7 +17,7 @@ from dynid.defaults import MASTERS, SINGLE_MASTERS
 from dynid.errors import Singular, UsageError
 from dynid.number_format import counted
 from dynid.structure.labels import listed
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.matrices import Array, Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.mode_selection import Interest, ModeRange, selected, wanted_modes
 
@@ -226,11 +226,6 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
     )
 
 
-def with_known_joints(model: StructuralModel) -> tuple[Matrix, Matrix, Matrix]:
-    """Return M, C and K with the joints that are known; unknown ones are left out."""
-    return model.with_joints({unknown.name: 0.0 for unknown in model.unknowns})
-
-
 def masters_for_modes(
     model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest, shapes: Array
 ) -> Indices:
@@ -274,7 +269,7 @@ def masters_alone(
         wanted = wanted_modes(None, interest, given.count)
         if isinstance(wanted, ModeRange) and wanted.count is not None:
             wanted = ModeRange(count=min(wanted.count, model.size))
-        shapes = selected(with_known_joints(model), wanted).shapes
+        shapes = selected(model.with_known_joints(), wanted).shapes
         return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
     masters = interesting(model, interest) if given is None else indices_of(model, given)
     if not len(masters):

@@ -16,7 +16,7 @@ from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.condensation import solver
-from dynid.structure.reduction.masters import Indices, indices_of, interesting, with_known_joints
+from dynid.structure.reduction.masters import Indices, indices_of, interesting
 from dynid.structure.reduction.mode_selection import (
     Interest,
     ModeRange,
@@ -66,9 +66,9 @@ class ModalTruncation:
         UsageError
             If modes or DOFs do not exist or stand twice.
         """
-        matrices = with_known_joints(model)
+        matrices = model.with_known_joints()
         return on_modes_and_residuals(
-            model, matrices, self.modes, self.residuals, self.interest, retained=not model.unknowns
+            model, matrices, self.modes, self.residuals, self.interest, retained=not model.joint_unknowns
         )
 
 
