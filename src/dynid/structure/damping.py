@@ -2,8 +2,8 @@
 
 Modal damping ``C = P G P^T`` has P = M Phi, Phi^T M Phi = I and G = diag(2 zeta omega). As mass and stiffness
 change by m = Phi^T dM Phi and k = Phi^T dK Phi, ``dPhi = Phi E`` with E_ij = (k_ij - omega_j^2 m_ij) /
-(omega_j^2 - omega_i^2), E_ii = -m_ii/2 (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968) 2426–2429), dP = -P E^T, and
-dC = P X P^T, X = dG - E^T G - G E. With the divided differences taken in closed form,
+(omega_j^2 - omega_i^2), E_ii = -m_ii/2 (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968) 2426–2429), dP = -P E^T
+and dC = P X P^T, X = dG - E^T G - G E. With the divided differences taken in closed form,
 
     X_ij = (zeta_i + zeta_j) (k_ij + omega_i omega_j m_ij) / (omega_i + omega_j)
          + (zeta_j - zeta_i) (k_ij - omega_i omega_j m_ij) / (omega_j - omega_i)

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError, FileError, SceneError, UsageError
 from dynid.parameters import ParameterPrior
+from dynid.scene.kinds.parameters import quantities, unknown_parameters
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.references import dof_faults
-from dynid.scene.schema.structure import FileModel
 from dynid.structure.joints import Joint, JointParameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from dynid.arithmetic.dependent import Real
+    from dynid.parameters import Parameter
     from dynid.scene.load import Scene
     from dynid.scene.schema.joints import JointModel, MassModel
     from dynid.scene.schema.structure import (
         BeamModel,
         DampingModel,
+        FileModel,
         FrameModel,
         LumpedModel,
         MatricesModel,
@@ -46,6 +50,7 @@ def build_structure(
     UsageError
         If the matrices are not those of a structure.
     """
+    parameters = with_units(unknown_parameters(scene.model), structure, joints)
     built = []
     for name, joint in joints.items():
         parts = (_parameter(part) for part in (joint.k, joint.c, joint.m))
@@ -55,13 +60,13 @@ def build_structure(
             raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
     try:
         if structure.lumped is not None:
-            return _lumped(structure.lumped, built)
+            return _lumped(structure.lumped, built, parameters)
         if structure.beam is not None:
-            return _beam(structure.beam, built)
+            return _beam(structure.beam, built, parameters)
         if structure.frame is not None:
-            return _frame(structure.frame, built)
+            return _frame(structure.frame, built, parameters)
         assert structure.matrices is not None
-        bare = _matrices(scene.folder, structure.matrices)
+        bare = _matrices(scene.folder, structure.matrices, parameters)
         faults = dof_faults(scene.source, type(scene.model), bare.dofs)
         if faults:  # found only now: the DOFs are those of a file
             raise SceneError(faults)
@@ -80,16 +85,41 @@ def number(quantity: Quantity | None) -> float:
     return 0.0 if quantity is None else float(quantity)
 
 
-def _lumped(part: LumpedModel, joints: Sequence[Joint]) -> StructuralModel:
+def _real(quantity: Quantity | None) -> Real:
+    """Return a quantity as a number, which may depend on parameters; absent, 0."""
+    return 0.0 if quantity is None else quantity.real
+
+
+#: Units of the quantities of structures by their keys, wherever these mean one thing only.
+_UNITS = {
+    "masses": "kg", "m": "kg", "J": "kg.m^2", "EA": "N", "EI": "N.m^2", "rhoA": "kg/m", "length": "m",
+    "alpha": "1/s", "beta": "s",
+}  # fmt: skip
+
+
+def with_units(
+    parameters: Sequence[Parameter], structure: StructureModel, joints: Mapping[str, JointModel]
+) -> tuple[Parameter, ...]:
+    """Return unknown parameters with the units of the quantities that they are, where these agree."""
+    units: dict[str, set[str]] = {}
+    for part in (structure, joints):
+        for key, quantity in quantities(part):
+            if quantity.dependent is not None and not quantity.dependent.operation:
+                units.setdefault(quantity.dependent.operands[0], set()).add(_UNITS.get(key, ""))
+    return tuple(
+        replace(one, unit=next(iter(found))) if len(found := units.get(one.name, set())) == 1 else one
+        for one in parameters
+    )
+
+
+def _lumped(part: LumpedModel, joints: Sequence[Joint], parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.lumped import Link, lumped
 
-    links = [
-        Link(tuple(int(dof) for dof in link.dofs), number(link.k), number(link.c)) for link in part.links
-    ]
-    return lumped([float(mass) for mass in part.masses], links, joints)
+    links = [Link(tuple(int(dof) for dof in link.dofs), _real(link.k), _real(link.c)) for link in part.links]
+    return lumped([mass.real for mass in part.masses], links, joints, parameters=parameters)
 
 
-def _beam(part: BeamModel, joints: Sequence[Joint]) -> StructuralModel:
+def _beam(part: BeamModel, joints: Sequence[Joint], parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.beam import beam
 
     return beam(
@@ -100,25 +130,33 @@ def _beam(part: BeamModel, joints: Sequence[Joint]) -> StructuralModel:
         **_attached(part),
         damping=_damping(part.damping),
         joints=joints,
+        parameters=parameters,
     )
 
 
-def _frame(part: FrameModel, joints: Sequence[Joint]) -> StructuralModel:
+def _frame(part: FrameModel, joints: Sequence[Joint], parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.frame import Member, frame
 
     members = [
         Member(
             (member.nodes[0], member.nodes[1]),
-            float(member.EA),
-            float(member.EI),
-            float(member.rhoA),
+            member.EA.real,
+            member.EI.real,
+            member.rhoA.real,
             member.elements,
             tuple(member.hinges),
         )
         for member in part.members
     ]
-    points = [(float(x), float(y)) for x, y in part.nodes]
-    return frame(points, members, **_attached(part), damping=_damping(part.damping), joints=joints)
+    points = [(x.real, y.real) for x, y in part.nodes]
+    return frame(
+        points,
+        members,
+        **_attached(part),
+        damping=_damping(part.damping),
+        joints=joints,
+        parameters=parameters,
+    )
 
 
 def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
@@ -126,15 +164,13 @@ def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
 
     return {
         "supports": [Support(item.node, tuple(item.fix)) for item in part.supports],
-        "masses": [PointMass(item.node, number(item.m), number(item.J)) for item in part.masses],
-        "springs": [
-            Spring(item.node, item.direction, number(item.k), number(item.c)) for item in part.springs
-        ],
+        "masses": [PointMass(item.node, _real(item.m), _real(item.J)) for item in part.masses],
+        "springs": [Spring(item.node, item.direction, _real(item.k), _real(item.c)) for item in part.springs],
     }
 
 
-def _matrices(folder: Path, part: MatricesModel) -> StructuralModel:
-    from dynid.structure.imported import from_state_space, imported
+def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]) -> StructuralModel:
+    from dynid.structure.imported import MatrixPart, from_state_space, imported
     from dynid.structure.readers.read import matrix_file, read_labels
 
     try:
@@ -146,13 +182,18 @@ def _matrices(folder: Path, part: MatricesModel) -> StructuralModel:
         names = {role: name for role in "ABC" if (name := getattr(given, role)) is not None}
         return from_state_space(folder / given.path, names, labels=labels)
 
-    def file(item: FileModel) -> Any:
-        return matrix_file(folder, item.path, item.name)
+    def files(items: list[FileModel]) -> list[MatrixPart]:
+        return [
+            MatrixPart(
+                matrix_file(folder, item.path, item.name), 1.0 if item.factor is None else item.factor.real
+            )
+            for item in items
+        ]
 
     assert part.mass is not None
     assert part.stiffness is not None
-    damping = file(part.damping) if isinstance(part.damping, FileModel) else _damping(part.damping)
-    return imported(file(part.mass), file(part.stiffness), damping, labels=labels)
+    damping = files(part.damping) if isinstance(part.damping, list) else _damping(part.damping)
+    return imported(files(part.mass), files(part.stiffness), damping, labels=labels, parameters=parameters)
 
 
 def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping | None:
@@ -162,18 +203,18 @@ def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping |
         return None
     if given.ratio is not None:
         return ModalDamping(_each(given.ratio))
-    return ProportionalDamping(number(given.alpha), number(given.beta))
+    return ProportionalDamping(_real(given.alpha), _real(given.beta))
 
 
-def _each(given: Quantity | list[Quantity]) -> float | list[float]:
-    return [float(value) for value in given] if isinstance(given, list) else float(given)
+def _each(given: Quantity | list[Quantity]) -> Real | list[Real]:
+    return [value.real for value in given] if isinstance(given, list) else given.real
 
 
 def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | None:
     if given is None:
         return None
-    matrix = [[float(value) for value in row] for row in given.matrix] if given.matrix else None
-    value = _optional(given.value)
+    matrix = [[value.real for value in row] for row in given.matrix] if given.matrix else None
+    value = None if given.value is None else given.value.real
     if not isinstance(given, ParameterModel):
         return JointParameter(value, matrix=matrix)
     start, true, low, high = (_optional(part) for part in (given.start, given.true, given.min, given.max))

@@ -179,7 +179,7 @@ class FrameModel(Section):
     def labels(self) -> list[int | str]:
         """Return the labels of the free degrees of freedom, those at nodes within members last."""
         members = ((member.nodes, member.hinges, member.elements) for member in self.members)
-        turning = {mass.node for mass in self.masses if mass.J and float(mass.J)}
+        turning = {mass.node for mass in self.masses if mass.J and mass.J.real}
         turning |= {spring.node for spring in self.springs if spring.direction == "theta"}
         return frame_labels(len(self.nodes), members, _held(self.supports), turning)
 
@@ -230,10 +230,11 @@ def _path_alone(raw: Any) -> Any:
 
 
 class FileModel(Section):
-    """A file, and the matrix in it where it holds several (in HDF5 also as `file.h5:/path`)."""
+    """A file, the matrix in it where it holds several (in HDF5 also as `file.h5:/path`), and its factor."""
 
     path: FilePath
     name: str | None = None
+    factor: UncertainNotNegative | None = None
 
 
 class StateSpaceModel(Section):
@@ -245,24 +246,34 @@ class StateSpaceModel(Section):
     C: str | None = None
 
 
+def _parts(raw: Any) -> Any:
+    return [_path_alone(part) for part in raw] if isinstance(raw, list) else [_path_alone(raw)]
+
+
 def _file_or_law(raw: Any) -> str:
-    return "file" if isinstance(raw, str) or (isinstance(raw, dict) and "path" in raw) else "law"
+    file = isinstance(raw, str | list) or (isinstance(raw, dict) and "path" in raw)
+    return "file" if file else "law"
 
 
-File = Annotated[FileModel, BeforeValidator(_path_alone, json_schema_input_type=FileModel | str), FILE]
+Parts = Annotated[
+    list[Annotated[FileModel, FILE]],
+    Field(min_length=1, max_length=1000),
+    BeforeValidator(_parts, json_schema_input_type=FileModel | str | list[FileModel | str]),
+    FILE,
+]
 StateSpaceFile = Annotated[
     StateSpaceModel, BeforeValidator(_path_alone, json_schema_input_type=StateSpaceModel | str), FILE
 ]
 DampingMatrix = Annotated[
-    Annotated[File, Tag("file")] | Annotated[DampingModel, Tag("law")], Discriminator(_file_or_law)
+    Annotated[Parts, Tag("file")] | Annotated[DampingModel, Tag("law")], Discriminator(_file_or_law)
 ]
 
 
 class MatricesModel(Section):
-    """Matrices in files, or the state space that they make."""
+    """Matrices in files, each whole or as the sum of its parts, or the state space that they make."""
 
-    mass: File | None = None
-    stiffness: File | None = None
+    mass: Parts | None = None
+    stiffness: Parts | None = None
     damping: DampingMatrix | None = None
     labels: list[DofLabel] | FilePath | None = None
     state_space: StateSpaceFile | None = None
