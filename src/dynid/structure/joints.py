@@ -136,7 +136,7 @@ class Joint:
                 size = len(part.block)
                 raise self._refused(f"names {len(self.dofs)} DOFs, but its {letter} is {size} x {size}")
         if isinstance(self.m, JointParameter) and self.m.start is not None:
-            raise self._refused("can have an unknown mass as a parameter of the structure only")
+            raise self._refused("can have unknown stiffness and damping of its own, not mass")
 
     def _refused(self, said: str) -> UsageError:
         return UsageError(f"joint {self.name} {said}", names=(self.name,))
