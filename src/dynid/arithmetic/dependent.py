@@ -10,11 +10,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from dynid.arithmetic.derivatives import Dual, operate
 from dynid.arithmetic.expression import Expression
 from dynid.arithmetic.numbers import Number, apply
+
+T = TypeVar("T")
 
 
 class Evaluated(NamedTuple):
@@ -81,6 +83,19 @@ class Dependent:
             return not isinstance(b, Dependent) and a.is_multiple
         return not self.operation
 
+    def fold(self, leaf: Callable[[Real], T], make: Callable[[Dependent, list[T]], T]) -> T:
+        """Evaluate it in any arithmetic: `leaf` gives numbers and parameters a value, `make` operations."""
+        found: dict[int, T] = {}
+        for node in self._order:
+            if node.operation:
+                operands = [
+                    found[id(one)] if isinstance(one, Dependent) else leaf(one) for one in node.operands
+                ]
+                found[id(node)] = make(node, operands)
+            else:
+                found[id(node)] = leaf(node)
+        return found[id(self)]
+
     def dual(self, values: Mapping[str, Number]) -> Dual:
         """Return value and derivatives at values of the parameters, exact where these and it are.
 
@@ -91,17 +106,14 @@ class Dependent:
         OutOfRangeError
             If there is no finite value, or no finite derivative.
         """
-        found: dict[int, Dual] = {}
-        for node in self._order:
-            if node.operation:
-                operands = [
-                    found[id(one)] if isinstance(one, Dependent) else Dual(one, {}) for one in node.operands
-                ]
-                found[id(node)] = operate(node.operation, operands)
-            else:
-                name = node.operands[0]
-                found[id(node)] = Dual(values.get(name, node.reference), {name: Fraction(1)})
-        return found[id(self)]
+
+        def leaf(item: Real) -> Dual:
+            if not isinstance(item, Dependent):
+                return Dual(item, {})
+            name = item.operands[0]
+            return Dual(values.get(name, item.reference), {name: Fraction(1)})
+
+        return self.fold(leaf, lambda node, operands: operate(node.operation, operands))
 
     def at(self, values: Mapping[str, float]) -> Evaluated:
         """Return value and derivatives at values of the parameters, as floats; raises as `dual`."""

@@ -102,6 +102,7 @@ def build_graph(model: BondGraphScene) -> BondGraph:
             node.value.exact if node.value is not None else None,
             node.value.expression if node.value is not None else None,
             node.domain or "",
+            node.value.dependent if node.value is not None else None,
         )
         for name, node in model.graph.nodes.items()
     ]

@@ -1,0 +1,308 @@
+"""Programs whose node values are functions of unknown parameters, with exact derivatives by these.
+
+The derivatives are registers of the program like all others, so that common parts are computed once. The
+program holds for all values of the parameters; known values are those of the graph. It runs in ball
+arithmetic with as many bits as it takes: fixed pivots lose digits of floats where parameters are decades
+apart, but a ball says so.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arithmetic.numbers import OutOfRangeError
+from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.program.modular import numeric_point, prime_for
+from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Register
+from dynid.errors import Singular
+
+#: Bits of the ball arithmetic, tried in this order, and those that a number must have for sure.
+PRECISIONS = (128, 512, 4096)
+_SURE = 56
+
+#: Powers that are written as products.
+_SMALL = range(-8, 9)
+
+
+class ParametricProgram(Program):
+    """A program in which `parameter` writes the value of a node as a function of the unknown parameters.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    unknown
+        The names of the parameters to differentiate by; all others have their reference values.
+    """
+
+    def __init__(self, graph: BondGraph, unknown: Sequence[str]) -> None:
+        from flint import nmod
+
+        self.graph, self.unknown = graph, tuple(unknown)
+        dependents = {
+            name: node.dependent for name, node in graph.nodes.items() if node.dependent is not None
+        }
+        self._dependent = {
+            name: number for name, number in dependents.items() if number.names.intersection(unknown)
+        }
+        known = {
+            name: node.value
+            for name, node in graph.nodes.items()
+            if node.value is not None and name not in self._dependent
+        }
+        self.known: Mapping[str, Fraction] = known
+        numbers = [part for number in self._dependent.values() for part in _numbers(number)]
+        prime = prime_for([*known.values(), *numbers])
+        exact = numeric_point(known, prime)
+        source = random.Random(0x5EED)
+        # what holds at a random point of the unknown parameters holds for all of their values
+        residues = {f"@{name}": nmod(source.getrandbits(60), prime) for name in self.unknown}
+        self._source, self._residues = source, {**exact.values, **residues}
+        super().__init__(ModularPoint(prime, self._residues, exact.laplace, general=True))
+        self.opaque: dict[str, tuple[Dependent, str]] = {}  # leaf: a function that is not rational, by what
+        self._nodes: dict[str, Register] = {}
+        self._slopes: dict[Register, dict[str, Register]] = {}
+
+    def parameter(self, name: str) -> Register:
+        """Write the value of a node."""
+        if name not in self._nodes:
+            dependent = self._dependent.get(name)
+            self._nodes[name] = (
+                super().parameter(name)
+                if dependent is None
+                else dependent.fold(self._leaf_or_number, self._operation)
+            )
+        return self._nodes[name]
+
+    def _leaf_or_number(self, number: Real) -> Register:
+        if isinstance(number, Dependent) and number.operands[0] in self.unknown:
+            return super().parameter(f"@{number.operands[0]}")
+        exact = Fraction(number.reference if isinstance(number, Dependent) else number)
+        return self.div(self.constant(exact.numerator), self.constant(exact.denominator))
+
+    def _operation(self, node: Dependent, operands: list[Register]) -> Register:
+        match node.operation:
+            case "+":
+                return self.add(*operands)
+            case "-":
+                return self.sub(*operands)
+            case "*":
+                return self.mul(*operands)
+            case "/":
+                return self.div(*operands)
+            case "neg":
+                return self.neg(*operands)
+            case "pos":
+                return operands[0]
+            case "**" if not isinstance(node.operands[1], Dependent) and node.operands[1] in _SMALL:
+                exponent = int(node.operands[1])
+                power = self.product([operands[0]] * abs(exponent))
+                return power if exponent >= 0 else self.inv(power)
+        return self._given(node, "")
+
+    def _given(self, node: Dependent, by: str) -> Register:
+        """Write a function that is not rational, or its derivative, as a number that is given."""
+        from flint import nmod
+
+        key = f"@{id(node)}@{by}"
+        if key not in self.opaque:
+            self.opaque[key] = node, by
+            self._residues[key] = nmod(self._source.getrandbits(60), self.prime)
+        return super().parameter(key)
+
+    # --- derivatives ---------------------------------------------------------------------------
+
+    def slopes(self, wanted: Iterable[Register]) -> list[dict[str, Register]]:
+        """Write the derivatives of registers by the unknown parameters; those that vanish are left out."""
+        wanted = list(wanted)
+        for register in self.needed(wanted):
+            if register not in self._slopes:
+                self._slopes[register] = self._differentiated(register)
+        return [self._slopes[register] for register in wanted]
+
+    def _differentiated(self, register: Register) -> dict[str, Register]:
+        op, a, b = self.ops[register]
+        if op is Operation.PARAMETER:
+            if a in self.opaque:
+                node, _ = self.opaque[a]
+                return {name: self._given(node, name) for name in node.names.intersection(self.unknown)}
+            return {a[1:]: self.one} if a.startswith("@") else {}
+        if op < Operation.ADD:
+            return {}
+        first, second = self._slopes[a], {} if op is Operation.NEG else self._slopes[b]
+        found = {}
+        for name in (name for name in self.unknown if name in first or name in second):
+            da, db = first.get(name, self.zero), second.get(name, self.zero)
+            match op:
+                case Operation.ADD:
+                    slope = self.add(da, db)
+                case Operation.SUB:
+                    slope = self.sub(da, db)
+                case Operation.NEG:
+                    slope = self.neg(da)
+                case Operation.MUL:
+                    slope = self.add(self.mul(da, b), self.mul(a, db))
+                case _:
+                    slope = self.div(self.sub(da, self.mul(register, db)), b)
+            if not self.is_zero(slope):
+                found[name] = slope
+        return found
+
+    def needed(self, wanted: Sequence[Register]) -> list[Register]:
+        """Return the registers that these depend on, themselves included, in order."""
+        return [register for register, one in enumerate(self._needed(list(wanted))) if one]
+
+    # --- evaluation ----------------------------------------------------------------------------
+
+    def leaves(self, values: Mapping[str, float]) -> dict[str, float | Fraction]:
+        """Return the numbers that the program reads, at values of the unknown parameters.
+
+        Raises
+        ------
+        Singular
+            If a value is not defined there.
+        """
+        found: dict[str, float | Fraction] = {**self.known}
+        found |= {f"@{name}": float(values[name]) for name in self.unknown}
+        try:
+            duals = {id(node): node.dual(values) for node, _ in self.opaque.values()}
+        except OutOfRangeError as error:
+            raise Singular(
+                f"a value of the graph is not defined: {error}",
+                remedy="Limit the parameters to values at which it is.",
+                names=self.unknown,
+            ) from None
+        for key, (node, by) in self.opaque.items():
+            dual = duals[id(node)]
+            found[key] = dual.slopes.get(by, Fraction(0)) if by else dual.value
+        return found
+
+
+def _numbers(number: Dependent) -> list[Fraction]:
+    """Return the numbers that an expression is written with."""
+    found: list[Fraction] = []
+
+    def note(item: Real) -> None:
+        found.append(Fraction(item.reference if isinstance(item, Dependent) else item))
+
+    number.fold(note, lambda *_: None)
+    return found
+
+
+class Tape:
+    """Registers of a parametric program that are evaluated again and again, each to full double precision.
+
+    Parameters
+    ----------
+    program
+        The program.
+    wanted
+        The registers.
+    """
+
+    def __init__(self, program: ParametricProgram, wanted: Sequence[Register]) -> None:
+        self._program = program
+        needed = program.needed(wanted)
+        read = [register for register in needed if program.ops[register][0] < Operation.ADD]
+        done = [register for register in needed if program.ops[register][0] >= Operation.ADD]
+        place = {register: k for k, register in enumerate([*read, *done])}
+        self._read = [program.ops[register][:2] for register in read]
+        self._steps = [
+            (op, place[a], place[b] if op is not Operation.NEG else 0)
+            for op, a, b in (program.ops[register] for register in done)
+        ]
+        self._wanted = [place[register] for register in wanted]
+
+    @cached_property
+    def _known(self) -> dict[int, list[Any]]:
+        return {}
+
+    def _numbers(self, leaves: Mapping[str, float | Fraction], s: Any, precision: int) -> list[Any]:
+        """Return what is read, as balls of the precision in use."""
+        from flint import arb, fmpq
+
+        def ball(number: float | Fraction) -> Any:
+            return arb(number if isinstance(number, float) else fmpq(number.numerator, number.denominator))
+
+        known = self._program.known
+        if precision not in self._known:  # what does not change is rounded once
+            self._known[precision] = [
+                arb(a)
+                if op is Operation.CONSTANT
+                else ball(known[a])
+                if op is Operation.PARAMETER and a in known
+                else None
+                for op, a in self._read
+            ]
+        return [
+            number if number is not None else s if op is Operation.LAPLACE else ball(leaves[a])
+            for number, (op, a) in zip(self._known[precision], self._read, strict=True)
+        ]
+
+    def run(self, leaves: Mapping[str, float | Fraction], omega: float | None = None) -> list[Any]:
+        """Return the registers, rounded to floats, or to complex numbers at s = j omega.
+
+        Parameters
+        ----------
+        leaves
+            What the program reads, of `ParametricProgram.leaves`.
+        omega
+            Angular frequency, rad/s; absent: nothing depends on s.
+
+        Raises
+        ------
+        Singular
+            If a divisor vanishes.
+        """
+        from flint import acb, ctx
+
+        for precision in PRECISIONS:
+            with ctx.workprec(precision):
+                balls = self._balls(
+                    self._numbers(leaves, None if omega is None else acb(0, omega), precision)
+                )
+                rounding = float if omega is None else _complex
+                if all(ball.rel_accuracy_bits() >= _SURE for ball in balls):
+                    return [rounding(ball) for ball in balls]
+                # what still may be zero with so many bits is zero: a slope at values where it vanishes
+                if precision > PRECISIONS[0] and all(
+                    ball.rel_accuracy_bits() >= _SURE or _vanishes(ball, precision) for ball in balls
+                ):
+                    return [0.0 if ball.contains(0) else rounding(ball) for ball in balls]
+        where = "" if omega is None else f", {omega:g} rad/s"
+        raise Singular(
+            f"the equations of the graph have no solution at these values of the parameters{where}: "
+            "a divisor vanishes (a storage without a value, values that cancel, or an undamped natural mode)",
+            remedy="Limit the parameters (`min`, `max`), or start elsewhere.",
+            names=self._program.unknown,
+        )
+
+    def _balls(self, memory: list[Any]) -> list[Any]:
+        add, sub, mul, div = Operation.ADD, Operation.SUB, Operation.MUL, Operation.DIV
+        append = memory.append
+        for op, a, b in self._steps:
+            if op is mul:
+                append(memory[a] * memory[b])
+            elif op is add:
+                append(memory[a] + memory[b])
+            elif op is sub:
+                append(memory[a] - memory[b])
+            elif op is div:
+                append(memory[a] / memory[b])
+            else:
+                append(-memory[a])
+        return [memory[place] for place in self._wanted]
+
+
+def _complex(ball: Any) -> complex:
+    return complex(float(ball.real.mid()), float(ball.imag.mid()))
+
+
+def _vanishes(ball: Any, precision: int) -> bool:
+    """Test whether a ball holds zero and is tiny."""
+    return bool(ball.is_finite() and ball.contains(0) and abs(ball) < 2.0 ** -(precision // 2))

@@ -1,0 +1,398 @@
+"""A bond graph with unknown parameters as a linear system for the estimators.
+
+The states are the displacement q of each C and the flow f of each I that are independent, less a multiple of
+an input where its derivative enters the equations. Only the part of the graph that the channels depend on is
+modelled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, port_fault
+from dynid.bondgraph.parametric_equations import ParametricEquations
+from dynid.bondgraph.parametric_response import ParametricResponse
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.errors import Singular, UsageError
+from dynid.identification.linear_system import ComplexArray, LinearSystem, Matrices, StateVariable
+from dynid.identification.simulation import Simulation
+from dynid.lti.signals import Impulse, Signal
+from dynid.lti.state_space import StateSpace
+from dynid.lti.time_response import TimeResponse, propagate
+from dynid.parameters import Parameter, true_values
+from dynid.suggestions import did_you_mean
+
+Array = NDArray[np.float64]
+
+#: Derivatives of a sampled input that are no impulses at the samples, by its hold.
+_SMOOTH_HOLDS = {"zero": 0, "linear": 1, "spline": 3}
+
+
+class SourceLoad(NamedTuple):
+    """A source of the graph that follows a signal; several loads of one source add up."""
+
+    source: str
+    signal: Signal
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its name in results: that of the source."""
+        return self.source
+
+    @property
+    def gain_name(self) -> str:
+        """The name of its gain."""
+        return f"gain of {self.source}"
+
+    @property
+    def motion(self) -> None:
+        """No motion of a structure is prescribed."""
+
+
+class GraphChannel(NamedTuple):
+    """A measured variable of the graph: effort, flow, displacement or momentum at a node."""
+
+    port: Port
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its name in results, such as `J.f`."""
+        return str(self.port)
+
+    @property
+    def gain_name(self) -> str:
+        """The name of its gain."""
+        return f"gain of {self.name}"
+
+    def unit_load(self, source: str) -> SourceLoad:
+        """Return the load that a frequency response of it refers to: a unit impulse of a source."""
+        return SourceLoad(source, Impulse(1.0))
+
+
+class GraphModel:
+    """A bond graph with unknown parameters: a `SystemModel`.
+
+    Parameters
+    ----------
+    graph
+        The graph; the values of its nodes may depend on the parameters.
+    parameters
+        The unknown parameters.
+    initial
+        Stored energy at t = 0 of simulated records: the flow of an I, the effort of a C, by name.
+
+    Raises
+    ------
+    UsageError
+        If what is given energy is no storage.
+    """
+
+    def __init__(
+        self, graph: BondGraph, parameters: Sequence[Parameter], initial: Mapping[str, float] | None = None
+    ) -> None:
+        self.graph, self._unknowns, self.initial = graph, tuple(parameters), dict(initial or {})
+        self._units = GraphUnits(graph)
+        storages = [name for name, node in graph.nodes.items() if node.type in STORAGES]
+        for name in self.initial:
+            if name not in storages:
+                raise UsageError(
+                    f"'{name}' is no I or C of the graph, which store energy{did_you_mean(name, storages)}",
+                    names=("initial", name),
+                )
+
+    @property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The unknown parameters (p)."""
+        return self._unknowns
+
+    def load(self, source: str, signal: Signal) -> SourceLoad:
+        """Return the load of a source, with its unit.
+
+        Raises
+        ------
+        UsageError
+            If there is no such source.
+        """
+        nodes = self.graph.nodes
+        if source not in nodes or nodes[source].type not in SOURCES:
+            sources = [name for name, node in nodes.items() if node.type in SOURCES]
+            raise UsageError(
+                f"'{source}' is no source of the graph{did_you_mean(source, sources)}",
+                remedy=f"Its sources are {', '.join(sources) or 'none'}.",
+                names=(source,),
+            )
+        return SourceLoad(source, signal, self._units.of_input(source))
+
+    def channel(self, port: Port) -> GraphChannel:
+        """Return the channel that measures a variable, with its unit.
+
+        Raises
+        ------
+        UsageError
+            If there is no such variable.
+        """
+        nodes = self.graph.nodes
+        if port.node not in nodes:
+            raise UsageError(
+                f"'{port}': the graph has no node '{port.node}'{did_you_mean(port.node, nodes)}",
+                names=(str(port), port.node),
+            )
+        if fault := port_fault({name: node.type for name, node in nodes.items()}, port):
+            raise UsageError(fault, names=(str(port), port.node))
+        return GraphChannel(port, self._units.of_output(port))
+
+    def system(self, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]) -> GraphSystem:
+        """Return the system from the loads to the channels.
+
+        Raises
+        ------
+        UsageError
+            If a source or variable does not exist.
+        Singular
+            If the equations have no unique solution.
+        """
+        return GraphSystem(self, loads, channels)
+
+    def simulated(
+        self,
+        loads: Sequence[SourceLoad],
+        channels: Sequence[GraphChannel],
+        times: Array,
+        source: Simulation,  # noqa: ARG002 - its settling time is in the times; the energy is `initial`
+    ) -> TimeResponse:
+        """Return the exact, noise-free response at the true values, from the stored energy at t = 0.
+
+        The energy is an impulse of strength f(0) on an I, e(0) on a C, at t = 0 (Park & Kim 1997, eqs 13
+        to 16): storages that are rigidly coupled share it.
+
+        Raises
+        ------
+        UsageError
+            If a true value is not known, or a channel follows an impulse.
+        """
+        values = true_values(self._unknowns)
+        system = self.system(loads, channels)
+        system.check()
+        return propagate(
+            system.state_space(values), system.signals, times, system.started(values, self.initial)
+        )
+
+
+class GraphSystem(LinearSystem):
+    """The linear system of a bond graph for the loads and channels of one record.
+
+    Parameters
+    ----------
+    model
+        The graph with its parameters.
+    loads
+        The sources that act; all others are zero.
+    channels
+        The measured variables.
+
+    Attributes
+    ----------
+    unreached
+        Unknown parameters that no channel depends on: their slopes are zero.
+    """
+
+    def __init__(
+        self, model: GraphModel, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]
+    ) -> None:
+        self.unknowns, self._loads, self._channels = model.unknowns, loads, channels
+        self.signals = [load.signal for load in loads]
+        self._names = [parameter.name for parameter in self.unknowns]
+        for load in loads:
+            model.load(*load[:2])
+        ports = list(dict.fromkeys(model.channel(channel.port).port for channel in channels))
+        sources = list(dict.fromkeys(load.source for load in loads))
+        self._reduced = ReducedGraph(model.graph, sources, ports, traced=False)
+        self._equations = ParametricEquations(self._reduced, self._names)
+        self._columns = [sources.index(load.source) for load in loads]
+        self._rows = [ports.index(channel.port) for channel in channels]
+        units = self._reduced.units
+        self.states = tuple(
+            StateVariable(str(state.port), units.of_output(state.port)) for state in self._equations.states
+        )
+        self.unreached = tuple(name for name in self._names if name not in self._equations.reached)
+
+    def check(self) -> None:
+        """Refuse loads of which a channel follows a derivative that is an impulse.
+
+        Raises
+        ------
+        UsageError
+            Naming the source.
+        """
+        for load in self._loads:
+            _check_smooth(load, self._equations.orders[load.source])
+
+    def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the value of every unknown: those given, else the reference."""
+        return {one.name: values.get(one.name, one.expected) for one in self.unknowns}
+
+    def at(self, values: Mapping[str, float]) -> Matrices:
+        """Return the matrices at values of the parameters, by name; absent: their reference values.
+
+        Every entry and derivative has full double precision.
+
+        Raises
+        ------
+        Singular
+            If the equations change their form there: a divisor vanishes.
+        NumericalError
+            If an entry leaves the range of doubles.
+        """
+        A, B, C, D, dA, dB, dC, dD = self._equations.at(self._complete(values))
+        rows, columns = self._rows, self._columns
+        return Matrices(
+            A,
+            B[:, columns],
+            C[rows],
+            D[:, rows][..., columns],
+            dA,
+            dB[..., columns],
+            dC[:, rows],
+            dD[:, :, rows][..., columns],
+        )
+
+    def started(self, values: Mapping[str, float], initial: Mapping[str, float]) -> Array:
+        """Return the state (n) right after storages are given energy: f(0) of an I, e(0) of a C, by name."""
+        if not initial:
+            return np.zeros(len(self.states))
+        # A storage that no channel depends on is not modelled.
+        given = [name for name in initial if name in self._equations.storages]
+        found = ParametricEquations(self._reduced, self._names, given).at(self._complete(values))
+        return np.asarray(found[1][:, len(self._reduced.inputs) :] @ [float(initial[name]) for name in given])
+
+    def prior(self, values: Mapping[str, float], length: float) -> Array:
+        """Return a root (n x n) of the wide prior covariance of the state, up to a factor.
+
+        Flows of I have the covariance M^-1 and displacements of C ``(K + S^-1)^-1``, with the stored energy
+        ``(q' K q + f' M f) / 2`` and ``S = T^2 G M^-1 G'``, where q' = G f + …: what the flows reach in the
+        length T of the record. For a grounded chain of masses and springs, q = L x of displacements x, this
+        is L (K_x + M / T^2)^-1 L', the prior of the structure. Displacements that no flow of an I reaches
+        (a capacitor on a resistor) are bounded by their energy alone. An integral that stores no energy has
+        its own deviation: what its rate reaches in T.
+        """
+        kinds = np.array([state.kind for state in self._equations.states], dtype=str)
+        q, f, free = (np.flatnonzero(kinds == kind) for kind in ("q", "f", "integral"))
+        A = self._equations.at(self._complete(values))[0]
+        compliance, mobility, axes, omega = self._motions(values)
+        root = np.zeros((len(kinds), len(kinds)))
+        root[np.ix_(f, f)] = mobility
+        bound = np.ones(len(q))
+        rank = self._equations.generic_rank(q.tolist(), f.tolist())
+        bound[:rank] = length * omega[:rank] / np.hypot(1.0, length * omega[:rank])
+        root[np.ix_(q, q)] = compliance @ (axes * bound)
+        for place in free:
+            own = length * float(np.linalg.norm(A[place] @ root))
+            root[place, place] = own if own > 0 else length
+        return root
+
+    def _motions(self, values: Mapping[str, float]) -> tuple[Array, Array, Array, Array]:
+        """Return roots of K^-1 and M^-1, and principal axes and rates of ``q' = G f`` between these.
+
+        The rates are the natural frequencies without resistances, rad/s, the highest first.
+        """
+        kinds = np.array([state.kind for state in self._equations.states], dtype=str)
+        q, f = (np.flatnonzero(kinds == kind) for kind in "qf")
+        complete = self._complete(values)
+        stored = self._equations.energy(complete)
+        factor = np.sqrt(np.abs(stored.sizes))[:, None] * stored.rows  # the energy is |factor x|^2 / 2
+        compliance, mobility = _inverse_root(factor[:, q]), _inverse_root(factor[:, f])
+        moving = self._equations.at(complete)[0][np.ix_(q, f)] @ mobility
+        axes, omega, _ = np.linalg.svd(np.linalg.solve(compliance, moving), full_matrices=True)
+        return compliance, mobility, axes, omega
+
+    def reach(self, values: Mapping[str, float], length: float) -> Array:
+        """Return the standard deviation of each channel under the prior of the state (channels).
+
+        The rate of a storage (e of an I, f of a C) is taken for the slowest motion it can be.
+        """
+        root, found = self.prior(values, length), self.at(values)
+        reach = np.linalg.norm(found.C @ root, axis=1)
+        *_, omega = self._motions(values)
+        slowest = np.hypot(omega.min(initial=np.inf), 1 / length)
+        stored, equations = self._equations.energy(self._complete(values)), self._equations
+        for k, channel in enumerate(self._channels):
+            name, quantity = channel.port.node, channel.port.quantity
+            rate = {"I": "e", "C": "f"}.get(equations.graph.nodes[name].type)
+            if len(omega) and quantity == rate and name in equations.storages:
+                place = equations.storages.index(name)
+                spread = float(np.linalg.norm(stored.rows[place] @ root))
+                reach[k] = min(reach[k], slowest * abs(stored.sizes[place]) * spread)
+        return np.asarray(reach)
+
+    def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Return frequency responses (L x channels x loads), and their derivatives by the values (… x p).
+
+        They come from the reduction of the graph, which keeps its digits where a stiff state space does not;
+        at rest from the state space.
+
+        Raises
+        ------
+        Singular
+            If a response is infinite.
+        """
+        shape = len(omega), len(self._rows), len(self._columns)
+        H, slopes = np.empty(shape, dtype=complex), np.empty((*shape, len(self._names)), dtype=complex)
+        rest = omega == 0.0
+        if rest.any():
+            try:
+                H[rest], slopes[rest] = super().response(values, omega[rest])
+            except np.linalg.LinAlgError:
+                raise Singular(
+                    "the response at rest is infinite: something integrates",
+                    remedy="Leave out the frequency 0.",
+                    names=("frequency",),
+                ) from None
+        if not rest.all():
+            found, moved = self._response.at(self._complete(values), omega[~rest])
+            H[~rest] = found[:, self._rows][:, :, self._columns]
+            slopes[~rest] = moved[:, self._rows][:, :, self._columns]
+        return H, slopes
+
+    @cached_property
+    def _response(self) -> ParametricResponse:
+        return ParametricResponse(self._reduced, self._names)
+
+    def state_space(self, values: Mapping[str, float]) -> StateSpace:
+        """Return the state space at values of the parameters, with the names of its states."""
+        found = self.at(values)
+        names = tuple(state.name for state in self.states)
+        return StateSpace(found.A, found.B, found.C, found.D[0], tuple(found.D[1:]), states=names)
+
+
+def _inverse_root(factor: Array) -> Array:
+    """Return a root of (factor' factor)^-1, of full column rank, in any units."""
+    if not factor.shape[1]:
+        return np.zeros((0, 0))
+    scale = np.linalg.norm(factor, axis=0)
+    if not np.all(scale > 0):
+        raise Singular("a state of the graph stores no energy", remedy="Give its storage a value.")
+    _, triangle = np.linalg.qr(factor / scale)
+    return np.asarray(np.linalg.solve(triangle, np.eye(len(triangle))) / scale[:, None])
+
+
+def _check_smooth(load: SourceLoad, order: int) -> None:
+    """Refuse a load of which a channel follows a derivative (its order; -1: none) that is an impulse."""
+    hold = getattr(load.signal, "hold", "")
+    smooth = _SMOOTH_HOLDS.get(hold, 9)
+    kind = load.signal.kind
+    if order > smooth or (order >= 0 and kind == "impulse"):
+        what = "it" if order == 0 else "its derivative" if order == 1 else f"its derivative of order {order}"
+        signal = f"hold: {hold}" if order > smooth else "an impulse"
+        raise UsageError(
+            f"a channel follows {what} directly where the source '{load.source}' acts, which with {signal} "
+            "is not finite",
+            remedy="Use `hold: spline`, a smooth signal, or another channel.",
+            names=(load.source,),
+        )
