@@ -120,7 +120,7 @@ def test_joints_side_by_side_are_named_with_what_is_seen_of_them(dynid):
         (
             SCENE.replace("k: {start: 1000, true: 2000}, c: {start: 1, true: 2}", "k: 2000"),
             2,
-            "s.yaml:9:1: there is nothing to identify: no joint parameter has a 'start'",
+            "s.yaml:9:1: there is nothing to identify: no parameter has a 'start'",
         ),
         (SCENE.replace("samples: 300", "samples: 1"), 2, "s.yaml:11:3: no sine between"),
         (

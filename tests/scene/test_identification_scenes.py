@@ -102,7 +102,7 @@ def test_the_scene_of_these_tests_is_valid():
         (
             "k: {start: 10, true: 20}, c: {start: 1, true: 2}",
             "k: 20",
-            "8:1: there is nothing to identify: no joint parameter has a 'start'",
+            "8:1: there is nothing to identify: no parameter has a 'start'",
         ),
         (
             "measurement:",

@@ -212,6 +212,6 @@ def _with_text_keys(data: dict[str, Any]) -> dict[str, Any]:
     graph = copy.get("graph")
     if isinstance(graph, dict) and isinstance(graph.get("nodes"), dict):
         copy["graph"] = {**graph, "nodes": {str(name): node for name, node in graph["nodes"].items()}}
-    if copy.get("kind") == "bond-graph" and isinstance(copy.get("initial"), dict):
+    if "graph" in copy and isinstance(copy.get("initial"), dict):
         copy["initial"] = {str(name): value for name, value in copy["initial"].items()}
     return copy

@@ -22,10 +22,10 @@ from dynid.scene.kinds.identification import (
     reduction_of,
     reductor_of,
     responding_structure,
+    structure_of,
     time_question,
     which_modes,
 )
-from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene, check_source
 from dynid.scene.run import run_scene
 from dynid.scene.schema.accuracy import ASPECTS as NAMES
@@ -71,8 +71,7 @@ def estimator(scene: Scene) -> Aspect:
 
 def basis(scene: Scene) -> Aspect:
     """Return reductions of the structure by all methods, and the full model."""
-    model = cast("IdentificationScene", scene.model)
-    structure = build_structure(scene, model.structure, model.joints)
+    structure = structure_of(scene)
     method, n = reductor_of(scene), structure.size
     without = {key: value for key, value in scene.source.data.items() if key != "reduction"}
     points = [(Alternative("full", _identified(scene, {}, without)), n)]
@@ -180,9 +179,7 @@ def _identified(
 
 
 def _is_known(scene: Scene) -> bool:
-    joints = cast("IdentificationScene", scene.model).joints
-    structure = build_structure(scene, cast("IdentificationScene", scene.model).structure, joints)
-    return all(unknown.true is not None for unknown in structure.unknowns)
+    return all(unknown.true is not None for unknown in structure_of(scene).unknowns)
 
 
 def _of_parameters(

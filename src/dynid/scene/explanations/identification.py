@@ -25,9 +25,15 @@ from dynid.scene.explanations.explanation import (
     speed,
 )
 from dynid.scene.frequency_unit import unit_of_frequencies
-from dynid.scene.kinds.identification import expected_values, interest_of, models_of, reductor_of, setting
+from dynid.scene.kinds.identification import (
+    expected_values,
+    interest_of,
+    models_of,
+    reductor_of,
+    setting,
+    structure_of,
+)
 from dynid.scene.kinds.signals import angular_frequencies, record_of
-from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.structure.model import StructuralModel
 
@@ -48,7 +54,7 @@ _FLOPS = 5e8
 def explain(scene: Scene) -> Explanation:
     """Return the explanation of a scene of kind `identification`, whose record is predicted once."""
     model = cast("IdentificationScene", scene.model)
-    structure = build_structure(scene, model.structure, model.joints)
+    structure = structure_of(scene)
     result = Result("identification", scene.title)
     facts: list[Fact] = []
     try:

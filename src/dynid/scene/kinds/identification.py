@@ -6,6 +6,7 @@ import math
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from dynid.errors import UsageError
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurement, initial_motion, loads_of
@@ -46,7 +47,7 @@ def run(scene: Scene) -> Result:
         Where measured data cannot be read.
     """
     model = cast("IdentificationScene", scene.model)
-    structure = build_structure(scene, model.structure, model.joints)
+    structure = structure_of(scene)
     method = reductor_of(scene)
     result = Result("identification", scene.title)
     values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
@@ -71,13 +72,26 @@ def run(scene: Scene) -> Result:
     return result
 
 
+def structure_of(scene: Scene) -> StructuralModel:
+    """Return the structure of an identification, with its joints.
+
+    Raises
+    ------
+    UsageError
+        If the scene has a graph instead.
+    """
+    model = cast("IdentificationScene", scene.model)
+    if model.structure is None:
+        raise UsageError("this is for structures, and the scene has a graph", names=("graph",))
+    return build_structure(scene, model.structure, model.joints)
+
+
 def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float]]:
     """Return the structure of the responses, reduced where the scene has a reduction, and its unknowns.
 
     These are the true ones where all are given, else the starts.
     """
-    model = cast("IdentificationScene", scene.model)
-    structure = build_structure(scene, model.structure, model.joints)
+    structure = structure_of(scene)
     method, values = reductor_of(scene), expected_values(structure)
     return (structure if method is None else method.at(values).reduce(structure).model), values
 
@@ -180,7 +194,7 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     """Yield the steps of a run before any computation: build the structure, its records and reduction."""
     model = cast("IdentificationScene", scene.model)
     measurement = model.measurement
-    yield lambda: build_structure(scene, model.structure, model.joints)
+    yield lambda: structure_of(scene)
     if measurement is not None and measurement.frf is not None:
         yield lambda: frf_measurement(scene, measurement)
     elif measurement is not None:

@@ -19,9 +19,8 @@ from dynid.identification.kernels import repeated
 from dynid.result import Variable
 from dynid.scene.batch import run_alone
 from dynid.scene.collect import CollectedResult, gather
-from dynid.scene.kinds.identification import identified, setting
+from dynid.scene.kinds.identification import identified, setting, structure_of
 from dynid.scene.kinds.measurements import experiments
-from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome
 from dynid.scene.schema.quantities import Quantity
@@ -138,8 +137,7 @@ class _RecordBatch:
 
     def __init__(self, scene: Scene, places: dict[str, _VariedValue]) -> None:
         self._scene, self._places = scene, places
-        model = cast("IdentificationScene", scene.model)
-        self._structure = build_structure(scene, model.structure, model.joints)
+        self._structure = structure_of(scene)
         self._setting = setting(scene, self._structure)
         self._same = not any(place.joint for place in places.values())
         changed = {place.name for place in places.values()}
@@ -157,9 +155,7 @@ class _RecordBatch:
             model = changed
         scene, result = Scene(self._scene.source, model), CollectedResult("identification", collect)
         try:
-            structure = (
-                self._structure if self._same else build_structure(scene, model.structure, model.joints)
-            )
+            structure = self._structure if self._same else structure_of(scene)
             if self._same:
                 assert model.measurement is not None
                 records = experiments(scene, model.excitation, model.measurement)

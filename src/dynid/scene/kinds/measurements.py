@@ -120,7 +120,8 @@ def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
 
 
 def channel_of(given: ChannelModel) -> Channel:
-    """Return a sensor."""
+    """Return a sensor of a structure."""
+    assert given.quantity is not None
     return Channel(
         given.ends[0], given.quantity, given.dofs[1] if given.dofs else None, given.frame == "absolute"
     )

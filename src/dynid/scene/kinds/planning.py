@@ -8,9 +8,8 @@ from typing import cast
 from dynid.errors import UsageError
 from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.result import Result
-from dynid.scene.kinds.identification import expected_values, setting
+from dynid.scene.kinds.identification import expected_values, setting, structure_of
 from dynid.scene.kinds.measurements import channel_of
-from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.response import UNITS
@@ -52,7 +51,7 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             remedy="Give step, samples and channels of a record that could be taken instead of 'frf'.",
             names=("measurement.frf",),
         )
-    structure = build_structure(scene, model.structure, model.joints)
+    structure = structure_of(scene)
     reduced, records, truth = setting(scene, structure, expected_values(structure))
     given, force = model.plan, model.plan.excitation
     factor = 2 * math.pi if force.unit == "Hz" else 1.0

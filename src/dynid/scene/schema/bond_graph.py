@@ -36,7 +36,7 @@ from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import FrequencyGrid, SceneModel, Section, once
 from dynid.scene.schema.quantities import SceneNames, Uncertain, Value, fault, names_of
 from dynid.scene.schema.raw import chain_ends, listing, mapping, node_types, written_key
-from dynid.scene.schema.references import sections
+from dynid.scene.schema.references import Path, sections
 from dynid.scene.schema.signals import SignalPart, TimeGrid
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
@@ -150,6 +150,9 @@ def _link(raw: Any, info: ValidationInfo) -> Bond:
 
 _TEXT = WithJsonSchema({"type": "string"})
 
+Output = Annotated[Port, PlainValidator(_port), _TEXT]
+"""An output of a graph: NODE.e, NODE.f, NODE.q or NODE.p."""
+
 
 class GraphModel(Section):
     """Nodes and bonds."""
@@ -172,7 +175,7 @@ class AnalysisModel(Section):
     """Requested results and the engine that computes them."""
 
     inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], once()] | None = None
-    outputs: Annotated[list[Annotated[Port, PlainValidator(_port), _TEXT]], once()] = Field(min_length=1)
+    outputs: Annotated[list[Output], once()] = Field(min_length=1)
     results: list[ResultName] | None = None
     port: Annotated[Bond, PlainValidator(_link), _TEXT] | None = None
     frequency: FrequencyGrid | None = None
@@ -216,7 +219,7 @@ class BondGraphScene(SceneModel):
 
 def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:  # noqa: ARG001
     """Return the faults of bonds, stored energy, signals, port, engine and domains of a bond graph."""
-    faults = [*_bond_faults(source), *_initial_faults(source), *_driving_faults(source)]
+    faults = [*graph_scene_faults(source), *_unshown_energy_faults(source), *_driving_faults(source)]
     analysis = mapping(source.data, "analysis")
     results = listing(analysis, "results")
     for place, name in enumerate(results if analysis.get("engine") == "symbolic" else []):
@@ -227,7 +230,12 @@ def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:  # noqa
     if analysis.get("symbolic") is not None and results and not asks_for_it:
         message = "formulas are of the transfer function; 'results' does not list 'transfer_function'"
         faults.append(source.fault(("analysis", "symbolic"), message, key=True))
-    return [*faults, *domain_faults(source)]
+    return faults
+
+
+def graph_scene_faults(source: Source) -> list[Fault]:
+    """Return the faults of the bonds, domains and stored energy of a graph in a scene of any kind."""
+    return [*_bond_faults(source), *stored_energy_faults(source), *domain_faults(source)]
 
 
 def _bond_faults(source: Source) -> list[Fault]:
@@ -301,8 +309,8 @@ def domain_faults(source: Source) -> list[Fault]:
     return faults
 
 
-def _initial_faults(source: Source) -> list[Fault]:
-    """Return the faults of stored energy: its nodes, its variables, and results that do not show it."""
+def stored_energy_faults(source: Source) -> list[Fault]:
+    """Return the faults of stored energy: its nodes and its variables."""
     initial = mapping(source.data, "initial")
     types, faults = node_types(source.data), []
     for name, given in initial.items():
@@ -322,8 +330,13 @@ def _initial_faults(source: Source) -> list[Fault]:
                     f"the energy of {kind} '{name}' is given by its {'flow f' if own == 'f' else 'effort e'}"
                 )
                 faults.append(source.fault(path, message))
-    analysis = source.data.get("analysis", {})
-    if not initial or not isinstance(analysis, dict) or "port" in analysis:
+    return faults
+
+
+def _unshown_energy_faults(source: Source) -> list[Fault]:
+    """Return the fault of stored energy that no result shows."""
+    analysis, faults = source.data.get("analysis", {}), list[Fault]()
+    if not mapping(source.data, "initial") or not isinstance(analysis, dict) or "port" in analysis:
         return faults
     results, showing = analysis.get("results"), ("time_response", "transfer_function")
     if isinstance(results, list) and not any(did_you_mean(str(name), showing) for name in results):
@@ -331,6 +344,13 @@ def _initial_faults(source: Source) -> list[Fault]:
         message += "'results' lists neither 'time_response' nor 'transfer_function'"
         faults.append(source.fault(("initial",), message, key=True))
     return faults
+
+
+def calibration_faults(source: Source, path: Path, signal: dict[Any, Any]) -> list[Fault]:
+    """Return the faults of a signal of a response with a gain or delay, which belong to records."""
+    message = "'{}' belongs to the excitation of a record; a response is that to the signal itself"
+    given = [key for key in ("gain", "delay") if key in signal]
+    return [source.fault((*path, key), message.format(key), key=True) for key in given]
 
 
 def _driving_faults(source: Source) -> list[Fault]:
@@ -344,6 +364,7 @@ def _driving_faults(source: Source) -> list[Fault]:
             faults.append(
                 source.fault((*path, "source"), f"'{name}' is not an input{did_you_mean(name, inputs)}")
             )
+        faults += calibration_faults(source, path, signal)
         if "dof" in signal:
             faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))
         for key in ("motion", "base"):

@@ -6,14 +6,16 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from dynid.bondgraph.graph import SOURCES
 from dynid.defaults import ESTIMATOR
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, SceneModel, Section
+from dynid.scene.schema.bond_graph import GraphModel, calibration_faults, graph_scene_faults
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
-from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, mapping_of
+from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, mapping_of, node_types
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
 from dynid.scene.schema.references import sections
 from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid
@@ -90,10 +92,12 @@ class ResponseModel(Section):
 
 
 class InitialMotion(Section):
-    """Displacement and velocity of a DOF at t = 0."""
+    """State at t = 0: displacement and velocity of a DOF; in a graph the flow of an I, the effort of a C."""
 
     x: Value | None = None
     v: Value | None = None
+    f: Value | None = None
+    e: Value | None = None
 
 
 class ForceModel(Section):
@@ -128,11 +132,12 @@ class PlanModel(Section):
 
 
 class IdentificationScene(SceneModel):
-    """A structure with joints; a record to identify them from, responses, or both."""
+    """A structure with joints, or a graph; a record to identify them from, responses, or both."""
 
     kind: Literal["identification"]
     accuracy: AccuracyModel | None = None
-    structure: StructureModel
+    structure: StructureModel | None = None
+    graph: GraphModel | None = None
     joints: dict[str, JointModel] = {}
     reduction: ReductionModel | None = None
     excitation: Signals = []
@@ -145,6 +150,8 @@ class IdentificationScene(SceneModel):
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:
+        if (self.structure is None) == (self.graph is None):
+            raise fault("a scene of this kind has either a 'structure' or a 'graph'")
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
         if self.identifiability and self.measurement is None:
@@ -172,15 +179,14 @@ class IdentificationScene(SceneModel):
 def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
     """Return the faults of nodes, DOFs, loads, channels, unknowns and the initial motion."""
     data, model = source.data, IdentificationScene
-    faults = structure_faults(source, model, names)
+    of_graph = "graph" in data and "structure" not in data
+    if of_graph:
+        faults = [*graph_scene_faults(source), *_only_structures(source), *_graph_channel_faults(source)]
+    else:
+        faults = [*structure_faults(source, model, names), *_load_faults(source)]
     for path, signal in sections(model, data, SignalPart):
-        if "base" in signal and ("dof" in signal or "motion" in signal):
-            faults.append(source.fault((*path, "base"), "the base moves, or a 'dof' does", key=True))
-        if "dof" not in signal and "base" not in signal:
-            faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
-        if "source" in signal:
-            message = "a structure has DOFs, not sources; write 'dof'"
-            faults.append(source.fault((*path, "source"), message, key=True))
+        if path[0] == "analysis":
+            faults += calibration_faults(source, path, signal)
     records = list(sections(model, data, RecordModel))
     faults += [
         source.fault((*path, "channels", place), "this channel is listed twice")
@@ -204,11 +210,60 @@ def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
     return faults
 
 
+def _load_faults(source: Source) -> list[Fault]:
+    """Return the faults of the signals of a structure: what they drive."""
+    faults = []
+    for path, signal in sections(IdentificationScene, source.data, SignalPart):
+        if "base" in signal and ("dof" in signal or "motion" in signal):
+            faults.append(source.fault((*path, "base"), "the base moves, or a 'dof' does", key=True))
+        if "dof" not in signal and "base" not in signal:
+            faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
+        if "source" in signal:
+            message = "a structure has DOFs, not sources; write 'dof'"
+            faults.append(source.fault((*path, "source"), message, key=True))
+    return faults
+
+
+def _only_structures(source: Source) -> list[Fault]:
+    """Return the faults of keys beside a graph that belong to structures."""
+    remedies = {
+        "joints": "a graph has no joints; its unknowns are entries of 'parameters' that its values name",
+        "reduction": "a graph is not reduced; leave 'reduction' out",
+        "analysis": "the analysis of a graph is that of a scene of kind bond-graph; leave it out here",
+    }
+    return [source.fault((key,), text, key=True) for key, text in remedies.items() if key in source.data]
+
+
+def _graph_channel_faults(source: Source) -> list[Fault]:
+    """Return the faults of signals and channels of a graph: its sources and outputs."""
+    types, faults = node_types(source.data), []
+    sources = [name for name, kind in types.items() if kind in SOURCES]
+    for path, signal in sections(IdentificationScene, source.data, SignalPart):
+        for key in ("dof", "motion", "base"):
+            if key in signal:
+                message = f"'{key}' belongs to structures; a graph has sources: write 'source'"
+                faults.append(source.fault((*path, key), message, key=True))
+        name = signal.get("source")
+        if "source" not in signal and "dof" not in signal:
+            faults.append(source.fault(path, "this signal needs the 'source' that it drives", key=True))
+        elif isinstance(name, str | int) and types and str(name) not in sources:
+            known = f"'{name}' is {types[str(name)]}, not a source (Se, Sf)" if str(name) in types else ""
+            message = known or f"no node '{name}'"
+            faults.append(source.fault((*path, "source"), message + did_you_mean(str(name), sources)))
+    for path, channel in sections(IdentificationScene, source.data, ChannelModel):
+        for key in ("dof", "dofs", "reference"):
+            if key in channel:
+                message = f"'{key}' belongs to structures; a graph has outputs: write output: NODE.f"
+                faults.append(source.fault((*path, key), message, key=True))
+    return faults
+
+
 def _unknown_faults(source: Source, *, simulated: bool) -> list[Fault]:
     """Return the faults of a measurement without unknowns, or simulated without their true values."""
     if not mapping(source.data, "measurement"):
         return []
     joints = source.data.get("joints", {})
+    parameters = mapping(source.data, "parameters")
     given: dict[tuple[Any, ...], Any] = {
         ("joints", name, letter): joint[letter]
         for name, joint in mapping_of(joints).items()
@@ -216,11 +271,23 @@ def _unknown_faults(source: Source, *, simulated: bool) -> list[Fault]:
         if letter in mapping_of(joint)
     }
     unknowns = {path: value for path, value in given.items() if "start" in mapping_of(value)}
+    named = {("parameters", name): value for name, value in parameters.items()}
+    unknowns |= {path: value for path, value in named.items() if "start" in mapping_of(value)}
     known = all(not isinstance(value, dict) or {*value} <= {"value", "matrix"} for value in given.values())
+    known = known and all({*mapping_of(value)} <= {"value", "std"} for value in parameters.values())
     if not unknowns and known and is_mapping_of_mappings(joints):
-        message = "there is nothing to identify: no joint parameter has a 'start'"
+        message = "there is nothing to identify: no parameter has a 'start'"
         return [source.fault(("measurement",), message, key=True)]
-    allowed = {"start", "value", "matrix", "min", "max", "prior"}  # another key may be 'true', misspelt
+    allowed = {
+        "start",
+        "value",
+        "matrix",
+        "min",
+        "max",
+        "prior",
+        "scale",
+        "std",
+    }  # another key may be 'true', misspelt
     message = "a simulated measurement needs the 'true' value of this parameter"
     lacking = [path for path, value in unknowns.items() if simulated and value.keys() <= allowed]
     return [source.fault(path, message, key=True) for path in lacking]

@@ -7,7 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from dynid.scene.schema.base import Dof, FilePath, FrequencyGrid, MotionQuantity, Section
-from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, fault
+from dynid.scene.schema.bond_graph import Output
+from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, fault
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
 
@@ -15,17 +16,24 @@ ColumnName = str | Annotated[int, Field(ge=1, strict=True)]
 
 
 class ChannelModel(Section):
-    """One sensor: at a DOF, or between two (the first one's motion less the second one's)."""
+    """One sensor: at a DOF, between two (the motion of the first less the second one's), or a graph's output."""
 
     dof: Dof | None = None
     dofs: list[Dof] | None = Field(default=None, min_length=2, max_length=2)
-    quantity: MotionQuantity
+    quantity: MotionQuantity | None = None
+    output: Output | None = None
     frame: Literal["relative", "absolute"] = "relative"
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
+        if self.output is not None:
+            if {"dof", "dofs", "quantity", "frame"} & self.model_fields_set:
+                raise fault("an 'output' of a graph stands alone: it names a node and its quantity")
+            return self
         if (self.dof is None) == (self.dofs is None):
             raise fault("a sensor is at a 'dof', or between two 'dofs'")
+        if self.quantity is None:
+            raise fault("a sensor needs its 'quantity': displacement, velocity or acceleration")
         if self.dofs and self.dofs[0] == self.dofs[1]:
             raise fault(f"a sensor between DOF {self.dofs[0]} and itself measures nothing")
         if self.frame == "absolute" and (self.dofs or self.quantity != "acceleration"):
@@ -51,9 +59,34 @@ class ReferenceModel(Section):
 
 
 class MeasuredChannelModel(ChannelModel):
-    """One sensor of a record, or of a frequency response with its `reference`."""
+    """One sensor of a record, or of a frequency response with its `reference`.
+
+    Recorded is gain · (model at t − delay) + offset.
+    """
 
     reference: ReferenceModel | None = None
+    gain: Uncertain | None = None
+    offset: Uncertain | None = None
+    delay: Uncertain | None = None
+    unit: str | None = None
+
+    @model_validator(mode="after")
+    def _is_calibrated(self) -> Self:
+        if self.gain is not None and self.gain.value == 0:
+            raise fault("the 'gain' is 0, and the channel would show nothing")
+        if self.reference is not None and self.offset is not None:
+            raise fault("a frequency response has no 'offset'")
+        if self.unit is not None:
+            units = {"displacement": ("m", "rad"), "velocity": ("m/s", "rad/s")}
+            known = units.get(self.quantity or "", ("m/s2", "rad/s2"))
+            if self.output is not None or self.reference is not None:
+                raise fault("the values of this channel are in SI units; leave 'unit' out")
+            if self.unit not in known:
+                raise fault(
+                    f"'unit' is {self.unit}; values of {self.quantity} are in {known[0]} "
+                    f"({known[1]} of rotations): convert them, or write a 'gain'"
+                )
+        return self
 
     @property
     def all_dofs(self) -> list[Dof]:

@@ -13,7 +13,7 @@ from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, once
 from dynid.scene.schema.joints import JointModel, ParameterModel
-from dynid.scene.schema.measurement import OutputModel
+from dynid.scene.schema.measurement import ChannelModel, OutputModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, fault
 from dynid.scene.schema.raw import listing, mapping, mapping_of
 from dynid.scene.schema.references import dof_faults, node_faults, sections
@@ -215,7 +215,7 @@ def reduction_faults(source: Source, names: SceneNames) -> list[Fault]:
 
 
 def structure_faults(source: Source, model: type[BaseModel], names: SceneNames) -> list[Fault]:
-    """Return the faults of all nodes and DOFs that a scene names and its structure lacks."""
+    """Return the faults of all nodes, DOFs and outputs that a scene names and its structure lacks."""
     given = mapping_of(source.data).get("structure")
     labels: list[int | str] | None
     try:
@@ -226,4 +226,10 @@ def structure_faults(source: Source, model: type[BaseModel], names: SceneNames) 
         wrong = [*node_faults(StructureModel, given, structure.nodes), *structure.faults()]
         faults = [source.fault(("structure", *path), message) for path, message in wrong]
         labels = structure.labels()
-    return dof_faults(source, model, labels) if labels and not faults else faults
+    faults = dof_faults(source, model, labels) if labels and not faults else faults
+    message = "a structure has DOFs, not outputs of nodes; write 'dof' and 'quantity'"
+    return faults + [
+        source.fault((*path, "output"), message, key=True)
+        for path, channel in sections(model, source.data, ChannelModel)
+        if "output" in channel
+    ]

@@ -15,7 +15,7 @@ from pydantic import (
 
 from dynid.defaults import HOLD
 from dynid.scene.schema.base import Dof, FilePath, MotionQuantity, Section
-from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Value, fault
+from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 
 Hold = Literal["spline", "linear", "zero"]
 """The interpolation of a signal between its samples: cubic spline, linear, or constant."""
@@ -25,12 +25,22 @@ class SignalPart(Section):
     """Keys of every signal: the source, DOF or ground that it drives.
 
     Of a structure that is a force on `dof`, its prescribed `motion`, or the motion of the ground (`base`).
+    In an excitation the input is gain · (signal at t − delay).
     """
 
     source: str | None = None
     dof: Dof | None = None
     motion: MotionQuantity | None = None
     base: MotionQuantity | None = None
+    gain: Uncertain | None = None
+    delay: Uncertain | None = None
+
+    @field_validator("gain")
+    @classmethod
+    def _is_not_zero(cls, gain: Quantity | None) -> Quantity | None:
+        if gain is not None and gain.value == 0:
+            raise fault("the 'gain' is 0, and the signal would drive nothing")
+        return gain
 
     @property
     def factor(self) -> float:
@@ -39,7 +49,7 @@ class SignalPart(Section):
 
     def parameters(self) -> dict[str, Any]:
         """Return the signal's own parameters as floats, frequencies in rad/s."""
-        skipped = {"unit", "source", "dof", "motion", "base", "kind"}
+        skipped = {"unit", "source", "dof", "motion", "base", "gain", "delay", "kind"}
         given = {name: getattr(self, name) for name in type(self).model_fields if name not in skipped}
         factor = self.factor
         return {
