@@ -26,6 +26,10 @@ class Evaluated(NamedTuple):
     slopes: Mapping[str, float]
 
 
+def _as_floats(dual: Dual) -> Evaluated:
+    return Evaluated(float(dual.value), {name: float(rate) for name, rate in dual.slopes.items()})
+
+
 class Dependent:
     """A number that depends on unknown parameters.
 
@@ -117,8 +121,12 @@ class Dependent:
 
     def at(self, values: Mapping[str, float]) -> Evaluated:
         """Return value and derivatives at values of the parameters, as floats; raises as `dual`."""
-        found = self.dual(values)
-        return Evaluated(float(found.value), {name: float(rate) for name, rate in found.slopes.items()})
+        return _as_floats(self.dual(values))
+
+    def at_reference(self) -> Evaluated:
+        """Return value and derivatives at the reference values of the parameters; raises as `dual`."""
+        references = {node.operands[0]: node.reference for node in self._order if not node.operation}
+        return _as_floats(self.dual(references))
 
     def __float__(self) -> float:
         return float(self.reference)

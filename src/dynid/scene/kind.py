@@ -101,6 +101,7 @@ _KINDS = (
         explain="dynid.scene.explanations.identification:explain",
         prepare="dynid.scene.kinds.identification:preparation_steps",
         check="dynid.scene.schema.identification:identification_faults",
+        check_valid="dynid.scene.kinds.parameters:check_parameters",
         unread="dynid.scene.kinds.identification:unread_files",
         batch="dynid.scene.kinds.identification_samples",
         content="dynid.report.content.identification",

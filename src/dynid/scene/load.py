@@ -128,8 +128,8 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
         if known is None or not name:
             continue
         joint, _, part = name.partition(".")
-        if holder == "parameters" and not part and name not in known:
-            faults.append((path, f"the scene has no parameter '{name}'{did_you_mean(name, known)}"))
+        if holder == "parameters" and {name, joint}.isdisjoint(known):
+            faults.append((path, f"the scene has no parameter '{joint}'{did_you_mean(joint, known)}"))
         whole = {f"joints.{joint}", f"joints.{joint}.dofs"}  # which may be added
         known_joint = any(name.startswith(f"{other}.") for other in known)
         if holder == "joints" and part and not known_joint and whole.isdisjoint(paths):

@@ -17,7 +17,7 @@ from dynid.arithmetic.expression import Expression, parse
 from dynid.errors import SceneError
 from dynid.result import Scalar
 from dynid.scene.kinds.study import base_scene, study_model
-from dynid.scene.schema.raw import mapping, written_key
+from dynid.scene.schema.raw import mapping, reference_key, written_key
 from dynid.scene.schema.study import Listed, grid_groups, known_names, paths_of
 from dynid.study.designs import correlated, quantiles, spread, unit_samples
 
@@ -243,7 +243,14 @@ class _Columns:
                 parameters = mapping(self.base.source.data, "parameters")
                 raw = parameters[written_key(parameters, path.removeprefix("parameters."))]
                 own = {str(name): f"parameters.{name}" for name in parameters}
-                self.known[path] = self._value(parse(raw), own) if isinstance(raw, str) else float(raw)
+                part = (
+                    f"{path}.{key}" if (key := reference_key(raw)) else ""
+                )  # of an unknown one, as kb.start
+                raw = raw[key] if key else raw
+                if part in self.known or part in self.model.derive:
+                    self.known[path] = self._column(part)
+                else:
+                    self.known[path] = self._value(parse(raw), own) if isinstance(raw, str) else float(raw)
             self._open.pop()
         values = self.known[path]
         if not isinstance(values, np.ndarray | float):

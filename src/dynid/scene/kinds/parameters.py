@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from pydantic import BaseModel
 
+from dynid.errors import SceneError, UsageError
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.raw import mapping, written_key
 
 if TYPE_CHECKING:
+    from dynid.scene.load import Scene
     from dynid.scene.schema.base import SceneModel
+    from dynid.scene.schema.identification import IdentificationScene
 
 
 class ConsideredParameter(NamedTuple):
@@ -64,6 +68,36 @@ def considered_parameters(model: SceneModel) -> tuple[ConsideredParameter, ...]:
         for name, given in model.parameters.items()
         if isinstance(given, DefinedParameter) and given.value is not None and given.std is not None
     )
+
+
+def check_parameters(scene: Scene) -> None:
+    """Check the unknown parameters of an identification.
+
+    Raises
+    ------
+    SceneError
+        If a number does not fit the scale of its parameter, or nothing depends on an unknown one.
+    """
+    model = cast("IdentificationScene", scene.model)
+    try:
+        unknown = unknown_parameters(model)
+    except UsageError as error:
+        raise SceneError([scene.locate(error)]) from None
+    if model.measurement is None or not unknown:
+        return
+    used: set[str] = set()
+    for _, quantity in quantities(model):
+        if quantity.dependent is not None:
+            used |= quantity.dependent.names
+    raw = mapping(scene.source.data, "parameters")
+    message = "nothing depends on this unknown parameter; name it in a quantity of the model, or leave it out"
+    faults = [
+        scene.source.fault(("parameters", written_key(raw, one.name)), message, key=True)
+        for one in unknown
+        if one.name not in used
+    ]
+    if faults:
+        raise SceneError(faults)
 
 
 #: Keys of quantities that may have any sign, and so have no logarithm.

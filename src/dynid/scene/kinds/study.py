@@ -213,8 +213,9 @@ def refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
         ("derive", [(path, path) for path in model.derive]),
     ):
         for key, path in paths:
-            holder, _, name = path.partition(".")
-            if holder == "parameters" and "." not in name and name not in parameters:
+            holder, _, rest = path.partition(".")
+            name = rest if rest in parameters else rest.partition(".")[0]  # of a part, as kb.start
+            if holder == "parameters" and name not in parameters:
                 message = f"{model.scene} has no parameter '{name}'{did_you_mean(name, parameters)}"
                 yield scene.source.fault((section, key), message, key=True)
     for key, factor in model.vary.items():

@@ -24,7 +24,19 @@ def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
                     f"a joint's matrix is symmetric; entry ({i + 1}, {j + 1}) is {one:g}, "
                     f"({j + 1}, {i + 1}) is {other:g}"
                 )
+            if not _slopes(rows[i][j]) == _slopes(rows[j][i]):
+                raise fault(
+                    f"a joint's matrix is symmetric for all values of the parameters; entries "
+                    f"({i + 1}, {j + 1}) and ({j + 1}, {i + 1}) differ: write the same in both"
+                )
     return rows
+
+
+def _slopes(entry: Quantity) -> dict[str, float]:
+    """Return the derivatives of an entry by the parameters that it depends on, to ten digits."""
+    if entry.dependent is None:
+        return {}
+    return {name: float(f"{rate:.10g}") for name, rate in entry.dependent.at_reference().slopes.items()}
 
 
 JointMatrix = Annotated[
@@ -62,6 +74,10 @@ class ParameterModel(Section):
             and not any(float(entry) for row in self.matrix for entry in row)
         ):
             raise fault("the 'matrix' beside 'start' is zero: there is nothing to identify")
+        if self.start is not None and any(entry.dependent for row in self.matrix or () for entry in row):
+            raise fault(
+                "the 'matrix' beside 'start' is constant, and here depends on a parameter; leave 'start' out"
+            )
         if self.start is None and self.true is not None:
             raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
         if self.start is None and (self.min or self.max or self.prior):

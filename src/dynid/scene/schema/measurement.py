@@ -16,7 +16,7 @@ ColumnName = str | Annotated[int, Field(ge=1, strict=True)]
 
 
 class ChannelModel(Section):
-    """One sensor: at a DOF, between two (the motion of the first less the second one's), or a graph's output."""
+    """One sensor: at a DOF, between two (the first one's motion less the second one's), or at a node."""
 
     dof: Dof | None = None
     dofs: list[Dof] | None = Field(default=None, min_length=2, max_length=2)
