@@ -24,6 +24,7 @@ from dynid.arithmetic.dependent import Dependent, Real, evaluated
 from dynid.errors import NumericalError, UsageError
 from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.matrices import Array, Matrix, as_array, combined
+from dynid.structure.modes.modes import modes
 
 _MOST_MODAL = 3000
 # Frequencies nearer to each other than this part of their size are one.
@@ -83,10 +84,10 @@ class ModalDamping:
             return DependentMatrix(C), ModalPart(self, M, K)
         if not any(isinstance(ratio, Dependent) for ratio in self._listed):
             return DependentMatrix(C), None
-        omega, _, momentum = _all_modes(as_array(M.constant), as_array(K.constant))
+        omega, momentum = _all_modes(as_array(M.constant), as_array(K.constant))
         total = DependentMatrix(np.zeros_like(C))
-        for modes, ratio in self._of_modes(len(omega)):
-            pattern = (momentum[:, modes] * (2 * omega[modes])) @ momentum[:, modes].T
+        for which, ratio in self._of_modes(len(omega)):
+            pattern = (momentum[:, which] * (2 * omega[which])) @ momentum[:, which].T
             total = total + DependentMatrix((pattern + pattern.T) / 2).times(ratio)
         return total.merged(), None
 
@@ -104,10 +105,10 @@ class ModalDamping:
                 f"modal damping takes all modes, which {n} DOFs are too many for",
                 remedy="Use alpha and beta.",
             )
-        omega, _, momentum = _all_modes(as_array(M), as_array(K))
+        omega, momentum = _all_modes(as_array(M), as_array(K))
         zeta = np.zeros(len(omega))
-        for modes, ratio in self._of_modes(len(omega)):
-            zeta[modes] = evaluated(ratio, values or {}).value
+        for which, ratio in self._of_modes(len(omega)):
+            zeta[which] = evaluated(ratio, values or {}).value
         C = (momentum * (2 * zeta * omega)) @ momentum.T
         return np.asarray((C + C.T) / 2)
 
@@ -128,14 +129,17 @@ class ModalDamping:
             Where C has no derivative: modes of one frequency have different ratios, a rigid-body mode gets
             stiffness, or a massless motion gets mass.
         """
-        omega, shapes, momentum = _all_modes(as_array(M.at(values)), as_array(K.at(values)))
+        mass, stiffness = as_array(M.at(values)), as_array(K.at(values))
+        found_modes = modes(mass, np.zeros_like(mass), stiffness, backend="dense")
+        omega, shapes = found_modes.omega, found_modes.shapes
+        momentum = mass @ shapes
         r = len(omega)
         zeta, X = np.zeros(r), dict[str, Array]()
-        for modes, ratio in self._of_modes(r):
+        for which, ratio in self._of_modes(r):
             found = evaluated(ratio, values)
-            zeta[modes] = found.value
+            zeta[which] = found.value
             for name, slope in found.slopes.items():
-                X.setdefault(name, np.zeros((r, r)))[modes, modes] += np.diag(2 * slope * omega[modes])
+                X.setdefault(name, np.zeros((r, r)))[which, which] += np.diag(2 * slope * omega[which])
         changes = {
             letter: [
                 (coefficient.at(values).slopes, _modal(pattern, shapes, momentum, letter))
@@ -234,8 +238,8 @@ def _moved(omega: Array, zeta: Array, k: Array, m: Array, size: Array) -> Array:
     return np.asarray(X + np.where(different, apart * (k - product * m) / np.where(different, gap, 1.0), 0.0))
 
 
-def _all_modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Return the finite natural frequencies, Phi and ``M Phi``, mass possibly singular, bodies free.
+def _all_modes(M: Array, K: Array) -> tuple[Array, Array]:
+    """Return all finite natural frequencies and ``M Phi``, mass possibly singular, rigid bodies possible.
 
     Solved as ``M phi = mu (K + s M) phi``, mu = 1 / (omega^2 + s): massless motions have mu = 0.
     """
@@ -251,4 +255,4 @@ def _all_modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
     square = 1 / mu - shift
     omega = np.sqrt(np.where(square > 1e-6 * shift, square, 0.0))
     momentum = mass @ shapes / np.sqrt(mu)
-    return omega, shapes / np.sqrt(mu) / size[:, None], np.asarray(momentum * size[:, None])
+    return omega, np.asarray(momentum * size[:, None])

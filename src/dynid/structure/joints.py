@@ -180,12 +180,10 @@ class JointTerm(NamedTuple):
         return self.whole.times(own or part.value or 0.0)
 
 
-def unit_of(letter: str, part: JointParameter, kinds: Collection[str]) -> str:
-    """Return the unit of a stiffness or damping between DOFs of these kinds; a block's factor has none."""
-    if part.matrix is not None:
-        return ""
+def unit_of(letter: str, kinds: Collection[str]) -> str:
+    """Return the unit of a stiffness, damping or mass between DOFs of these kinds."""
     turning = set(kinds) == {"rotation"}
-    return {"k": ("N/m", "N.m/rad"), "c": ("N.s/m", "N.m.s/rad")}[letter][turning]
+    return {"k": ("N/m", "N.m/rad"), "c": ("N.s/m", "N.m.s/rad"), "m": ("kg", "kg.m^2")}[letter][turning]
 
 
 def _block(values: Block) -> tuple[tuple[Real, ...], ...]:

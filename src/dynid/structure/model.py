@@ -257,7 +257,9 @@ class StructuralModel:
                 part.low,
                 part.high,
                 part.prior,
-                unit=unit_of(letter, part, [labels.kind(self.label(dof)) for dof in joint.dofs]),
+                unit=unit_of(letter, [labels.kind(self.label(dof)) for dof in joint.dofs])
+                if part.matrix is None
+                else "",  # of the factor of a block
             )
             for joint in self.joints
             for name, letter, part, _ in joint.terms

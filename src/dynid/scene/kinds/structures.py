@@ -11,7 +11,8 @@ from dynid.scene.kinds.parameters import quantities, unknown_parameters
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.references import dof_faults
-from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.joints import Joint, JointParameter, unit_of
+from dynid.structure.labels import kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -90,7 +91,7 @@ def _real(quantity: Quantity | None) -> Real:
     return 0.0 if quantity is None else quantity.real
 
 
-#: Units of the quantities of structures by their keys, wherever these mean one thing only.
+#: Units of quantities of structures by their keys; those of springs and dampers depend on their directions.
 _UNITS = {
     "masses": "kg", "m": "kg", "J": "kg.m^2", "EA": "N", "EI": "N.m^2", "rhoA": "kg/m", "length": "m",
     "alpha": "1/s", "beta": "s",
@@ -101,11 +102,34 @@ def with_units(
     parameters: Sequence[Parameter], structure: StructureModel, joints: Mapping[str, JointModel]
 ) -> tuple[Parameter, ...]:
     """Return unknown parameters with the units of the quantities that they are, where these agree."""
+    if not parameters:
+        return ()
     units: dict[str, set[str]] = {}
-    for part in (structure, joints):
-        for key, quantity in quantities(part):
-            if quantity.dependent is not None and not quantity.dependent.operation:
-                units.setdefault(quantity.dependent.operands[0], set()).add(_UNITS.get(key, ""))
+
+    def note(quantity: Quantity | None, unit: str) -> None:
+        if quantity is not None and quantity.dependent is not None and not quantity.dependent.operation:
+            units.setdefault(quantity.dependent.operands[0], set()).add(unit)
+
+    for key, quantity in quantities(structure):
+        if key in _UNITS:
+            note(quantity, _UNITS[key])
+    part = structure.beam or structure.frame
+    springs = [(item, [kind(item.direction + "_1")]) for item in (part.springs if part else ())]
+    for item, kinds in [
+        *springs,
+        *((link, []) for link in (structure.lumped.links if structure.lumped else ())),
+    ]:
+        note(item.k, unit_of("k", kinds))
+        note(item.c, unit_of("c", kinds))
+    every = structure.labels() or []
+    for joint in joints.values():
+        ends = [
+            every[dof - 1] if isinstance(dof, int) and 1 <= dof <= len(every) else dof for dof in joint.dofs
+        ]
+        for letter in "kcm":
+            own: ParameterModel | MassModel | None = getattr(joint, letter)
+            if own is not None and own.matrix is None:
+                note(own.value, unit_of(letter, [kind(end) for end in ends]))
     return tuple(
         replace(one, unit=next(iter(found))) if len(found := units.get(one.name, set())) == 1 else one
         for one in parameters
