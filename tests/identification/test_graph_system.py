@@ -493,13 +493,34 @@ def test_a_rate_of_an_input_in_an_output_asks_for_a_smooth_one():
     np.testing.assert_allclose(matrices.D[:, 0, 0], [1 / 3, 2])
     np.testing.assert_allclose(matrices.D_slopes[:, :, 0, 0], [[0, 1], [-1 / 9, 0]])
     samples = np.sin(np.arange(50.0))
+    model = written("Se u, 0 a, C k 2, R r 3, 1 b, I m 4", "u -> a -> k, a -> b -> r, b -> m")
     for signal in (Sampled(samples, 0.1), Sampled(samples, 0.1, "linear"), Step(1.0, 0.0)):
         system(model, ["u.f"], signal).check()
     for signal in (Sampled(samples, 0.1, "zero"), Impulse(1.0)):
         with pytest.raises(UsageError, match="follows its derivative directly") as raised:
             system(model, ["u.f"], signal).check()
         assert raised.value.remedy
-    system(model, ["k.q"], Sampled(samples, 0.1, "zero")).check()
+    system(model, ["m.f"], Sampled(samples, 0.1, "zero")).check()
+
+
+def test_a_record_of_time_needs_a_state():
+    found = system(written("Se u, 1 a, R r 3, R s 2", "u -> a -> r, a -> s"), ["s.e"])
+    assert found.states == ()
+    np.testing.assert_allclose(found.at({}).D, [[[2 / 5]]])
+    H, slopes = found.response({}, np.array([0.0, 7.0]))
+    np.testing.assert_allclose(H, np.full((2, 1, 1), 2 / 5))
+    np.testing.assert_allclose(slopes, np.broadcast_to([[-2 / 25, 3 / 25]], (2, 1, 1, 2)))
+    with pytest.raises(UsageError, match="no state of a storage lies between"):
+        found.check()
+
+
+def test_reach_takes_the_rate_of_a_storage_for_its_slowest_motion():
+    model = written("Se F, 1 v, I m 2, C k 1/50, R d 3", "F -> v -> m, v -> k, v -> d")
+    found = system(model, ["m.f", "k.q", "m.e", "d.e", "F.e"])
+    length, omega = 40.0, np.hypot(5, 1 / 40)
+    spread = 1 / np.sqrt(2)
+    known = [spread, spread / omega, 2 * omega * spread, 3 * spread, np.inf]
+    np.testing.assert_allclose(found.reach({}, length), known, rtol=1e-12)
 
 
 def test_loads_of_one_source_add_up_and_sources_without_one_are_zero():

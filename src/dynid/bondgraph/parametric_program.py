@@ -274,11 +274,17 @@ class Tape:
                     ball.rel_accuracy_bits() >= _SURE or _vanishes(ball, precision) for ball in balls
                 ):
                     return [0.0 if ball.contains(0) else rounding(ball) for ball in balls]
-        where = "" if omega is None else f", {omega:g} rad/s"
+        values, remedy = "at these values of the parameters", "Limit the parameters (`min`, `max`)"
+        if omega is None:
+            what = f"{values}: a divisor vanishes (a storage without a value, or values that cancel)"
+        else:
+            what = (
+                f"at {omega:g} rad/s and {values}: a divisor vanishes (such as at an undamped natural mode)"
+            )
+            remedy += ", leave that frequency out"
         raise Singular(
-            f"the equations of the graph have no solution at these values of the parameters{where}: "
-            "a divisor vanishes (a storage without a value, values that cancel, or an undamped natural mode)",
-            remedy="Limit the parameters (`min`, `max`), or start elsewhere.",
+            f"the equations of the graph have no solution {what}",
+            remedy=f"{remedy}, or start elsewhere.",
             names=self._program.unknown,
         )
 

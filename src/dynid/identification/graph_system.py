@@ -224,13 +224,20 @@ class GraphSystem(LinearSystem):
         self.unreached = tuple(name for name in self._names if name not in self._equations.reached)
 
     def check(self) -> None:
-        """Refuse loads of which a channel follows a derivative that is an impulse.
+        """Refuse loads of which a channel follows a derivative that is an impulse, and graphs without states.
 
         Raises
         ------
         UsageError
-            Naming the source.
+            Naming the sources.
         """
+        if not self.states:
+            raise UsageError(
+                "the channels follow their sources at once: no state of a storage lies between, and a record "
+                "of time has nothing to predict",
+                remedy="Identify from frequency responses, or measure a variable that depends on a storage.",
+                names=tuple(load.source for load in self._loads),
+            )
         for load in self._loads:
             _check_smooth(load, self._equations.orders[load.source])
 
@@ -315,7 +322,8 @@ class GraphSystem(LinearSystem):
     def reach(self, values: Mapping[str, float], length: float) -> Array:
         """Return the standard deviation of each channel under the prior of the state (channels).
 
-        The rate of a storage (e of an I, f of a C) is taken for the slowest motion it can be.
+        The rate of a storage (e of an I, f of a C) is taken for the slowest motion it can be. A channel that
+        no state enters bounds none: its reach is infinite.
         """
         root, found = self.prior(values, length), self.at(values)
         reach = np.linalg.norm(found.C @ root, axis=1)
@@ -329,7 +337,7 @@ class GraphSystem(LinearSystem):
                 place = equations.storages.index(name)
                 spread = float(np.linalg.norm(stored.rows[place] @ root))
                 reach[k] = min(reach[k], slowest * abs(stored.sizes[place]) * spread)
-        return np.asarray(reach)
+        return np.where(reach > 0, reach, np.inf)
 
     def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """Return frequency responses (L x channels x loads), and their derivatives by the values (… x p).
