@@ -130,7 +130,7 @@ def test_one_coefficient_has_one_term():
     K = stiff.with_joints({"EI": 6.0})[2]
     twice = beam(300, list(np.linspace(1, 2, 300)), 12.0, 1.0)
     np.testing.assert_allclose(dense(K), dense(twice.K), rtol=0, atol=1e-14 * abs(twice.K).max())
-    assert [one.name for one in stiff.unknowns] == ["EI"]  # the others act on nothing
+    assert stiff.names == {"EI"}  # the others act on nothing
     assert abs(stiff.slopes({})[0]["K"] - twice.K / 6).max() <= 1e-14 * abs(twice.K).max()
 
 
@@ -478,7 +478,7 @@ def test_modal_damping_of_unknown_modes(kind):
 
     with mp.workdps(50):
         big = {name: mp.mpf(value) for name, value in values.items()}
-        used = {one.name: values[one.name] for one in model.unknowns}
+        used = {name: value for name, value in values.items() if name in model.names}
         assert set(used) == ({"m", "k", "z"} if kind != "several" else set(values))
         C = np.array(exact(**big).tolist(), dtype=float)
         damper = np.zeros((4, 4))
@@ -488,6 +488,8 @@ def test_modal_damping_of_unknown_modes(kind):
         np.testing.assert_allclose(model.with_joints(used)[1] - damper, C, rtol=0, atol=atol)
         h = mp.mpf("1e-15")
         for one, slopes in zip(model.unknowns, model.slopes(used), strict=True):
+            if one.name not in used:
+                continue
             up, down = (exact(**{**big, one.name: big[one.name] + sign * h}) for sign in (1, -1))
             wanted = np.array(((up - down) / (2 * h)).tolist(), dtype=float)
             np.testing.assert_allclose(slopes["C"], wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())

@@ -190,15 +190,27 @@ def filter_pass(
     Diverged
         If a parameter becomes non-finite or leaves its start by a factor of a million.
     """
-    n, p = model.states, model.parameters
+    model = model.moved(prior.eta)
+    n, p, sampling = model.states, model.parameters, model.sampling
+    weight = np.broadcast_to(1 / deviation, measured.shape)
+    if sampling is not None:
+        measured, weight = sampling.spread(measured), np.nan_to_num(sampling.spread(weight), nan=1.0)
     samples = len(measured)
     z, S = np.concatenate([prior.state, prior.eta]), prior.root.copy()
     eta, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
     history = _History(eta, deviations, states, bands, np.full(measured.shape, np.nan))
-    weight = np.broadcast_to(1 / deviation, measured.shape)
-    run = _walk_compiled if compiled(len(model.line.nodes), n + len(model.line.G), p) else _walk
+    size, known = n + len(model.line.G), not model.instruments.unknown_delays
+    run = _walk_compiled if known and compiled(len(model.line.nodes), size, p) else _walk
     root = run(model, measured, weight, z, S, origin, history, part)
-    return Pass(eta, deviations, states, bands, root[n:], history.innovations, root)
+    return Pass(
+        eta=model.own(eta),
+        deviations=model.own(deviations),
+        states=model.own(states),
+        state_deviations=model.own(bands),
+        root=root[n:],
+        innovations=model.gathered(history.innovations),
+        whole=root,
+    )
 
 
 class _History(NamedTuple):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.instruments import Instruments
 from dynid.identification.linear_system import LinearSystem, SystemModel
 from dynid.identification.measurement import RecordData
 from dynid.identification.parametric_model import system_of
@@ -174,10 +175,13 @@ class FrfSystem:
         The model with the distinct channels and loads.
     pairs
         Of each function the places of its channel and its load.
+    instruments
+        Gains and delays of the functions' channels.
     """
 
     system: LinearSystem
     pairs: tuple[tuple[int, int], ...]
+    instruments: Instruments
 
     @classmethod
     def of(cls, model: StructuralModel | SystemModel, functions: Sequence[Frf]) -> FrfSystem:
@@ -191,7 +195,9 @@ class FrfSystem:
         channels = list(dict.fromkeys(one.channel for one in functions))
         loads = list(dict.fromkeys(one.load for one in functions))
         pairs = tuple((channels.index(one.channel), loads.index(one.load)) for one in functions)
-        return cls(system_of(model, loads, channels), pairs)
+        names = [one.name for one in model.unknowns]
+        instruments = Instruments.of(names, (), [one.channel for one in functions])
+        return cls(system_of(model, loads, channels), pairs, instruments)
 
     def response(self, omega: Array, eta: Array | None = None) -> Response:
         """Return the responses at lines (L), rad/s, and their exact slopes by the coordinates.
@@ -211,12 +217,19 @@ class FrfSystem:
             If a true value is missing.
         """
         unknowns = self.system.unknowns
-        if eta is None:
-            return Response(
-                *self.system.paired_response(true_values(unknowns), omega, self.pairs, slopes=False)
+        at = true_values(unknowns) if eta is None else named(unknowns, eta)
+        H, slopes = self.system.paired_response(at, omega, self.pairs, slopes=eta is not None)
+        if not self.instruments.ideal:
+            given = self.instruments.gains, self.instruments.delays
+            (gain, by_gain), (delay, by_delay) = (self.instruments.numbers(one, at) for one in given)
+            late = -1j * omega[:, None]
+            turned = np.exp(late * delay)
+            moved = by_gain.T + (late * gain)[..., None] * by_delay.T
+            slopes = turned[..., None] * (
+                gain[:, None] * slopes + H[..., None] * moved[..., : slopes.shape[2]]
             )
-        H, slopes = self.system.paired_response(named(unknowns, eta), omega, self.pairs)
-        return Response(H, slopes * rates(unknowns, eta))
+            H = turned * gain * H
+        return Response(H, slopes if eta is None else slopes * rates(unknowns, eta))
 
 
 def frf_data(model: StructuralModel | SystemModel, measurement: FrfMeasurement) -> RecordData:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.dependent import Real
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, port_fault
 from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.parametric_response import ParametricResponse
@@ -34,11 +35,16 @@ _SMOOTH_HOLDS = {"zero": 0, "linear": 1, "spline": 3}
 
 
 class SourceLoad(NamedTuple):
-    """A source of the graph that follows a signal; several loads of one source add up."""
+    """A source of the graph that follows ``gain`` times a signal, ``delay`` earlier (s).
+
+    Several loads of one source add up.
+    """
 
     source: str
     signal: Signal
     unit: str = ""
+    gain: Real = 1.0
+    delay: Real = 0.0
 
     @property
     def name(self) -> str:
@@ -56,10 +62,16 @@ class SourceLoad(NamedTuple):
 
 
 class GraphChannel(NamedTuple):
-    """A measured variable of the graph: effort, flow, displacement or momentum at a node."""
+    """A measured variable of the graph: effort, flow, displacement or momentum at a node.
+
+    What is recorded is ``gain`` times the variable ``delay`` earlier (s), plus ``offset``.
+    """
 
     port: Port
     unit: str = ""
+    gain: Real = 1.0
+    offset: Real = 0.0
+    delay: Real = 0.0
 
     @property
     def name(self) -> str:
@@ -112,7 +124,16 @@ class GraphModel:
         """The unknown parameters (p)."""
         return self._unknowns
 
-    def load(self, source: str, signal: Signal) -> SourceLoad:
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The unknown parameters (p)."""
+        return self._unknowns
+
+    def with_parameters(self, parameters: Sequence[Parameter]) -> GraphModel:
+        """Return the model with other unknown parameters."""
+        return GraphModel(self.graph, parameters, self.initial)
+
+    def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
         """Return the load of a source, with its unit.
 
         Raises
@@ -128,9 +149,9 @@ class GraphModel:
                 remedy=f"Its sources are {', '.join(sources) or 'none'}.",
                 names=(source,),
             )
-        return SourceLoad(source, signal, self._units.of_input(source))
+        return SourceLoad(source, signal, self._units.of_input(source), gain, delay)
 
-    def channel(self, port: Port) -> GraphChannel:
+    def channel(self, port: Port, gain: Real = 1.0, offset: Real = 0.0, delay: Real = 0.0) -> GraphChannel:
         """Return the channel that measures a variable, with its unit.
 
         Raises
@@ -146,7 +167,7 @@ class GraphModel:
             )
         if fault := port_fault({name: node.type for name, node in nodes.items()}, port):
             raise UsageError(fault, names=(str(port), port.node))
-        return GraphChannel(port, self._units.of_output(port))
+        return GraphChannel(port, self._units.of_output(port), gain, offset, delay)
 
     def system(self, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]) -> GraphSystem:
         """Return the system from the loads to the channels.

@@ -23,6 +23,7 @@ from dynid.identification.estimators.maximum_likelihood import Huber, OutputErro
 from dynid.identification.filter import ASTRAY
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
+from dynid.identification.instruments import Instruments, with_spreads
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import SystemModel
 from dynid.identification.measurement import (
@@ -171,6 +172,7 @@ def identify_all(
             data(truth or model, *experiment, None if common is None else common.clean[k])
             for k, experiment in enumerate(experiments)
         ]
+        model = _with_spreads(model, experiments, values)
         if common is not None and common.ideal is not None:
             likelihood = _likelihood(common.models, experiments, values, common.ideal)
         else:
@@ -337,6 +339,19 @@ def _with(estimator: Any, **options: bool) -> Any:
     if isinstance(estimator, Huber):
         return replace(estimator, inner=_with(estimator.inner, **options))
     return replace(estimator, **options) if isinstance(estimator, Auto | FrfAuto) else estimator  # type: ignore[arg-type]
+
+
+def _with_spreads(model: Model, experiments: Sequence[Experiment], values: Sequence[RecordData]) -> Model:
+    """Return the model whose offsets and delays have the spread that these records allow."""
+    own = {one.name: one for one in model.unknowns}
+    if all(one.logarithmic for one in own.values()):
+        return model
+    for (loads, measurement), record in zip(experiments, values, strict=True):
+        instruments = Instruments.of(tuple(own), loads, measurement.channels)
+        found = with_spreads(tuple(own.values()), instruments, measurement.step, record.rms)
+        own = {one.name: one for one in found}
+    joints = {one.name for one in model.unknowns[: len(model.unknowns) - len(model.parameters)]}
+    return model.with_parameters([one for name, one in own.items() if name not in joints])
 
 
 def _models(model: Model, experiments: Sequence[Experiment]) -> list[ParametricModel]:

@@ -221,6 +221,13 @@ class SystemModel(Protocol):
             If a load or channel makes no sense here.
         """
 
+    @property
+    def parameters(self) -> Sequence[Parameter]:
+        """The unknown parameters that scenes name: all, but for those of a structure's joints."""
+
+    def with_parameters(self, parameters: Sequence[Parameter]) -> SystemModel:
+        """Return the model with other unknown parameters."""
+
     def simulated(
         self, loads: Sequence[Any], channels: Sequence[Any], times: Array, source: Simulation
     ) -> TimeResponse:

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.instruments import Instruments
 from dynid.identification.linear_system import SystemModel
 from dynid.identification.simulation import Simulation, per_channel
 from dynid.identification.statistics import root_mean_square
-from dynid.lti.signals import Random, RecordTimes, WhiteNoise
+from dynid.lti.signals import Random, RecordTimes, Shifted, WhiteNoise
 from dynid.lti.time_response import TimeResponse, propagate
+from dynid.parameters import true_values
 from dynid.structure.excitation import drive, signals_of, starting_state
 from dynid.structure.matrices import Label, as_array
 from dynid.structure.model import StructuralModel
@@ -233,15 +235,53 @@ def data(
 def simulated(
     model: StructuralModel | SystemModel, loads: Sequence[Any], measurement: Measurement
 ) -> TimeResponse:
-    """Return the exact, noise-free response at the sampling times, from the initial state at t = 0."""
+    """Return the exact, noise-free response at the sampling times, from the initial state at t = 0.
+
+    The outputs are those that the channels record. Before t = 0 nothing moves.
+    """
     source = measurement.source if isinstance(measurement.source, Simulation) else Simulation()
+    times, channels, truth = measurement.record.times, measurement.channels, true_values(model.unknowns)
+    instruments = Instruments.of(tuple(truth), loads, channels)
+    if instruments.ideal:
+        return _ideally_simulated(model, loads, channels, times, source)
+    gains, delays = (
+        instruments.numbers(one, truth).value.tolist()
+        for one in (instruments.load_gains, instruments.load_delays)
+    )
+    acting = [
+        load._replace(signal=Shifted(load.signal, delay, gain), gain=1.0, delay=0.0)
+        for load, delay, gain in zip(loads, delays, gains, strict=True)
+    ]
+    gain, offset, late = (
+        instruments.numbers(one, truth).value
+        for one in (instruments.gains, instruments.offsets, instruments.delays)
+    )
+    bare = [channel._replace(gain=1.0, offset=0.0, delay=0.0) for channel in channels]
+    found = _ideally_simulated(model, acting, bare, times, source)
+    outputs = found.outputs.copy()
+    for delay in np.unique(late[late != 0]).tolist():
+        moving = times - delay >= 0
+        outputs[:, late == delay] = 0.0
+        if moving.any():
+            earlier = _ideally_simulated(model, acting, bare, times[moving] - delay, source)
+            outputs[np.ix_(moving, late == delay)] = earlier.outputs[:, late == delay]
+    return found._replace(outputs=gain * outputs + offset)
+
+
+def _ideally_simulated(
+    model: StructuralModel | SystemModel,
+    loads: Sequence[Any],
+    channels: Sequence[Any],
+    times: Array,
+    source: Simulation,
+) -> TimeResponse:
+    """Return the response with ideal instruments."""
     if not isinstance(model, StructuralModel):
-        return model.simulated(loads, measurement.channels, measurement.record.times, source)
+        return model.simulated(loads, channels, times, source)
     truth = model.true_values()
-    driven, matrices = drive(model, loads, measurement.channels, truth), model.dense(truth)
-    motions = source.displacement, source.velocity
-    start = driven.state(*matrices[:2], starting_state(model, loads, *motions))
-    return propagate(driven.system(*matrices), signals_of(loads), measurement.record.times, start)
+    driven, matrices = drive(model, loads, channels, truth), model.dense(truth)
+    start = driven.state(*matrices[:2], starting_state(model, loads, source.displacement, source.velocity))
+    return propagate(driven.system(*matrices), signals_of(loads), times, start)
 
 
 def true_states(

@@ -8,18 +8,19 @@ propagated exactly, with the signals' generators joined to it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
+from dynid.identification.instruments import Instruments, Sampling
 from dynid.identification.linear_system import Affine, LinearSystem, Matrices, SystemModel
 from dynid.identification.structure_system import StructureSystem
-from dynid.lti.exponential import balance, exponential_with_derivatives, rescaled
+from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
 from dynid.lti.signals import Signal
 from dynid.lti.time_response import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
@@ -27,10 +28,13 @@ from dynid.parameters import Parameter, named, rates, values
 from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
+T = TypeVar("T", bound=np.generic)
 
 # Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.
 _MOST_NUMBERS = 250_000_000
 _COPIES = 4
+# Relative jumps of an input below this are rounding.
+_ROUNDING = 1e-9
 
 
 class Transition(NamedTuple):
@@ -88,6 +92,10 @@ class ParametricModel:
         The matrices, scaled, where they are affine in the parameters, all of which are logarithmic.
     acting
         Mask of the loads that act (loads).
+    instruments
+        Gains, offsets and delays.
+    sampling
+        Times at which delayed channels record; None where no channel is delayed.
     """
 
     system: LinearSystem
@@ -102,7 +110,10 @@ class ParametricModel:
     reach: Array
     affine: Affine | None
     acting: NDArray[np.bool_]
+    instruments: Instruments
+    sampling: Sampling | None = None
     _last: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
+    _moved: dict[bytes, ParametricModel] = field(default_factory=dict, repr=False)
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -140,7 +151,8 @@ class ParametricModel:
         if key not in self._last:
             theta, rate = values(self.unknowns, eta), rates(self.unknowns, eta)
             if self.affine is None:
-                found = _scaled(self.system.at(named(self.unknowns, eta)), self.scale)
+                at = named(self.unknowns, eta)
+                found = _scaled(self.instruments.applied(self.system.at(at), at), self.scale)
             else:
                 found = self.affine.at(theta)
             slopes = (
@@ -159,6 +171,8 @@ class ParametricModel:
         derivatives = np.zeros((len(eta), size, size))
         derivatives[:, :n, :n] = found.A_slopes
         derivatives[:, :n, n:] = found.B_slopes @ readout
+        if self.instruments.unknown_delays:
+            derivatives[:, :n, n:] -= (found.B * self.late(eta)[:, None]) @ (readout @ self.line.G)
         joint = joint_generator(found.A, found.B @ readout, self.line.G)
         E, dE = exponential_with_derivatives(joint, derivatives, h)
         return Transition(E[:n], dE[:, :n])
@@ -168,15 +182,76 @@ class ParametricModel:
         found = self.at(eta)
         return found.C, found.C_slopes
 
+    def late(self, eta: Array) -> Array:
+        """Return the derivatives of the loads' delays by the coordinates (p x loads)."""
+        _, slopes = self.instruments.numbers(self.instruments.load_delays, named(self.unknowns, eta))
+        return slopes * rates(self.unknowns, eta)[:, None]
+
     def direct(self, eta: Array) -> DirectTerm:
-        """Return the direct effect of the loads on the channels."""
+        """Return the direct effect of the loads on the channels, and the channels' offsets."""
         found = self.at(eta)
         inputs = [self.line.inputs(order) * self.acting for order in range(len(found.D))]
         value = sum((u @ D.T for u, D in zip(inputs, found.D, strict=True)), np.zeros(()))
-        if not found.D_slopes.any():
-            return DirectTerm(value, None)
-        each = zip(inputs, found.D_slopes.swapaxes(0, 1), strict=True)
-        return DirectTerm(value, sum((u @ D.swapaxes(1, 2) for u, D in each), np.zeros(())))
+        slopes = None
+        if found.D_slopes.any():
+            each = zip(inputs, found.D_slopes.swapaxes(0, 1), strict=True)
+            slopes = sum((u @ D.swapaxes(1, 2) for u, D in each), np.zeros(()))
+        if not self.instruments.ideal:
+            offset, change = self.instruments.numbers(self.instruments.offsets, named(self.unknowns, eta))
+            value = value + offset
+            if change.any():
+                moved = (change * rates(self.unknowns, eta)[:, None])[:, None]
+                slopes = (0.0 if slopes is None else slopes) + np.repeat(moved, len(value), axis=1)
+        return DirectTerm(value, slopes)
+
+    @property
+    def times(self) -> Array:
+        """The sampling times (times), s."""
+        wanted = self.line.nodes[self.line.wanted]
+        return np.asarray(wanted if self.sampling is None else wanted[self.sampling.own])
+
+    def inputs(self, order: int = 0) -> Array:
+        """Return a derivative of the acting signals at the sampling times (times x loads)."""
+        found = self.line.inputs(order)
+        return found if self.sampling is None else found[self.sampling.own]
+
+    def gathered(self, values: Array) -> Array:
+        """Return values at the timeline's times (u x channels x …) as the channels record (times x …)."""
+        return values if self.sampling is None else self.sampling.gathered(values)
+
+    def own(self, values: NDArray[T]) -> NDArray[T]:
+        """Return values at the timeline's times (u x …) at the sampling times (times x …)."""
+        return values if self.sampling is None else np.asarray(values[self.sampling.own])
+
+    def moved(self, eta: Array) -> ParametricModel:
+        """Return the model on the timeline of the delays at these coordinates."""
+        if not self.instruments.unknown_delays:
+            return self
+        at = named(self.unknowns, eta)
+        each = (self.instruments.load_delays, self.instruments.delays)
+        delays = [self.instruments.numbers(given, at).value for given in each]
+        key = np.concatenate(delays).tobytes()
+        if key not in self._moved:
+            line, sampling = _timeline(self.system, self.instruments, self.times, at)
+            self._moved.clear()
+            self._moved[key] = replace(self, line=line, sampling=sampling, _last={}, _moved={})
+        return self._moved[key]
+
+    def jumps(self, eta: Array) -> Array | None:
+        """Return what jumps of delayed inputs add to the derivatives of the state (intervals x p x n).
+
+        Each is at the end of its interval. None where no delay is unknown.
+        """
+        if not self.instruments.unknown_delays:
+            return None
+        line, late = self.line, self.late(eta)
+        jumped = np.zeros((len(line.which), len(line.H)))
+        for length, h in enumerate(line.lengths):
+            here = np.flatnonzero(line.which == length)
+            jumped[here] = (line.W[here + 1] - line.W[here] @ exponential(line.G, float(h)).T) @ line.H.T
+        size = np.abs(line.W @ line.H.T).max(axis=0, initial=0.0)
+        jumped = np.where(np.abs(jumped) > _ROUNDING * size, jumped, 0.0) * self.acting
+        return np.asarray(-np.einsum("il,pl,nl->ipn", jumped, late, self.at(eta).B))
 
     def rates(self, eta: Array, states: Array) -> Array:
         """Return the derivatives of the outputs by time (times x channels).
@@ -189,10 +264,10 @@ class ParametricModel:
             States at the sampling times (times x n), scaled.
         """
         found = self.at(eta)
-        moving = states @ found.A.T + (self.line.inputs() * self.acting) @ found.B.T
+        moving = states @ found.A.T + (self.inputs() * self.acting) @ found.B.T
         rate = moving @ found.C.T
         for order, D in enumerate(found.D, 1):
-            rate = rate + (self.line.inputs(order) * self.acting) @ D.T
+            rate = rate + (self.inputs(order) * self.acting) @ D.T
         return np.asarray(rate)
 
     def poles(self, eta: Array) -> NDArray[np.complex128]:
@@ -202,7 +277,7 @@ class ParametricModel:
     def driven_by(self, loads: Sequence[int]) -> ParametricModel:
         """Return the model driven by these loads alone (places, from 0)."""
         only = np.isin(np.arange(len(self.initials)), loads)
-        return replace(self, acting=only, initials=self.initials * only[:, None], _last={})
+        return replace(self, acting=only, initials=self.initials * only[:, None], _last={}, _moved={})
 
 
 def parametric_model(
@@ -231,18 +306,21 @@ def parametric_model(
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
     system = system_of(model, loads, channels)
     system.check()
+    instruments = Instruments.of([one.name for one in unknowns], loads, channels)
     starts = {unknown.name: unknown.start for unknown in unknowns}
-    started = system.at(starts)
-    initials, known = system.prescribed(float(times[0]))
+    started = instruments.applied(system.at(starts), starts)
     d = balance(started.A)
     poles = np.linalg.eigvals(rescaled(started.A, d)).astype(complex)
     check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
-    line = timeline(system.signals, times, float(times[0]))
+    line, sampling = _timeline(system, instruments, times, starts)
+    initials, known = system.prescribed(float(line.nodes[0]))
+    if known.any() and any(load.delay for load in loads):
+        raise UsageError("a prescribed motion cannot be delayed", names=("excitation",))
     _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), len(channels) * len(d) * len(times) * 2)
     length = max(float(np.ptp(line.nodes)), 1.0)
-    state_root = system.prior(starts, length)
+    state_root, gains = system.prior(starts, length), instruments.numbers(instruments.gains, starts).value
     state_root[known] = 0.0
-    affine = system.affine
+    affine = system.affine if instruments.ideal else None
     if affine is not None:
         zero = np.zeros(len(unknowns))
         scaled = _scaled(affine.at(zero), d)
@@ -257,10 +335,21 @@ def parametric_model(
         channels=tuple(channels),
         gains=(tuple(load.gain_name for load in loads), tuple(channel.gain_name for channel in channels)),
         state_root=state_root / d[:, None],
-        reach=system.reach(starts, length),
+        reach=system.reach(starts, length) * np.abs(gains),
         affine=affine,
         acting=np.ones(len(loads), dtype=bool),
+        instruments=instruments,
+        sampling=sampling,
     )
+
+
+def _timeline(
+    system: LinearSystem, instruments: Instruments, times: Array, values: Mapping[str, float]
+) -> tuple[Timeline, Sampling | None]:
+    """Return the timeline of signals and channels that are delayed as at values of the parameters."""
+    sampling = Sampling.of(times, instruments.numbers(instruments.delays, values).value)
+    wanted = times if sampling is None else sampling.times
+    return timeline(instruments.acting(system.signals, values), wanted, float(wanted[0])), sampling
 
 
 def system_of(

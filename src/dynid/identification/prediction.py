@@ -64,8 +64,9 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
     eta
         Coordinates of the parameters (p).
     """
+    model = model.moved(eta)
     line, n = model.line, model.states
-    if compiled(len(line.nodes), n + len(line.G), model.parameters):
+    if kernels_used(model):
         from dynid.identification.kernels import prediction_kernel  # loads numba
         from dynid.identification.kernels.steps import tables
 
@@ -74,7 +75,7 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
         outputs = np.empty(direct.shape)
         by_state = np.empty((*outputs.shape, n))
         prediction_kernel.free(tables(model), at, model.output(eta)[0], direct, outputs, by_state)
-        return Free(outputs, by_state), at
+        return Free(model.gathered(outputs), model.gathered(by_state)), at
     transitions = [model.transition(eta, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     forced = np.zeros((len(line.nodes), n))
@@ -90,7 +91,8 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
         by_nodes, state = free_response(Phi, state, C, last - first)
         here = sample_of[after]
         by_state[here[here >= 0]] = by_nodes[here >= 0]
-    return Free(forced[line.wanted] @ C.T + model.direct(eta).value, by_state), transitions
+    outputs = forced[line.wanted] @ C.T + model.direct(eta).value
+    return Free(model.gathered(outputs), model.gathered(by_state)), transitions
 
 
 def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
@@ -105,6 +107,7 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
     free, steps
         The result of `free_prediction` for the same parameters.
     """
+    model = model.moved(eta)
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
     (C, C_slopes), direct = model.output(eta), model.direct(eta)
     if not isinstance(steps, list):
@@ -118,10 +121,13 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
         prediction_kernel.sensitive(tables(model), steps, *own, x0, outputs, by_time, by_parameter)
         if direct.slopes is not None:
             by_parameter += np.moveaxis(direct.slopes, 0, -1)
-        return Prediction(outputs, by_time, by_parameter, free.by_state)
+        found = model.gathered(outputs), model.own(by_time), model.gathered(by_parameter)
+        return Prediction(*found, free.by_state)
     transitions = steps
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     drift = _forcing(model, [transition.derivatives[:, :, n:] for transition in transitions])
+    if (jumps := model.jumps(eta)) is not None:
+        drift += jumps
     states, slopes = np.empty((nodes, 1, n)), np.empty((nodes, p, n))
     states[0], slopes[0] = x0, 0.0
     for first, last, k in runs(model.line.which):
@@ -135,7 +141,14 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
     moved = moved + np.moveaxis(trajectory @ C_slopes.swapaxes(1, 2), 0, -1)
     if direct.slopes is not None:
         moved += np.moveaxis(direct.slopes, 0, -1)
-    return Prediction(trajectory @ C.T + direct.value, trajectory, moved, free.by_state)
+    outputs = model.gathered(trajectory @ C.T + direct.value)
+    return Prediction(outputs, model.own(trajectory), model.gathered(moved), free.by_state)
+
+
+def kernels_used(model: ParametricModel) -> bool:
+    """Return True if passes and predictions are compiled: of long records whose delays are known."""
+    size = model.states + len(model.line.G)
+    return not model.instruments.unknown_delays and compiled(len(model.line.nodes), size, model.parameters)
 
 
 def forced_by(model: ParametricModel, eta: Array, loads: Sequence[int]) -> Array:

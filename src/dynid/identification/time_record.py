@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from dynid.identification.calibration import DELAY, GAIN_CHANGE, CalibrationDerivatives
 from dynid.identification.filter import InitialState, stored_rows
 from dynid.identification.information import Information, information
-from dynid.identification.kernels import compiled
 from dynid.identification.least_squares import (
     STATE_RANK,
     least_squares,
@@ -29,6 +28,7 @@ from dynid.identification.prediction import (
     Trajectory,
     forced_by,
     free_prediction,
+    kernels_used,
     prediction,
     runs,
 )
@@ -198,11 +198,11 @@ class TimeRecord(RecordLikelihood):
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
-        line, free_and_steps = self.model.line, free_prediction(self.model, fit.eta)
+        free_and_steps = free_prediction(self.model, fit.eta)
         predicted = prediction(self.model, fit.eta, fit.predicted.states[0], *free_and_steps)
-        times, white = line.nodes[line.wanted], self.data.passed == 1
+        times, white = self.model.times, self.data.passed == 1
         most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
-        inputs = [line.inputs(order) for order in (0, 1)]
+        inputs = [self.model.inputs(order) for order in (0, 1)]
         shared = regressors_in_time(self.model.signals, inputs, self.model.poles(fit.eta), times, most)
         found = []
         for c, rms in enumerate(self.data.rms):
@@ -260,8 +260,9 @@ class TimeRecord(RecordLikelihood):
         else:
             places = [[place for place, one in enumerate(loads) if one == name] for name in names]
             columns = [forced_by(model, fit.eta, here) for here in places]
-        changes, times = [GAIN_CHANGE] * len(names), model.line.nodes[model.line.wanted]
-        if names and len(times) > 1:
+        changes, times = [GAIN_CHANGE] * len(names), model.times
+        # Of channels with delays of their own the states are not at the times of what they record.
+        if names and len(times) > 1 and model.sampling is None:
             names.append(DELAY)
             changes.append(float(f"{np.diff(times).min():.12g}"))  # as a scene writes it
             columns.append(-model.rates(fit.eta, fit.predicted.states))
@@ -280,8 +281,7 @@ class TimeRecord(RecordLikelihood):
         self, residual: Array, by_state: Array, by_parameter: Array
     ) -> tuple[Array, NDArray[np.int_]]:
         """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter."""
-        line = self.model.line
-        if compiled(len(line.nodes), self.model.states + len(line.G), self.model.parameters):
+        if kernels_used(self.model):
             from dynid.identification.kernels import prediction_kernel, steps  # loads numba
 
             every = (steps.plain(each) for each in (by_state, by_parameter, residual, self.data.rms))
@@ -371,10 +371,11 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Ar
     known
         A root of the covariance of the coordinates, given all records (p x p).
     """
-    model, n = record.model, record.model.states
+    model, n = record.model.moved(fit.eta), record.model.states
     transitions = [model.transition(fit.eta, h) for h in model.line.lengths]
     stored = np.zeros(len(model.line.nodes), dtype=bool)
-    stored[model.line.wanted[stored_rows(len(model.line.wanted))]] = True
+    wanted = model.own(model.line.wanted)
+    stored[wanted[stored_rows(len(wanted))]] = True
     root = _initial_root(record, fit, noise, known)
     by_eta, columns = root[n:].T, root[:n].T
     x = fit.predicted.states[0]

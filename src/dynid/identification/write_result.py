@@ -368,8 +368,7 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
     result.add(f"{group}/measured", data.recorded, dims, unit)
     result.add(f"{group}/predicted", fit.predicted.outputs, dims, unit)
     result.add_axis(f"{group}/excitation", source_names(loads))
-    line = record.model.line
-    inputs = inputs_of(loads, line.nodes[line.wanted], line.inputs())
+    inputs = inputs_of(loads, record.model.times, record.model.inputs())
     units_in = [load.unit for load in loads]
     result.add(f"{group}/input_unit", units_in, ("excitation",))
     result.add(f"{group}/input", inputs, ("time", "excitation"), common_unit(units_in))

@@ -24,6 +24,7 @@ __all__ = [
     "Random",
     "RecordTimes",
     "Sampled",
+    "Shifted",
     "Signal",
     "Sine",
     "Step",
@@ -160,6 +161,94 @@ class Derivative:
 
     def value(self, times: ArrayLike) -> Array:
         """Return the derivative at `times`, inside the signal's range."""
+        t = np.asarray(times, dtype=float)
+        flat = t.ravel()
+        return np.asarray((self.states(flat, flat) @ self.generator()[1]).reshape(t.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Shifted:
+    """A multiple of a signal at an earlier time: ``gain * u(t - delay)``.
+
+    Samples keep their first and last value before and after the time that they are known for; any other
+    signal is zero before its t = 0.
+
+    Parameters
+    ----------
+    signal
+        The signal u.
+    delay
+        Delay, s; negative: the signal comes earlier.
+    gain
+        What multiplies it.
+
+    Raises
+    ------
+    UsageError
+        If an impulse is delayed.
+    """
+
+    kind: ClassVar[str] = "shifted"
+    pace: ClassVar[str] = "frequency"
+
+    signal: Signal
+    delay: float
+    gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        require(math.isfinite(self.delay) and math.isfinite(self.gain), "gain and delay must be finite")
+        require(
+            not (self.delay and self.signal.jump),
+            "an impulse cannot be delayed",
+            "Give it at its time, or use an impact.",
+            (self.signal.kind,),
+        )
+
+    @property
+    def jump(self) -> float:
+        """Strength of the Dirac impulse at t = 0."""
+        return self.gain * self.signal.jump
+
+    @property
+    def longest_step(self) -> float:
+        """Longest step of the signal, s."""
+        return self.signal.longest_step
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        """First and last time, s, at which the signal itself is evaluated."""
+        if isinstance(self.signal, Sampled):
+            return self.signal.start, self.signal.stop
+        return 0.0, math.inf
+
+    def generator(self) -> tuple[Array, Array]:
+        """Return the signal's generator, with the read-out of the multiple."""
+        G, h = self.signal.generator()
+        return G, self.gain * h
+
+    def states(self, times: Array, middles: Array) -> Array:
+        """Return the signal's generator states at the earlier times."""
+        first, last = self._span
+        _, h = self.signal.generator()
+        at, between = times - self.delay, middles - self.delay
+        inside = (between >= first) & (between <= last)
+        out = np.zeros((len(times), len(h)))
+        out[inside] = self.signal.states(at[inside], between[inside])
+        if isinstance(self.signal, Sampled):  # its state is a polynomial: the value alone is constant
+            for outside, end in ((between < first, first), (between > last, last)):
+                out[outside, 0] = float(self.signal.value(end))
+        return out
+
+    def breakpoints(self, start: float, stop: float) -> Array:
+        """Return the signal's breakpoints, later by the delay, and its ends."""
+        first, last = self._span
+        begin, end = max(start - self.delay, first), min(stop - self.delay, last)
+        own = self.signal.breakpoints(begin, end) if end >= begin else np.empty(0)
+        ends = np.array([time for time in (first, last) if start - self.delay <= time <= stop - self.delay])
+        return np.unique(np.concatenate([own, ends])) + self.delay
+
+    def value(self, times: ArrayLike) -> Array:
+        """Return the multiple at `times`."""
         t = np.asarray(times, dtype=float)
         flat = t.ravel()
         return np.asarray((self.states(flat, flat) @ self.generator()[1]).reshape(t.shape))

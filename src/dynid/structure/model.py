@@ -243,8 +243,8 @@ class StructuralModel:
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
-        """The unknown parameters that the matrices depend on: those of joints, then of `parameters`."""
-        return (*self.joint_unknowns, *(one for one in self.parameters if one.name in self.names))
+        """The unknown parameters: those of joints, then `parameters`, of loads and channels, too."""
+        return (*self.joint_unknowns, *self.parameters)
 
     @cached_property
     def joint_unknowns(self) -> tuple[Parameter, ...]:
@@ -437,6 +437,12 @@ class StructuralModel:
         return StructuralModel(
             *self.with_joints(given), (), self.dofs, self.basis, self.parameters, terms, self.modal
         )
+
+    def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:
+        """Return the model with other unknown parameters, those of joints left as they are."""
+        model = self.joined(self.joints)
+        object.__setattr__(model, "parameters", tuple(parameters))
+        return model
 
     def true_values(self) -> dict[str, float]:
         """Return the true values of the unknown parameters.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynid.arithmetic.dependent import Real
 from dynid.errors import UsageError
 from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Impulse, Signal
@@ -21,13 +22,17 @@ UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 class Channel(NamedTuple):
     """An output: `quantity` (displacement, velocity, acceleration) of `dof`, less that of `reference`.
 
-    Where the ground moves it is relative to the ground, or `absolute`.
+    Where the ground moves it is relative to the ground, or `absolute`. What is recorded is ``gain`` times the
+    output ``delay`` earlier (s), plus ``offset``.
     """
 
     dof: Label
     quantity: str
     reference: Label | None = None
     absolute: bool = False
+    gain: Real = 1.0
+    offset: Real = 0.0
+    delay: Real = 0.0
 
     @property
     def name(self) -> str:
@@ -71,12 +76,15 @@ class Load(NamedTuple):
     """A force on `dof` (N; N·m on a rotation) that follows `signal`; or a motion that does.
 
     With `motion` (displacement, velocity, acceleration) the motion of the DOF is prescribed; without a DOF
-    it is the ground's, which moves along with every translation.
+    it is the ground's, which moves along with every translation. What acts is ``gain`` times the signal
+    ``delay`` earlier (s).
     """
 
     dof: Label | None
     signal: Signal
     motion: str | None = None
+    gain: Real = 1.0
+    delay: Real = 0.0
 
     @property
     def order(self) -> int | None:

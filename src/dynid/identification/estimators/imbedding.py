@@ -114,6 +114,12 @@ class Flow:
 
     def __init__(self, record: TimeRecord, options: InvariantImbedding, origin: Array) -> None:
         self.model = model = record.model
+        if model.sampling is not None or model.instruments.unknown_delays:
+            raise UsageError(
+                "invariant imbedding takes no delays of channels, and none that are unknown",
+                remedy="Use estimator: {method: auto}.",
+                names=("estimator.method",),
+            )
         self.size = model.states + model.parameters
         self.upper = np.triu_indices(self.size)
         times = model.line.nodes[model.line.wanted]

@@ -151,9 +151,9 @@ class Segments(RecordLikelihood):
 
     def _moved(self, eta: Array, starts: Array) -> Array:
         """Return the derivatives of the free decays from initial states (segments x rows x p)."""
-        model, line = self.record.model, self.record.model.line
+        model = self.record.model.moved(eta)
         (K, n), p, L = starts.shape, model.parameters, self.length
-        sampled = line.nodes[line.wanted]
+        sampled = model.times
         transition = model.transition(eta, float(sampled[-1] - sampled[0]) / (len(sampled) - 1))
         Phi, by_parameter = transition.step[:, :n], transition.derivatives[:, :, :n]
         states, slopes = np.empty((L, K, n)), np.zeros((L, K, p, n))

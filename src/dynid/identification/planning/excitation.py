@@ -146,7 +146,7 @@ def candidate_sines(
         {letter: r * as_array(part) for letter, part in slopes.items()}
         for r, slopes in zip(rate, model.slopes(values), strict=True)
     ]
-    inputs = expected.likelihood.records[0].model.line.inputs()
+    inputs = expected.likelihood.records[0].model.inputs()
     rms = float(np.sqrt(np.mean(np.sum(inputs**2, axis=1)))) if inputs.size else 0.0
     rms = rms or 1.0
     weight = rms * np.sqrt(measurement.samples) / expected.noise[0]

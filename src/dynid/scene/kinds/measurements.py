@@ -10,6 +10,7 @@ import numpy as np
 from dynid.errors import FileError, UsageError
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, layout_of
 from dynid.scene.kinds.structures import number
+from dynid.scene.schema.signals import FileSignal
 from dynid.structure.response import Channel, Load
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.arithmetic.dependent import Real
     from dynid.identification.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.measurement import Experiment, Measurement
     from dynid.identification.preparation import Preparation
@@ -120,10 +122,19 @@ def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
 
 
 def channel_of(given: ChannelModel) -> Channel:
-    """Return a sensor of a structure."""
+    """Return a sensor."""
     assert given.quantity is not None
-    return Channel(
-        given.ends[0], given.quantity, given.dofs[1] if given.dofs else None, given.frame == "absolute"
+    dof, reference = given.ends[0], given.dofs[1] if given.dofs else None
+    return Channel(dof, given.quantity, reference, given.frame == "absolute", *instrument_of(given))
+
+
+def instrument_of(given: ChannelModel) -> tuple[Real, Real, Real]:
+    """Return gain, offset and delay of a sensor."""
+    gain, offset, delay = (getattr(given, key, None) for key in ("gain", "offset", "delay"))
+    return (
+        1.0 if gain is None else gain.real,
+        0.0 if offset is None else offset.real,
+        0.0 if delay is None else delay.real,
     )
 
 
@@ -145,9 +156,19 @@ def _own_or_shared(scene: Scene, place: str, key: str) -> str:
 def loads_of(scene: Scene, where: str, parts: Sequence[SignalPart], record: RecordTimes) -> list[Load]:
     """Return the loads at a place of a scene."""
     return [
-        Load(part.dof, signal, part.base or part.motion)
+        Load(part.dof, signal, part.base or part.motion, *actuator_of(part))
         for part, signal in build_signals(scene, where, parts, record)
     ]
+
+
+def actuator_of(part: SignalPart) -> tuple[Real, Real]:
+    """Return gain and delay with which a signal acts.
+
+    A signal in a file was recorded: it is gain times what acts, delay later.
+    """
+    gain = 1.0 if part.gain is None else part.gain.real
+    delay = 0.0 if part.delay is None else part.delay.real
+    return (1.0 / gain, -delay) if isinstance(part, FileSignal) else (gain, delay)
 
 
 _PLACE = "measurement.frf.file"

@@ -1,0 +1,198 @@
+"""Instruments of a record: gains, offsets and delays of its channels, gains and delays of its loads.
+
+A channel records ``gain * y(t - delay) + offset`` of the quantity y of the model; a load acts as
+``gain * u(t - delay)`` of its signal u. Each number may depend on unknown parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.arithmetic.dependent import Dependent, Real, evaluated
+from dynid.identification.linear_system import Matrices
+from dynid.lti.signals import Shifted, Signal
+from dynid.parameters import Parameter
+
+Array = NDArray[np.float64]
+
+
+class Numbers(NamedTuple):
+    """Numbers of loads or channels, and their derivatives by the parameters' values (p x numbers)."""
+
+    value: Array
+    slopes: Array
+
+
+class Sampling(NamedTuple):
+    """Times at which a model is evaluated for channels that are delayed.
+
+    Attributes
+    ----------
+    times
+        The sampling times and those of what delayed channels record, ascending (u), s.
+    rows
+        Place among these of each recorded value (times x channels).
+    own
+        Place of each sampling time (times).
+    """
+
+    times: Array
+    rows: NDArray[np.int64]
+    own: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, times: Array, delays: Array) -> Sampling | None:
+        """Return the times for delays of the channels (channels), s; None where all are zero."""
+        if not delays.any():
+            return None
+        shifted = times[:, None] - np.concatenate([[0.0], delays])
+        order = np.argsort(shifted, axis=None, kind="stable")
+        ascending = shifted.ravel()[order]
+        # Times that are equal to rounding are one.
+        step = float(np.min(np.diff(times), initial=np.inf))
+        new = np.concatenate([[True], np.diff(ascending) > 1e-9 * (step if np.isfinite(step) else 1.0)])
+        places = np.empty(shifted.size, dtype=np.int64)
+        places[order] = np.cumsum(new) - 1
+        rows = places.reshape(shifted.shape)
+        return cls(ascending[new], rows[:, 1:], rows[:, 0])
+
+    def gathered(self, values: Array) -> Array:
+        """Return values (u x channels x …) of each channel at its own times (times x channels x …)."""
+        return np.asarray(values[self.rows, np.arange(self.rows.shape[1])])
+
+    def spread(self, values: Array) -> Array:
+        """Return recorded values (times x channels) at these times (u x channels), NaN elsewhere."""
+        out = np.full((len(self.times), self.rows.shape[1]), np.nan)
+        out[self.rows, np.arange(self.rows.shape[1])] = values
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Instruments:
+    """The instruments of a record.
+
+    Attributes
+    ----------
+    parameters
+        Names of the parameters (p).
+    load_gains, load_delays
+        Of the loads; delays in s.
+    gains, offsets, delays
+        Of the channels; offsets in their units.
+    """
+
+    parameters: tuple[str, ...]
+    load_gains: tuple[Real, ...]
+    load_delays: tuple[Real, ...]
+    gains: tuple[Real, ...]
+    offsets: tuple[Real, ...]
+    delays: tuple[Real, ...]
+
+    @classmethod
+    def of(cls, parameters: Sequence[str], loads: Sequence[Any], channels: Sequence[Any]) -> Instruments:
+        """Return the instruments of loads and channels."""
+        return cls(
+            tuple(parameters),
+            tuple(load.gain for load in loads),
+            tuple(load.delay for load in loads),
+            tuple(channel.gain for channel in channels),
+            tuple(channel.offset for channel in channels),
+            tuple(channel.delay for channel in channels),
+        )
+
+    def acting(self, signals: Sequence[Signal], values: Mapping[str, float]) -> list[Signal]:
+        """Return the signals as they act at values of the parameters, delayed; gains are in `applied`."""
+        delays = self.numbers(self.load_delays, values).value.tolist()
+        return [Shifted(one, delay) if delay else one for one, delay in zip(signals, delays, strict=True)]
+
+    @property
+    def ideal(self) -> bool:
+        """True if they change nothing."""
+        gains, rest = (*self.load_gains, *self.gains), (*self.load_delays, *self.offsets, *self.delays)
+        numbers = all(not isinstance(one, Dependent) for one in (*gains, *rest))
+        return numbers and all(gain == 1 for gain in gains) and not any(rest)
+
+    @property
+    def unknown_delays(self) -> bool:
+        """True if a delay depends on parameters."""
+        return any(isinstance(delay, Dependent) for delay in (*self.load_delays, *self.delays))
+
+    def numbers(self, given: Sequence[Real], values: Mapping[str, float]) -> Numbers:
+        """Return numbers of loads or channels at values of the parameters, with their derivatives."""
+        found = [evaluated(one, values) for one in given]
+        slopes = np.zeros((len(self.parameters), len(given)))
+        for column, one in enumerate(found):
+            for name, slope in one.slopes.items():
+                if name in self.parameters:
+                    slopes[self.parameters.index(name), column] = slope
+        return Numbers(np.array([one.value for one in found]), slopes)
+
+    def applied(self, found: Matrices, values: Mapping[str, float]) -> Matrices:
+        """Return the matrices from the signals, delayed, to what the channels record, but for offsets.
+
+        With G_u and G_y the gains: B G_u, G_y C, G_y D G_u. The derivative of a record by the delay of its
+        channel is minus the rate of the output, C A x + C B u + D du/dt; that by the delay of a load enters
+        through -du/dt, of which the part of D is here and that of B is `ParametricModel.transition`'s.
+        """
+        if self.ideal:
+            return found
+        (gu, gu_slopes), (gy, gy_slopes) = (
+            self.numbers(gains, values) for gains in (self.load_gains, self.gains)
+        )
+        B, C = found.B * gu, gy[:, None] * found.C
+        D = gy[:, None] * found.D * gu
+        B_slopes = found.B_slopes * gu + found.B * gu_slopes[:, None, :]
+        C_slopes = gy[:, None] * found.C_slopes + gy_slopes[:, :, None] * found.C
+        D_slopes = gy[:, None] * found.D_slopes * gu
+        D_slopes = D_slopes + (gy_slopes[:, None, :, None] * (found.D * gu))
+        D_slopes = D_slopes + gy[:, None] * found.D * gu_slopes[:, None, None, :]
+        (_, late_u), (_, late_y) = (self.numbers(given, values) for given in (self.load_delays, self.delays))
+        if late_y.any() or late_u.any():
+            C_slopes = C_slopes - late_y[:, :, None] * (C @ found.A)
+            none = np.zeros((1, *D.shape[1:]))
+            D, rates = np.concatenate([D, none]), np.concatenate([(C @ B)[None], D])
+            D_slopes = np.concatenate([D_slopes, np.zeros((len(D_slopes), *none.shape))], axis=1)
+            D_slopes = D_slopes - late_y[:, None, :, None] * rates
+            D_slopes[:, 1:] -= D[:-1] * late_u[:, None, None, :]
+        return Matrices(found.A, B, C, D, found.A_slopes, B_slopes, C_slopes, D_slopes)
+
+
+def with_spreads(
+    parameters: Sequence[Parameter], instruments: Instruments, step: float, sizes: Array
+) -> tuple[Parameter, ...]:
+    """Return parameters with the spread of first guesses of offsets and delays, where nothing else gives it.
+
+    Parameters
+    ----------
+    parameters
+        The unknown parameters (p).
+    instruments
+        Those of a record.
+    step
+        Its sampling step, s.
+    sizes
+        RMS of its channels (channels).
+    """
+    values = {one.name: one.start for one in parameters}
+    spans = [
+        (instruments.offsets, 2 * sizes),
+        (instruments.delays, np.full(len(instruments.delays), 4 * step)),
+        (instruments.load_delays, np.full(len(instruments.load_delays), 4 * step)),
+    ]
+    found = np.zeros(len(parameters))
+    for given, span in spans:
+        slopes = np.abs(instruments.numbers(given, values).slopes)
+        reach = np.divide(span, slopes, out=np.zeros_like(slopes), where=slopes > 0)
+        found = np.maximum(found, reach.max(axis=1, initial=0.0))
+    bounded = (one.prior or (one.low is not None and one.high is not None) for one in parameters)
+    return tuple(
+        one
+        if one.logarithmic or fixed or not span
+        else replace(one, spread=max(span, one.spread or 0.0, 2 * abs(one.start)))
+        for one, fixed, span in zip(parameters, bounded, found.tolist(), strict=True)
+    )
