@@ -207,15 +207,16 @@ def like_terms(numbers: Sequence[Dependent]) -> list[Multiple]:
     split: dict[int, Multiple] = {}
     places: dict[tuple[Any, ...], int] = {}
     known: dict[int, Dependent] = {}
-    found, kept = [], []  # objects are kept, so that their ids stay theirs
+    common: dict[int, Dependent] = {}  # by the ids of cores, which `split` keeps
+    found = []
     for number in numbers:
         for node in number._order:
             if id(node) not in split:
                 split[id(node)] = _multiple(node, split)
         factor, core = split[id(number)]
-        kept.append(core)
-        place = _place(core, places)
-        found.append(Multiple(factor, known.setdefault(place, core)))
+        if id(core) not in common:
+            common[id(core)] = known.setdefault(_place(core, places), core)
+        found.append(Multiple(factor, common[id(core)]))
     return found
 
 

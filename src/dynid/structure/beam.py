@@ -6,6 +6,7 @@ Source: J. S. Archer, "Consistent mass matrix for distributed mass systems", 196
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from dynid.structure.assembly import (
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.dependent_matrix import DependentMatrix, pattern_sum
 from dynid.structure.joints import Joint
+from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 
 
@@ -44,7 +46,10 @@ def bending(
     hinges
         The hinged ends, 1 or 2.
     """
-    k, m = (_by_powers(triangle, length) for triangle in _BENDING[tuple(sorted(hinges))])
+    k, m = (
+        pattern_sum((1.0, P0), (length, P1), (length**2, P2))
+        for P0, P1, P2 in _patterns(tuple(sorted(hinges)))
+    )
     return k.times(EI / length**3), m.times(rhoA * length / 420)
 
 
@@ -58,15 +63,17 @@ _BENDING: dict[tuple[int, ...], tuple[list[float], list[float]]] = {
 }
 
 
-def _by_powers(triangle: Sequence[float], length: Real) -> DependentMatrix:
-    """Return the matrix (4 x 4) of a triangle of `_BENDING`, its entries times the powers of the length."""
-    whole = np.zeros((4, 4))
-    whole[np.triu_indices(4)] = triangle
-    whole = np.triu(whole) + np.triu(whole, 1).T
-    turning = np.array([0, 1, 0, 1])
-    powers = np.add.outer(turning, turning)
-    P0, P1, P2 = (np.where(powers == p, whole, 0.0) for p in range(3))
-    return pattern_sum((1.0, P0), (length, P1), (length**2, P2))
+@cache
+def _patterns(hinges: tuple[int, ...]) -> list[list[Array]]:
+    """Return the parts of stiffness and mass (4 x 4) of `_BENDING`, each by the power of the length."""
+    found = []
+    powers = np.add.outer(*[np.array([0, 1, 0, 1])] * 2)
+    for triangle in _BENDING[hinges]:
+        whole = np.zeros((4, 4))
+        whole[np.triu_indices(4)] = triangle
+        whole = np.triu(whole) + np.triu(whole, 1).T
+        found.append([np.where(powers == power, whole, 0.0) for power in range(3)])
+    return found
 
 
 def stretching(EA: Real, rhoA: Real, length: Real) -> tuple[DependentMatrix, DependentMatrix]:
@@ -128,9 +135,10 @@ def beam(
         check_nodes(what, items, elements + 1, DIRECTIONS)
     fixed = [(direction, item.node) for item in held for direction in item.fix]
     whole = Assembly(free_labels(elements + 1, DIRECTIONS, fixed))
+    element = cache(bending)  # many are alike
     for first, (L, ei, ra) in enumerate(zip(lengths, stiffness, density, strict=True), 1):
         ends = [node_label(direction, node) for node in (first, first + 1) for direction in DIRECTIONS]
-        k, m = bending(ei, ra, L)
+        k, m = element(ei, ra, L)
         whole.add("K", ends, k)
         whole.add("M", ends, m)
     whole.attach(points, grounded, ("w",))

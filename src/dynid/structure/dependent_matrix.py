@@ -58,6 +58,8 @@ class DependentMatrix:
     def congruent(self, T: DependentMatrix) -> DependentMatrix:
         """Return ``T^T A T``, of dense matrices."""
         constant: Any = T.constant.T @ self.constant @ T.constant
+        if not (self.terms or T.terms):
+            return DependentMatrix(constant)
         bases: list[tuple[Real, Any]] = [(1.0, T.constant), *T.terms]
         patterns: list[tuple[Real, Any]] = [(1.0, self.constant), *self.terms]
         terms = []
