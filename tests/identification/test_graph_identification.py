@@ -8,17 +8,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynid import load_scene
 from dynid.arithmetic.dependent import Dependent
 from dynid.bondgraph.graph import BondGraph
 from dynid.errors import NotIdentifiable
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.graph_system import GraphModel
-from dynid.identification.identify import identify
+from dynid.identification.identify import identify, identify_frf
 from dynid.identification.measurement import Measurement, data
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
+from dynid.scene.kinds.bond_graph import build_graph
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
@@ -168,3 +171,35 @@ def test_what_no_channel_depends_on_is_named():
     with pytest.raises(NotIdentifiable, match="J cannot be identified") as raised:
         identify(model, [model.load("w", Multisine((1.0, 1.0), (0.3, 0.9)))], measurement)
     assert "J" in raised.value.names
+
+
+def test_a_motor_is_identified_from_frequency_responses():
+    names = ("Ra", "L", "Km", "J", "flex", "JL")
+    model = motor(names, (0.6, 1.5, 0.7, 2.0, 0.5, 1.4))
+    functions = tuple(Frf(model.channel(port(output)), "U") for output in ("L.f", "JL.f"))
+    result = identify_frf(model, FrfMeasurement(np.geomspace(2, 2000, 120), functions, Simulation(0.02, 1)))
+    deviations = (numbers(result, "parameters/estimate") - numbers(result, "parameters/true")) / numbers(
+        result, "parameters/cramer_rao"
+    )
+    assert numbers(result, "diagnostics/converged")
+    assert np.abs(deviations).max() < 4.5
+
+
+SCENE = """
+dynid: 1
+kind: identification
+parameters: {kb: {start: 2, true: 4}, m: 3}
+graph:
+  nodes: {F: Se, v: 1, k: {type: C, value: 1/kb}, m: {type: I, value: m}}
+  bonds: [F -> v -> k, v -> m]
+excitation: [{source: F, kind: sine, amplitude: 1, frequency: 2}]
+measurement: {step: 0.01, samples: 100, channels: [{output: m.f}], simulate: {noise_ratio: 0.01, seed: 1}}
+"""
+
+
+def test_values_of_a_scene_depend_on_its_unknown_parameters(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE)
+    nodes = build_graph(load_scene(path).model).nodes
+    assert (nodes["k"].value, nodes["m"].value, nodes["m"].dependent) == (Fraction(1, 4), 3, None)
+    assert nodes["k"].dependent.at({"kb": 2.0}) == (0.5, {"kb": -0.25})

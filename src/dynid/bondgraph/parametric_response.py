@@ -20,7 +20,7 @@ from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.reducer import reduce_graph
 
 #: Largest error bound over the response; of a derivative, over it or the response over the parameter.
-_TOLERANCE = 1e-11
+_TOLERANCE = 1e-10
 
 
 class ParametricResponse:
