@@ -11,7 +11,6 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
-from functools import cached_property
 from typing import Any
 
 from dynid.arithmetic.dependent import Dependent, Real
@@ -44,11 +43,10 @@ class ParametricProgram(Program):
         from flint import nmod
 
         self.graph, self.unknown = graph, tuple(unknown)
-        dependents = {
-            name: node.dependent for name, node in graph.nodes.items() if node.dependent is not None
-        }
         self._dependent = {
-            name: number for name, number in dependents.items() if number.names.intersection(unknown)
+            name: node.dependent
+            for name, node in graph.nodes.items()
+            if node.dependent is not None and node.dependent.names.intersection(unknown)
         }
         known = {
             name: node.value
@@ -217,10 +215,7 @@ class Tape:
             for op, a, b in (program.ops[register] for register in done)
         ]
         self._wanted = [place[register] for register in wanted]
-
-    @cached_property
-    def _known(self) -> dict[int, list[Any]]:
-        return {}
+        self._known: dict[int, list[Any]] = {}  # what is read and does not change, by precision
 
     def _numbers(self, leaves: Mapping[str, float | Fraction], s: Any, precision: int) -> list[Any]:
         """Return what is read, as balls of the precision in use."""
@@ -230,7 +225,7 @@ class Tape:
             return arb(number if isinstance(number, float) else fmpq(number.numerator, number.denominator))
 
         known = self._program.known
-        if precision not in self._known:  # what does not change is rounded once
+        if precision not in self._known:
             self._known[precision] = [
                 arb(a)
                 if op is Operation.CONSTANT
