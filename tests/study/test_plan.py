@@ -174,6 +174,15 @@ def test_derived_quantities_follow_from_others_and_from_the_scene(tmp_path):
     np.testing.assert_allclose(plan.arrays["twice"], 6 * np.sqrt([1, 2, 4]), rtol=1e-15)
 
 
+def test_a_derived_quantity_follows_the_start_of_an_unknown_parameter(tmp_path):
+    scene = SCENE.replace("b: 1}", "b: 1, c: {start: m * 3}}")
+    derive = "derive: {ratio: 2 * c}\n"
+    fixed = plan_of(tmp_path, f"vary:\n  parameters.m: [1, 2, 4]\n{derive}", scene)
+    np.testing.assert_allclose(fixed.arrays["ratio"], [6, 12, 24], rtol=1e-15)
+    varied = plan_of(tmp_path, f"vary:\n  parameters.c.start: [1, 2, 4]\n{derive}", scene)
+    np.testing.assert_allclose(varied.arrays["ratio"], [2, 4, 8], rtol=1e-15)
+
+
 ONE = "vary: {parameters.m: [1, 2]}\n"
 TWO = "vary: {parameters.m: [1, 2], parameters.b: [1, 2]}\n"
 RANGES = "vary: {parameters.m: {start: 1, stop: 2}, parameters.b: {start: 1, stop: 2}}\n"
@@ -211,6 +220,7 @@ def test_a_plan_for_indices_says_how_it_is_laid_out(tmp_path):
 
 FAULTS = [
     ("vary: {parameters.mm: [1]}", ":4:8: mass.yaml has no parameter 'mm'; did you mean 'm'?"),
+    ("vary: {parameters.mm.start: [1]}", ":4:8: mass.yaml has no parameter 'mm'; did you mean 'm'?"),
     ("vary: {parameters.m: [x, y]}", ":4:8: no parameter 'x'"),
     ("vary: {analysis.outputz: [1]}", ":4:8: 'outputz' is not a key of analysis; did you mean 'outputs'?"),
     ("vary: {parameters.m: 5}", ":4:22: what varies has 'values', 'start' and 'stop', or a 'distribution'"),

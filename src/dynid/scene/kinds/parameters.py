@@ -78,12 +78,12 @@ def check_parameters(scene: Scene) -> None:
     SceneError
         If a number does not fit the scale of its parameter, or nothing depends on an unknown one.
     """
+    from dynid.scene.schema.names import read_names
+
     model = cast("IdentificationScene", scene.model)
-    try:
-        unknown = unknown_parameters(model)
-    except UsageError as error:
-        raise SceneError([scene.locate(error)]) from None
-    if model.measurement is None or not unknown:
+    if not any(isinstance(given, DefinedParameter) for given in model.parameters.values()):
+        return
+    if read_names(scene.source)[1]:  # what depends on a parameter without a value is not known
         return
     used: set[str] = set()
     for _, quantity in quantities(model):
@@ -91,13 +91,17 @@ def check_parameters(scene: Scene) -> None:
             used |= quantity.dependent.names
     raw = mapping(scene.source.data, "parameters")
     message = "nothing depends on this unknown parameter; name it in a quantity of the model, or leave it out"
-    faults = [
-        scene.source.fault(("parameters", written_key(raw, one.name)), message, key=True)
-        for one in unknown
-        if one.name not in used
+    unused = [
+        scene.source.fault(("parameters", written_key(raw, name)), message, key=True)
+        for name, given in model.parameters.items()
+        if isinstance(given, DefinedParameter) and given.start is not None and name not in used
     ]
-    if faults:
-        raise SceneError(faults)
+    if unused and model.measurement is not None:
+        raise SceneError(unused)
+    try:
+        unknown_parameters(model)
+    except UsageError as error:
+        raise SceneError([scene.locate(error)]) from None
 
 
 #: Keys of quantities that may have any sign, and so have no logarithm.

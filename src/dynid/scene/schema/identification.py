@@ -246,10 +246,9 @@ def _graph_channel_faults(source: Source) -> list[Fault]:
         name = signal.get("source")
         if "source" not in signal and "dof" not in signal:
             faults.append(source.fault(path, "this signal needs the 'source' that it drives", key=True))
-        elif isinstance(name, str | int) and types and str(name) not in sources:
-            known = f"'{name}' is {types[str(name)]}, not a source (Se, Sf)" if str(name) in types else ""
-            message = known or f"no node '{name}'"
-            faults.append(source.fault((*path, "source"), message + did_you_mean(str(name), sources)))
+        elif isinstance(name, str) and types and types.get(name) not in SOURCES:
+            message = f"'{name}' is no source (Se, Sf)" if name in types else f"no node '{name}'"
+            faults.append(source.fault((*path, "source"), message + did_you_mean(name, sources)))
     for path, channel in sections(IdentificationScene, source.data, ChannelModel):
         for key in ("dof", "dofs", "reference"):
             if key in channel:
