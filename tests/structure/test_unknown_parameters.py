@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.errors import UsageError
+from dynid.errors import NumericalError, UsageError
 from dynid.structure.assembly import PointMass, Spring, Support, damped_structure
 from dynid.structure.beam import beam
 from dynid.structure.damping import ModalDamping, ProportionalDamping
@@ -549,5 +549,5 @@ def test_modal_damping_without_a_derivative_is_refused():
         1, 1.0, 1e-12, 0.0, masses=masses, springs=springs, parameters=parameters,
         damping=ModalDamping([0.05, 0.1]),
     )  # fmt: skip
-    with pytest.raises(Exception, match="modes of one frequency have different damping ratios"):
+    with pytest.raises(NumericalError, match="modes of one frequency have different damping ratios"):
         double.slopes({})

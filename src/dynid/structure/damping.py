@@ -126,8 +126,9 @@ class ModalDamping:
         Raises
         ------
         UsageError
-            Where C has no derivative: modes of one frequency have different ratios, a rigid-body mode gets
-            stiffness, or a massless motion gets mass.
+            Where C has no derivative as a rigid-body mode gets stiffness, or a massless motion gets mass.
+        NumericalError
+            Where modes of one frequency have different ratios.
         """
         mass, stiffness = as_array(M.at(values)), as_array(K.at(values))
         found_modes = modes(mass, np.zeros_like(mass), stiffness, backend="dense")
