@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynid.arithmetic.dependent import Dependent, substituted
 from dynid.arithmetic.derivatives import differentiate, independent_parameters
 from dynid.arithmetic.expression import ExpressionError, parse
 
@@ -54,3 +55,18 @@ def test_every_operation_agrees_with_differences(text, x, y):
     # central differences in doubles are good to about 1e-9
     assert float(found.get("x", 0)) == pytest.approx(by_x, rel=1e-7, abs=1e-7)
     assert float(found.get("y", 0)) == pytest.approx(by_y, rel=1e-7, abs=1e-7)
+
+
+@given(st.floats(0.1, 10), st.floats(0.1, 10))
+def test_a_dependent_number_has_the_slopes_of_its_expression_at_the_reference(x, y):
+    known = {"x": Dependent.parameter("x", Fraction(x)), "y": Dependent.parameter("y", Fraction(y))}
+    value, slopes = substituted(parse("x**2 * exp(y) / (1 + x)"), known).at_reference()
+    assert value == pytest.approx(x**2 * math.exp(y) / (1 + x), rel=1e-14)
+    assert slopes["x"] == pytest.approx((x**2 + 2 * x) / (1 + x) ** 2 * math.exp(y), rel=1e-13)
+    assert slopes["y"] == pytest.approx(value, rel=1e-14)
+
+
+def test_expressions_of_equal_texts_are_equal():
+    assert parse("2*x") == parse("2*x")
+    assert hash(parse("2*x")) == hash(parse("2*x"))
+    assert parse("2*x") != parse("x*2")

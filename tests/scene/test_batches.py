@@ -356,8 +356,16 @@ measurement:
 @pytest.mark.parametrize(
     ("path", "change", "said"),
     [
-        ("measurement.samples", "seed=1", "measurement.samples is no seed, noise, start or true value"),
-        ("joints.upper.m.start", "seed=1", "joints.upper.m.start is no seed, noise, start or true value"),
+        (
+            "measurement.samples",
+            "seed=1",
+            "measurement.samples is no seed, noise, or start or true value of a joint",
+        ),
+        (
+            "joints.upper.m.start",
+            "seed=1",
+            "joints.upper.m.start is no seed, noise, or start or true value of a joint",
+        ),
         ("measurement.simulate.seed", "identifiability=true", "more than an identification from records"),
     ],
 )

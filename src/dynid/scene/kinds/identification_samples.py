@@ -78,7 +78,7 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
     model = cast("IdentificationScene", template.model)
     for path in paths:
         if _place(model, path) is None:
-            return f"{path} is no seed, noise, start or true value"
+            return f"{path} is no seed, noise, or start or true value of a joint"
     measurement = model.measurement
     if measurement is None or measurement.frf or model.analysis or model.identifiability:
         return "more than an identification from records is asked for"
