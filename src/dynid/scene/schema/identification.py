@@ -249,6 +249,11 @@ def _graph_channel_faults(source: Source) -> list[Fault]:
         elif isinstance(name, str) and types and types.get(name) not in SOURCES:
             message = f"'{name}' is no source (Se, Sf)" if name in types else f"no node '{name}'"
             faults.append(source.fault((*path, "source"), message + did_you_mean(name, sources)))
+    if "frf" in mapping(source.data, "measurement"):
+        message = (
+            "frequency responses are referred to forces at DOFs; a graph is identified from records of time"
+        )
+        faults.append(source.fault(("measurement", "frf"), message, key=True))
     for path, channel in sections(IdentificationScene, source.data, ChannelModel):
         for key in ("dof", "dofs", "reference"):
             if key in channel:
