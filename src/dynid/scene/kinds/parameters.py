@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from pydantic import BaseModel
 
 from dynid.errors import SceneError, UsageError
-from dynid.parameters import Parameter, ParameterPrior
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.raw import mapping, written_key
 
 if TYPE_CHECKING:
+    from dynid.parameters import Parameter, ParameterPrior
     from dynid.scene.load import Scene
     from dynid.scene.schema.base import SceneModel
     from dynid.scene.schema.identification import IdentificationScene
@@ -37,6 +37,8 @@ def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     UsageError
         If a number does not fit the scale; it names the parameter.
     """
+    from dynid.parameters import Parameter  # loads NumPy
+
     unknown = {
         name: given
         for name, given in model.parameters.items()
@@ -128,6 +130,8 @@ def _number(given: Quantity | None) -> float | None:
 
 
 def _prior(given: DefinedParameter) -> ParameterPrior | None:
+    from dynid.parameters import ParameterPrior
+
     prior = given.prior
     if prior is None:
         return None
