@@ -102,6 +102,7 @@ PEAKS_NEAR_POLES = Limit(
     "elements",
 )
 LOOKING_AHEAD = Limit(800, "causality is assigned looking ahead on loops of up to {value} junctions")
+STRUCTURES_IN_GRAPHS = Limit(200, "structures of up to {value} DOFs enter a bond graph by all of them")
 
 # Time responses.
 HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")

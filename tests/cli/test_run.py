@@ -250,7 +250,7 @@ def test_a_failing_run_leaves_an_old_result_alone(dynid, folder, wrong):
 
 @pytest.mark.usefixtures("folder")
 def test_an_error_that_nobody_thought_of_says_where_it_happened(dynid, monkeypatch):
-    monkeypatch.setattr("dynid.scene.kinds.bond_graph.build_graph", lambda _: 1 / 0)
+    monkeypatch.setattr("dynid.scene.kinds.bond_graph.built_graph", lambda _: 1 / 0)
     code, _, err = dynid("run", "small.yaml")
     assert code == 3
     assert re.match(

@@ -7,7 +7,7 @@ from time import process_time
 import numpy as np
 import pytest
 
-from dynid.scene.kinds.bond_graph import build_graph
+from dynid.scene.kinds.bond_graph import built_graph
 from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.schema.bond_graph import domain_faults
 from dynid.scene.yaml.source import parse_source
@@ -35,8 +35,12 @@ def test_the_scene_of_these_tests_is_valid():
     [
         # nodes
         ("type: TF", "type: TR", "4:78: unknown node type 'TR'; did you mean 'TF'?"),
-        ("type: TF", "type: L", "4:78: unknown node type 'L'; it is one of Se, Sf, I, C, R, TF, GY, 0, 1"),
-        ("type: TF", "type: 1.5", "4:78: a node type is one of Se, Sf, I, C, R, TF, GY, 0, 1"),
+        (
+            "type: TF",
+            "type: L",
+            "4:78: unknown node type 'L'; it is one of Se, Sf, I, C, R, TF, GY, 0, 1, structure",
+        ),
+        ("type: TF", "type: 1.5", "4:78: a node type is one of Se, Sf, I, C, R, TF, GY, 0, 1, structure"),
         (", value: 3", "", "4:71: TF needs its modulus n: write {type: TF, value: …}"),
         ("value: 3", "value: 0", "4:71: the modulus of a TF cannot be zero"),
         (", value: 2", "", "4:21: I needs its value: write {type: I, value: …}"),
@@ -268,11 +272,11 @@ analysis: {inputs: [Se], outputs: [1.f, 0.e, I.p, on.q], time: {stop: 1, step: 0
 initial: {I: {f: 1}}
 """
     scene = check(text)
-    graph = build_graph(scene.model)
+    graph = built_graph(scene).graph
     assert [node.type for node in graph.nodes.values()] == ["Se", "1", "0", "I", "R"]
     assert list(map(str, scene.model.analysis.outputs)) == ["1.f", "0.e", "I.p", "on.q"]
 
 
 def test_values_are_exact_decimals():
-    graph = build_graph(check(SCENE.replace("value: 0.1", "value: 1/3 + 0.1")).model)
+    graph = built_graph(check(SCENE.replace("value: 0.1", "value: 1/3 + 0.1"))).graph
     assert graph.value("k") * 30 == 13

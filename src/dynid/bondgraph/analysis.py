@@ -59,6 +59,9 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         inputs=listed_names(analysis.inputs),
         outputs=listed_names([str(port) for port in analysis.outputs]),
     )
+    if analysis.approximations:
+        texts = [part.why for part in analysis.approximations]
+        result.add_axis("bond_graph/approximations", np.array(texts, dtype=object))
     causality = None
     if "causality" in analysis.results:
         from dynid.bondgraph.results.causality import add_causality
@@ -151,7 +154,7 @@ def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Anal
     analysis
         What was asked.
     """
-    parts = []
+    parts = [*analysis.approximations]
     if reduced is not None:
         ports = [set(reduced.dropped(port)) for port in reduced.outputs]
         nodes = list(reduced.graph.nodes)

@@ -37,6 +37,7 @@ TWO_PORTS = frozenset({"TF", "GY"})
 JUNCTIONS = frozenset({"0", "1"})
 VALUED = frozenset({"I", "C", "R", "TF", "GY"})
 ONE_PORTS = SOURCES | STORAGES | {"R"}
+FIELDS = STORAGES | {"R"}
 
 
 #: SI units by domain: of effort e, flow f, displacement q (the integral of f), momentum p (that of e).
@@ -124,6 +125,8 @@ class Node:
         Its physical domain, where it is given: one of `UNITS`.
     dependent
         The value as a function of unknown parameters, where it is one; `value` is that at the reference.
+    part
+        The field or structure that the node was expanded from; empty of a node that the user drew.
 
     Raises
     ------
@@ -137,6 +140,7 @@ class Node:
     formula: ValueExpression | None = None
     domain: str = ""
     dependent: Dependent | None = None
+    part: str = ""
 
     def __post_init__(self) -> None:
         if not self.domain:
@@ -161,13 +165,17 @@ class Bond(NamedTuple):
 
 @dataclass(frozen=True)
 class Port:
-    """A variable of the graph: effort, flow, displacement or momentum at a node."""
+    """A variable of the graph: effort, flow, displacement or momentum at a node.
+
+    `name` is what it is called; absent: ``<node>.<quantity>``.
+    """
 
     node: str
     quantity: Quantity
+    name: str = ""
 
     def __str__(self) -> str:
-        return f"{self.node}.{self.quantity}"
+        return self.name or f"{self.node}.{self.quantity}"
 
 
 @dataclass(frozen=True)
@@ -235,9 +243,12 @@ class BondGraph:
         return other
 
     def rounded(self) -> BondGraph:
-        """Return the graph with every value rounded to the nearest double, which is then its exact value."""
+        """Return the graph with every value rounded to the nearest double, which is then its exact value.
+
+        Values of nodes that were expanded from a matrix stay: its entries are what is rounded, before.
+        """
         nodes = (
-            node if node.value is None else replace(node, value=Fraction(float(node.value)))
+            node if node.value is None or node.part else replace(node, value=Fraction(float(node.value)))
             for node in self.nodes.values()
         )
         return BondGraph(nodes, self.bonds)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from dynid import defaults
 from dynid.bondgraph.graph import Bond, Port
+from dynid.model_scope import ScopePart
 from dynid.number_format import counted
 
 if TYPE_CHECKING:
@@ -119,6 +120,8 @@ class Analysis:
         Formulas to write beside the transfer function; None: its formula where it is short.
     port
         A bond at which the graph is decomposed, written from the source to the load; absent: nowhere.
+    approximations
+        Structures that enter by a reduced model: how many coordinates were kept and left out, and how.
     """
 
     inputs: tuple[str, ...]
@@ -133,6 +136,7 @@ class Analysis:
     reading: Reading = "decimal"
     formulas: FormulaRequest | None = None
     port: Bond | None = None
+    approximations: tuple[ScopePart, ...] = ()
 
 
 # --- choice of the engine --------------------------------------------------------------------------

@@ -15,6 +15,9 @@ from dynid.bondgraph.formulas.printers import TEXT, FormulaPrinter, Printed, Pri
 from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import Operation, Program, Register, operands
 
+#: Most operations of a sum that is brought to lowest terms; a longer one is written as it stands.
+_LONGEST = 300
+
 
 def print_register(
     program: Program,
@@ -66,7 +69,7 @@ def print_sum(
         order = tuple(in_order(program, register, labels)) if whole_formula else (register,)
         named = {r: labels[r] for r in order if r in labels and not (spelled and r == register)}
         expressions.append(RegisterExpression(order, named))
-    if independent(program, expressions, nodes):
+    if sum(len(one.order) for one in expressions) > _LONGEST or independent(program, expressions, nodes):
         return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
     ring = FormulaRing(program, expressions, nodes)
     try:

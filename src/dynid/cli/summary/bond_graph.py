@@ -18,6 +18,8 @@ from dynid.result import Result
 _MOST, _MOST_OUTPUTS = MOST_ROOTS, 6
 #: Longest formula of a port, and width of its names.
 _LONGEST, _WIDTH = 70, 16
+#: Longest formula of a part of a prototype.
+_LONGEST_SYSTEM = 1000
 
 
 def lines(result: Result) -> list[str]:
@@ -31,6 +33,8 @@ def lines(result: Result) -> list[str]:
             screen += (f"    {line}" for line in wrap(str(about["engine_limits"]), 100))
     if about.get("reading") == "binary":
         screen.append("  every value is read as the double nearest to it (reading: binary)")
+    for text in result["bond_graph/approximations"].data if "bond_graph/approximations" in result else ():
+        screen += wrap(str(text), 100, initial_indent="  ", subsequent_indent="    ")
     for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
         screen += wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
     screen += causality_lines(result)
@@ -57,7 +61,9 @@ def _reduction(result: Result) -> Iterable[str]:
         how = f"reduced in {counted(count, 'step')} to " if count > 0 else ""
         yield f"  {output}: {how}{reached}"
         for part in ("system_a", "system_b"):
-            yield f"      {result[f'{group}/{part}'].data[place]}"
+            system = str(result[f"{group}/{part}"].data[place])
+            cut = f"{system[:_LONGEST]}… (in the file)"
+            yield f"      {system if len(system) <= _LONGEST_SYSTEM else cut}"
         for number, row in enumerate(own[:_MOST] if place == 0 else [], 1):
             first, *rest = wrap(f"{row['rule']}: {row['equation']}", 92, break_long_words=False)
             # The last row is the prototype itself, not a step.

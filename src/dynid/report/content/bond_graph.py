@@ -60,6 +60,8 @@ def sections(result: Result) -> Iterator[ReportSection]:
         graph.append(definitions(("size", size), ("engine", str(about.get("engine_reason", "")))))
     if about.get("engine", "exact") != "exact":
         graph.append(Statement(str(about.get("engine_limits", ""))))
+    if "bond_graph/approximations" in result:
+        graph += (Statement(f"{text}.") for text in result["bond_graph/approximations"].data)
     if about.get("reading") == "binary":
         graph.append(Statement("Every value is read as the double nearest to it (reading: binary)."))
     yield ReportSection("Graph", tuple(graph))

@@ -7,7 +7,7 @@ graph that is left after every step (Park & Kim, Figs. 6 to 8).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, cast
@@ -35,7 +35,7 @@ from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.scenes import readable, scene_of
 from dynid.report.svg import SMALL, Svg
-from dynid.scene.schema.raw import chain_ends
+from dynid.scene.schema.raw import MULTIPORTS, PORT, chain_ends, node_types, ports_of
 
 if TYPE_CHECKING:
     from dynid.bondgraph.graph import NodeType, Quantity
@@ -60,6 +60,8 @@ class DrawnGraph:
         The bond of the source-load decomposition, if any, from the source side to the load side.
     domains
         The physical domain of every node that has one.
+    boxes
+        Fields and structures, junctions in `graph`, by what is written in their boxes.
     """
 
     graph: BondGraph
@@ -67,6 +69,7 @@ class DrawnGraph:
     outputs: tuple[Port, ...]
     port: Bond | None
     domains: dict[str, str]
+    boxes: dict[str, str] = field(default_factory=dict)
 
 
 def drawn_graph(result: Result) -> DrawnGraph:
@@ -80,28 +83,38 @@ def drawn_graph(result: Result) -> DrawnGraph:
     scene = scene_of(result)
     with readable():
         analysis = scene.data["analysis"]
-        nodes = []
+        nodes, boxes, types = [], dict[str, str](), node_types(scene.data)
+
+        def drawn(end: str) -> str:
+            return end.rpartition(".")[0] if types.get(end) == PORT else end
+
         for name, raw in scene.data["graph"]["nodes"].items():
             given = raw if isinstance(raw, dict) else {"type": raw}
+            if types[str(name)] in MULTIPORTS:
+                ports = ", ".join(port.rpartition(".")[2] for port in ports_of(types, str(name)))
+                boxes[str(name)] = f"{types[str(name)]} at {ports}"
+                given = {"type": "0" if given["type"] == "C" else "1"}
             kind, value = cast("NodeType", str(given["type"])), given.get("value")
             exact, formula = (None, None) if value is None else (scene.exact(value), scene.expression(value))
             nodes.append(Node(str(name), kind, exact, formula, str(given.get("domain") or "")))
         chains = map(chain_ends, scene.data["graph"]["bonds"])
-        graph = BondGraph(nodes, [Bond(*ends) for chain in chains for ends in pairwise(chain)])
+        graph = BondGraph(nodes, [Bond(*map(drawn, ends)) for chain in chains for ends in pairwise(chain)])
         if analysis.get("reading") == "binary":
             graph = graph.rounded()
         sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
         outputs = []
         for text in analysis["outputs"]:
             node, _, quantity = text.rpartition(".")
-            outputs.append(Port(node, cast("Quantity", quantity)))
+            name = text if types.get(node) == PORT else ""
+            outputs.append(Port(drawn(node), cast("Quantity", quantity), name))
         port = analysis.get("port")
         return DrawnGraph(
             graph,
             tuple(map(str, analysis.get("inputs") or sources)),
             tuple(outputs),
-            None if port is None else Bond(*chain_ends(port)),
+            None if port is None else Bond(*map(drawn, chain_ends(port))),
             GraphUnits(graph).domains,
+            boxes,
         )
 
 
@@ -117,13 +130,15 @@ def _graph_picture(title: str, drawn: DrawnGraph) -> Picture:
     about = f"{title}: bond graph of {len(graph.nodes)} nodes and {len(graph.bonds)} bonds"
     strokes = {(bond.tail, bond.head): bond.stroke for bond in sketch.bonds}
     rows = [
-        (bond.tail, bond.head, {"tail": bond.tail, "head": bond.head}[strokes[bond.tail, bond.head]])
+        (bond.tail, bond.head, {"tail": bond.tail, "head": bond.head}.get(strokes[bond.tail, bond.head], ""))
         for bond in graph.bonds
     ]
     caption = (
         "Power is positive along the half arrows. The causal stroke of a bond is at the end that receives "
         "the effort and determines the flow."
     )
+    if drawn.boxes:
+        caption = "Power is positive along the half arrows. A box is a field or structure of many nodes."
     table = FigureTable(("from", "to", "effort is imposed on"), tuple(rows))
     return Picture(render_sketch("bond-graph", f"Bond graph of {title}", about, sketch), caption, table)
 
@@ -135,17 +150,28 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
     for port in drawn.outputs:
         outputs.setdefault(port.node, []).append(port.quantity)
     nodes = tuple(
-        sketch_node(node, domains.get(name, ""), name in drawn.inputs, outputs.get(name, ()))
+        _box(name, drawn.boxes[name], [str(port) for port in drawn.outputs if port.node == name])
+        if name in drawn.boxes
+        else sketch_node(node, domains.get(name, ""), name in drawn.inputs, outputs.get(name, ()))
         for name, node in graph.nodes.items()
     )
     bonds = []
-    for bond in assign_causality(graph).bonds:
+    # The causality of what is behind a box is not known here.
+    strokes = {} if drawn.boxes else {(b.tail, b.head): b.stroke for b in assign_causality(graph).bonds}
+    for bond in graph.bonds:
         plain = [end for end in (bond.tail, bond.head) if graph.nodes[end].type not in TWO_PORTS]
         domain = next((domains[end] for end in plain if end in domains), "")
-        bonds.append(SketchBond(bond.tail, bond.head, bond.stroke, domain))
+        bonds.append(SketchBond(bond.tail, bond.head, strokes.get((bond.tail, bond.head), ""), domain))
     source = next((name for name in drawn.inputs if graph.bonds_of(name)), None)
     cut = (drawn.port.tail, drawn.port.head) if drawn.port is not None else None
     return Sketch(nodes, tuple(bonds), source, next(iter(outputs), None), cut)
+
+
+def _box(name: str, text: str, outputs: Sequence[str]) -> SketchNode:
+    """Return a field or structure as one node."""
+    notes = (text, f"output {', '.join(outputs)}") if outputs else (text,)
+    lines = (TextLine(name), *(TextLine(note, "note") for note in notes))
+    return SketchNode(name, lines, "", "output" if outputs else "")
 
 
 def sketch_node(node: Node, domain: str, is_input: bool, outputs: Iterable[str]) -> SketchNode:
@@ -177,6 +203,8 @@ _DASHED = "couplings that are not bonds: the entries k between two junctions, de
 def reduction_strips(result: Result) -> Iterator[Figure]:
     """Yield the reduction strip of every output."""
     drawn = drawn_graph(result)
+    if drawn.boxes:
+        return
     steps = result["bond_graph/reduction/steps"].data
     for port in drawn.outputs:
         rows = [row for row in steps if row["output"] == str(port)]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.graph import BondGraph, Node, NodeType
+from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
+from dynid.errors import UsageError
+from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import DefinedParameter
@@ -40,20 +42,21 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     model = cast("BondGraphScene", scene.model)
     wanted = model.analysis
     yield lambda: question(scene)
-    yield lambda: _check_sources(model)
+    yield lambda: _check_sources(scene)
     if (port := wanted.port) is not None:
         from dynid.bondgraph.decomposition.graph_bisection import GraphBisection
 
-        yield lambda: GraphBisection.at(build_graph(model), port)
+        yield lambda: GraphBisection.at(built_graph(scene).graph, port)
 
 
-def _check_sources(model: BondGraphScene) -> None:
+def _check_sources(scene: Scene) -> None:
     """Raise where sources contradict each other, so that the graph has no solution."""
     from dynid.bondgraph.reduction.junctions import JunctionStructure
     from dynid.bondgraph.reduction.solvability import hold
 
-    graph, wanted = build_graph(model), model.analysis
-    outputs = () if wanted.asked() == {"causality"} else wanted.outputs  # causality needs no output's value
+    built, wanted = built_graph(scene), cast("BondGraphScene", scene.model).analysis
+    graph = built.graph
+    outputs = () if wanted.asked() == {"causality"} else built.outputs  # causality needs no output's value
     hold(JunctionStructure(graph.rounded() if wanted.reading == "binary" else graph), outputs)
 
 
@@ -66,8 +69,8 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
 def question(scene: Scene) -> tuple[BondGraph, Analysis]:
     """Return the graph of a scene, and the request of its analysis."""
     model = cast("BondGraphScene", scene.model)
-    graph = build_graph(model)
-    wanted = model.analysis
+    built = built_graph(scene)
+    graph, wanted = built.graph, model.analysis
     inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
     asked = wanted.asked()
     signals: list[tuple[str, Signal]] = []
@@ -79,7 +82,7 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
             signals += [(name, signal) for name in ([part.source] if part.source is not None else inputs)]
     return graph, Analysis(
         inputs=inputs,
-        outputs=tuple(wanted.outputs),
+        outputs=built.outputs,
         results=asked,
         omega=angular_frequencies(wanted.frequency) if wanted.frequency else None,
         times=record_of(wanted.time).times if wanted.time else None,
@@ -90,23 +93,16 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
         engine=wanted.engine,
         reading=wanted.reading,
         formulas=FormulaRequest(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
+        approximations=built.approximations,
     )
 
 
-def build_graph(model: BondGraphScene) -> BondGraph:
-    """Build the graph of a scene, with exact values."""
-    nodes = [
-        Node(
-            name,
-            cast("NodeType", node.type),
-            node.value.exact if node.value is not None else None,
-            node.value.expression if node.value is not None else None,
-            node.domain or "",
-            node.value.dependent if node.value is not None else None,
-        )
-        for name, node in model.graph.nodes.items()
-    ]
-    return BondGraph(nodes, [bond for chain in model.graph.bonds for bond in chain])
+def built_graph(scene: Scene) -> BuiltGraph:
+    """Build the graph of a scene, with exact values, its fields and structures expanded."""
+    model = cast("BondGraphScene", scene.model)
+    wanted = model.analysis
+    band = float(angular_frequencies(wanted.frequency)[-1]) if wanted.frequency else None
+    return build_graph(scene, model.graph, wanted.outputs, wanted.reading, band)
 
 
 def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
@@ -123,6 +119,13 @@ def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
     rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}
     numbers = []
     for name, node in model.graph.nodes.items():
+        named = set().union(*map(named_in, (node.matrix, node.structure, node.joints)))
+        if named:
+            raise UsageError(
+                f"sensitivities are by single values, but '{name}' depends on {', '.join(sorted(named))}",
+                remedy="Write its numbers without parameters, or leave the result 'sensitivities' out.",
+                names=(name,),
+            )
         if node.value is None:
             continue
         if node.value.expression is None or not node.value.expression.names:
@@ -134,3 +137,16 @@ def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
         SensitivityParameter(name, to_fraction(known[name].value), found) for name, found in rates.items()
     ]
     return (*named, *numbers)
+
+
+def named_in(part: Any) -> set[str]:
+    """Return the names in the quantities of a part of a scene at any depth."""
+    from pydantic import BaseModel
+
+    if isinstance(part, Quantity):
+        return set(part.expression.names) if part.expression is not None else set()
+    if isinstance(part, dict):
+        part = list(part.values())
+    if isinstance(part, list | tuple):
+        return set().union(*map(named_in, part))
+    return set().union(*(named_in(value) for _, value in part)) if isinstance(part, BaseModel) else set()

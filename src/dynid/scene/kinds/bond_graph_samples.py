@@ -15,15 +15,13 @@ from functools import lru_cache
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING, Any, cast
 
-from pydantic import BaseModel
-
 from dynid.arithmetic.expression import Expression, parse
 from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError
 from dynid.result import Variable
 from dynid.scene.collect import gather
-from dynid.scene.kinds.bond_graph import question
+from dynid.scene.kinds.bond_graph import named_in, question
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome
 from dynid.scene.run import run_scene
@@ -155,7 +153,9 @@ class _GraphBatch:
                 self._expressions[name] = texts[name]
         varied |= self._expressions.keys()
         grids = [model.analysis.frequency, model.analysis.time]
-        if not shared(wanted, analysis) or any(varied & names for names in map(_named_in, grids)):
+        nodes = model.graph.nodes.values()
+        parts = [part for node in nodes for part in (node.matrix, node.structure, node.joints)]
+        if not shared(wanted, analysis) or any(varied & names for names in map(named_in, [*grids, *parts])):
             raise _NotShared
         self._places, self._binary = places, analysis.reading == "binary"
         self._fixed = read_names(scene.source)[0].parameters
@@ -277,12 +277,3 @@ def _exact(column: SampleColumn, *, binary: bool = False) -> list[Fraction | Non
         else:
             exact.append(value if isinstance(value, Fraction) else to_fraction(value))
     return exact
-
-
-def _named_in(part: Any) -> set[str]:
-    """Return the names in the quantities of a part of a scene at any depth."""
-    if isinstance(part, Quantity):
-        return set(part.expression.names) if part.expression is not None else set()
-    if isinstance(part, list | tuple):
-        return set().union(*map(_named_in, part))
-    return set().union(*(_named_in(value) for _, value in part)) if isinstance(part, BaseModel) else set()

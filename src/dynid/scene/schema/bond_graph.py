@@ -10,15 +10,19 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    Discriminator,
     Field,
     PlainValidator,
+    Tag,
     ValidationInfo,
     WithJsonSchema,
     model_validator,
 )
 
 from dynid.bondgraph.decomposition.graph_bisection import bond_fault, loop_fault
+from dynid.bondgraph.fields import field_fault
 from dynid.bondgraph.graph import (
+    FIELDS,
     NODE_TYPES,
     ONE_PORTS,
     QUANTITIES,
@@ -33,11 +37,25 @@ from dynid.bondgraph.graph import (
 from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import FrequencyGrid, SceneModel, Section, once
-from dynid.scene.schema.quantities import SceneNames, Uncertain, Value, fault, names_of
-from dynid.scene.schema.raw import chain_ends, listing, mapping, node_types, written_key
+from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, once
+from dynid.scene.schema.joints import JointModel
+from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
+from dynid.scene.schema.raw import (
+    FIELD,
+    MULTIPORTS,
+    PORT,
+    STRUCTURE,
+    chain_ends,
+    listing,
+    mapping,
+    node_types,
+    ports_of,
+    written_key,
+)
+from dynid.scene.schema.reduction import ReductionModel, structure_faults
 from dynid.scene.schema.references import Path, sections
 from dynid.scene.schema.signals import SignalPart, TimeGrid
+from dynid.scene.schema.structure import StructureModel
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 
@@ -45,14 +63,15 @@ from dynid.suggestions import did_you_mean
 Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
 
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
+_TYPES = (*NODE_TYPES, STRUCTURE)
 
 
 def _node_type(raw: Any) -> str:
     text = str(raw) if isinstance(raw, int) and not isinstance(raw, bool) else raw
     if not isinstance(text, str):
-        raise fault(f"a node type is one of {', '.join(NODE_TYPES)}")
-    if text not in NODE_TYPES:
-        close = did_you_mean(text, NODE_TYPES) or f"; it is one of {', '.join(NODE_TYPES)}"
+        raise fault(f"a node type is one of {', '.join(_TYPES)}")
+    if text not in _TYPES:
+        close = did_you_mean(text, _TYPES) or f"; it is one of {', '.join(_TYPES)}"
         raise fault(f"unknown node type '{text}'{close}")
     return text
 
@@ -70,19 +89,72 @@ def _node_name(raw: str) -> str:
 _NodeType = Annotated[
     str,
     PlainValidator(_node_type),
-    WithJsonSchema({"enum": [*NODE_TYPES, 0, 1], "description": "node type"}),
+    WithJsonSchema({"enum": [*_TYPES, 0, 1], "description": "node type"}),
 ]
 
 
+def _port_name(raw: str) -> str:
+    if not _NAME.fullmatch(raw):
+        raise fault(f"'{raw}' cannot name a port; use letters, digits, _ and -, starting with a letter")
+    return raw
+
+
+def _field_matrix(rows: list[list[Quantity]], info: ValidationInfo) -> list[list[Quantity]]:
+    for place, row in enumerate(rows):
+        if len(row) != len(rows):
+            sizes = f"it has {len(rows)} rows, and row {place + 1} has {len(row)} entries"
+            raise fault(f"the matrix is not square: {sizes}")
+    names = names_of(info)
+    if names.complete and not names.faulty:  # else an entry may have no value
+        problem = field_fault([[entry.exact for entry in row] for row in rows])
+        if problem:
+            raise fault(problem)
+    return rows
+
+
+_PortName = Annotated[str, AfterValidator(_port_name)]
+FieldMatrix = Annotated[
+    list[list[Uncertain]], Field(min_length=1, max_length=100), AfterValidator(_field_matrix)
+]
+
+
+def _ports_form(raw: Any) -> str:
+    return "mapping" if isinstance(raw, dict) else "list"
+
+
 class NodeModel(Section):
-    """One node: type, value, and physical domain, which determines units."""
+    """One node: type, value, and physical domain, which determines units.
+
+    A field has the matrix of its ports in place of a value: I: e = M df/dt, C: f = M de/dt, R: e = M f. A
+    structure has ports at degrees of freedom, where bonds carry force and velocity; without a reduction it
+    enters by all its degrees of freedom.
+    """
 
     type: _NodeType
     value: Uncertain | None = None
     domain: Domain | None = None
+    matrix: FieldMatrix | None = None
+    structure: StructureModel | None = None
+    reduction: ReductionModel | None = None
+    joints: dict[str, JointModel] = {}
+    ports: (
+        Annotated[
+            Annotated[list[_PortName], Field(min_length=1), once("the port"), Tag("list")]
+            | Annotated[dict[_PortName, Dof], Field(min_length=1), Tag("mapping")],
+            Discriminator(_ports_form),
+        ]
+        | None
+    ) = None
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> Self:
+        if self.type == STRUCTURE:
+            return self._is_a_structure()
+        given = [name for name in ("structure", "reduction", "joints") if getattr(self, name)]
+        if given:
+            raise fault(f"'{given[0]}' belongs to a node of type structure, not {self.type}")
+        if self.matrix is not None or self.ports is not None:
+            return self._is_a_field()
         if self.type in VALUED and self.value is None:
             what = {"TF": "modulus n", "GY": "modulus r"}.get(self.type, "value")
             raise fault(f"{self.type} needs its {what}: write {{type: {self.type}, value: …}}")
@@ -94,6 +166,35 @@ class NodeModel(Section):
             raise fault(f"a {self.type} joins two domains; give 'domain' to the nodes on its sides")
         return self
 
+    def _is_a_field(self) -> Self:
+        if self.type not in FIELDS:
+            raise fault(f"only I, C and R have a matrix over ports, not {self.type}")
+        if self.matrix is None or not isinstance(self.ports, list):
+            raise fault(f"a field is written {{type: {self.type}, matrix: [[…]], ports: [a, b]}}")
+        if self.value is not None:
+            raise fault("a field has a 'matrix', and no 'value'")
+        if len(self.ports) != len(self.matrix):
+            size = f"{len(self.matrix)} x {len(self.matrix)}"
+            raise fault(f"the matrix is {size}, but 'ports' names {len(self.ports)}")
+        return self
+
+    def _is_a_structure(self) -> Self:
+        if self.structure is None or not isinstance(self.ports, dict):
+            raise fault("a structure is written {type: structure, structure: {…}, ports: {tip: 6}}")
+        if self.value is not None or self.matrix is not None:
+            raise fault("a structure has no 'value' and no 'matrix'")
+        for name, joint in self.joints.items():
+            if any(part is not None and part.start is not None for part in (joint.k, joint.c)):
+                raise fault(
+                    f"joint '{name}' in a bond graph has values, no 'start'; name an unknown of 'parameters'"
+                )
+        twice = [
+            dof for place, dof in enumerate(self.ports.values()) if dof in [*self.ports.values()][:place]
+        ]
+        if twice:
+            raise fault(f"two ports are at DOF {twice[0]}; bond several elements to one port instead")
+        return self
+
 
 def _bonds(raw: Any, info: ValidationInfo) -> tuple[Bond, ...]:
     """Read a bond or a chain of bonds: a -> b -> c."""
@@ -103,10 +204,31 @@ def _bonds(raw: Any, info: ValidationInfo) -> tuple[Bond, ...]:
     if not ends:
         raise fault(f"'{raw}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'")
     nodes = names_of(info).nodes
-    unknown = [f"no node '{end}'{did_you_mean(end, nodes)}" for end in ends if nodes and end not in nodes]
+    unknown = [problem for end in ends if nodes and (problem := _end_fault(nodes, end))]
     if unknown:
         raise fault(f"bond '{raw}': {'; '.join(unknown)}")
     return tuple(Bond(tail, head) for tail, head in pairwise(ends))
+
+
+def _end_fault(nodes: Mapping[str, str], end: str) -> str:
+    """Return the reason why a bond cannot end at a name, or an empty text."""
+    kind = nodes.get(end)
+    if kind in MULTIPORTS:
+        ports = ports_of(nodes, end)
+        return f"'{end}' is a {kind}; bonds attach at its ports{': ' if ports else ''}{', '.join(ports)}"
+    return _unknown_node(nodes, end) if kind is None else ""
+
+
+def _unknown_node(nodes: Mapping[str, str], name: str) -> str:
+    """Return the message for a name that no node and no port has."""
+    holder, _, port = name.rpartition(".")
+    if nodes.get(holder) in MULTIPORTS:
+        ports = ports_of(nodes, holder)
+        close = did_you_mean(name, ports) or (f"; it has {', '.join(ports)}" if ports else "")
+        return f"'{holder}' has no port '{port}'{close}"
+    if holder in nodes:
+        return f"'{holder}' has no named ports; write '{holder}'"
+    return f"no node '{name}'{did_you_mean(name, nodes)}"
 
 
 def _source_name(raw: Any, info: ValidationInfo) -> str:
@@ -116,7 +238,7 @@ def _source_name(raw: Any, info: ValidationInfo) -> str:
     sources = [node for node, kind in nodes.items() if kind in SOURCES]
     if nodes and name not in nodes:
         raise fault(f"no node '{name}'{did_you_mean(name, sources)}")
-    if nodes and nodes[name] in NODE_TYPES and nodes[name] not in SOURCES:
+    if nodes and nodes[name] in (*NODE_TYPES, *MULTIPORTS, PORT) and nodes[name] not in SOURCES:
         raise fault(
             f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}"
         )
@@ -130,7 +252,10 @@ def _port(raw: Any, info: ValidationInfo) -> Port:
         shown = f"'{raw}'" if isinstance(raw, str) else "something else"
         raise fault(f"an output is NODE.e, NODE.f, NODE.q or NODE.p, not {shown}")
     if nodes and name not in nodes:
-        raise fault(f"'{raw}': no node '{name}'{did_you_mean(name, nodes)}")
+        raise fault(f"'{raw}': {_unknown_node(nodes, name)}")
+    if nodes.get(name) in MULTIPORTS:
+        ports = [f"{port}.f" for port in ports_of(nodes, name)]
+        raise fault(f"'{raw}': '{name}' is a {nodes[name]}; name a port of it, such as {', '.join(ports)}")
     if quantity not in QUANTITIES:
         raise fault(f"'{raw}': '{quantity}' is not one of e, f, q, p")
     port = Port(name, quantity)
@@ -217,9 +342,9 @@ class BondGraphScene(SceneModel):
     initial: dict[str, InitialModel] = {}
 
 
-def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:  # noqa: ARG001
+def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:
     """Return the faults of bonds, stored energy, signals, port, engine and domains of a bond graph."""
-    faults = [*graph_scene_faults(source), *_unshown_energy_faults(source), *_driving_faults(source)]
+    faults = [*graph_scene_faults(source, names), *_unshown_energy_faults(source), *_driving_faults(source)]
     analysis = mapping(source.data, "analysis")
     results = listing(analysis, "results")
     for place, name in enumerate(results if analysis.get("engine") == "symbolic" else []):
@@ -233,9 +358,19 @@ def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:  # noqa
     return faults
 
 
-def graph_scene_faults(source: Source) -> list[Fault]:
+def graph_scene_faults(source: Source, names: SceneNames) -> list[Fault]:
     """Return the faults of the bonds, domains and stored energy of a graph in a scene of any kind."""
-    return [*_bond_faults(source), *stored_energy_faults(source), *domain_faults(source)]
+    own = [*_bond_faults(source), *stored_energy_faults(source), *domain_faults(source)]
+    return [*own, *structure_node_faults(source, names)]
+
+
+def structure_node_faults(source: Source, names: SceneNames) -> list[Fault]:
+    """Return the faults of nodes and DOFs in the structures of a graph."""
+    faults = []
+    for name, node in mapping(mapping(source.data, "graph"), "nodes").items():
+        if isinstance(node, dict) and node.get("type") == STRUCTURE:
+            faults += structure_faults(source, NodeModel, names, ("graph", "nodes", name))
+    return faults
 
 
 def _bond_faults(source: Source) -> list[Fault]:
@@ -257,11 +392,22 @@ def _bond_faults(source: Source) -> list[Fault]:
             if complete or crowded:
                 path = ("graph", "nodes", written_key(nodes, found.node))
                 faults.append(source.fault(path, found.message, key=True))
+    for port in (name for name, kind in types.items() if kind == PORT):
+        count, holder = sum(port in bond for bond in bonds), port.rpartition(".")[0]
+        # Elements at one port of a structure have its velocity; at one port of a field they need a junction.
+        if types[holder] == FIELD and (count > 1 or (count == 0 and complete and bonds)):
+            message = f"port '{port}' has {count} bonds; put a junction between"
+            message = message if count else f"port '{port}' has no bond; connect it or leave it out"
+            faults.append(
+                source.fault(("graph", "nodes", written_key(nodes, holder), "ports"), message, key=True)
+            )
     text = mapping(source.data, "analysis").get("port")
     ends = chain_ends(text) if isinstance(text, str) else []
     # A port with other faults is reported by its own key, or by the faults of the bonds.
     if len(ends) == 2 and all(end in types for end in ends) and complete:
-        problem = bond_fault(types, bonds, Bond(*ends)) or loop_fault(types, bonds, Bond(*ends))
+        problem = bond_fault(types, bonds, Bond(*ends))
+        if not set(MULTIPORTS) & set(types.values()):  # else loops may pass through what is expanded in a run
+            problem = problem or loop_fault(types, bonds, Bond(*ends))
         faults += [source.fault(("analysis", "port"), problem)] if problem else []
     return faults
 
@@ -288,6 +434,7 @@ def domain_faults(source: Source) -> list[Fault]:
         for name, node in nodes.items()
         if isinstance(node, dict) and isinstance(node.get("domain"), str)
     }
+    given |= {port: given[name] for name in [*given] for port in ports_of(types, name)}
     near: dict[str, list[str]] = {name: [] for name in types}
     for bond in _readable_bonds(source, types)[0]:
         if not {types[bond.tail], types[bond.head]} & TWO_PORTS:
@@ -302,7 +449,8 @@ def domain_faults(source: Source) -> list[Fault]:
                 message = (
                     f"'{first}' is {domain} and '{name}' {given[name]}, but no TF or GY stands between them"
                 )
-                faults.append(source.fault(("graph", "nodes", written_key(nodes, name), "domain"), message))
+                holder = name.partition(".")[0]
+                faults.append(source.fault(("graph", "nodes", written_key(nodes, holder), "domain"), message))
             following = [other for other in dict.fromkeys(near[name]) if other not in seen]
             seen.update(following)
             reached += following
@@ -317,6 +465,9 @@ def stored_energy_faults(source: Source) -> list[Fault]:
         kind, path = types.get(str(name)), ("initial", name)
         if kind is None and types:
             faults.append(source.fault(path, f"no node '{name}'{did_you_mean(str(name), types)}", key=True))
+        elif kind in (*MULTIPORTS, PORT):
+            message = f"stored energy is given to single I and C, not to a {kind}"
+            faults.append(source.fault(path, message, key=True))
         elif kind not in NODE_TYPES:
             continue  # reported where the node stands
         elif kind not in ("I", "C"):

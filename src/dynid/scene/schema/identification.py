@@ -181,7 +181,11 @@ def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
     data, model = source.data, IdentificationScene
     of_graph = "graph" in data and "structure" not in data
     if of_graph:
-        faults = [*graph_scene_faults(source), *_only_structures(source), *_graph_channel_faults(source)]
+        faults = [
+            *graph_scene_faults(source, names),
+            *_only_structures(source),
+            *_graph_channel_faults(source),
+        ]
     else:
         faults = [*structure_faults(source, model, names), *_load_faults(source)]
     for path, signal in sections(model, data, SignalPart):

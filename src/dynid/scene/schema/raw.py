@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 
@@ -64,10 +64,28 @@ def chain_ends(text: str) -> list[str]:
     return ends if len(ends) > 1 and all(ends) else []
 
 
+#: Types of the nodes that bonds attach to at named ports, and of these ports, in `node_types`.
+FIELD, STRUCTURE, PORT = "field", "structure", "port"
+MULTIPORTS = (FIELD, STRUCTURE)
+
+
 def node_types(data: Any) -> dict[str, str]:
-    """Return the type of every node of a bond graph as written; empty where it cannot be read."""
+    """Return the type of every node of a bond graph as written; empty where it cannot be read.
+
+    A field (an I, C or R with `matrix` or `ports`) has the type `FIELD`; the ports of fields and structures
+    stand beside them as ``field.a``, of type `PORT`.
+    """
     types = {}
     for name, node in mapping(mapping(data, "graph"), "nodes").items():
         kind = node.get("type") if isinstance(node, dict) else node
         types[str(name)] = str(kind) if isinstance(kind, str | int) else ""
+        if isinstance(node, dict) and (kind == STRUCTURE or {"matrix", "ports"} & node.keys()):
+            types[str(name)] = STRUCTURE if kind == STRUCTURE else FIELD
+            ports = node.get("ports")
+            types |= {f"{name}.{port}": PORT for port in (ports if isinstance(ports, list | dict) else ())}
     return types
+
+
+def ports_of(types: Mapping[str, str], name: str) -> list[str]:
+    """Return the ports of a field or structure, ``field.a``, in `node_types`."""
+    return [port for port, kind in types.items() if kind == PORT and port.rpartition(".")[0] == name]

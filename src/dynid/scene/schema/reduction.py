@@ -214,9 +214,26 @@ def reduction_faults(source: Source, names: SceneNames) -> list[Fault]:
     return structure_faults(source, ReductionScene, names) + unknown
 
 
-def structure_faults(source: Source, model: type[BaseModel], names: SceneNames) -> list[Fault]:
-    """Return the faults of all nodes, DOFs and outputs that a scene names and its structure lacks."""
-    given = mapping_of(source.data).get("structure")
+def structure_faults(
+    source: Source, model: type[BaseModel], names: SceneNames, at: tuple[Any, ...] = ()
+) -> list[Fault]:
+    """Return the faults of all nodes, DOFs and outputs that a scene names and its structure lacks.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    model
+        The model of the part that holds the structure, and refers to it.
+    names
+        The names of the scene.
+    at
+        The place of that part; absent: the scene.
+    """
+    part = source.data
+    for key in at:
+        part = part[key]
+    given = mapping_of(part).get("structure")
     labels: list[int | str] | None
     try:
         structure = StructureModel.model_validate(given, context=names)
@@ -224,12 +241,12 @@ def structure_faults(source: Source, model: type[BaseModel], names: SceneNames) 
         faults, labels = [], list(range(1, 1 + len(listing(mapping(given, "lumped"), "masses"))))
     else:
         wrong = [*node_faults(StructureModel, given, structure.nodes), *structure.faults()]
-        faults = [source.fault(("structure", *path), message) for path, message in wrong]
+        faults = [source.fault((*at, "structure", *path), message) for path, message in wrong]
         labels = structure.labels()
-    faults = dof_faults(source, model, labels) if labels and not faults else faults
+    faults = dof_faults(source, model, labels, at) if labels and not faults else faults
     message = "a structure has DOFs, not outputs of nodes; write 'dof' and 'quantity'"
     return faults + [
-        source.fault((*path, "output"), message, key=True)
-        for path, channel in sections(model, source.data, ChannelModel)
+        source.fault((*at, *path, "output"), message, key=True)
+        for path, channel in sections(model, part, ChannelModel)
         if "output" in channel
     ]

@@ -141,7 +141,9 @@ def sections(model: type[BaseModel], data: Any, of: type[BaseModel]) -> Iterator
             yield found.path, found.value
 
 
-def dof_faults(source: Source, model: type[BaseModel], labels: Sequence[int | str]) -> list[Fault]:
+def dof_faults(
+    source: Source, model: type[BaseModel], labels: Sequence[int | str], at: Path = ()
+) -> list[Fault]:
     """Return the faults of DOFs that a scene names and its structure lacks.
 
     Parameters
@@ -149,17 +151,22 @@ def dof_faults(source: Source, model: type[BaseModel], labels: Sequence[int | st
     source
         The scene.
     model
-        Its model.
+        The model of the part that names them.
     labels
         Labels of the structure's DOFs. Where they are texts, a number counts them from 1.
+    at
+        The place of that part; absent: the scene.
     """
+    part = source.data
+    for key in at:
+        part = part[key]
     known, texts = set(labels), [label for label in labels if isinstance(label, str)]
     count = len(labels) if len(texts) == len(labels) else 0
     there = f"; the structure has {len(labels)}"
     if labels[0] != 1:
         there += f" ({labels[0]} … {labels[-1]})"
     faults = []
-    for path, dof, is_key in references(model, source.data, DOF):
+    for path, dof, is_key in references(model, part, DOF):
         if isinstance(dof, bool) or not isinstance(dof, int | str) or dof in known:
             continue
         if isinstance(dof, str) and dof:
@@ -168,7 +175,7 @@ def dof_faults(source: Source, model: type[BaseModel], labels: Sequence[int | st
             message = f"there is no DOF {dof}{there}"
         else:
             continue
-        faults.append(source.fault(path, message, key=is_key))
+        faults.append(source.fault((*at, *path), message, key=is_key))
     return faults
 
 

@@ -1,0 +1,255 @@
+"""Multiport fields and structures as ordinary nodes and bonds: the same equations, exactly.
+
+A symmetric matrix is a sum of squares, ``A = L D L^T``. On ports with flows f a field with e = A f,
+e = A df/dt or e = A ∫f dt is one element of value D_k (I, R; C of 1/D_k) for every square: on a 0-junction
+that takes the flow ``sum_i L_ik f_i`` through transformers. A field of compliances, f = A de/dt, is the dual:
+its elements are on 1-junctions. Source: Karnopp, Margolis & Rosenberg, *System Dynamics*, chapter 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any, Literal, cast
+
+from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arithmetic.ldl import (
+    Column,
+    Indefinite,
+    Rows,
+    at_reference,
+    dependent_squares,
+    nonzero,
+    reference,
+    squares,
+)
+from dynid.bondgraph.graph import Bond, Node, NodeType, Port, Quantity
+from dynid.errors import UsageError
+
+FieldType = Literal["I", "C", "R"]
+
+
+@dataclass
+class Expansion:
+    """The ordinary nodes and bonds of a field or structure.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    taken
+        Names of other nodes, to which those of the new nodes are added.
+
+    Attributes
+    ----------
+    nodes, bonds
+        The nodes and bonds.
+    variables
+        Ports of the graph that have another name: ``field.a.e`` where ``field.a`` is a 1-junction.
+    """
+
+    name: str
+    taken: set[str]
+    nodes: list[Node] = field(default_factory=list)
+    bonds: list[Bond] = field(default_factory=list)
+    variables: dict[str, Port] = field(default_factory=dict)
+
+    def add(self, kind: NodeType, wanted: str, value: Real | None = None, domain: str = "") -> str:
+        """Add a node, and return its name: the wanted one where that is free."""
+        name, number = wanted, 1
+        while name in self.taken:
+            number += 1
+            name = f"{wanted}_{number}"
+        self.taken.add(name)
+        exact = None if value is None else reference(value)
+        dependent = value if isinstance(value, Dependent) else None
+        self.nodes.append(Node(name, kind, exact, None, domain, dependent, self.name))
+        return name
+
+    def connect(self, tail: str, head: str, modulus: Real | None = None, name: str = "") -> None:
+        """Add a bond, or a transformer of this modulus (e1 = n e2) with its two bonds."""
+        if modulus is None:
+            self.bonds.append(Bond(tail, head))
+            return
+        between = self.add("TF", name, modulus)
+        self.bonds += [Bond(tail, between), Bond(between, head)]
+
+    def add_port(self, port: str, kind: Literal["0", "1"], wanted: Iterable[str], domain: str = "") -> str:
+        """Add a port, and return the junction behind it to which the interior is connected.
+
+        Parameters
+        ----------
+        port
+            Its name.
+        kind
+            0 or 1: the junction that bonds of the user are at.
+        wanted
+            The quantities e, f, q, p that are outputs. Those that the junction does not have in common are
+            those of one of the other kind behind it.
+        domain
+            Its domain.
+        """
+        outer = self.add(kind, f"{self.name}.{port}", None, domain)
+        others = [quantity for quantity in wanted if quantity in ("ep" if kind == "1" else "fq")]
+        if not others:
+            return outer
+        sensor = self.add("0" if kind == "1" else "1", f"{outer}_{others[0]}", None, domain)
+        inner = self.add(kind, f"{outer}_inside", None, domain)
+        self.bonds += [Bond(outer, sensor), Bond(sensor, inner)]
+        self.measure(port, sensor, others)
+        return inner
+
+    def measure(self, port: str, junction: str, quantities: Iterable[str]) -> None:
+        """Take quantities of a port at a junction."""
+        for quantity in quantities:
+            name = f"{self.name}.{port}.{quantity}"
+            self.variables[name] = Port(junction, cast("Quantity", quantity), name)
+
+    def add_squares(
+        self,
+        kind: FieldType,
+        terms: Sequence[Column],
+        junctions: Mapping[int, str],
+        labels: Mapping[int, str],
+        letter: str = "",
+    ) -> None:
+        """Add the elements of a matrix to junctions.
+
+        Parameters
+        ----------
+        kind
+            Type of the elements.
+        terms
+            The matrix as squares.
+        junctions
+            By row the junction: 1-junctions, or of a field of compliances 0-junctions.
+        labels
+            By row what the generated names call it.
+        letter
+            Part of the generated names: the matrix. With it a C stores the energy of a stiffness, and has the
+            value 1/D_k on 1-junctions.
+        """
+        dual = kind == "C" and not letter
+        prefix = f"{self.name}_{letter}_" if letter else f"{self.name}_"
+        for pivot, value, entries in terms:
+            size = Fraction(1) / value if letter and kind == "C" else value
+            element = self.add(kind, f"{prefix}{identifier(labels[pivot])}", size)
+            place = junctions[pivot]
+            if entries:
+                at = f"{self.name}.{letter}_{labels[pivot]}" if letter else f"{self.name}.sum_{labels[pivot]}"
+                place = self.add("1" if dual else "0", at)
+                self.connect(junctions[pivot], place)
+            self.connect(place, element)
+            for i, entry in entries.items():
+                modulus = Fraction(1) / entry if dual else entry
+                self.connect(junctions[i], place, modulus, f"{element}_{identifier(labels[i])}")
+
+
+def identifier(label: str) -> str:
+    """Return a label as part of a name that formulas can be written in."""
+    return "".join(letter if letter.isalnum() else "_" for letter in label)
+
+
+def expand_field(
+    name: str,
+    kind: FieldType,
+    ports: Sequence[str],
+    matrix: Sequence[Sequence[Real]],
+    taken: set[str],
+    wanted: Mapping[str, Iterable[str]],
+    domain: str = "",
+) -> Expansion:
+    """Return a field as ordinary nodes.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    kind
+        I: e = M df/dt; R: e = M f; C: f = M de/dt.
+    ports
+        Names of its ports.
+    matrix
+        M (ports x ports), symmetric and positive semidefinite.
+    taken
+        Names of other nodes.
+    wanted
+        By port the quantities that are outputs.
+    domain
+        The domain of its ports.
+
+    Raises
+    ------
+    UsageError
+        If the matrix is not symmetric and positive semidefinite, or an entry needed is zero at the start.
+    """
+    made = Expansion(name, taken)
+    problem = field_fault(matrix)
+    if problem:
+        raise UsageError(f"{kind} '{name}': {problem}", names=(name,))
+    junctions = {
+        place: made.add_port(port, "0" if kind == "C" else "1", wanted.get(port, ()), domain)
+        for place, port in enumerate(ports)
+    }
+    made.add_squares(kind, symmetric_squares(name, nonzero(matrix)), junctions, dict(enumerate(ports)))
+    return made
+
+
+def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0) -> list[Column]:
+    """Return a matrix of numbers that may depend on parameters as squares.
+
+    Parameters
+    ----------
+    name
+        The node it belongs to.
+    rows
+        The matrix, symmetric.
+    rounding
+        As of `squares`.
+
+    Raises
+    ------
+    UsageError
+        If a square vanishes at the reference values of the parameters, but not at others.
+    Indefinite
+        If it is indefinite.
+    """
+    exact = squares(at_reference(rows), rounding)
+    if not any(isinstance(entry, Dependent) for row in rows.values() for entry in row.values()):
+        return exact
+    try:
+        return dependent_squares(rows, exact)
+    except ZeroDivisionError:
+        raise UsageError(
+            f"a coupling in '{name}' is zero at the start values of its unknown parameters, but not beside",
+            remedy="Start at values at which the entries that depend on them differ from zero.",
+            names=(name,),
+        ) from None
+
+
+def field_fault(matrix: Sequence[Sequence[Real]]) -> str:
+    """Return what is wrong with the matrix of a field, or an empty text."""
+    for i, row in enumerate(matrix):
+        for j in range(i):
+            one, other = reference(row[j]), reference(matrix[j][i])
+            if one != other:
+                return (
+                    f"the matrix is not symmetric: entry ({i + 1}, {j + 1}) is {float(one):g}, "
+                    f"({j + 1}, {i + 1}) is {float(other):g}; a gyrator couples ports antisymmetrically"
+                )
+    try:
+        squares(at_reference(nonzero(matrix)))
+    except Indefinite:
+        lowest = _lowest_eigenvalue(matrix)
+        return (
+            f"the matrix is not positive semidefinite, its lowest eigenvalue is {lowest:.3g}; a passive "
+            "field stores and dissipates energy"
+        )
+    return ""
+
+
+def _lowest_eigenvalue(matrix: Sequence[Sequence[Any]]) -> float:
+    import numpy as np  # for a message only
+
+    return float(np.linalg.eigvalsh([[float(entry) for entry in row] for row in matrix])[0])

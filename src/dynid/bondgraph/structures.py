@@ -1,0 +1,240 @@
+"""Structures as parts of a bond graph: all degrees of freedom exactly, or the finite-mode bond graph.
+
+Source of the finite-mode bond graph: Karnopp, Margolis & Rosenberg, *System Dynamics*, chapter 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+
+from dynid.arithmetic.ldl import Column, Indefinite
+from dynid.arithmetic.numbers import to_fraction
+from dynid.bondgraph.fields import Expansion, FieldType, identifier, symmetric_squares
+from dynid.defaults import STRUCTURES_IN_GRAPHS
+from dynid.errors import UsageError
+from dynid.structure import labels
+from dynid.structure.matrices import NAMES, Array, Label, Matrix, triplets
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes import modes
+from dynid.structure.reduction.reduction import StructuralReduction
+
+Reading = Literal["decimal", "binary"]
+
+# Rounding of a sum of positive and negative terms, relative to their sizes.
+_ROUNDING = 16 * float(np.finfo(float).eps)
+_ELEMENTS: tuple[tuple[str, FieldType], ...] = (("M", "I"), ("C", "R"), ("K", "C"))
+_DOMAINS = {"translation": "mechanical", "rotation": "rotational"}
+
+
+def expand_structure(
+    made: Expansion,
+    model: StructuralModel,
+    ports: Mapping[str, Label],
+    wanted: Mapping[str, Iterable[str]],
+    reading: Reading = "decimal",
+    domain: str = "",
+) -> None:
+    """Add a structure with all its degrees of freedom: a 1-junction each, I, R and C fields by M, C and K.
+
+    Every number of the matrices, joints included, is taken as the fraction that it is read as. What is left
+    of the stiffness of a rigid-body motion is rounding of these numbers, and zero.
+
+    Parameters
+    ----------
+    made
+        The expansion of the node.
+    model
+        The structure.
+    ports
+        DOFs of the ports by name.
+    wanted
+        By port the quantities that are outputs.
+    reading
+        What a float means.
+    domain
+        The domain of its ports; absent: from the labels of the DOFs.
+
+    Raises
+    ------
+    UsageError
+        If there is no such DOF, the structure is too large, or a matrix has a negative eigenvalue.
+    """
+    if model.size > STRUCTURES_IN_GRAPHS.value:
+        raise UsageError(
+            f"the structure '{made.name}' has {model.size} DOFs, more than the {STRUCTURES_IN_GRAPHS.value} "
+            "that enter a bond graph one by one",
+            remedy="Give it a 'reduction'.",
+            names=(made.name,),
+        )
+    at = _places(made.name, model, ports)
+    names = {place: name for name, place in at.items()}
+    texts = {place: str(names.get(place, label)) for place, label in enumerate(model.dofs)}
+    junctions = {}
+    for place, label in enumerate(model.dofs):
+        own = domain or _DOMAINS.get(labels.kind(label), "")
+        if place in names:
+            junctions[place] = made.add_port(names[place], "1", wanted.get(names[place], ()), own)
+        else:
+            junctions[place] = made.add("1", f"{made.name}.{label}", None, own)
+    for letter, kind in _ELEMENTS:
+        made.add_squares(kind, _squares(made.name, model, letter, reading), junctions, texts, letter)
+
+
+def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> dict[str, int]:
+    """Return the places of the ports among the DOFs."""
+    places: dict[str, int] = {}
+    for port, dof in ports.items():
+        place = model.index(dof)
+        if place in places.values():
+            raise UsageError(f"two ports of '{name}' are at DOF {model.label(dof)}", names=(name,))
+        places[port] = place
+    return places
+
+
+def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -> list[Column]:
+    """Return mass, damping or stiffness, joints included, as squares."""
+    known = {one.name: one.expected for one in model.unknowns}
+    matrix = dict(zip("MCK", model.with_joints(known), strict=True))[letter]
+    rows: dict[int, dict[int, Any]] = {place: {} for place in range(model.size)}
+    for i, j, entry in _entries(matrix):
+        rows[i][j] = to_fraction(entry, reading)
+    for term in (*model.joint_terms, *model.terms):
+        if term.letter == letter:
+            change = term.coefficient - to_fraction(term.coefficient.reference)
+            for i, j, entry in _entries(term.matrix):
+                rows[i][j] = rows[i].get(j, Fraction(0)) + change * to_fraction(entry, reading)
+    try:
+        return symmetric_squares(name, rows, _ROUNDING)
+    except Indefinite:
+        raise UsageError(
+            f"the {NAMES[letter]} of '{name}' has a negative eigenvalue",
+            remedy="A bond graph needs matrices of a passive structure, with all their digits.",
+            names=(name,),
+        ) from None
+
+
+def _entries(matrix: Matrix) -> Iterable[tuple[int, int, float]]:
+    rows, columns, entries = triplets(matrix)
+    return zip(rows.tolist(), columns.tolist(), entries.tolist(), strict=True)
+
+
+def expand_modes(
+    made: Expansion,
+    reduction: StructuralReduction,
+    ports: Mapping[str, Label],
+    wanted: Mapping[str, Iterable[str]],
+    domain: str = "",
+) -> None:
+    """Add the finite-mode bond graph of a reduced structure: a float model.
+
+    One 1-junction with I and C per mode of the reduced model, residual vectors among them with their own
+    mass; transformers of modal displacements lead to the ports; a modal R field where damping couples modes.
+    Rigid-body modes have no C. With unknown parameters in the structure its modes are not constant: the
+    coordinates are then displacements of DOFs, on the fixed basis of the reduction.
+
+    Parameters
+    ----------
+    made, ports, wanted, domain
+        As of `expand_structure`; a port may be at any DOF of the full structure.
+    reduction
+        The reduced structure.
+
+    Raises
+    ------
+    UsageError
+        If there is no such DOF, or a coordinate has no mass.
+    """
+    model = reduction.model
+    rows = np.array([model.row(dof) for dof in ports.values()])
+    if model.terms or model.joint_terms:
+        coordinates, shapes = _displacements(model, rows)
+        known = model.projected(shapes, coordinates)
+        squares = {letter: _squares(made.name, known, letter, "binary") for letter, _ in _ELEMENTS}
+        texts = dict(enumerate(map(str, coordinates)))
+    else:
+        shapes, squares = _modal(made.name, model)
+        texts = {place: f"mode_{place + 1}" for place in range(shapes.shape[1])}
+    values = rows @ shapes
+    values[np.abs(values) <= _ROUNDING * np.abs(_motion(model, shapes)).max(axis=0)] = 0.0
+    junctions = {place: made.add("1", f"{made.name}.{text}") for place, text in texts.items()}
+    for letter, kind in _ELEMENTS:
+        made.add_squares(kind, squares[letter], junctions, texts, letter)
+    for (port, dof), own in zip(ports.items(), values, strict=True):
+        asked = list(wanted.get(port, ()))
+        kind_of = domain or _DOMAINS.get(labels.kind(_full(model).label(dof)), "")
+        outer = made.add("1", f"{made.name}.{port}", None, kind_of)
+        force = made.add("0", f"{made.name}.{port}_force", None, kind_of)
+        made.connect(outer, force)
+        made.measure(port, force, [quantity for quantity in asked if quantity in "ep"])
+        if not own.any():
+            raise UsageError(
+                f"no coordinate of the reduced structure '{made.name}' moves the port '{port}'",
+                remedy="Keep more modes, or residual vectors.",
+                names=(made.name,),
+            )
+        for place in np.flatnonzero(own).tolist():
+            modulus = 1 / Fraction(float(own[place]))
+            made.connect(force, junctions[place], modulus, f"{made.name}_{port}_{identifier(texts[place])}")
+
+
+def _full(model: StructuralModel) -> StructuralModel:
+    return model if model.basis is None else _full(model.basis.parent)
+
+
+def _motion(model: StructuralModel, shapes: Array) -> Array:
+    """Return the motion of all DOFs for coordinates of a reduced model."""
+    return model.expand(shapes)
+
+
+def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Column]]]:
+    """Return the modes of a reduced model (r x r), and modal mass, damping and stiffness as squares."""
+    M, C, K = model.dense()
+    found = modes(M, C, K)
+    if len(found.omega) < model.size:
+        raise UsageError(
+            f"the reduced structure '{name}' has coordinates without mass, which no mode moves",
+            remedy="Reduce to DOFs with mass, or to modes.",
+            names=(name,),
+        )
+    one, stiffness = Fraction(1), [Fraction(float(omega)) ** 2 for omega in found.omega]
+    shapes = found.shapes
+    damping = shapes.T @ C @ shapes
+    parts = np.sqrt(np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(C), np.abs(shapes)))
+    damping[np.abs(damping) <= model.size * _ROUNDING * np.outer(parts, parts)] = 0.0
+    undamped = np.diag(damping) <= 0
+    damping[undamped], damping[:, undamped] = 0.0, 0.0
+    rows: dict[int, dict[int, Any]] = {place: {} for place in range(len(damping))}
+    for i, j, entry in _entries((damping + damping.T) / 2):
+        rows[i][j] = Fraction(entry)
+    try:
+        dissipated = symmetric_squares(name, rows, _ROUNDING)
+    except Indefinite:
+        raise UsageError(
+            f"the damping of '{name}' has a negative eigenvalue",
+            remedy="A bond graph needs matrices of a passive structure.",
+            names=(name,),
+        ) from None
+    mass = [Column(place, one, {}) for place in range(len(stiffness))]
+    springs = [Column(place, value, {}) for place, value in enumerate(stiffness) if value]
+    return shapes, {"M": mass, "C": dissipated, "K": springs}
+
+
+def _displacements(model: StructuralModel, rows: Array) -> tuple[list[Label], Array]:
+    """Return DOFs whose displacements are coordinates of a reduced model, and the coordinates by these.
+
+    DOFs are chosen by pivoted QR of the basis, those of the ports first.
+    """
+    from scipy.linalg import qr  # heavy import, needed here only
+
+    full = _full(model)
+    motion = _motion(model, np.eye(model.size))
+    size = np.abs(motion).max(axis=0)
+    weight = np.ones(len(motion))
+    for row in rows:
+        weight[np.all(np.abs(motion - row) <= _ROUNDING * size, axis=1)] = 1e3
+    pivots = qr((motion / size * weight[:, None]).T, mode="economic", pivoting=True)[2][: model.size]
+    return [full.dofs[place] for place in pivots], np.linalg.inv(motion[pivots])
