@@ -60,7 +60,7 @@ def reference(entry: Real) -> Fraction:
     return to_fraction(entry.reference if isinstance(entry, Dependent) else entry)
 
 
-def squares(rows: Rows, rounding: float = 0.0) -> list[Column]:
+def squares(rows: Mapping[int, Mapping[int, Fraction]], rounding: float = 0.0) -> list[Column]:
     """Return a positive semidefinite matrix of fractions as a sum of as many squares as its rank.
 
     The pivot is the diagonal entry whose row has the shortest numbers, so that fractions and fill stay small.

@@ -119,10 +119,10 @@ def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
     rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}
     numbers = []
     for name, node in model.graph.nodes.items():
-        named = set().union(*map(named_in, (node.matrix, node.structure, node.joints)))
-        if named:
+        inside: set[str] = set().union(*map(named_in, (node.matrix, node.structure, node.joints)))
+        if inside:
             raise UsageError(
-                f"sensitivities are by single values, but '{name}' depends on {', '.join(sorted(named))}",
+                f"sensitivities are by single values, but '{name}' depends on {', '.join(sorted(inside))}",
                 remedy="Write its numbers without parameters, or leave the result 'sensitivities' out.",
                 names=(name,),
             )

@@ -25,19 +25,17 @@ from dynid.bondgraph.graph import (
     FIELDS,
     NODE_TYPES,
     ONE_PORTS,
-    QUANTITIES,
     SOURCES,
     TWO_PORTS,
     VALUED,
     Bond,
-    Port,
     graph_faults,
-    port_fault,
 )
 from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, once
+from dynid.scene.schema.graph_variables import TEXT, Output, unknown_node
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
 from dynid.scene.schema.raw import (
@@ -216,19 +214,7 @@ def _end_fault(nodes: Mapping[str, str], end: str) -> str:
     if kind in MULTIPORTS:
         ports = ports_of(nodes, end)
         return f"'{end}' is a {kind}; bonds attach at its ports{': ' if ports else ''}{', '.join(ports)}"
-    return _unknown_node(nodes, end) if kind is None else ""
-
-
-def _unknown_node(nodes: Mapping[str, str], name: str) -> str:
-    """Return the message for a name that no node and no port has."""
-    holder, _, port = name.rpartition(".")
-    if nodes.get(holder) in MULTIPORTS:
-        ports = ports_of(nodes, holder)
-        close = did_you_mean(name, ports) or (f"; it has {', '.join(ports)}" if ports else "")
-        return f"'{holder}' has no port '{port}'{close}"
-    if holder in nodes:
-        return f"'{holder}' has no named ports; write '{holder}'"
-    return f"no node '{name}'{did_you_mean(name, nodes)}"
+    return unknown_node(nodes, end) if kind is None else ""
 
 
 def _source_name(raw: Any, info: ValidationInfo) -> str:
@@ -245,38 +231,12 @@ def _source_name(raw: Any, info: ValidationInfo) -> str:
     return name
 
 
-def _port(raw: Any, info: ValidationInfo) -> Port:
-    nodes = names_of(info).nodes
-    name, dot, quantity = raw.rpartition(".") if isinstance(raw, str) else ("", "", "")
-    if not dot:
-        shown = f"'{raw}'" if isinstance(raw, str) else "something else"
-        raise fault(f"an output is NODE.e, NODE.f, NODE.q or NODE.p, not {shown}")
-    if nodes and name not in nodes:
-        raise fault(f"'{raw}': {_unknown_node(nodes, name)}")
-    if nodes.get(name) in MULTIPORTS:
-        ports = [f"{port}.f" for port in ports_of(nodes, name)]
-        raise fault(f"'{raw}': '{name}' is a {nodes[name]}; name a port of it, such as {', '.join(ports)}")
-    if quantity not in QUANTITIES:
-        raise fault(f"'{raw}': '{quantity}' is not one of e, f, q, p")
-    port = Port(name, quantity)
-    problem = port_fault(nodes, port) if nodes.get(name) in NODE_TYPES else ""
-    if problem:
-        raise fault(problem)
-    return port
-
-
 def _link(raw: Any, info: ValidationInfo) -> Bond:
     """Read the bond of a port: a -> b, from the source to the load."""
     ends = chain_ends(raw) if isinstance(raw, str) else []
     if len(ends) != 2:
         raise fault("a port is one bond of the graph, written 'source side -> load side', such as 'a -> b'")
     return _bonds(raw, info)[0]
-
-
-_TEXT = WithJsonSchema({"type": "string"})
-
-Output = Annotated[Port, PlainValidator(_port), _TEXT]
-"""An output of a graph: NODE.e, NODE.f, NODE.q or NODE.p."""
 
 
 class GraphModel(Section):
@@ -286,7 +246,7 @@ class GraphModel(Section):
         Annotated[str, AfterValidator(_node_name)],
         Annotated[NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | _NodeType)],
     ] = Field(min_length=1)
-    bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), _TEXT]] = Field(min_length=1)
+    bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), TEXT]] = Field(min_length=1)
 
 
 class SymbolicModel(Section):
@@ -299,10 +259,10 @@ class SymbolicModel(Section):
 class AnalysisModel(Section):
     """Requested results and the engine that computes them."""
 
-    inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), _TEXT]], once()] | None = None
+    inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), TEXT]], once()] | None = None
     outputs: Annotated[list[Output], once()] = Field(min_length=1)
     results: list[ResultName] | None = None
-    port: Annotated[Bond, PlainValidator(_link), _TEXT] | None = None
+    port: Annotated[Bond, PlainValidator(_link), TEXT] | None = None
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
     engine: Engine = "auto"

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from dynid.scene.schema.base import Dof, FilePath, FrequencyGrid, MotionQuantity, Section
-from dynid.scene.schema.bond_graph import Output
+from dynid.scene.schema.graph_variables import Output
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, fault
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero

@@ -1,0 +1,51 @@
+"""Variables of bond graphs in scenes: outputs at nodes, and at ports of fields and structures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
+
+from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, Port, port_fault
+from dynid.scene.schema.quantities import fault, names_of
+from dynid.scene.schema.raw import MULTIPORTS, ports_of
+from dynid.suggestions import did_you_mean
+
+
+def unknown_node(nodes: Mapping[str, str], name: str) -> str:
+    """Return the message for a name that no node and no port has."""
+    holder, _, port = name.rpartition(".")
+    if nodes.get(holder) in MULTIPORTS:
+        ports = ports_of(nodes, holder)
+        close = did_you_mean(name, ports) or (f"; it has {', '.join(ports)}" if ports else "")
+        return f"'{holder}' has no port '{port}'{close}"
+    if holder in nodes:
+        return f"'{holder}' has no named ports; write '{holder}'"
+    return f"no node '{name}'{did_you_mean(name, nodes)}"
+
+
+def _port(raw: Any, info: ValidationInfo) -> Port:
+    nodes = names_of(info).nodes
+    name, dot, quantity = raw.rpartition(".") if isinstance(raw, str) else ("", "", "")
+    if not dot:
+        shown = f"'{raw}'" if isinstance(raw, str) else "something else"
+        raise fault(f"an output is NODE.e, NODE.f, NODE.q or NODE.p, not {shown}")
+    if nodes and name not in nodes:
+        raise fault(f"'{raw}': {unknown_node(nodes, name)}")
+    if nodes.get(name) in MULTIPORTS:
+        ports = [f"{port}.f" for port in ports_of(nodes, name)]
+        raise fault(f"'{raw}': '{name}' is a {nodes[name]}; name a port of it, such as {', '.join(ports)}")
+    if quantity not in QUANTITIES:
+        raise fault(f"'{raw}': '{quantity}' is not one of e, f, q, p")
+    port = Port(name, quantity)
+    problem = port_fault(nodes, port) if nodes.get(name) in NODE_TYPES else ""
+    if problem:
+        raise fault(problem)
+    return port
+
+
+TEXT = WithJsonSchema({"type": "string"})
+
+Output = Annotated[Port, PlainValidator(_port), TEXT]
+"""An output of a graph: NODE.e, NODE.f, NODE.q or NODE.p."""
