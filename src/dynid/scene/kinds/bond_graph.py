@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
+from dynid.defaults import TRACED_PARTS
 from dynid.errors import UsageError
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
@@ -73,6 +74,8 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
     graph, wanted = built.graph, model.analysis
     inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
     asked = wanted.asked()
+    if wanted.results is None and sum(bool(node.part) for node in graph.nodes.values()) > TRACED_PARTS.value:
+        asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
     signals: list[tuple[str, Signal]] = []
     if "time_response" in asked:
         assert wanted.time is not None
