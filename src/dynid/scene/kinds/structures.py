@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from pydantic import BaseModel
+
     from dynid.arithmetic.dependent import Real
     from dynid.parameters import Parameter
     from dynid.scene.load import Scene
@@ -38,9 +40,15 @@ _FILES = ("mass", "stiffness", "damping", "labels", "state_space")
 
 
 def build_structure(
-    scene: Scene, structure: StructureModel, joints: Mapping[str, JointModel]
+    scene: Scene,
+    structure: StructureModel,
+    joints: Mapping[str, JointModel],
+    holder: type[BaseModel] | None = None,
+    at: tuple[str, ...] = (),
 ) -> StructuralModel:
     """Return the structure of a scene with its joints, which has every DOF that the scene names.
+
+    `holder` is the model of the part of the scene at the place `at` that names its DOFs; absent: the scene.
 
     Raises
     ------
@@ -68,7 +76,7 @@ def build_structure(
             return _frame(structure.frame, built, parameters)
         assert structure.matrices is not None
         bare = _matrices(scene.folder, structure.matrices, parameters)
-        faults = dof_faults(scene.source, type(scene.model), bare.dofs)
+        faults = dof_faults(scene.source, holder or type(scene.model), bare.dofs, at)
         if faults:  # found only now: the DOFs are those of a file
             raise SceneError(faults)
         return bare.joined(built)
