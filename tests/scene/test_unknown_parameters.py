@@ -291,7 +291,6 @@ def test_a_graph_stands_in_the_place_of_a_structure():
         ),
         ("zero -> one, one -> mass", "side -> one", "10:5: I 'mass' has no bond; connect it or drop it"),
         ("value: m}", "value: mm}", "10:28: no parameter 'mm'; did you mean 'm'?"),
-        ("  step: 0.01\n", "  step: 0.01\n  frf: {}\n", "16:3: frequency responses are referred to forces"),
         ("mass: {f: 0.1}", "mass: {e: 0.1}", "19:17: the energy of I 'mass' is given by its flow f"),
         ("mass: {f: 0.1}", "damper: {f: 0.1}", "19:11: 'damper' is R and stores no energy"),
         ("graph:", "joints: {a: {dofs: [1], k: 1}}\ngraph:", "3:1: a graph has no joints"),

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.instruments import Instruments
-from dynid.identification.linear_system import LinearSystem, SystemModel
+from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
-from dynid.identification.parametric_model import system_of
+from dynid.identification.parametric_model import Model, system_of
 from dynid.identification.simulation import Simulation, per_channel
 from dynid.parameters import named, rates, true_values
 from dynid.structure.matrices import Label
@@ -53,7 +53,7 @@ class Frf(NamedTuple):
     @property
     def unit(self) -> str:
         """Its unit, SI."""
-        return f"{self.channel.unit}/{self.load.unit}"
+        return f"{self.channel.unit}/{self.load.unit}" if self.load.unit else self.channel.unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +148,7 @@ class Response(NamedTuple):
     slopes: ComplexArray
 
 
-def check_cost(model: StructuralModel | SystemModel, lines: int) -> None:
+def check_cost(model: Model, lines: int) -> None:
     """Refuse a computation that would take too long or too much memory.
 
     Raises
@@ -184,7 +184,7 @@ class FrfSystem:
     instruments: Instruments
 
     @classmethod
-    def of(cls, model: StructuralModel | SystemModel, functions: Sequence[Frf]) -> FrfSystem:
+    def of(cls, model: Model, functions: Sequence[Frf]) -> FrfSystem:
         """Return the system of a model for some functions.
 
         Raises
@@ -232,7 +232,7 @@ class FrfSystem:
         return Response(H, slopes if eta is None else slopes * rates(unknowns, eta))
 
 
-def frf_data(model: StructuralModel | SystemModel, measurement: FrfMeasurement) -> RecordData:
+def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:
     """Return the measured values as real ones, simulated with `model` where they are to be simulated.
 
     Raises

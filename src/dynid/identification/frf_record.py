@@ -28,8 +28,9 @@ from dynid.identification.frf_measurement import (
 )
 from dynid.identification.information import Information, information
 from dynid.identification.likelihood import Likelihood
-from dynid.identification.linear_system import SystemModel
+from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
+from dynid.identification.parametric_model import Model
 from dynid.identification.prediction import Trajectory
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, weights
 from dynid.identification.saturated_model import (
@@ -43,7 +44,6 @@ from dynid.identification.saturated_model import (
 from dynid.identification.statistics import root_mean_square
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter, named, rates, values
-from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -103,6 +103,11 @@ class FrfRecord(RecordLikelihood):
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
         return self.system.system.unknowns
+
+    @property
+    def system_model(self) -> LinearSystem:
+        """The model with the responses' channels and forces."""
+        return self.system.system
 
     @property
     def nuisances(self) -> int:
@@ -219,9 +224,7 @@ class FrfLikelihood(Likelihood):
         return FrfLikelihood(tuple(record.by_magnitude() for record in self.records))
 
 
-def frf_likelihood(
-    model: StructuralModel | SystemModel, measurement: FrfMeasurement, data: RecordData
-) -> FrfLikelihood:
+def frf_likelihood(model: Model, measurement: FrfMeasurement, data: RecordData) -> FrfLikelihood:
     """Return the likelihood of measured responses with a model.
 
     Raises

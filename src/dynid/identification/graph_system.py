@@ -99,6 +99,8 @@ class GraphModel:
         The unknown parameters.
     initial
         Stored energy at t = 0 of simulated records: the flow of an I, the effort of a C, by name.
+    variables
+        Variables of the graph by the names that a scene gives them, where these differ.
 
     Raises
     ------
@@ -107,9 +109,14 @@ class GraphModel:
     """
 
     def __init__(
-        self, graph: BondGraph, parameters: Sequence[Parameter], initial: Mapping[str, float] | None = None
+        self,
+        graph: BondGraph,
+        parameters: Sequence[Parameter],
+        initial: Mapping[str, float] | None = None,
+        variables: Mapping[Port, Port] | None = None,
     ) -> None:
         self.graph, self._unknowns, self.initial = graph, tuple(parameters), dict(initial or {})
+        self.variables = dict(variables or {})
         self._units = GraphUnits(graph)
         storages = [name for name, node in graph.nodes.items() if node.type in STORAGES]
         for name in self.initial:
@@ -131,7 +138,7 @@ class GraphModel:
 
     def with_parameters(self, parameters: Sequence[Parameter]) -> GraphModel:
         """Return the model with other unknown parameters."""
-        return GraphModel(self.graph, parameters, self.initial)
+        return GraphModel(self.graph, parameters, self.initial, self.variables)
 
     def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
         """Return the load of a source, with its unit.
@@ -159,7 +166,7 @@ class GraphModel:
         UsageError
             If there is no such variable.
         """
-        nodes = self.graph.nodes
+        nodes, port = self.graph.nodes, self.variables.get(port, port)
         if port.node not in nodes:
             raise UsageError(
                 f"'{port}': the graph has no node '{port.node}'{did_you_mean(port.node, nodes)}",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +16,16 @@ from dynid.identification.information import Information
 from dynid.identification.lack_of_fit import compare_models
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import Experiment, as_estimated, data
-from dynid.identification.parametric_model import parametric_model
+from dynid.identification.parametric_model import Model, parametric_model
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
+from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.sensitivity import pole_sensitivities
+from dynid.structure.modes.sensitivity import PoleSensitivities, pole_sensitivities
 from dynid.structure.response import common_unit
 
 Array = NDArray[np.float64]
@@ -34,6 +37,9 @@ NOMINAL_NOISE = 0.01
 _BADLY, _NOT = 1e-3**0.5, 1e-8
 # Share of a blind direction that leaves a parameter without a bound.
 _SHARE = 1e-3
+# Poles below this part of the largest are at zero; left and right vectors this near to orthogonal are those
+# of a multiple pole.
+_AT_REST, _DEFECTIVE = 1e-9, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +98,9 @@ class ExpectedTimeRecords(ExpectedRecords):
 
 
 def expected_time_records(
-    model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel | None = None
+    model: Model,
+    experiments: Sequence[Experiment],
+    truth: Model | None = None,
 ) -> ExpectedTimeRecords:
     """Predict records at the true values where all are known, else at the starts.
 
@@ -157,9 +165,11 @@ def coordinate_bounds(information: Information) -> Array:
 
 
 def identifiability(
-    model: StructuralModel, experiments: Sequence[Experiment], truth: StructuralModel | None = None
+    model: Model,
+    experiments: Sequence[Experiment],
+    truth: Model | None = None,
 ) -> Result:
-    """Return the identifiability of the unknown joint parameters from records, by their Fisher information.
+    """Return the identifiability of the unknown parameters from records, by their Fisher information.
 
     Initial states count as unknown, and so does the noise level (at no cost: the information on it is
     independent of that on the parameters); forces, known joints and the rest of the structure count as known.
@@ -194,9 +204,11 @@ def identifiability(
 
 
 def frf_identifiability(
-    model: StructuralModel, measurement: FrfMeasurement, truth: StructuralModel | None = None
+    model: Model,
+    measurement: FrfMeasurement,
+    truth: Model | None = None,
 ) -> Result:
-    """Return the identifiability of the unknown joint parameters from frequency response functions.
+    """Return the identifiability of the unknown parameters from frequency response functions.
 
     Parameters
     ----------
@@ -238,7 +250,7 @@ def channels_of(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:
 
 
 def identifiability_result(
-    model: StructuralModel, expected: ExpectedRecords, channels: Sequence[tuple[str, str]]
+    model: Model, expected: ExpectedRecords, channels: Sequence[tuple[str, str]]
 ) -> Result:
     """Return the identifiability of the parameters from expected records, as `identifiability` does.
 
@@ -289,7 +301,11 @@ def identifiability_result(
     result.add_axis(f"{group}/noise/channel", names)
     result.add(f"{group}/noise/deviation", deviation, ("channel",), unit)
     result.add(f"{group}/noise/bound", deviation / np.sqrt(2 * np.concatenate(counts)), ("channel",), unit)
-    add_modal_sensitivity(result, model, expected.values)
+    if isinstance(model, StructuralModel):
+        found = pole_sensitivities(model, expected.values)
+    else:
+        found = _system_pole_sensitivities(records[0].system_model, expected.values)
+    add_modal_sensitivity(result, found, [unknown.name for unknown in unknowns])
     return result
 
 
@@ -311,11 +327,35 @@ def _add_groups(result: Result, information: Information) -> None:
     result.add(f"{group}/of_group", np.array([n for n, _, _ in changes], dtype=int), ("blind_direction",))
 
 
-def add_modal_sensitivity(result: Result, model: StructuralModel, values: Mapping[str, float]) -> None:
-    """Add the derivatives of the poles by the unknown parameters at these values."""
+def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]) -> PoleSensitivities:
+    """Return the poles of a system other than zero with their derivatives: y' dA x / y' x of a simple one."""
+    from scipy.linalg import eig  # heavy import, needed here only
+
+    matrices = system.at(values)
+    d = balance(matrices.A)
+    A, slopes = rescaled(matrices.A, d), rescaled(matrices.A_slopes, d)
+    found: Any = eig(A, left=True)
+    poles, left, right = found
+    order = np.argsort(np.abs(poles), kind="stable")
+    kept = order[
+        (poles.imag[order] >= 0) & (np.abs(poles[order]) > _AT_REST * np.abs(poles).max(initial=0.0))
+    ]
+    poles, y, x = poles[kept], left[:, kept].conj(), right[:, kept]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = np.einsum("im,pij,jm->mp", y, slopes, x) / np.einsum("im,im->m", y, x)[:, None]
+    defective = ~np.isfinite(moved) | (np.abs(np.einsum("im,im->m", y, x)) < _DEFECTIVE)[:, None]
+    moved = np.where(defective, 0.0, moved)
+    omega = np.abs(poles)
+    zeta = -poles.real / omega
+    by_omega = np.real(poles.conj()[:, None] * moved) / omega[:, None]
+    by_zeta = (-moved.real - zeta[:, None] * by_omega) / omega[:, None]
+    lost = np.where(defective, np.inf, 0.0)
+    return PoleSensitivities(poles, omega, zeta, by_omega + lost, by_zeta + lost)
+
+
+def add_modal_sensitivity(result: Result, found: PoleSensitivities, names: Sequence[str]) -> None:
+    """Add the derivatives of the poles by the unknown parameters."""
     group = "identification/identifiability/modal_sensitivity"
-    found = pole_sensitivities(model, values)
-    names = [unknown.name for unknown in model.unknowns]
     result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
     result.add_axis(f"{group}/parameter", names)
     result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")

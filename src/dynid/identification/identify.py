@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
 from dynid.identification.instruments import Instruments, with_spreads
 from dynid.identification.likelihood import Likelihood
-from dynid.identification.linear_system import SystemModel
 from dynid.identification.measurement import (
     Experiment,
     Measurement,
@@ -36,7 +35,7 @@ from dynid.identification.measurement import (
     true_states,
 )
 from dynid.identification.model_error import model_error
-from dynid.identification.parametric_model import ParametricModel, parametric_model, unknowns_of
+from dynid.identification.parametric_model import Model, ParametricModel, parametric_model, unknowns_of
 from dynid.identification.posterior import Posterior
 from dynid.identification.simulation import Simulation
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
@@ -48,9 +47,6 @@ from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
-
-Model: TypeAlias = StructuralModel | SystemModel
-"""What is identified: a structure, or any other model with unknown parameters."""
 
 Rebuild = Callable[[Mapping[str, float]], StructuralModel]
 """Returns the model for joint parameters by name."""

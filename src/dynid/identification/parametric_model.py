@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
+Model: TypeAlias = StructuralModel | SystemModel
+"""What is identified: a structure, or any other model with unknown parameters."""
 
 # Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.
 _MOST_NUMBERS = 250_000_000
@@ -281,7 +283,7 @@ class ParametricModel:
 
 
 def parametric_model(
-    model: StructuralModel | SystemModel, loads: Sequence[Any], channels: Sequence[Any], times: Array
+    model: Model, loads: Sequence[Any], channels: Sequence[Any], times: Array
 ) -> ParametricModel:
     """Build the augmented model of a record (Yang, eqs 12–13).
 
@@ -352,9 +354,7 @@ def _timeline(
     return timeline(instruments.acting(system.signals, values), wanted, float(wanted[0])), sampling
 
 
-def system_of(
-    model: StructuralModel | SystemModel, loads: Sequence[Any], channels: Sequence[Any]
-) -> LinearSystem:
+def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> LinearSystem:
     """Return a model with the loads and channels of a record.
 
     Raises
@@ -367,7 +367,7 @@ def system_of(
     return model.system(loads, channels)
 
 
-def unknowns_of(model: StructuralModel | SystemModel) -> tuple[Parameter, ...]:
+def unknowns_of(model: Model) -> tuple[Parameter, ...]:
     """Return the unknown parameters of a model, of which there must be at least one.
 
     Raises

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid.defaults import HUBER
 from dynid.identification.calibration import CalibrationDerivatives
 from dynid.identification.information import Information
+from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory
 from dynid.identification.saturated_model import SaturatedCoordinates
@@ -119,6 +120,11 @@ class RecordLikelihood(ABC):
     @abstractmethod
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
+
+    @property
+    @abstractmethod
+    def system_model(self) -> LinearSystem:
+        """The model with the loads and channels of the record."""
 
     @property
     @abstractmethod

@@ -21,6 +21,7 @@ from dynid.identification.least_squares import (
     without_state,
 )
 from dynid.identification.likelihood import Likelihood
+from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import Experiment, RecordData
 from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.prediction import (
@@ -125,6 +126,11 @@ class TimeRecord(RecordLikelihood):
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
         return self.model.unknowns
+
+    @property
+    def system_model(self) -> LinearSystem:
+        """The model with the loads and channels of the record."""
+        return self.model.system
 
     @property
     def nuisances(self) -> int:

@@ -153,7 +153,7 @@ def response(scene: Scene) -> Aspect:
 def modes_of(scene: Scene) -> Aspect:
     """Return the solvers of the requested modes."""
     structure, values = responding_structure(scene)
-    wanted = cast("IdentificationScene", scene.model).analysis
+    wanted = cast("IdentificationScene", scene.model).responses
     assert wanted is not None
     assert wanted.modes is not None
     return solvers(structure, *which_modes(wanted.modes), values)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dynid.identification.calibration import CalibrationDerivatives
 from dynid.identification.information import Information, information
 from dynid.identification.likelihood import Likelihood
+from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory, free_prediction, prediction
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
@@ -64,6 +65,11 @@ class Segments(RecordLikelihood):
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
         return self.record.unknowns
+
+    @property
+    def system_model(self) -> LinearSystem:
+        """The model of the record."""
+        return self.record.system_model
 
     @property
     def nuisances(self) -> int:

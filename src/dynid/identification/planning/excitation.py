@@ -8,29 +8,29 @@ here; `exact_bounds` takes it into account.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import UsageError
+from dynid.errors import Singular, UsageError
 from dynid.identification.identifiability import ExpectedTimeRecords, coordinate_bounds
 from dynid.identification.information import information
+from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import Experiment
-from dynid.identification.parametric_model import parametric_model
+from dynid.identification.parametric_model import Model, parametric_model, system_of
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.prediction import free_prediction, prediction
-from dynid.lti.frequency_response import WORST_CONDITION
 from dynid.lti.signals import Multisine, Sine
 from dynid.number_format import frequency_text
 from dynid.parameters import rates
 from dynid.result import Result
-from dynid.structure.matrices import Label, as_array
+from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
-from dynid.structure.response import Load, ports
+from dynid.structure.response import Load
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -126,7 +126,7 @@ def grid(omega: Array, step: float, samples: int, band: tuple[float, float] | No
 
 
 def candidate_sines(
-    model: StructuralModel,
+    model: Model,
     experiment: Experiment,
     expected: ExpectedTimeRecords,
     dofs: Sequence[Label],
@@ -137,35 +137,24 @@ def candidate_sines(
     The force has the RMS of the present one; 1 N where there is none.
     """
     measurement, values = experiment.measurement, expected.values
-    M, C, K = model.dense(values)
-    natural = modes(M, C, K, backend="dense").omega
+    loads = [measurement.channels[0].unit_load(place) for place in dofs]
+    system = system_of(model, loads, measurement.channels)
+    natural = natural_frequencies(model, system, values)
     omega = grid(natural, measurement.step, measurement.samples, band)
-    forces, rows, orders = ports(model, dofs, measurement.channels)
-    rate = rates(model.unknowns, expected.fit.eta)
-    changes = [
-        {letter: r * as_array(part) for letter, part in slopes.items()}
-        for r, slopes in zip(rate, model.slopes(values), strict=True)
-    ]
+    rate = rates(system.unknowns, expected.fit.eta)
     inputs = expected.likelihood.records[0].model.inputs()
     rms = float(np.sqrt(np.mean(np.sum(inputs**2, axis=1)))) if inputs.size else 0.0
     rms = rms or 1.0
     weight = rms * np.sqrt(measurement.samples) / expected.noise[0]
+    channels = range(len(measurement.channels))
+    pairs = [(channel, load) for channel in channels for load in range(len(dofs))]
     kept, roots = [], []
     for w in omega:
-        Z = K + 1j * w * C - w**2 * M
-        scale = 1 / np.sqrt(np.linalg.norm(Z, axis=0))  # invariant to units
-        balanced = Z * scale * scale[:, None]
-        if not np.linalg.cond(balanced, 1) < WORST_CONDITION:
+        try:
+            _, slopes = system.paired_response(values, np.array([w]), pairs)
+        except Singular:
             continue  # an undamped pole, where there is no steady state
-        both = np.hstack([forces, rows.T])
-        solved = scale[:, None] * np.linalg.solve(balanced, scale[:, None] * both)
-        by_force, by_row = solved[:, : len(dofs)], solved[:, len(dofs) :]
-        power = (1j * w) ** np.array(orders)
-        powers = {"K": 1.0, "C": 1j * w, "M": -(w**2)}
-        none = np.zeros((model.size, model.size))
-        moved = [sum((powers[letter] * P for letter, P in one.items()), none) for one in changes]
-        slopes = [-by_row.T @ dZ @ by_force for dZ in moved]
-        G = np.stack(slopes, axis=-1) * (power * weight)[:, None, None]  # channels x dofs x p
+        G = (slopes[0] * rate).reshape(len(channels), len(dofs), -1) * weight[:, None, None]
         kept.append(w)
         roots.append(np.concatenate([G.real, G.imag]).swapaxes(0, 1))
     if not kept:
@@ -177,39 +166,46 @@ def candidate_sines(
     return CandidateSines(tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
 
 
+def natural_frequencies(model: Model, system: LinearSystem, values: Mapping[str, float]) -> Array:
+    """Return the natural frequencies of a structure without damping; of other models those of the poles."""
+    if isinstance(model, StructuralModel):
+        return modes(*model.dense(values), backend="dense").omega
+    poles = system.poles(values)
+    return np.unique(np.abs(poles[poles.imag > 0]))
+
+
 def exact_bounds(
-    model: StructuralModel, experiment: Experiment, expected: ExpectedTimeRecords, loads: Sequence[Load]
+    model: Model,
+    experiment: Experiment,
+    expected: ExpectedTimeRecords,
+    loads: Sequence[Load],
 ) -> Array:
     """Return the relative bounds (p) of a record of the steady state under sines, initial state unknown."""
     measurement = experiment.measurement
     times = measurement.record.times
     joint = parametric_model(model, loads, measurement.channels, times)
-    free, steps = free_prediction(joint, expected.fit.eta)
-    M, C, K = model.dense(expected.values)
-    settled = np.zeros(2 * model.size)  # displacements and velocities of the steady state at the first sample
-    for load in loads:
+    eta, n = expected.fit.eta, joint.states
+    free, steps = free_prediction(joint, eta)
+    found = joint.at(eta)
+    settled = np.zeros(n)  # state of the steady state at the first sample, scaled
+    for column, load in enumerate(loads):
         assert isinstance(load.signal, Multisine)
-        assert load.dof is not None
         for w, c in zip(*load.signal.lines, strict=True):
-            moved = (
-                np.linalg.solve(K + 1j * w * C - w**2 * M, model.row(load.dof))
-                * c
-                * np.exp(1j * w * float(times[0]))
-            )
-            settled += np.concatenate([moved.real, (1j * w * moved).real])
-    found = prediction(joint, expected.fit.eta, settled / joint.scale, free, steps)
+            moved = np.linalg.solve(1j * w * np.eye(n) - found.A, found.B[:, column].astype(complex))
+            settled += (moved * c * np.exp(1j * w * float(times[0]))).real
+    predicted = prediction(joint, eta, settled, free, steps)
     root = expected.likelihood.records[0].root
     weight = 1 / expected.noise[0][:, None]
-    by_parameter = (found.by_parameter * weight).reshape(-1, len(expected.values))
-    by_state = (found.by_state @ root * weight).reshape(len(by_parameter), -1)
-    signal = float(np.linalg.norm(found.outputs / expected.noise[0]))
+    by_parameter = (predicted.by_parameter * weight).reshape(-1, len(expected.values))
+    by_state = (predicted.by_state @ root * weight).reshape(len(by_parameter), -1)
+    signal = float(np.linalg.norm(predicted.outputs / expected.noise[0]))
     names = tuple(expected.likelihood.names)
-    return coordinate_bounds(information(names, by_parameter, by_state, signal, found.outputs.size))
+    return coordinate_bounds(information(names, by_parameter, by_state, signal, predicted.outputs.size))
 
 
 def add_excitation(
     result: Result,
-    model: StructuralModel,
+    model: Model,
     experiment: Experiment,
     expected: ExpectedTimeRecords,
     found: CandidateSines,

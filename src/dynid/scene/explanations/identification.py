@@ -85,8 +85,8 @@ def explain(scene: Scene) -> Explanation:
             rounds = _ROUNDS if method is not None and method.follows_joints else 1
             parts, values = _estimated(model.estimator, likelihood, rounds, states=2 * small.size)
             kilobytes += file_kilobytes(75, values)
-        if model.analysis is not None:
-            asked, costs, values = _responses(model.analysis, small, len(model.excitation))
+        if model.responses is not None:
+            asked, costs, values = _responses(model.responses, small, len(model.excitation))
             facts.append(Fact("responses", ", ".join(asked)))
             parts |= costs
             kilobytes += file_kilobytes(15, values)

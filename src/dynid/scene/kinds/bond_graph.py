@@ -14,7 +14,7 @@ from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import DefinedParameter
-from dynid.scene.schema.bond_graph import BondGraphScene
+from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import StepSignal
 
@@ -71,7 +71,30 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
     """Return the graph of a scene, and the request of its analysis."""
     model = cast("BondGraphScene", scene.model)
     built = built_graph(scene)
-    graph, wanted = built.graph, model.analysis
+    variables = _parameters(model) if "sensitivities" in model.analysis.asked() else None
+    return built.graph, graph_analysis(scene, model.analysis, built, variables)
+
+
+def graph_analysis(
+    scene: Scene,
+    wanted: AnalysisModel,
+    built: BuiltGraph,
+    variables: tuple[SensitivityParameter, ...] | None = None,
+) -> Analysis:
+    """Return the request of an analysis of a graph.
+
+    Parameters
+    ----------
+    scene
+        The scene, whose stored energy is that at t = 0.
+    wanted
+        The analysis.
+    built
+        The graph, and the requested variables as it has them.
+    variables
+        Variables of the sensitivities; absent: the values of the nodes.
+    """
+    model, graph = cast("BondGraphScene", scene.model), built.graph
     inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
     asked = wanted.asked()
     if wanted.results is None and sum(bool(node.part) for node in graph.nodes.values()) > TRACED_PARTS.value:
@@ -83,7 +106,12 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
         parts = list(wanted.time.input) or ([] if model.initial else [StepSignal(kind="step")])
         for part, signal in build_signals(scene, "analysis.time.input", parts, record_of(wanted.time)):
             signals += [(name, signal) for name in ([part.source] if part.source is not None else inputs)]
-    return graph, Analysis(
+    if variables is None and "sensitivities" in asked:
+        own = ((name, node.value) for name, node in graph.nodes.items())
+        variables = tuple(
+            SensitivityParameter(name, value, {name: Fraction(1)}) for name, value in own if value is not None
+        )
+    return Analysis(
         inputs=inputs,
         outputs=built.outputs,
         results=asked,
@@ -92,7 +120,7 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
         signals=tuple(signals),
         initial={name: (given.f or given.e or Quantity(0)).exact for name, given in model.initial.items()},
         port=wanted.port,
-        parameters=_parameters(model) if "sensitivities" in asked else None,
+        parameters=variables,
         engine=wanted.engine,
         reading=wanted.reading,
         formulas=FormulaRequest(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,

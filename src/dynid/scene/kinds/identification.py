@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.errors import UsageError
 from dynid.progress import report_progress
 from dynid.result import Result
+from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of
 from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurement, initial_motion, loads_of
 from dynid.scene.kinds.scope import add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
@@ -22,7 +22,6 @@ from dynid.structure.state_space import without_massless
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from dynid.identification.estimators.estimate import Estimator
     from dynid.identification.identify import Rebuild, SharedRecords
     from dynid.identification.measurement import Experiment
     from dynid.scene.kinds.reduction import LocatedReductor
@@ -47,10 +46,14 @@ def run(scene: Scene) -> Result:
         Where measured data cannot be read.
     """
     model = cast("IdentificationScene", scene.model)
+    if model.graph is not None:
+        from dynid.scene.kinds.identified_graphs import run_graph
+
+        return run_graph(scene)
     structure = structure_of(scene)
     method = reductor_of(scene)
     result = Result("identification", scene.title)
-    values = {unknown.name: unknown.true or unknown.start for unknown in structure.unknowns}
+    values = {unknown.name: unknown.expected for unknown in structure.unknowns}
     if model.measurement is not None:
         if model.measurement.frf is not None:
             result.merge(_identified_by_response(scene, structure))
@@ -66,7 +69,7 @@ def run(scene: Scene) -> Result:
     made = None if method is None else method.at(values).reduce(structure)
     if made is not None and made.doubt:
         result.annotate("structure" if model.measurement is None else "identification", doubt=made.doubt)
-    if model.analysis is not None:
+    if model.responses is not None:
         result.merge(responses(scene, model, structure if made is None else made.model, values))
     add_identification_scope(result, model, structure, made)
     return result
@@ -171,18 +174,10 @@ def identified(
     """
     from dynid.identification.identify import identify_all
 
-    given = cast("IdentificationScene", scene.model).estimator
-    module, name = _ESTIMATORS[given.method]
-    kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
-    estimator: Estimator = kind(**given.options())
-    if given.loss == "huber":
-        from dynid.identification.estimators.maximum_likelihood import Huber
-
-        estimator = Huber(estimator)
     return identify_all(
         made.model,
         made.experiments,
-        estimator,
+        estimator_of(cast("IdentificationScene", scene.model).estimator),
         truth=made.truth,
         rebuild=_rebuilder(scene, structure),
         common=common,
@@ -194,6 +189,11 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     """Yield the steps of a run before any computation: build the structure, its records and reduction."""
     model = cast("IdentificationScene", scene.model)
     measurement = model.measurement
+    if model.graph is not None:
+        from dynid.scene.kinds.identified_graphs import graph_preparation_steps
+
+        yield from graph_preparation_steps(scene)
+        return
     yield lambda: structure_of(scene)
     if measurement is not None and measurement.frf is not None:
         yield lambda: frf_measurement(scene, measurement)
@@ -201,7 +201,7 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield lambda: experiments(scene, model.excitation, measurement)
     if measurement is None or measurement.frf is None:  # else it reads the responses again
         yield lambda: reductor_of(scene)
-    if model.analysis is not None and model.analysis.time is not None:
+    if model.responses is not None and model.responses.time is not None:
         yield lambda: time_question(scene)
 
 
@@ -214,7 +214,7 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
     if records and all(record.excitation is not None for record in records):
         yield ("measurement", "excitation")
     every = model.measurement.each if model.measurement else []
-    time = model.analysis and model.analysis.time
+    time = model.responses and model.responses.time
     drives = time and not (time.input or model.initial)
     if not drives and all(record.excitation is not None for record in every):
         yield ("excitation",)
@@ -222,8 +222,6 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
 
 def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     """Return an identification from frequency response functions, with their identifiability if requested."""
-    from dynid.identification.estimators.auto import FrfAuto
-    from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
     from dynid.identification.identify import identify_frf
 
     model = cast("IdentificationScene", scene.model)
@@ -231,10 +229,7 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     measurement = frf_measurement(scene, model.measurement)
     reduced, truth = models_of(scene, structure)
     rebuild = _rebuilder(scene, structure)
-    chosen = model.estimator
-    options: dict[str, Any] = chosen.options()
-    method = OutputError(**options) if chosen.method == "output-error" else FrfAuto()
-    estimator = Huber(method) if chosen.loss == "huber" else method
+    estimator = frf_estimator_of(model.estimator)
     result = identify_frf(reduced, measurement, estimator, truth=truth, rebuild=rebuild)
     if model.identifiability:
         from dynid.identification.identifiability import frf_identifiability
@@ -242,15 +237,6 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
         reduced, truth = models_of(scene, structure, expected_values(structure))
         result.merge(frf_identifiability(reduced, measurement, truth))
     return result
-
-
-#: Module and class of every estimator; only the requested one is imported.
-_ESTIMATORS = {
-    "auto": ("auto", "Auto"),
-    "filter": ("filter_passes", "Filter"),
-    "output-error": ("maximum_likelihood", "OutputError"),
-    "invariant-imbedding": ("imbedding", "InvariantImbedding"),
-}
 
 
 def reductor_of(scene: Scene) -> LocatedReductor | None:
@@ -297,14 +283,14 @@ def interest_of(scene: Scene) -> Interest:
         dofs += [part.dof for part in signals]
         dofs += [dof for channel in model.measurement.sensors for dof in channel.ends]
         band = highest_frequency(signals, min(float(record.step or math.inf) for record in records))
-    if model.analysis is not None:
+    if model.responses is not None:
         dofs += [
-            *(model.analysis.inputs or ()),
-            *(dof for output in model.analysis.outputs or () for dof in output.ends),
-            *(part.dof for part in (model.analysis.time.input if model.analysis.time else ())),
+            *(model.responses.inputs or ()),
+            *(dof for output in model.responses.outputs or () for dof in output.ends),
+            *(part.dof for part in (model.responses.time.input if model.responses.time else ())),
         ]
-        if band is None and model.analysis.frequency is not None:
-            band = float(angular_frequencies(model.analysis.frequency)[-1])
+        if band is None and model.responses.frequency is not None:
+            band = float(angular_frequencies(model.responses.frequency)[-1])
     return Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
 
 
@@ -330,7 +316,7 @@ def responses(
 
     With an initial motion and no input of its own the time response is the free one.
     """
-    wanted = model.analysis
+    wanted = model.responses
     assert wanted is not None
     result = Result("identification", scene.title)
     if wanted.modes is not None:
@@ -341,7 +327,7 @@ def responses(
     if wanted.frequency is not None:
         driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
         sensors = model.measurement.sensors if model.measurement else []
-        driven += [channel.reference.dof for channel in sensors if channel.reference]
+        driven += [channel.reference.place for channel in sensors if channel.reference]
         inputs = list(dict.fromkeys(wanted.inputs or driven))
         omega = angular_frequencies(wanted.frequency)
         report_progress("frequency response")
@@ -360,7 +346,7 @@ def time_question(scene: Scene) -> dict[str, Any]:
     Without an input of its own it is driven by the excitation, or by nothing with an initial motion.
     """
     model = cast("IdentificationScene", scene.model)
-    wanted = model.analysis
+    wanted = model.responses
     assert wanted is not None
     assert wanted.time is not None
     record, own = record_of(wanted.time), wanted.time.input
@@ -385,5 +371,5 @@ def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
 def _outputs(model: IdentificationScene) -> list[Channel]:
     """Return the outputs of responses: the given ones, else those of the sensors."""
     sensors = model.measurement.sensors if model.measurement else []
-    shown = [channel_of(item) for item in (model.analysis and model.analysis.outputs) or sensors]
+    shown = [channel_of(item) for item in (model.responses and model.responses.outputs) or sensors]
     return list(dict.fromkeys(shown))

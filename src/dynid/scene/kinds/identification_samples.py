@@ -80,7 +80,7 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
         if _place(model, path) is None:
             return f"{path} is no seed, noise, or start or true value of a joint"
     measurement = model.measurement
-    if measurement is None or measurement.frf or model.analysis or model.identifiability:
+    if measurement is None or measurement.frf or model.responses or model.identifiability:
         return "more than an identification from records is asked for"
     family = _RecordKey(template.source.resolved_text(), template.source.file, tuple(paths), template)
     return "" if _planned(family) else "the scene as it stands cannot be run"
@@ -92,7 +92,7 @@ def _planned(family: _RecordKey) -> _RecordBatch | None:
     model = cast("IdentificationScene", family.scene.model)
     places = [_place(model, path) for path in family.paths]
     measurement = model.measurement
-    if measurement is None or measurement.frf or model.analysis or model.identifiability or None in places:
+    if measurement is None or measurement.frf or model.responses or model.identifiability or None in places:
         return None
     try:
         return _RecordBatch(

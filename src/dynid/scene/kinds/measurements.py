@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from dynid.arithmetic.dependent import Real
     from dynid.identification.frf_measurement import Frf, FrfMeasurement
+    from dynid.identification.graph_system import GraphModel
     from dynid.identification.measurement import Experiment, Measurement
     from dynid.identification.preparation import Preparation
     from dynid.lti.generator import RecordTimes
@@ -38,8 +39,13 @@ if TYPE_CHECKING:
     from dynid.tables.frequency_responses import MeasuredResponses
 
 
-def experiments(scene: Scene, excitation: Sequence[SignalPart], given: MeasurementModel) -> list[Experiment]:
-    """Return the records of a scene, prepared, with the loads of each."""
+def experiments(
+    scene: Scene,
+    excitation: Sequence[SignalPart],
+    given: MeasurementModel,
+    graph: GraphModel | None = None,
+) -> list[Experiment]:
+    """Return the records of a scene, prepared, with the loads of each; `graph`: that of the scene, if any."""
     from dynid.identification.measurement import Experiment
     from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
     from dynid.scene.schema.reduction import in_radians
@@ -47,13 +53,13 @@ def experiments(scene: Scene, excitation: Sequence[SignalPart], given: Measureme
     found = []
     for k, record in enumerate(given.each):
         place = f"measurement.records.{k}" if given.records else "measurement"
-        measurement = _measurement(scene, record, place)
+        measurement = _measurement(scene, record, place, graph)
         own = bool(given.records) and given.records[k].excitation is not None
         shared = f"{place}.excitation" if own else "measurement.excitation"
         where, parts = (
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
         )
-        experiment = Experiment(loads_of(scene, where, parts, measurement.record), measurement)
+        experiment = Experiment(loads_of(scene, where, parts, measurement.record, graph), measurement)
         try:
             steps: list[Preparation] = []
             for step in record.prepare or []:
@@ -73,12 +79,12 @@ def experiments(scene: Scene, excitation: Sequence[SignalPart], given: Measureme
     return found
 
 
-def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
+def _measurement(scene: Scene, given: RecordModel, place: str, graph: GraphModel | None) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.measurement import Measurement
     from dynid.identification.simulation import Simulation
 
-    channels = tuple(channel_of(channel) for channel in given.channels or ())
+    channels = tuple(channel_of(channel, graph) for channel in given.channels or ())
     step, samples = number(given.step), given.samples or 0
     source: Simulation | NDArray[np.float64]
     if given.simulate is not None:
@@ -88,7 +94,7 @@ def _measurement(scene: Scene, given: RecordModel, place: str) -> Measurement:
             simulate.seed,
             number(simulate.settle),
             levels(simulate.noise),
-            **initial_motion(cast("IdentificationScene", scene.model)),
+            **({} if graph is not None else initial_motion(cast("IdentificationScene", scene.model))),
         )
     else:
         from dynid.tables.read import read_columns
@@ -121,8 +127,11 @@ def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
     }
 
 
-def channel_of(given: ChannelModel) -> Channel:
-    """Return a sensor."""
+def channel_of(given: ChannelModel, graph: GraphModel | None = None) -> Any:
+    """Return a sensor of a structure, or of a graph."""
+    if graph is not None:
+        assert given.output is not None
+        return graph.channel(given.output, *instrument_of(given))
     assert given.quantity is not None
     dof, reference = given.ends[0], given.dofs[1] if given.dofs else None
     return Channel(dof, given.quantity, reference, given.frame == "absolute", *instrument_of(given))
@@ -153,12 +162,21 @@ def _own_or_shared(scene: Scene, place: str, key: str) -> str:
     return f"{place}.{key}" if key in found else f"measurement.{key}"
 
 
-def loads_of(scene: Scene, where: str, parts: Sequence[SignalPart], record: RecordTimes) -> list[Load]:
+def loads_of(
+    scene: Scene,
+    where: str,
+    parts: Sequence[SignalPart],
+    record: RecordTimes,
+    graph: GraphModel | None = None,
+) -> list[Any]:
     """Return the loads at a place of a scene."""
-    return [
-        Load(part.dof, signal, part.base or part.motion, *actuator_of(part))
-        for part, signal in build_signals(scene, where, parts, record)
-    ]
+    loads: list[Any] = []
+    for part, signal in build_signals(scene, where, parts, record):
+        if graph is None:
+            loads.append(Load(part.dof, signal, part.base or part.motion, *actuator_of(part)))
+        else:
+            loads.append(graph.load(str(part.source), signal, *actuator_of(part)))
+    return loads
 
 
 def actuator_of(part: SignalPart) -> tuple[Real, Real]:
@@ -174,8 +192,8 @@ def actuator_of(part: SignalPart) -> tuple[Real, Real]:
 _PLACE = "measurement.frf.file"
 
 
-def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
-    """Return the frequency response functions of a scene.
+def frf_measurement(scene: Scene, given: MeasurementModel, graph: GraphModel | None = None) -> FrfMeasurement:
+    """Return the frequency response functions of a scene; `graph`: that of the scene, if any.
 
     Raises
     ------
@@ -189,7 +207,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel) -> FrfMeasurement:
 
     assert given.frf is not None
     channels = tuple(
-        Frf(channel_of(channel), channel.reference.dof)
+        Frf(channel_of(channel, graph), channel.reference.place)
         for channel in given.channels or ()
         if channel.reference
     )

@@ -61,14 +61,7 @@ def add_identification_scope(
     terms = [term.name for joint in structure.joints for term in joint.terms]
     why = "known: fixed at their values"
     parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
-    used: list[str] = []
-    if model.measurement is not None:
-        estimator = str(result.group_attrs["identification"].get("estimator", "output-error"))
-        # Frequency responses are fitted by maximum likelihood, whatever the estimator is called.
-        used = _ENGINES["output-error" if model.measurement.frf is not None else estimator]
-    why = "not used by the estimator" if used else "there is no record"
-    every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
-    parts.append(divided("engines", every, used, why))
+    parts.append(engines_part(result, model))
     if "structure/modes/omega" in result:
         count = len(result["structure/modes/omega"].data)
         why = "fewer are requested, or the others are massless"
@@ -82,6 +75,18 @@ def add_identification_scope(
     there = [name for name, group in _RESULTS.items() if any(path.startswith(group) for path in groups)]
     parts.append(divided("results", _RESULTS, there, _NOT_REQUESTED))
     add_model_scope(result, "identification", parts)
+
+
+def engines_part(result: Result, model: IdentificationScene) -> ScopePart:
+    """Return the engines that an identification used, and those that it did not."""
+    used: list[str] = []
+    if model.measurement is not None:
+        estimator = str(result.group_attrs["identification"].get("estimator", "output-error"))
+        # Frequency responses are fitted by maximum likelihood, whatever the estimator is called.
+        used = _ENGINES["output-error" if model.measurement.frf is not None else estimator]
+    why = "not used by the estimator" if used else "there is no record"
+    every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
+    return divided("engines", every, used, why)
 
 
 _FIXED = "nothing is identified: fixed at their values, true values or starts"

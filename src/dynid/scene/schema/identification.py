@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from dynid.bondgraph.graph import SOURCES
 from dynid.defaults import ESTIMATOR
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, SceneModel, Section
-from dynid.scene.schema.bond_graph import GraphModel, calibration_faults, graph_scene_faults
+from dynid.scene.schema.bond_graph import AnalysisModel, GraphModel, calibration_faults, graph_scene_faults
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
@@ -91,6 +91,23 @@ class ResponseModel(Section):
         return self
 
 
+def _analysis_of(raw: Any) -> str:
+    """Return what an analysis is of: a graph, which has outputs such as J.f, or a structure."""
+    if isinstance(raw, AnalysisModel):
+        return "graph"
+    given = mapping_of(raw)
+    outputs = listing(given, "outputs")
+    named = any(isinstance(output, str) for output in outputs)
+    own = {"results", "engine", "reading", "symbolic", "port"} & given.keys()
+    return "graph" if named or own else "structure"
+
+
+IdentifiedAnalysis = Annotated[
+    Annotated[ResponseModel, Tag("structure")] | Annotated[AnalysisModel, Tag("graph")],
+    Discriminator(_analysis_of),
+]
+
+
 class InitialMotion(Section):
     """State at t = 0: displacement and velocity of a DOF; in a graph the flow of an I, the effort of a C."""
 
@@ -145,8 +162,18 @@ class IdentificationScene(SceneModel):
     estimator: EstimatorModel = EstimatorModel()
     identifiability: bool = False
     plan: PlanModel = PlanModel()
-    analysis: ResponseModel | None = None
+    analysis: IdentifiedAnalysis | None = None
     initial: dict[Dof, InitialMotion] = {}
+
+    @property
+    def responses(self) -> ResponseModel | None:
+        """The analysis of a structure."""
+        return self.analysis if isinstance(self.analysis, ResponseModel) else None
+
+    @property
+    def graph_analysis(self) -> AnalysisModel | None:
+        """The analysis of a graph."""
+        return self.analysis if isinstance(self.analysis, AnalysisModel) else None
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:
@@ -168,10 +195,13 @@ class IdentificationScene(SceneModel):
             raise fault("frequency responses are of unit forces; an 'excitation' says nothing beside 'frf'")
         if frf and self.estimator.method not in ("auto", "output-error"):
             raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'frf'")
-        responds = self.analysis and (self.analysis.frequency or self.analysis.time)
-        if self.analysis and responds and not self.analysis.outputs and not self.measurement:
+        if self.analysis is not None and (self.graph is None) != (self.responses is not None):
+            raise fault("this analysis is that of a structure; of a graph it has 'outputs' such as J.f")
+        wanted = self.responses
+        responds = wanted and (wanted.frequency or wanted.time)
+        if wanted and responds and not wanted.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
-        if self.analysis and self.analysis.frequency and not (self.analysis.inputs or self.excitation or frf):
+        if wanted and wanted.frequency and not (wanted.inputs or self.excitation or frf):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
         return self
 
@@ -233,7 +263,6 @@ def _only_structures(source: Source) -> list[Fault]:
     remedies = {
         "joints": "a graph has no joints; its unknowns are entries of 'parameters' that its values name",
         "reduction": "a graph is not reduced; leave 'reduction' out",
-        "analysis": "the analysis of a graph is that of a scene of kind bond-graph; leave it out here",
     }
     return [source.fault((key,), text, key=True) for key, text in remedies.items() if key in source.data]
 
@@ -253,13 +282,12 @@ def _graph_channel_faults(source: Source) -> list[Fault]:
         elif isinstance(name, str) and types and types.get(name) not in SOURCES:
             message = f"'{name}' is no source (Se, Sf)" if name in types else f"no node '{name}'"
             faults.append(source.fault((*path, "source"), message + did_you_mean(name, sources)))
-    if "frf" in mapping(source.data, "measurement"):
-        message = (
-            "frequency responses are referred to forces at DOFs; a graph is identified from records of time"
-        )
-        faults.append(source.fault(("measurement", "frf"), message, key=True))
     for path, channel in sections(IdentificationScene, source.data, ChannelModel):
-        for key in ("dof", "dofs", "reference"):
+        referred = mapping(channel, "reference").get("source")
+        if referred is not None and types and types.get(str(referred)) not in SOURCES:
+            message = f"'{referred}' is no source (Se, Sf)" + did_you_mean(str(referred), sources)
+            faults.append(source.fault((*path, "reference", "source"), message))
+        for key in ("dof", "dofs"):
             if key in channel:
                 message = f"'{key}' belongs to structures; a graph has outputs: write output: NODE.f"
                 faults.append(source.fault((*path, key), message, key=True))

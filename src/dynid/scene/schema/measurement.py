@@ -53,9 +53,23 @@ class OutputModel(ChannelModel):
 
 
 class ReferenceModel(Section):
-    """Force at a DOF to which a frequency response is referred."""
+    """Force at a DOF, or source of a graph, to which a frequency response is referred."""
 
-    dof: Dof
+    dof: Dof | None = None
+    source: str | None = None
+
+    @model_validator(mode="after")
+    def _somewhere(self) -> Self:
+        if (self.dof is None) == (self.source is None):
+            raise fault("a reference is the 'dof' of a force, or the 'source' of a graph")
+        return self
+
+    @property
+    def place(self) -> Dof:
+        """The DOF or source."""
+        place = self.source if self.dof is None else self.dof
+        assert place is not None
+        return place
 
 
 class MeasuredChannelModel(ChannelModel):
@@ -91,7 +105,7 @@ class MeasuredChannelModel(ChannelModel):
     @property
     def all_dofs(self) -> list[Dof]:
         """The DOFs that it is at, and that of the force."""
-        return [*self.ends, *([self.reference.dof] if self.reference else [])]
+        return [*self.ends, *([self.reference.place] if self.reference else [])]
 
 
 class NoisyModel(Section):

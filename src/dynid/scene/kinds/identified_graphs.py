@@ -1,0 +1,141 @@
+"""Identifications of bond graphs: estimates from records or frequency responses, and results of the graph."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, cast
+
+from dynid.bondgraph.graph import BondGraph
+from dynid.identification.graph_system import GraphModel
+from dynid.model_scope import ScopePart, add_model_scope, divided
+from dynid.result import Result
+from dynid.scene.kinds.bond_graph import graph_analysis
+from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of
+from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
+from dynid.scene.kinds.measurements import experiments, frf_measurement
+from dynid.scene.kinds.parameters import unknown_parameters
+from dynid.scene.kinds.scope import engines_part
+from dynid.scene.load import Scene
+from dynid.scene.schema.identification import IdentificationScene
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from dynid.scene.run import PreparationStep
+
+
+def identified_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
+    """Return the graph of an identification with its unknown parameters, and with the analysis' outputs.
+
+    Raises
+    ------
+    UsageError
+        If a number of a parameter does not fit its scale, or a matrix is not that of a passive field.
+    """
+    model = cast("IdentificationScene", scene.model)
+    assert model.graph is not None
+    wanted = model.graph_analysis
+    records = model.measurement.each if model.measurement else []
+    measured = [one.output for record in records for one in record.channels or () if one.output is not None]
+    asked = list(dict.fromkeys([*measured, *(wanted.outputs if wanted else ())]))
+    reading = wanted.reading if wanted else "decimal"
+    built = build_graph(scene, model.graph, asked, reading)
+    variables = dict(zip(asked, built.outputs, strict=True))
+    initial = {
+        str(name): float(given.f if given.f is not None else given.e or 0)
+        for name, given in model.initial.items()
+    }
+    graph = GraphModel(built.graph, unknown_parameters(model), initial, variables)
+    outputs = tuple(variables[output] for output in (wanted.outputs if wanted else ()))
+    return graph, built._replace(outputs=outputs)
+
+
+def run_graph(scene: Scene) -> Result:
+    """Return the parameters of a bond graph identified from a record, and the requested results.
+
+    The results of `analysis` are those of the graph as identified; without a measurement at the true values
+    where these are given, else the starts.
+
+    Raises
+    ------
+    NotIdentifiable, Diverged
+        Where the record does not determine the unknowns, or the estimator diverges.
+    FileError
+        Where measured data cannot be read.
+    """
+    model = cast("IdentificationScene", scene.model)
+    (graph, built), result = identified_graph(scene), Result("identification", scene.title)
+    values: dict[str, float] = {one.name: one.expected for one in graph.unknowns}
+    if model.measurement is not None:
+        result.merge(_identified(scene, graph))
+        names = result["identification/parameters/name"].data
+        values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
+    if model.graph_analysis is not None:
+        from dynid.bondgraph.analysis import analyse
+
+        made = with_values(built.graph, values)
+        request = graph_analysis(scene, model.graph_analysis, built._replace(graph=made))
+        result.merge(analyse(made, request, scene.title))
+    _add_scope(result, model, graph)
+    return result
+
+
+def with_values(graph: BondGraph, values: Mapping[str, float]) -> BondGraph:
+    """Return a graph whose values are those at values of the parameters, which are exact from here on."""
+    from fractions import Fraction
+
+    nodes = [
+        node
+        if node.dependent is None
+        else replace(node, value=Fraction(node.dependent.at(values).value), formula=None, dependent=None)
+        for node in graph.nodes.values()
+    ]
+    return BondGraph(nodes, graph.bonds)
+
+
+def graph_preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+    """Yield the steps of a run before any computation: build the graph and its records."""
+    model = cast("IdentificationScene", scene.model)
+    measurement = model.measurement
+    yield lambda: identified_graph(scene)
+    if measurement is not None and measurement.frf is not None:
+        yield lambda: frf_measurement(scene, measurement, identified_graph(scene)[0])
+    elif measurement is not None:
+        yield lambda: experiments(scene, model.excitation, measurement, identified_graph(scene)[0])
+    if (wanted := model.graph_analysis) is not None:
+        yield lambda: graph_analysis(scene, wanted, identified_graph(scene)[1])
+
+
+def _identified(scene: Scene, graph: GraphModel) -> Result:
+    from dynid.identification.identify import identify_all, identify_frf
+
+    model = cast("IdentificationScene", scene.model)
+    assert model.measurement is not None
+    if model.measurement.frf is not None:
+        responses = frf_measurement(scene, model.measurement, graph)
+        result = identify_frf(graph, responses, frf_estimator_of(model.estimator))
+        if model.identifiability:
+            from dynid.identification.identifiability import frf_identifiability
+
+            result.merge(frf_identifiability(graph, responses))
+        return result
+    records = experiments(scene, model.excitation, model.measurement, graph)
+    result = identify_all(graph, records, estimator_of(model.estimator))
+    if model.identifiability:
+        from dynid.identification.identifiability import identifiability
+
+        result.merge(identifiability(graph, records))
+    return result
+
+
+def _add_scope(result: Result, model: IdentificationScene, graph: GraphModel) -> None:
+    """Add the scope of the model: elements, parameters, engines."""
+    measured = model.measurement is not None
+    valued = [name for name, node in graph.graph.nodes.items() if node.value is not None]
+    free = [name for name in valued if graph.graph.nodes[name].dependent is not None]
+    parts: list[Any] = [
+        ScopePart("elements", valued, [], ""),
+        divided("values", valued, free if measured else [], "known: fixed at their values"),
+        engines_part(result, model),
+    ]
+    add_model_scope(result, "identification", parts)
