@@ -26,6 +26,9 @@ _SYSTEMS = ("json", "mat", "mtx")
 @click.option("--mat", "form", flag_value="mat", help="Write state equations and reduced models for MATLAB.")
 @click.option("--mtx", "form", flag_value="mtx", help="Write the matrices of reduced models, one file each.")
 @click.option(
+    "--scene", "form", flag_value="scene", help="Write the identified scene: YAML with the estimates."
+)
+@click.option(
     "-o",
     "--output",
     type=click.Path(),
@@ -37,24 +40,29 @@ _SYSTEMS = ("json", "mat", "mtx")
 @click.option("--table", "name", metavar="GROUP", help="Write only the table of this group.")
 @reads_results("file")
 def export(file: str, form: str | None, output: str | None, long: bool, name: str | None) -> int:
-    """Write a result in a format of other tools: as tables, or as systems.
+    """Write a result in a format of other tools: as tables, as systems, or as the identified scene.
 
     A study gives one table with one row per sample. Any other result gives one table per group, with one row
-    per entry of its arrays; complex numbers take two columns, .re and .im. One of the formats --csv,
-    --parquet, --json, --mat and --mtx is required.
+    per entry of its arrays; complex numbers take two columns, .re and .im. Of an identification, --scene
+    writes the scene with the estimates in place of the unknowns. One of the formats --csv, --parquet,
+    --json, --mat, --mtx and --scene is required.
 
     \b
     Examples:
       dynid export tolerances.h5 --csv
       dynid export isolator.h5 --csv --table bond_graph/frequency_response
       dynid export isolator.h5 --json
+      dynid export joints.h5 --scene -o identified.yaml
     """  # noqa: D301 - click's mark against wrapping
     if form is None:
         raise UsageError(
-            "no format to export is given", remedy="Pass --csv, --parquet, --json, --mat or --mtx."
+            "no format to export is given", remedy="Pass --csv, --parquet, --json, --mat, --mtx or --scene."
         )
     if form in _SYSTEMS:
         _export_systems(file, form, output)
+        return 0
+    if form == "scene":
+        _export_scene(file, output)
         return 0
     from dynid.store import open_stored
     from dynid.store.tables import tables_of, write_csv, write_parquet
@@ -81,6 +89,18 @@ def export(file: str, form: str | None, output: str | None, long: bool, name: st
         write(table, target)
         click.echo(f"wrote {target}")
     return 0
+
+
+def _export_scene(file: str, output: str | None) -> None:
+    from dynid.file_access import replace_file
+    from dynid.scene.identified import identified_scene
+    from dynid.store import read_result
+
+    target = output or f"{Path(file).stem}.identified.yaml"
+    _refuse_overwriting(target, file)
+    text = identified_scene(read_result(file), file)
+    replace_file(target, text.encode())
+    click.echo(f"wrote {target}; names of files in it are relative to its folder")
 
 
 def _export_systems(file: str, form: str, output: str | None) -> None:

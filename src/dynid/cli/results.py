@@ -144,16 +144,21 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
 def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> int:
     """List the differences between two results; exit code 1 if there are any.
 
-    Provenance (versions, creation time, the scene's text) is not compared.
+    Provenance (versions, creation time, the scene's text) is not compared. Of two identifications of one
+    record, the likelihood ratio and the BIC are printed, too: which model the record prefers, by how much.
     """
     from dynid.checks import compare as differences_between
+    from dynid.checks.likelihoods import compare_identifications
     from dynid.number_format import counted
     from dynid.store import open_stored
 
     with open_stored(first) as one, open_stored(second) as other:
         differences = differences_between(one, other, rtol, atol)
+        compared = compare_identifications(one, other) if differences and not quiet else []
     if not quiet:
         for difference in differences:
             click.echo(str(difference))
         click.echo(counted(len(differences), "difference") if differences else "no differences")
+        if compared:
+            click.echo("\n".join(["", *compared]))
     return 1 if differences else 0

@@ -39,7 +39,7 @@ from dynid.identification.parametric_model import Model, ParametricModel, parame
 from dynid.identification.posterior import Posterior
 from dynid.identification.simulation import Simulation
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.write_result import add_identification
+from dynid.identification.write_result import Further, add_identification
 from dynid.lti.floating import guarded
 from dynid.parameters import named, starts
 from dynid.result import Result
@@ -109,9 +109,11 @@ def identify(
     *,
     truth: Model | None = None,
     rebuild: Rebuild | None = None,
+    further: Further | None = None,
 ) -> Result:
     """Identify the unknown parameters of a model from one record; see `identify_all`."""
-    return identify_all(model, [Experiment(loads, measurement)], estimator, truth=truth, rebuild=rebuild)
+    records = [Experiment(loads, measurement)]
+    return identify_all(model, records, estimator, truth=truth, rebuild=rebuild, further=further)
 
 
 def identify_all(
@@ -123,6 +125,7 @@ def identify_all(
     rebuild: Rebuild | None = None,
     common: SharedRecords | None = None,
     into: Result | None = None,
+    further: Further | None = None,
 ) -> Result:
     """Identify the unknown parameters of a model from records that share them.
 
@@ -143,6 +146,8 @@ def identify_all(
         Data that these records share with those of other identifications, if they are computed already.
     into
         The result to add to; of a `Selection` only what is wanted is computed. Absent: a new one.
+    further
+        What is computed beside the estimates.
 
     Returns
     -------
@@ -191,6 +196,7 @@ def identify_all(
             Result("identification") if into is None else into,
             posterior,
             lambda: [true_states(truth or model, last, *experiment) for experiment in experiments],
+            further,
         )
 
 
@@ -201,6 +207,7 @@ def identify_frf(
     *,
     truth: Model | None = None,
     rebuild: Rebuild | None = None,
+    further: Further | None = None,
 ) -> Result:
     """Identify the unknown parameters of a model from frequency response functions.
 
@@ -214,7 +221,7 @@ def identify_frf(
         How to estimate; absent: `FrfAuto()`.
     truth
         The structure that simulated responses are made with; absent: `model`.
-    rebuild
+    rebuild, further
         As of `identify_all`.
 
     Returns
@@ -249,7 +256,7 @@ def identify_frf(
             if isinstance(model, StructuralModel)
             else [],
         )
-        return add_identification(Result("identification"), posterior)
+        return add_identification(Result("identification"), posterior, further=further)
 
 
 def _identified(

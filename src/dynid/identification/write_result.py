@@ -19,6 +19,8 @@ Everything is below ``identification/``:
 - `robust`, with Huber's loss: the robust deviation of each channel's residuals and the part that is bounded;
   the diagnostics are those of the bounded residuals.
 - `model_error`, of a reduced model: the error of the estimates by the reduction.
+- `posterior`: check of the Gaussian posterior by importance sampling; see `importance`.
+- `derived`: poles, zeros, modes, gains and frequency responses with 95 % bands; see `write_derived`.
 - `diagnostics`, with a `verdict` and `warnings` in words:
 
   - `optimum`, also called `settled`: `distance_to_optimum`, the Gauss–Newton step left in standard errors, is
@@ -27,6 +29,8 @@ Everything is below ``identification/``:
   - `explained`: there is a response (`signal_p`), and the residuals are noise (`lack_of_fit_p`), or the model
     explains at least 95 % of the signal (`signal_explained`); see `lack_of_fit`.
   - `converged`: `optimum` and `explained`, and a `redundancy` above 0: the record could contradict the model.
+  - `log_likelihood` at the estimate, `bic`, and the numbers of `observations` and `free_parameters` (unknown
+    parameters, resolved initial states, estimated deviations of the noise) that belong to it.
   - `prior_conflict`: distance of priors and records in deviations of that distance, 0 without a prior.
   - `noise_p`: p-value of the residuals against the given noise (two-sided chi-squared), NaN without one;
     `channel_noise_p` and `noise_ratio` (observed over given) by channel.
@@ -45,6 +49,7 @@ with a time axis hold a group each, ``record_1``, …, and channels are called `
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -55,6 +60,7 @@ from dynid.identification.calibration import GROUP as CONSIDERED
 from dynid.identification.calibration import add_calibration_slopes
 from dynid.identification.filter import Pass, stored_rows
 from dynid.identification.frf_record import FrfRecord
+from dynid.identification.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
 from dynid.identification.measurement import Measurement
 from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.posterior import Posterior
@@ -62,6 +68,7 @@ from dynid.identification.record_likelihood import RecordFit
 from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum, whiteness
 from dynid.identification.time_record import TimeRecord, state_deviations
 from dynid.identification.verdict import CONTRADICTED, verdict, warnings
+from dynid.identification.write_derived import DERIVED, DerivedRequest, add_derived
 from dynid.parameters import rates, values
 from dynid.result import Result
 from dynid.structure.excitation import inputs_of
@@ -90,10 +97,27 @@ _COMPARED = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class Further:
+    """What is computed beside the estimates and their tests.
+
+    Attributes
+    ----------
+    derived
+        The requested derived quantities; absent: those of small systems.
+    check
+        True to check the Gaussian posterior by importance sampling.
+    """
+
+    derived: DerivedRequest | None = None
+    check: bool = False
+
+
 def add_identification(
     result: Result,
     posterior: Posterior,
     true_states: Callable[[], Sequence[Array | None]] | None = None,
+    further: Further | None = None,
 ) -> Result:
     """Add to a result those arrays of a posterior that are wanted there, and return it.
 
@@ -105,7 +129,10 @@ def add_identification(
         The posterior.
     true_states
         Returns for each record of time the states (times x n) that it was simulated with, where known.
+    further
+        What is computed beside the estimates; absent: derived quantities of small systems.
     """
+    further = further or Further()
     _add_parameters(result, posterior)
     if result.wants_below(CONSIDERED):
         add_calibration_slopes(result, posterior.calibration_slopes)
@@ -121,9 +148,14 @@ def add_identification(
     result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
     chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
     result.add(f"{_STAGES}/chosen", chosen)
-    _add_diagnostics(result, posterior)
+    check = posterior_check(posterior) if further.check else None
+    if check is not None:
+        _add_check(result, posterior, check)
+    _add_diagnostics(result, posterior, [] if check is None else check.warnings)
     if posterior.model_error is not None:
         posterior.model_error.add_to(result, [place.name for place in posterior.channels])
+    if result.wants_below(DERIVED):
+        add_derived(result, posterior, further.derived)
     return result
 
 
@@ -165,7 +197,7 @@ def _unit(posterior: Posterior) -> str:
 # Diagnostics.
 
 
-def _add_diagnostics(result: Result, posterior: Posterior) -> None:
+def _add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = ()) -> None:
     """Add ``diagnostics/``: convergence, comparison of models, tests of the residuals, verdict."""
     group = _DIAGNOSTICS
     for name in ("optimum", "settled"):
@@ -185,6 +217,12 @@ def _add_diagnostics(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/whiteness_p", posterior.whiteness_p)
     result.add(f"{group}/white", not is_coloured(posterior.whiteness_p))
     result.add(f"{group}/condition", posterior.information.condition())
+    if any(result.wants(f"{group}/{name}") for name in ("log_likelihood", "bic")):
+        size = likelihood_size(posterior)
+        result.add(f"{group}/log_likelihood", size.log_likelihood)
+        result.add(f"{group}/bic", size.bic)
+        result.add(f"{group}/observations", size.observations)
+        result.add(f"{group}/free_parameters", size.free)
     for name, count in posterior.estimate.counts.items():
         result.add(f"{group}/{name}", count)
     result.add(f"{group}/passes", len(posterior.estimate.histories))
@@ -194,7 +232,7 @@ def _add_diagnostics(result: Result, posterior: Posterior) -> None:
         _add_autocorrelation(result, posterior)
     if any(result.wants(f"{group}/{name}") for name in ("verdict", "warnings")):
         result.add(f"{group}/verdict", verdict(posterior))
-        result.add_axis(f"{group}/warnings", np.array(warnings(posterior), dtype=object))
+        result.add_axis(f"{group}/warnings", np.array([*warnings(posterior), *more], dtype=object))
 
 
 def _add_comparison(result: Result, posterior: Posterior) -> None:
@@ -250,6 +288,24 @@ def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
     band = [float(np.mean(band) / np.sqrt(len(band))) for _, band in each]
     result.add(f"{group}/autocorrelation_band", band, ("channel",))
     result.add(f"{group}/channel_whiteness_p", [whiteness(one) for one in series], ("channel",))
+
+
+def _add_check(result: Result, posterior: Posterior, check: PosteriorCheck) -> None:
+    """Add the check of the Gaussian posterior by importance sampling."""
+    group, dims = "identification/posterior", ("parameter",)
+    result.add_axis(f"{group}/parameter", posterior.likelihood.names)
+    result.add(f"{group}/k_hat", check.k_hat)
+    result.add(f"{group}/effective_samples", check.effective)
+    result.add(f"{group}/k_hat_used", check.k_used)
+    result.add(f"{group}/effective_samples_used", check.effective_used)
+    result.add(f"{group}/gaussian", check.gaussian)
+    for name in ("mean", "low", "high"):
+        result.add(f"{group}/{name}", getattr(check, name), dims, _unit(posterior))
+    if check.log_evidence is not None:
+        result.add(f"{group}/log_evidence", check.log_evidence)
+    result.annotate(group, samples=DRAWS, confidence=0.95)
+    if check.no_evidence:
+        result.annotate(group, no_evidence=check.no_evidence)
 
 
 # Records.

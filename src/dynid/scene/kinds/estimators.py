@@ -1,4 +1,4 @@
-"""Estimators of a scene."""
+"""Estimators of a scene, and what it requests beside the estimates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dynid.identification.estimators.estimate import Estimator
-    from dynid.scene.schema.identification import EstimatorModel
+    from dynid.identification.write_result import Further
+    from dynid.scene.schema.identification import EstimatorModel, IdentificationScene
 
 #: Module and class of every estimator; only the requested one is imported.
 _ESTIMATORS = {
@@ -38,3 +39,17 @@ def frf_estimator_of(given: EstimatorModel) -> Any:
     options: dict[str, Any] = given.options()
     method = OutputError(**options) if given.method == "output-error" else FrfAuto()
     return Huber(method) if given.loss == "huber" else method
+
+
+def further_of(model: IdentificationScene) -> Further:
+    """Return what a scene requests beside the estimates; responses are at the frequencies of its analysis."""
+    from dynid.identification.write_derived import DerivedRequest
+    from dynid.identification.write_result import Further
+    from dynid.scene.kinds.signals import angular_frequencies
+
+    if model.derived is None:
+        return Further(check=model.posterior_check)
+    analysis = model.analysis or model.graph_analysis
+    grid = analysis.frequency if analysis else None
+    omega = None if grid is None else angular_frequencies(grid)
+    return Further(DerivedRequest(tuple(model.derived), omega), model.posterior_check)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from dynid.errors import UsageError
 from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of
+from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
 from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurement, initial_motion, loads_of
 from dynid.scene.kinds.scope import add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
@@ -174,14 +174,16 @@ def identified(
     """
     from dynid.identification.identify import identify_all
 
+    model = cast("IdentificationScene", scene.model)
     return identify_all(
         made.model,
         made.experiments,
-        estimator_of(cast("IdentificationScene", scene.model).estimator),
+        estimator_of(model.estimator),
         truth=made.truth,
         rebuild=_rebuilder(scene, structure),
         common=common,
         into=into,
+        further=further_of(model),
     )
 
 
@@ -230,7 +232,9 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     reduced, truth = models_of(scene, structure)
     rebuild = _rebuilder(scene, structure)
     estimator = frf_estimator_of(model.estimator)
-    result = identify_frf(reduced, measurement, estimator, truth=truth, rebuild=rebuild)
+    result = identify_frf(
+        reduced, measurement, estimator, truth=truth, rebuild=rebuild, further=further_of(model)
+    )
     if model.identifiability:
         from dynid.identification.identifiability import frf_identifiability
 

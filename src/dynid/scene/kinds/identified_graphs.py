@@ -10,7 +10,7 @@ from dynid.identification.graph_system import GraphModel
 from dynid.model_scope import ScopePart, add_model_scope, divided
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import graph_analysis
-from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of
+from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.measurements import experiments, frf_measurement
 from dynid.scene.kinds.parameters import unknown_parameters
@@ -113,14 +113,14 @@ def _identified(scene: Scene, graph: GraphModel) -> Result:
     assert model.measurement is not None
     if model.measurement.frf is not None:
         responses = frf_measurement(scene, model.measurement, graph)
-        result = identify_frf(graph, responses, frf_estimator_of(model.estimator))
+        result = identify_frf(graph, responses, frf_estimator_of(model.estimator), further=further_of(model))
         if model.identifiability:
             from dynid.identification.identifiability import frf_identifiability
 
             result.merge(frf_identifiability(graph, responses))
         return result
     records = experiments(scene, model.excitation, model.measurement, graph)
-    result = identify_all(graph, records, estimator_of(model.estimator))
+    result = identify_all(graph, records, estimator_of(model.estimator), further=further_of(model))
     if model.identifiability:
         from dynid.identification.identifiability import identifiability
 

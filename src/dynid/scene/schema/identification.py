@@ -161,6 +161,8 @@ class IdentificationScene(SceneModel):
     measurement: MeasurementModel | None = None
     estimator: EstimatorModel = EstimatorModel()
     identifiability: bool = False
+    derived: list[Literal["poles", "zeros", "modes", "frequency_response"]] | None = None
+    posterior_check: bool = False
     plan: PlanModel = PlanModel()
     analysis: IdentifiedAnalysis | None = None
     initial: dict[Dof, InitialMotion] = {}
@@ -174,6 +176,15 @@ class IdentificationScene(SceneModel):
     def graph_analysis(self) -> AnalysisModel | None:
         """The analysis of a graph."""
         return self.analysis if isinstance(self.analysis, AnalysisModel) else None
+
+    @model_validator(mode="after")
+    def _follows_from_an_estimate(self) -> Self:
+        for name in ("derived", "posterior_check"):
+            if getattr(self, name) and self.measurement is None:
+                raise fault(f"'{name}' follows from an estimate; there is no 'measurement'")
+        if self.posterior_check and self.estimator.loss == "huber":
+            raise fault("'posterior_check' needs the likelihood; the loss 'huber' has none")
+        return self
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:

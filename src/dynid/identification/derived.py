@@ -1,0 +1,512 @@
+"""Quantities that follow from an estimate, with 95 % bands: poles, zeros, gains and frequency responses.
+
+A band is that of the delta method: of the quantity or of its logarithm, whichever is nearer to linear over
+the posterior. Both are tried at the ends of the principal axes of the posterior. Where neither is linear
+there, and where a root has no derivative, quantiles of seeded samples of the posterior are taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import DynidError
+from dynid.identification.linear_system import LinearSystem, Matrices
+from dynid.lti.root_slopes import Roots, System, poles, zeros
+from dynid.number_format import counted
+from dynid.parameters import Parameter, named, rates
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Half width of a 95 % band in standard deviations; the tails beyond it.
+HALF_WIDTH, _TAIL = 1.959963984540054, 0.025
+#: Samples of the posterior that are requested, those of what is not requested, and their seed.
+SAMPLES, FEW_SAMPLES, _SEED = 1000, 200, 20261123
+# A quantity is linear if its curvature changes the ends of the band by less than this part of its half width.
+_LINEAR = 0.1
+# Real parts below this part of the root, whatever the parameters, are on the imaginary axis.
+_ON_AXIS = 1e-8
+# Random values of the parameters that confirm what holds for all values.
+_CONFIRMED = 3
+# Distance from the axis, in standard deviations, beyond which no sample is needed.
+_FAR = 6.0
+
+DELTA, LOGARITHM, SAMPLED = "delta", "delta of the logarithm", "samples"
+
+
+class Band(NamedTuple):
+    """Values with the ends of their 95 % bands, and the method of each (arrays of one shape)."""
+
+    value: Array
+    low: Array
+    high: Array
+    method: NDArray[np.object_]
+
+    def part(self, places: Any) -> Band:
+        """Return the bands at some places."""
+        return Band(self.value[places], self.low[places], self.high[places], self.method[places])
+
+
+class Pair(NamedTuple):
+    """An output and an input of a system: names, units, and places of its channel and load."""
+
+    output: str
+    input: str
+    unit: str
+    channel: int
+    load: int
+
+
+class Verdict(NamedTuple):
+    """A statement that may depend on the parameters.
+
+    `name`; `holds` at the estimate; its `probability`; `always`: True if it is decided for all values of the
+    parameters; `statement` in words.
+    """
+
+    name: str
+    holds: bool
+    probability: float
+    always: bool
+    statement: str
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianPosterior:
+    """Gaussian posterior of the parameters in their coordinates.
+
+    Attributes
+    ----------
+    unknowns
+        The parameters (p).
+    eta
+        Its mean (p).
+    root
+        A root of its covariance (p x p).
+    low, high
+        Limits of the coordinates (p).
+    count
+        Number of samples.
+    """
+
+    unknowns: tuple[Parameter, ...]
+    eta: Array
+    root: Array
+    low: Array
+    high: Array
+    count: int = SAMPLES
+
+    def values(self, eta: Array) -> dict[str, float]:
+        """Return the parameters at coordinates by name."""
+        return named(self.unknowns, eta)
+
+    @cached_property
+    def axes(self) -> Array:
+        """Principal axes of the 95 % region, from its centre to its surface (p x p, one a row)."""
+        U, s, _ = np.linalg.svd(self.root)
+        return np.asarray(HALF_WIDTH * (U * s).T)
+
+    @cached_property
+    def samples(self) -> Array:
+        """Seeded samples, those beyond a limit at it (samples x p)."""
+        drawn = np.random.default_rng(_SEED).standard_normal((self.count // 2, len(self.eta)))
+        both = np.concatenate([drawn, -drawn]) @ self.root.T
+        return np.clip(self.eta + both, self.low, self.high)
+
+    @cached_property
+    def elsewhere(self) -> Array:
+        """Coordinates at random far from the mean, to confirm what holds everywhere (count x p)."""
+        spread = np.array([one.first_spread for one in self.unknowns]) / 4
+        drawn = np.random.default_rng(_SEED).uniform(-1, 1, (_CONFIRMED, len(self.eta)))
+        return np.clip(self.eta + spread * drawn, self.low, self.high)
+
+    def bands(
+        self, value: Array, slopes: Array, at: Callable[[Array, NDArray[np.intp] | None], Array]
+    ) -> Band:
+        """Return the bands of quantities.
+
+        Parameters
+        ----------
+        value, slopes
+            The quantities at the mean (m), and their derivatives by the coordinates (m x p), not finite where
+            there are none.
+        at
+            Returns the quantities at other coordinates (p); all, or those at some places. NaN where they do
+            not exist.
+        """
+        usable = np.isfinite(slopes).all(axis=1)
+        linear = self.axes @ np.where(np.isfinite(slopes), slopes, 0.0).T
+        half = np.linalg.norm(linear, axis=0)
+        ends = np.array([at(self.eta + side * axis, None) for side in (1, -1) for axis in self.axes])
+        up, down = np.split(ends, 2)
+        usable &= np.isfinite(ends).all(axis=0)
+        bend = _bend(value, up, down, linear)
+        same = (np.sign(ends) == np.sign(value)).all(axis=0) & (value != 0)
+        size = np.where(same, np.abs(value), 1.0)
+        signed = np.where(same, value, 1.0)
+        logs = [np.log(np.where(same, np.abs(one), 1.0)) for one in (value, up, down)]
+        by_log = _bend(logs[0], logs[1], logs[2], linear / signed)
+        by_log = np.where(same, by_log * size, np.inf)
+        least = np.maximum(_LINEAR * half, 1e-13 * np.abs(value))
+        logarithmic = usable & (by_log <= least) & (by_log < bend)
+        plain = usable & (bend <= least) & ~logarithmic
+        low, high = value - half, value + half
+        factor = np.exp(np.minimum(half / size, 700.0))
+        ordered = np.sort(np.stack([value / factor, value * factor]), axis=0)
+        low, high = np.where(logarithmic, ordered[0], low), np.where(logarithmic, ordered[1], high)
+        method = np.where(logarithmic, LOGARITHM, DELTA).astype(object)
+        others = np.flatnonzero(~(plain | logarithmic))
+        if len(others):
+            drawn = np.array([at(eta, others) for eta in self.samples])
+            for k, place in enumerate(others):
+                found = drawn[:, k][np.isfinite(drawn[:, k])]
+                ends_of = np.quantile(found, [_TAIL, 1 - _TAIL]) if len(found) else [-np.inf, np.inf]
+                low[place], high[place] = ends_of
+                method[place] = SAMPLED
+        return Band(value, np.minimum(low, value), np.maximum(high, value), method)
+
+
+def _bend(value: Array, up: Array, down: Array, linear: Array) -> Array:
+    """Return by how much quantities (m) differ from linear ones at the ends of the axes (axes x m)."""
+    differences = np.maximum(np.abs(up - value - linear), np.abs(down - value + linear))
+    return np.asarray(np.linalg.norm(np.where(np.isfinite(differences), differences, np.inf), axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class RootFamily:
+    """Poles of a system, or zeros of a pair, as functions of the parameters.
+
+    Attributes
+    ----------
+    posterior
+        The posterior.
+    at
+        Returns the roots at coordinates (p), with derivatives by the values if requested; None where there
+        are none.
+    reference
+        The roots at the mean, derivatives by the coordinates.
+    """
+
+    posterior: GaussianPosterior
+    at: Callable[[Array, bool], Roots | None]
+    reference: Roots
+    _known: dict[bytes, ComplexArray | None] = field(default_factory=dict, repr=False)
+
+    @property
+    def shown(self) -> NDArray[np.intp]:
+        """Places of the roots that are not below the real axis."""
+        return np.flatnonzero(self.reference.values.imag >= 0)
+
+    @cached_property
+    def partners(self) -> NDArray[np.intp]:
+        """Place of the conjugate of each root (m); of a real one its own."""
+        values = self.reference.values
+        near = np.abs(values.conj()[:, None] - values)
+        return np.where(values.imag == 0, np.arange(len(values)), np.argmin(near, axis=1))
+
+    @cached_property
+    def on_axis(self) -> NDArray[np.bool_]:
+        """Mask of roots on the imaginary axis for all values of the parameters (m).
+
+        Their real parts and those of their derivatives vanish to rounding at the mean, and as many roots are
+        on the axis at random values.
+        """
+        values, slopes = self.reference.values, self.reference.slopes
+        smooth = np.isfinite(slopes).all(axis=1)
+        change = np.where(np.isfinite(slopes), slopes, 0.0)
+        still = (np.abs(change.real) <= _ON_AXIS * (np.abs(values)[:, None] + np.abs(change))).all(axis=1)
+        found = smooth & still & (np.abs(values.real) <= _ON_AXIS * np.abs(values))
+        for eta in self.posterior.elsewhere:
+            other = self._tracked(eta)
+            if other is None:
+                return np.zeros(len(values), dtype=bool)
+            if np.count_nonzero(np.abs(other.real) <= _ON_AXIS * np.abs(other)) < found.sum():
+                return values == 0 if (other[values == 0] == 0).all() else np.zeros(len(values), dtype=bool)
+        return np.asarray(found)
+
+    def _tracked(self, eta: Array) -> ComplexArray | None:
+        """Return the roots at coordinates (m), each in the place of its origin; None where there are none."""
+        key = eta.tobytes()
+        if key not in self._known:
+            self._known[key] = self._assigned(eta)
+        return self._known[key]
+
+    def _assigned(self, eta: Array) -> ComplexArray | None:
+        """Return the roots at coordinates (m) in the order of those at the mean."""
+        from scipy.optimize import linear_sum_assignment
+
+        reference = self.reference
+        try:
+            found = self.at(eta, False)
+        except DynidError:
+            return None
+        if found is None or len(found.values) != len(reference.values) or found.origin != reference.origin:
+            return None
+        start, change = reference.values, reference.slopes
+        expected = start + np.where(np.isfinite(change), change, 0.0) @ (eta - self.posterior.eta)
+        off = np.abs(expected[:, None] - found.values)
+        stay = np.abs(start[:, None] - found.values)
+        cost = np.minimum(off, stay) / (np.abs(start)[:, None] + np.abs(found.values) + 1e-300)
+        return np.asarray(found.values[linear_sum_assignment(cost)[1]])
+
+    def parts(self) -> tuple[Band, Band]:
+        """Return real and imaginary parts of the shown roots with their bands."""
+        shown, reference = self.shown, self.reference
+        values, slopes = reference.values[shown], reference.slopes[shown]
+        real, imaginary = np.where(self.on_axis[shown], 0.0, values.real), values.imag
+
+        def at(eta: Array, places: NDArray[np.intp] | None) -> Array:
+            found = self._tracked(eta)
+            if found is None:
+                return np.full(2 * len(shown) if places is None else len(places), np.nan)
+            z = found[shown]
+            z = np.where(z.imag < 0, z.conj(), z)
+            both = np.concatenate([np.where(self.on_axis[shown], 0.0, z.real), z.imag])
+            return both if places is None else both[places]
+
+        moved = np.concatenate([np.where(self.on_axis[shown][:, None], 0.0, slopes.real), slopes.imag])
+        return _halves(self.posterior.bands(np.concatenate([real, imaginary]), moved, at))
+
+    @cached_property
+    def oscillating(self) -> NDArray[np.intp]:
+        """Places of the roots above the real axis, which are pairs."""
+        return np.flatnonzero(self.reference.values.imag > 0)
+
+    def frequencies(self) -> tuple[Band, Band]:
+        """Return natural frequencies and damping ratios of the pairs with their bands.
+
+        Of a pair a, b these are sqrt(a b) and -(a + b) / 2 sqrt(a b), also where it becomes real.
+        """
+        pairs, partners = self.oscillating, self.partners
+        values, slopes = self.reference.values[pairs], self.reference.slopes[pairs]
+        omega = np.abs(values)
+        fixed = self.on_axis[pairs]
+        zeta = np.where(fixed, 0.0, -values.real / omega)
+        with np.errstate(invalid="ignore"):
+            by_omega = np.real(values.conj()[:, None] * slopes) / omega[:, None]
+            by_zeta = (-slopes.real - zeta[:, None] * by_omega) / omega[:, None]
+        by_zeta = np.where(fixed[:, None], 0.0, by_zeta)
+
+        def at(eta: Array, places: NDArray[np.intp] | None) -> Array:
+            found = self._tracked(eta)
+            if found is None:
+                return np.full(2 * len(pairs) if places is None else len(places), np.nan)
+            first, second = found[pairs], found[partners[pairs]]
+            second = np.where(first.imag != 0, first.conj(), second)
+            product = np.real(first * second)
+            size = np.sqrt(np.where(product > 0, product, np.nan))
+            damping = np.where(fixed, 0.0, -np.real(first + second) / (2 * size))
+            both = np.concatenate([size, damping])
+            return both if places is None else both[places]
+
+        return _halves(
+            self.posterior.bands(np.concatenate([omega, zeta]), np.concatenate([by_omega, by_zeta]), at)
+        )
+
+    def verdict(self, name: str, noun: str, adjective: str) -> Verdict:
+        """Return the verdict that all roots are in the open left half-plane, with its probability."""
+        values, slopes = self.reference.values, self.reference.slopes
+        fixed = self.on_axis | (np.arange(len(values)) < self.reference.origin)
+        free = ~fixed
+        holds = bool(np.all(values.real[free] < 0))
+        probability = self._probability(values[free].real, slopes[free].real, free)
+        if not fixed.any():
+            word = "" if holds else "not "
+            chance = _chance(probability if holds else 1 - probability)
+            return Verdict(name, holds, probability, False, f"{word}{adjective} (probability {chance})")
+        places = []
+        if origin := self.reference.origin:
+            places.append(f"{counted(origin, noun)} at the origin")
+        if axis := int(np.count_nonzero(self.on_axis & (values != 0))):
+            places.append(f"{counted(axis, noun)} on the imaginary axis")
+        others = f"; the others are in the left half-plane (probability {_chance(probability)})"
+        statement = f"not {adjective} for any values of the parameters: {' and '.join(places)}"
+        return Verdict(name, False, 0.0, True, statement + (others if free.any() else ""))
+
+    def _probability(self, real: Array, slopes: Array, free: NDArray[np.bool_]) -> float:
+        """Return the probability that some real parts are negative."""
+        if not len(real):
+            return 1.0
+        deviation = np.linalg.norm(np.where(np.isfinite(slopes), slopes, 0.0) @ self.posterior.root, axis=1)
+        known = np.isfinite(slopes).all(axis=1)
+        far = np.abs(real) > _FAR * deviation
+        if (known & far).all():
+            return float(np.all(real < 0))
+        count = good = 0
+        for eta in self.posterior.samples:
+            found = self._tracked(eta)
+            if found is not None:
+                count += 1
+                good += bool(np.all(found[free].real < 0))
+        return good / count if count else math.nan
+
+
+def _chance(probability: float) -> str:
+    return f"{'>' * (probability == 1)}{'<' * (probability == 0)}{min(max(probability, 0.001), 0.999):.3g}"
+
+
+def _halves(band: Band) -> tuple[Band, Band]:
+    half = len(band.value) // 2
+    return band.part(slice(half)), band.part(slice(half, None))
+
+
+@dataclass(frozen=True, eq=False)
+class DerivedQuantities:
+    """Quantities of one system that follow from a posterior.
+
+    Attributes
+    ----------
+    posterior
+        The posterior.
+    system
+        The system, whose parameters they are.
+    """
+
+    posterior: GaussianPosterior
+    system: LinearSystem
+    _known: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
+
+    def _at(self, eta: Array) -> Matrices:
+        key = eta.tobytes()
+        if key not in self._known:
+            self._known[key] = self.system.at(self.posterior.values(eta))
+        return self._known[key]
+
+    @property
+    def _rates(self) -> Array:
+        return rates(self.posterior.unknowns, self.posterior.eta)
+
+    @cached_property
+    def poles(self) -> RootFamily:
+        """The poles."""
+
+        def at(eta: Array, slopes: bool) -> Roots:
+            found = self._at(eta)
+            return poles(found.A, found.A_slopes if slopes else None)
+
+        return RootFamily(self.posterior, at, self._reference(at(self.posterior.eta, True)))
+
+    def zeros(self, pair: Pair) -> RootFamily | None:
+        """Return the zeros of a pair; None where the input does not affect the output."""
+
+        def at(eta: Array, slopes: bool) -> Roots | None:
+            return zeros(single(self._at(eta), pair.channel, pair.load), slopes=slopes)
+
+        found = at(self.posterior.eta, True)
+        return None if found is None else RootFamily(self.posterior, at, self._reference(found))
+
+    def _reference(self, found: Roots) -> Roots:
+        """Return roots with derivatives by the coordinates."""
+        finite = np.isfinite(found.slopes)
+        return found._replace(
+            slopes=np.where(finite, np.where(finite, found.slopes, 0.0) * self._rates, np.inf)
+        )
+
+    def response(self, omega: Array, pair: Pair) -> tuple[Band, Band]:
+        """Return magnitude and phase (rad) of a frequency response at lines (L) with their bands.
+
+        Raises
+        ------
+        Singular
+            If a line lies on an undamped pole, to rounding.
+        """
+        place, lines = [(pair.channel, pair.load)], len(omega)
+        H, slopes = self.system.paired_response(self.posterior.values(self.posterior.eta), omega, place)
+        H, slopes = H[:, 0], slopes[:, 0] * self._rates
+        there = np.where(H == 0, 1.0, H)
+        size, phase = np.abs(H), np.unwrap(np.angle(there))
+        relative = slopes / there[:, None]
+        moved = np.concatenate([size[:, None] * relative.real, np.where(H == 0, np.inf, relative.imag.T).T])
+
+        def at(eta: Array, places: NDArray[np.intp] | None) -> Array:
+            chosen = np.arange(2 * lines) if places is None else places
+            needed = np.unique(chosen % lines)
+            values = self.posterior.values(eta)
+            try:
+                found = self.system.paired_response(values, omega[needed], place, slopes=False)[0][:, 0]
+            except DynidError:
+                return np.full(len(chosen), np.nan)
+            turned = phase[needed] + np.angle(found / there[needed])
+            both = np.where(
+                chosen < lines,
+                *(each[np.searchsorted(needed, chosen % lines)] for each in (np.abs(found), turned)),
+            )
+            return np.asarray(both)
+
+        return _halves(self.posterior.bands(np.concatenate([size, phase]), moved, at))
+
+    def gains(self, pair: Pair) -> dict[str, Band]:
+        """Return the gains of a pair at rest and at high frequencies, as far as they are finite."""
+        eta = self.posterior.eta
+        made: dict[str, Callable[[System], tuple[float, Array] | None]] = {"dc": _dc_gain}
+        here = self._at(eta)
+        if len(here.D) == 1 or not here.D[1:, pair.channel, pair.load].any():
+            made["high_frequency"] = lambda one: (one.d, one.d_slopes)
+        bands = {}
+        for name, gain in made.items():
+            found = gain(single(here, pair.channel, pair.load))
+            if found is None:
+                continue
+
+            def at(other: Array, places: NDArray[np.intp] | None, gain=gain) -> Array:  # type: ignore[no-untyped-def] # noqa: ARG001
+                value = gain(single(self._at(other), pair.channel, pair.load))
+                return np.array([math.nan if value is None else value[0]])
+
+            value, slopes = found
+            bands[name] = self.posterior.bands(np.array([value]), (slopes * self._rates)[None], at)
+        return bands
+
+
+def single(found: Matrices, channel: int, load: int) -> System:
+    """Return the system of one channel and load, with integrators where derivatives of the input act.
+
+    An input u that acts by its derivatives up to the k-th is a state with k - 1 others, driven by the k-th
+    derivative: the zeros stay the same.
+    """
+    A, b, c = found.A, found.B[:, load], found.C[channel]
+    direct, changes = found.D[:, channel, load], found.D_slopes[:, :, channel, load]
+    p, n = len(found.A_slopes), len(A)
+    k = max((order for order in range(len(direct)) if direct[order]), default=0)
+    if not k:
+        return System(
+            A, b, c, float(direct[0]) if len(direct) else 0.0, found.A_slopes,
+            found.B_slopes[:, :, load], found.C_slopes[:, channel],
+            changes[:, 0] if len(direct) else np.zeros(p),
+        )  # fmt: skip
+    wide, moved = np.zeros((n + k, n + k)), np.zeros((p, n + k, n + k))
+    wide[:n, :n], wide[:n, n] = A, b
+    wide[n : n + k - 1, n + 1 :] = np.eye(k - 1)
+    moved[:, :n, :n], moved[:, :n, n] = found.A_slopes, found.B_slopes[:, :, load]
+    last = np.zeros(n + k)
+    last[-1] = 1.0
+    rows = np.concatenate([found.C_slopes[:, channel], changes[:, :k]], axis=1)
+    return System(
+        wide, last, np.concatenate([c, direct[:k]]), float(direct[k]), moved, np.zeros((p, n + k)), rows,
+        changes[:, k],
+    )  # fmt: skip
+
+
+def _dc_gain(one: System) -> tuple[float, Array] | None:
+    """Return d - c A^-1 b with its derivatives; None where a pole at the origin is in the way."""
+    if poles(one.A).origin:
+        return None
+    x, y = np.linalg.solve(one.A, one.b), np.linalg.solve(one.A.T, one.c)
+    slopes = one.d_slopes - one.c_slopes @ x - one.b_slopes @ y + np.einsum("i,pij,j->p", y, one.A_slopes, x)
+    return float(one.d - one.c @ x), slopes
+
+
+def pairs_of(outputs: Sequence[tuple[str, str]], inputs: Sequence[tuple[str, str]]) -> list[Pair]:
+    """Return every pair of an output and an input (names and units); loads of one name are one input."""
+    first = {name: (place, unit) for place, (name, unit) in reversed(list(enumerate(inputs)))}
+    return [
+        Pair(output, name, f"{unit}/{per}" if per else unit, channel, load)
+        for channel, (output, unit) in enumerate(outputs)
+        for name, (load, per) in reversed(first.items())
+    ]

@@ -1,0 +1,205 @@
+"""Quantities that follow from an estimate as named arrays below ``identification/derived/``.
+
+- `poles`: `value`, `low`, `high` (95 %; complex, the bands of real and imaginary parts), 1/s, those with
+  negative imaginary parts left out; `method` of each part.
+- `modes/frequency`, `modes/damping`: natural frequencies (rad/s) and damping ratios of the pairs of poles.
+- `zeros/<output>/<input>`: the finite zeros of the pair, as the poles; `frequency` and `damping` of the pairs
+  among them.
+- `gains/<output>/<input>/<dc | high_frequency>`, where they are finite.
+- `frequency_response/<output>/<input>`: `magnitude` and `phase` (rad) by `omega`.
+- `verdicts`: statements such as `stable` with their probability; `always` marks those that hold, or fail, for
+  all values of the parameters.
+
+The methods are ``delta``, ``delta of the logarithm`` and ``samples``; see `derived`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import DynidError
+from dynid.identification.derived import (
+    FEW_SAMPLES,
+    SAMPLES,
+    Band,
+    DerivedQuantities,
+    GaussianPosterior,
+    Pair,
+    RootFamily,
+    Verdict,
+    pairs_of,
+)
+from dynid.identification.frf_record import FrfRecord
+from dynid.identification.linear_system import LinearSystem
+from dynid.identification.posterior import Posterior
+from dynid.identification.time_record import TimeRecord
+from dynid.result import Result
+
+Array = NDArray[np.float64]
+
+#: Group of the derived quantities.
+DERIVED = "identification/derived"
+#: Their names in scenes.
+KINDS = ("poles", "zeros", "modes", "frequency_response")
+
+# Without a request they are computed of systems of up to so many states, parameters and pairs.
+_STATES, _PARAMETERS, _PAIRS = 40, 12, 8
+# Lines of a response whose frequencies are not given, and how far they reach beyond the modes.
+_LINES, _BEYOND = 100, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class DerivedRequest:
+    """Derived quantities to compute: their kinds, and the frequencies (rad/s) of responses.
+
+    Without frequencies a grid around the modes is taken.
+    """
+
+    kinds: Sequence[str] = KINDS
+    omega: Array | None = None
+
+
+def add_derived(result: Result, posterior: Posterior, request: DerivedRequest | None = None) -> None:
+    """Add the derived quantities of an identification; without a request those of small systems alone.
+
+    Raises
+    ------
+    DynidError
+        If one was requested and cannot be computed.
+    """
+    systems = [(system, pairs) for system, pairs in _systems(posterior) if len(system.states)]
+    if request is None:
+        small = all(
+            len(system.states) <= _STATES and len(system.unknowns) <= _PARAMETERS and len(pairs) <= _PAIRS
+            for system, pairs in systems
+        )
+        if not small or not posterior.converged:
+            return
+        other = Result("identification")
+        try:
+            _add_all(other, gaussian(posterior, FEW_SAMPLES), DerivedRequest(), systems)
+        except (DynidError, np.linalg.LinAlgError):
+            return
+        result.merge(other)
+    elif request.kinds:
+        _add_all(result, gaussian(posterior), request, systems)
+
+
+def gaussian(posterior: Posterior, samples: int = SAMPLES) -> GaussianPosterior:
+    """Return the Gaussian posterior of the coordinates; parameters at a limit are fixed there."""
+    likelihood, priors = posterior.likelihood, posterior.likelihood.priors
+    root = np.where(posterior.held[:, None], 0.0, posterior.information.root)
+    return GaussianPosterior(likelihood.unknowns, posterior.fit.eta, root, priors.low, priors.high, samples)
+
+
+def _systems(posterior: Posterior) -> list[tuple[LinearSystem, list[Pair]]]:
+    """Return the system of each record with the pairs of its channels and loads that no other has."""
+    found: list[tuple[LinearSystem, list[Pair]]] = []
+    seen: set[tuple[str, str]] = set()
+    for record in posterior.likelihood.records:
+        if isinstance(record, FrfRecord):
+            system = record.system.system
+            each = zip(record.channels, record.system.pairs, strict=True)
+            pairs = [Pair(one.channel.name, str(one.force), one.unit, *place) for one, place in each]
+        elif isinstance(record, TimeRecord):
+            system = record.model.system
+            loads = record.taken_under.loads
+            pairs = pairs_of(
+                [(one.name, one.unit) for one in record.channels], [(one.name, one.unit) for one in loads]
+            )
+        else:
+            continue
+        pairs = [pair for pair in pairs if (pair.output, pair.input) not in seen]
+        seen |= {(pair.output, pair.input) for pair in pairs}
+        found.append((system, pairs))
+    return found
+
+
+def _add_all(
+    result: Result,
+    posterior: GaussianPosterior,
+    request: DerivedRequest,
+    systems: Sequence[tuple[LinearSystem, list[Pair]]],
+) -> None:
+    result.annotate(DERIVED, confidence=0.95, samples=posterior.count)
+    verdicts: list[Verdict] = []
+    for number, (system, pairs) in enumerate(systems):
+        derived = DerivedQuantities(posterior, system)
+        if number == 0:
+            verdicts.append(derived.poles.verdict("stable", "pole", "stable"))
+            if "poles" in request.kinds:
+                _add_roots(result, f"{DERIVED}/poles", "pole", derived.poles)
+            if "modes" in request.kinds:
+                _add_pairs(result, f"{DERIVED}/modes", "mode", derived.poles)
+        if "zeros" in request.kinds:
+            for pair in pairs:
+                verdicts += _add_zeros(result, derived, pair)
+        if "frequency_response" in request.kinds:
+            omega = _grid(derived.poles) if request.omega is None else request.omega
+            for pair in pairs:
+                _add_response(result, derived, pair, omega)
+    group, dims = f"{DERIVED}/verdicts", ("verdict",)
+    result.add_axis(f"{group}/verdict", [one.name for one in verdicts])
+    result.add(f"{group}/holds", [one.holds for one in verdicts], dims)
+    result.add(f"{group}/probability", [one.probability for one in verdicts], dims)
+    result.add(f"{group}/always", [one.always for one in verdicts], dims)
+    result.add(f"{group}/statement", [one.statement for one in verdicts], dims)
+
+
+def _add_zeros(result: Result, derived: DerivedQuantities, pair: Pair) -> list[Verdict]:
+    group = f"{DERIVED}/zeros/{pair.output}/{pair.input}"
+    family = derived.zeros(pair)
+    name = f"minimum phase {pair.output}/{pair.input}"
+    if family is None:
+        return [Verdict(name, False, 0.0, True, "the input does not affect the output")]
+    _add_roots(result, group, "zero", family)
+    _add_pairs(result, group, "pair", family)
+    for gain, band in derived.gains(pair).items():
+        _add_band(result, f"{DERIVED}/gains/{pair.output}/{pair.input}/{gain}", band.part(0), (), pair.unit)
+    return [family.verdict(name, "zero", "minimum phase")]
+
+
+def _add_roots(result: Result, group: str, axis: str, family: RootFamily) -> None:
+    real, imaginary = family.parts()
+    result.add_axis(f"{group}/{axis}", np.arange(1, len(real.value) + 1))
+    for name in ("value", "low", "high"):
+        both = getattr(real, name) + 1j * getattr(imaginary, name)
+        result.add(f"{group}/{name}", both, (axis,), "1/s")
+    for name, band in (("real", real), ("imaginary", imaginary)):
+        result.add(f"{group}/method_{name}", band.method, (axis,))
+    result.add(f"{group}/on_axis", family.on_axis[family.shown], (axis,))
+
+
+def _add_pairs(result: Result, group: str, axis: str, family: RootFamily) -> None:
+    """Add natural frequencies and damping ratios of the pairs; nothing where there are none."""
+    if not len(family.oscillating):
+        return
+    for name, band, unit in zip(("frequency", "damping"), family.frequencies(), ("rad/s", ""), strict=True):
+        result.add_axis(f"{group}/{name}/{axis}", np.arange(1, len(band.value) + 1))
+        _add_band(result, f"{group}/{name}", band, (axis,), unit)
+
+
+def _add_response(result: Result, derived: DerivedQuantities, pair: Pair, omega: Array) -> None:
+    group = f"{DERIVED}/frequency_response/{pair.output}/{pair.input}"
+    for name, band, unit in zip(
+        ("magnitude", "phase"), derived.response(omega, pair), (pair.unit, "rad"), strict=True
+    ):
+        result.add_axis(f"{group}/{name}/omega", omega, "rad/s")
+        _add_band(result, f"{group}/{name}", band, ("omega",), unit)
+
+
+def _add_band(result: Result, group: str, band: Band, dims: tuple[str, ...], unit: str) -> None:
+    for name in ("value", "low", "high"):
+        result.add(f"{group}/{name}", getattr(band, name), dims, unit)
+    result.add(f"{group}/method", band.method, dims)
+
+
+def _grid(family: RootFamily) -> Array:
+    """Return frequencies around the poles."""
+    size = np.abs(family.reference.values)
+    size = size[size > 0] if size.any() else np.ones(1)
+    return np.geomspace(size.min() / _BEYOND, size.max() * _BEYOND, _LINES)

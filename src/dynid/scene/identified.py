@@ -1,0 +1,194 @@
+"""The identified scene: the scene of an identification with its estimates in place of the unknowns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+
+from dynid.errors import UsageError
+from dynid.result import Result
+from dynid.scene.yaml.parser import Path
+from dynid.scene.yaml.source import Source, parse_source
+from dynid.scene.yaml.writer import dump, edited
+
+#: Keys that belong to the identification alone.
+_OF_IDENTIFICATION = (
+    *("measurement", "estimator", "identifiability", "derived", "posterior_check", "plan", "accuracy"),
+    "reduction",
+)
+_PARAMETERS = "identification/parameters"
+
+
+def identified_scene(result: Result, file: str = "") -> str:
+    """Return the scene of an identification as YAML in which every unknown has its estimate.
+
+    Estimates have all their digits; comments give the standard errors. What belongs to the identification
+    alone (measurement, estimator, its expectations) is left out; the analysis stays, or modes are requested.
+    A graph becomes a scene of kind bond-graph. Order and comments stay where values stand in one line each.
+
+    Parameters
+    ----------
+    result
+        The result of an identification, with its scene.
+    file
+        Its name, for messages.
+
+    Raises
+    ------
+    UsageError
+        If it is no identification, or has no scene.
+    """
+    if f"{_PARAMETERS}/estimate" not in result:
+        raise UsageError(
+            f"{file or 'the result'} holds no identification: there are no estimates",
+            remedy="Export the scene of a run with a `measurement` and unknown parameters.",
+        )
+    text = str(result.attrs.get("scene", ""))
+    if not text:
+        raise UsageError(f"{file or 'the result'} holds no scene", remedy="Run the scene again.")
+    source = parse_source(text, file or "<scene>")
+    values = dict(_estimates(source, result))
+    notes: dict[Path, str] = {}
+    first: dict[Any, Path] = {}  # one comment a line
+    for path, (_, note) in values.items():
+        line = source.marks[path].value[0] if path in source.marks else path
+        other = first.setdefault(line, path)
+        notes[other] = f"{notes[other]}, {note}" if other in notes else f"standard error: {note}"
+    changes: dict[Path, Any] = {path: value for path, (value, _) in values.items()}
+    data = {key: value for key, value in source.data.items() if key not in _dropped(source.data)}
+    changes |= _requests(source.data, data)
+    kept = _without(text, _dropped(source.data), data).rstrip() + "\n"
+    for path, value in changes.items():
+        data = _changed(data, path, value)
+    notes = {path: note for path, note in notes.items() if path[0] in data}
+    return edited(kept, data, changes, notes)
+
+
+def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any, str]]]:
+    """Yield path, value and comment of each estimate that has a place in the model.
+
+    Raises
+    ------
+    UsageError
+        If the scene does not have the parameter.
+    """
+    parts = (result[f"{_PARAMETERS}/{name}"].data for name in ("name", "estimate", "standard_error"))
+    for name, estimate, error in zip(*parts, strict=True):
+        path = _place(source.data, str(name))
+        if path is None:
+            continue
+        value: Any = float(estimate)
+        written = _at(source.data, path)
+        if isinstance(written, dict) and "matrix" in written:
+            value = {"value": value, "matrix": written["matrix"]}
+        yield path, (value, f"{name} {float(error):.3g}")
+
+
+def _place(data: Any, name: str) -> Path | None:
+    """Return the path of an unknown: a parameter, or a joint's k or c; None of one that is left out."""
+    parameters = data.get("parameters") or {}
+    if name in parameters:
+        return ("parameters", name)
+    joint, _, letter = name.rpartition(".")
+    joints = {str(key): key for key in data.get("joints") or {}}
+    if joint in joints and letter in (data["joints"][joints[joint]] or {}):
+        return ("joints", joints[joint], letter)
+    return None
+
+
+def _dropped(data: Any) -> set[str]:
+    """Return the keys of a scene that the identified one has not."""
+    found = {key for key in _OF_IDENTIFICATION if key in data and key != "reduction"}
+    analysis = data.get("analysis") or {}
+    if not analysis.get("time"):
+        found |= {"initial"} & data.keys()
+    if "graph" in data:
+        found |= {"excitation", "joints", "reduction"} & data.keys()
+    expectations = [one for one in data.get("expect") or [] if not _of_identification(one)]
+    if "expect" in data and not expectations:
+        found.add("expect")
+    return found
+
+
+def _of_identification(expectation: Any) -> bool:
+    return isinstance(expectation, dict) and str(expectation.get("path", "")).startswith("identification/")
+
+
+def _requests(before: Any, data: Any) -> dict[Path, Any]:
+    """Return what else changes: the kind and analysis of a graph, the analysis and outputs of a structure."""
+    changes: dict[Path, Any] = {}
+    measurement, analysis = before.get("measurement") or {}, before.get("analysis") or {}
+    records = measurement.get("records") or [measurement]
+    channels = _distinct(one for record in records for one in record.get("channels") or ())
+    channels = channels or _distinct(measurement.get("channels") or ())
+    if "graph" in before:
+        changes["kind",] = "bond-graph"
+        excitation = before.get("excitation") or []
+        loads = [excitation] if isinstance(excitation, dict) else excitation
+        inputs = _distinct(one["source"] for one in loads if "source" in one)
+        outputs = _distinct(one["output"] for one in channels if "output" in one)
+        asked = {"inputs": inputs, "outputs": outputs}
+        if analysis:
+            changes |= {("analysis", key): value for key, value in asked.items() if key not in analysis}
+        else:
+            changes["analysis",] = asked
+    elif not analysis:
+        changes["analysis",] = {"modes": {}}
+    elif ("frequency" in analysis or "time" in analysis) and not analysis.get("outputs") and channels:
+        keys = ("dof", "dofs", "quantity", "frame")
+        changes["analysis", "outputs"] = [{k: one[k] for k in keys if k in one} for one in channels]
+    if "expect" in data:
+        changes["expect",] = [one for one in data["expect"] if not _of_identification(one)]
+        if changes["expect",] == data["expect"]:
+            del changes["expect",]
+    return changes
+
+
+def _distinct(values: Any) -> list[Any]:
+    """Return values without repetitions, in their order."""
+    found: list[Any] = []
+    for value in values:
+        if value not in found:
+            found.append(value)
+    return found
+
+
+def _at(data: Any, path: Path) -> Any:
+    for key in path:
+        data = data[key]
+    return data
+
+
+def _changed(data: Any, path: Path, value: Any) -> Any:
+    """Return data with another value at a path, mappings on the way copied."""
+    if not path:
+        return value
+    if isinstance(data, list):
+        return [_changed(one, path[1:], value) if k == path[0] else one for k, one in enumerate(data)]
+    copy = dict(data or {})
+    copy[path[0]] = _changed(copy.get(path[0]), path[1:], value)
+    return copy
+
+
+def _without(text: str, keys: set[str], data: Any) -> str:
+    """Return the text of a scene without some keys of the top level; comments before the next key stay."""
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    if not isinstance(root, yaml.MappingNode) or root.flow_style:
+        return dump(data)
+    lines, starts = text.splitlines(keepends=True), [key.start_mark.line for key, _ in root.value]
+    kept = lines[: starts[0]]
+    for place, (key, _) in enumerate(root.value):
+        stop = starts[place + 1] if place + 1 < len(starts) else len(lines)
+        part = lines[starts[place] : stop]
+        if key.value in keys:
+            # Comments and blank lines at the end belong to what follows.
+            own = len(part)
+            while own > 1 and re.match(r"#|\s*$|\.\.\.|---", part[own - 1]):
+                own -= 1
+            part = part[own:]
+        kept += part
+    made = "".join(kept)
+    return made if parse_source(made).data == data else dump(data)

@@ -1,0 +1,195 @@
+"""Poles, zeros, modes and responses of an identified model with their bands."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dynid.identification.derived import (
+    DELTA,
+    LOGARITHM,
+    SAMPLED,
+    DerivedQuantities,
+    GaussianPosterior,
+    pairs_of,
+)
+from dynid.identification.structure_system import StructureSystem
+from dynid.identification.write_derived import DerivedRequest
+from dynid.identification.write_result import Further
+from dynid.lti.signals import Multisine
+from dynid.parameters import Parameter
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.response import Channel, Load
+from tests.identification.cases import LOADS, VELOCITIES, run, simulated
+
+DERIVED, WIDTH = "identification/derived", 1.959963984540054
+
+
+@pytest.fixture(scope="module")
+def result():
+    return run(measurement=simulated(0.05), further=Further(DerivedRequest()))
+
+
+def bands(result):
+    for path in result:
+        if path.startswith(DERIVED) and path.endswith("/value"):
+            group = path.removesuffix("/value")
+            yield group, *(result[f"{group}/{name}"].data for name in ("value", "low", "high"))
+
+
+def test_every_value_is_within_its_band(result):
+    found = list(bands(result))
+    assert {group.split("/")[2] for group, *_ in found} == {
+        *("poles", "modes", "zeros", "gains", "frequency_response")
+    }
+    for group, value, low, high in found:
+        for part in (np.real, np.imag):
+            assert np.all(part(low) <= part(value)), group
+            assert np.all(part(value) <= part(high)), group
+        if group.endswith(("/frequency", "/magnitude")):
+            assert np.all(low > 0), group
+
+
+def test_nothing_is_derived_where_nothing_is_requested():
+    result = run(measurement=simulated(0.05), further=Further(DerivedRequest(())))
+    assert not any(path.startswith(DERIVED) for path in result)
+
+
+def test_the_truth_is_in_most_bands(result):
+    """At the true values of the parameters every mode is within twice its band."""
+    from dynid.structure.modes.sensitivity import pole_sensitivities
+    from tests.identification.cases import suspension
+
+    model = suspension()
+    true = pole_sensitivities(model, {one.name: one.true for one in model.unknowns})
+    for name, value in (("frequency", true.omega), ("damping", true.zeta)):
+        low, high = (result[f"{DERIVED}/modes/{name}/{end}"].data for end in ("low", "high"))
+        middle, half = (low + high) / 2, (high - low) / 2
+        assert np.all(np.abs(value - middle) <= 2 * half)
+
+
+def one_mass(k=8e3, c=4.0, deviations=(0.02, 0.05)):
+    """The Gaussian posterior of spring and damper of one mass, and what follows from it."""
+    joint = Joint("foot", (1,), JointParameter(start=k), JointParameter(start=c))
+    system = StructureSystem(
+        lumped([2.0], [], [joint]), [Load(1, Multisine([1], [50]))], [Channel(1, "displacement")]
+    )
+    unknowns = tuple(Parameter(f"foot.{name}", value) for name, value in (("k", k), ("c", c)))
+    eta, far = np.log([k, c]), np.full(2, np.inf)
+    return DerivedQuantities(GaussianPosterior(unknowns, eta, np.diag(deviations), -far, far), system)
+
+
+def test_the_bands_of_one_mass_are_those_of_the_formulas():
+    frequency, damping = one_mass().poles.frequencies()
+    omega, zeta = math.sqrt(4e3), 4 / (2 * math.sqrt(8e3 * 2))
+    np.testing.assert_allclose(frequency.value, omega, rtol=1e-12)
+    np.testing.assert_allclose(damping.value, zeta, rtol=1e-9)
+    # ln omega = ln k / 2 + …, ln zeta = ln c - ln k / 2 + …
+    assert frequency.method.tolist() == damping.method.tolist() == [LOGARITHM]
+    by_omega, by_zeta = WIDTH * 0.01, WIDTH * math.hypot(0.01, 0.05)
+    np.testing.assert_allclose(frequency.low, omega * math.exp(-by_omega), rtol=1e-9)
+    np.testing.assert_allclose(frequency.high, omega * math.exp(by_omega), rtol=1e-9)
+    np.testing.assert_allclose(damping.low, zeta * math.exp(-by_zeta), rtol=1e-7)
+    np.testing.assert_allclose(damping.high, zeta * math.exp(by_zeta), rtol=1e-7)
+
+
+def test_the_band_of_the_compliance_is_that_of_the_spring():
+    derived = one_mass()
+    (pair,) = pairs_of([("x", "m")], [("f", "N")])
+    gains = derived.gains(pair)
+    np.testing.assert_allclose(gains["dc"].value, 1 / 8e3, rtol=1e-12)
+    np.testing.assert_allclose(gains["dc"].high, np.exp(WIDTH * 0.02) / 8e3, rtol=1e-9)
+    assert gains["high_frequency"].value == gains["high_frequency"].high == 0
+    magnitude, phase = derived.response(np.array([0.0, 1e5]), pair)
+    np.testing.assert_allclose(magnitude.low[0], np.exp(-WIDTH * 0.02) / 8e3, rtol=1e-9)
+    np.testing.assert_allclose(magnitude.value[1], 1 / (2 * 1e10), rtol=1e-5)
+    np.testing.assert_allclose(phase.value[1], -math.pi, atol=1e-4)
+
+
+def test_a_pole_that_may_split_has_the_quantiles_of_samples():
+    """The damping ratio is 0.98 with a deviation of 5 %: the imaginary part has no linear band."""
+    c = 0.98 * 2 * math.sqrt(8e3 * 2)
+    derived = one_mass(c=c)
+    _, imaginary = derived.poles.parts()
+    assert imaginary.method.tolist() == [SAMPLED]
+    assert imaginary.low[0] == 0
+    _, damping = derived.poles.frequencies()
+    assert damping.high[0] > 1
+    np.testing.assert_allclose(damping.high, 0.98 * math.exp(WIDTH * math.hypot(0.01, 0.05)), rtol=1e-6)
+
+
+def test_a_curved_quantity_has_the_quantiles_of_samples():
+    """Of k in a posterior 60 % wide, 1 / |k - m w^2| has a pole inside the band."""
+    (pair,) = pairs_of([("x", "m")], [("f", "N")])
+    magnitude, _ = one_mass(deviations=(0.6, 0.05)).response(np.array([math.sqrt(4e3) * 1.1]), pair)
+    assert magnitude.method.tolist() == [SAMPLED]
+    drawn = np.random.default_rng(5).standard_normal((20_000, 2)) * [0.6, 0.05]
+    k, c = 8e3 * np.exp(drawn[:, 0]), 4 * np.exp(drawn[:, 1])
+    w = math.sqrt(4e3) * 1.1
+    size = 1 / np.abs(k - 2 * w * w + 1j * w * c)
+    np.testing.assert_allclose(
+        [magnitude.low[0], magnitude.high[0]], np.quantile(size, [0.025, 0.975]), rtol=0.35
+    )
+
+
+def test_what_holds_for_all_values_is_stated_as_such():
+    """Two masses without a fixture and without damping: everything is on the axis, whatever the spring."""
+    joint = Joint("bolt", (1, 2), JointParameter(start=1e4))
+    system = StructureSystem(
+        lumped([2.0, 1.0], [], [joint]), [Load(1, Multisine([1], [50]))], [Channel(1, "velocity")]
+    )
+    far = np.full(1, np.inf)
+    posterior = GaussianPosterior((Parameter("bolt.k", 1e4),), np.log([1e4]), np.array([[0.1]]), -far, far)
+    derived = DerivedQuantities(posterior, system)
+    assert derived.poles.reference.origin == 2
+    verdict = derived.poles.verdict("stable", "pole", "stable")
+    assert verdict.always
+    assert not verdict.holds
+    assert verdict.probability == 0
+    assert "2 poles at the origin and 2 poles on the imaginary axis" in verdict.statement
+    family = derived.zeros(pairs_of([("v", "m/s")], [("f", "N")])[0])
+    assert family.on_axis.all()  # one at the origin, two where the second mass absorbs
+    real, imaginary = family.parts()
+    assert not real.low.any()
+    assert not real.high.any()
+    np.testing.assert_allclose(imaginary.value[-1], 100.0, rtol=1e-12)
+    np.testing.assert_allclose(imaginary.high[-1], 100.0 * math.exp(WIDTH * 0.05), rtol=1e-9)
+
+
+def test_the_probability_of_stability_is_that_of_the_sign():
+    """A damping with a Gaussian posterior around 0.5 deviations is positive with probability Phi(0.5)."""
+    k, c, deviation = 8e3, 4.0, 8.0
+    system = one_mass(k, c).system
+    far = np.full(2, np.inf)
+    unknowns = (Parameter("foot.k", k), Parameter("foot.c", c, scale="linear"))
+    posterior = GaussianPosterior(unknowns, np.array([math.log(k), c]), np.diag([1e-6, deviation]), -far, far)
+    verdict = DerivedQuantities(posterior, system).poles.verdict("stable", "pole", "stable")
+    assert verdict.holds
+    assert not verdict.always
+    assert verdict.probability == pytest.approx(0.5 * (1 + math.erf(0.5 / math.sqrt(2))), abs=0.04)
+
+
+def test_methods_are_recorded(result):
+    found = set()
+    for path in result:
+        if path.startswith(DERIVED) and path.rpartition("/")[2].startswith("method"):
+            found |= set(np.atleast_1d(result[path].data).tolist())
+    assert found <= {DELTA, LOGARITHM, SAMPLED}
+    assert LOGARITHM in found
+
+
+def test_a_link_with_known_values_gives_a_zero_without_a_band():
+    """The zeros of the part behind the sensor do not depend on the joints."""
+    links = [Link((1,), 2e4, 20), Link((2, 3), 3e4, 30)]
+    joint = Joint("j", (1, 2), JointParameter(start=1e4, true=2e4))
+    model = lumped([2.0, 1.0, 1.0], links, [joint])
+    system = StructureSystem(model, [Load(1, LOADS[0].signal)], [VELOCITIES[0]._replace(dof=2)])
+    far = np.full(1, np.inf)
+    posterior = GaussianPosterior((Parameter("j.k", 2e4),), np.log([2e4]), np.array([[0.1]]), -far, far)
+    real, imaginary = (
+        DerivedQuantities(posterior, system).zeros(pairs_of([("v", "m/s")], [("f", "N")])[0]).parts()
+    )
+    pair = np.flatnonzero(imaginary.value > 1)
+    np.testing.assert_allclose(real.value[pair], -15, rtol=1e-9)
+    np.testing.assert_allclose(imaginary.high[pair], imaginary.value[pair], rtol=1e-9)
