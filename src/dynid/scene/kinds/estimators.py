@@ -49,7 +49,7 @@ def further_of(model: IdentificationScene) -> Further:
 
     if model.derived is None:
         return Further(check=model.posterior_check)
-    analysis = model.analysis or model.graph_analysis
+    analysis = model.responses or model.graph_analysis
     grid = analysis.frequency if analysis else None
     omega = None if grid is None else angular_frequencies(grid)
     return Further(DerivedRequest(tuple(model.derived), omega), model.posterior_check)
