@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -72,6 +72,9 @@ class Parameter:
         SI unit; empty where it is not known or there is none.
     spread
         Standard deviation of the coordinate that a first guess may be off by, of `scale` linear.
+    std
+        Standard deviation of a parameter that is known with uncertainty ("considered"): it is not estimated,
+        and `start` is its value.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class Parameter:
     scale: Scale = "log"
     unit: str = ""
     spread: float | None = None
+    std: float | None = None
 
     def __post_init__(self) -> None:
         numbers = [self.start, self.true, self.low, self.high, self.prior and self.prior.value]
@@ -137,6 +141,16 @@ class Parameter:
         if self.low is not None and self.high is not None:
             return (self.high - self.low) / 4
         return 2 * abs(self.start) or 1.0
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the coordinate of a considered parameter, to first order."""
+        std = self.std or 0.0
+        return std / self.start if self.logarithmic else std
+
+    def freed(self) -> Parameter:
+        """Return a considered parameter as one that is unknown."""
+        return replace(self, std=None)
 
     def coordinate(self, value: float) -> float:
         """Return the coordinate of a value."""

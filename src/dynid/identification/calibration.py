@@ -33,10 +33,12 @@ class CalibrationDerivatives(NamedTuple):
     Attributes
     ----------
     quantities
-        Gains and delay (q), by name. A gain multiplies a load as the estimator knows it, or the
-        values of a channel; a delay, s, shifts the loads to later times. Quantities of one name are one.
+        Gains, delay and considered parameters (q), by name. A gain multiplies a load as the estimator knows
+        it, or the values of a channel; a delay, s, shifts the loads to later times. Quantities of one name
+        are one.
     changes
-        The change of each that effects are quoted for (q): 1 % of a gain, a sampling step of the delay.
+        The change of each that effects are quoted for (q): 1 % of a gain, a sampling step of the delay, the
+        standard deviation of a considered parameter (of its logarithm, if it has one).
     by_parameter
         Derivatives of the prediction by the coordinates of the parameters (rows x p), free of the initial
         state.
@@ -116,12 +118,23 @@ def calibration_slopes(
     return CalibrationSlopes(names, quantities, changes, np.where(held[:, None], 0.0, -moves))
 
 
-def add_calibration_slopes(result: Result, slopes: CalibrationSlopes) -> None:
-    """Add ``considered/``: the slopes of the estimates by the calibration."""
+def add_calibration_slopes(result: Result, slopes: CalibrationSlopes, relative: Array) -> None:
+    """Add ``considered/``: the slopes of the estimates by the calibration and considered parameters.
+
+    Parameters
+    ----------
+    result
+        The result.
+    slopes
+        The slopes of the coordinates.
+    relative
+        Derivatives of the logarithms of the estimates by their coordinates (p): 1 of logarithms.
+    """
     dims = ("parameter", "quantity")
     result.add_axis(f"{GROUP}/parameter", list(slopes.parameters))
     result.add_axis(f"{GROUP}/quantity", list(slopes.quantities))
     units = ["s" if name == DELAY else "" for name in slopes.quantities]
     result.add(f"{GROUP}/unit", units, ("quantity",))
     result.add(f"{GROUP}/change", slopes.changes, ("quantity",))
-    result.add(f"{GROUP}/slope", slopes.slopes, dims, per="relative change of a gain; second of delay")
+    each = "relative change of a gain or considered parameter; second of delay"
+    result.add(f"{GROUP}/slope", slopes.slopes * relative[:, None], dims, per=each)

@@ -17,9 +17,9 @@ from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.instruments import Instruments
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
-from dynid.identification.parametric_model import Model, system_of
+from dynid.identification.parametric_model import Model, freed_model, system_of
 from dynid.identification.simulation import Simulation, per_channel
-from dynid.parameters import named, rates, true_values
+from dynid.parameters import Parameter, named, rates, true_values
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 
@@ -177,11 +177,17 @@ class FrfSystem:
         Of each function the places of its channel and its load.
     instruments
         Gains and delays of the functions' channels.
+    considered
+        The parameters that are known with uncertainty.
+    freed
+        The same system with these among the unknown ones; None where there are none.
     """
 
     system: LinearSystem
     pairs: tuple[tuple[int, int], ...]
     instruments: Instruments
+    considered: tuple[Parameter, ...] = ()
+    freed: FrfSystem | None = None
 
     @classmethod
     def of(cls, model: Model, functions: Sequence[Frf]) -> FrfSystem:
@@ -197,7 +203,14 @@ class FrfSystem:
         pairs = tuple((channels.index(one.channel), loads.index(one.load)) for one in functions)
         names = [one.name for one in model.unknowns]
         instruments = Instruments.of(names, (), [one.channel for one in functions])
-        return cls(system_of(model, loads, channels), pairs, instruments)
+        freed = freed_model(model)
+        return cls(
+            system_of(model, loads, channels),
+            pairs,
+            instruments,
+            tuple(one for one in model.parameters if one.std is not None),
+            None if freed is None else cls.of(freed, functions),
+        )
 
     def response(self, omega: Array, eta: Array | None = None) -> Response:
         """Return the responses at lines (L), rad/s, and their exact slopes by the coordinates.

@@ -30,7 +30,7 @@ from dynid.identification.information import Information, information
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
-from dynid.identification.parametric_model import Model
+from dynid.identification.parametric_model import Model, freed_coordinates
 from dynid.identification.prediction import Trajectory
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, weights
 from dynid.identification.saturated_model import (
@@ -110,6 +110,11 @@ class FrfRecord(RecordLikelihood):
         return self.system.system
 
     @property
+    def considered(self) -> tuple[Parameter, ...]:
+        """Parameters that are known with uncertainty."""
+        return self.system.considered
+
+    @property
     def nuisances(self) -> int:
         """0: a frequency response does not depend on an initial state."""
         return 0
@@ -185,6 +190,14 @@ class FrfRecord(RecordLikelihood):
         every[DELAY] = late
         every |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
         changes = [GAIN_CHANGE / (omega[-1] or 1.0) if name == DELAY else GAIN_CHANGE for name in every]
+        if (freed := self.system.freed) is not None:
+            own, parameters = {one.name for one in self.unknowns}, freed.system.unknowns
+            slopes = freed.response(omega, freed_coordinates(parameters, self.unknowns, fit.eta)).slopes
+            moved = {one.name: slopes[..., place] for place, one in enumerate(parameters)}
+            profile = self.measurement.profile
+            every |= {name: stacked(part / profile) for name, part in moved.items() if name not in own}
+            deviation = {one.name: one.deviation for one in self.system.considered}
+            changes += [deviation[name] for name in moved if name not in own]
         left = self.influential(fit)
         weighted = np.stack(list(every.values()), axis=2) * weights(noise, left)[..., None]
         by_parameter = self.slopes(replace(fit, residual=left), noise)

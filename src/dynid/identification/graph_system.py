@@ -96,7 +96,7 @@ class GraphModel:
     graph
         The graph; the values of its nodes may depend on the parameters.
     parameters
-        The unknown parameters.
+        The unknown and considered parameters.
     initial
         Stored energy at t = 0 of simulated records: the flow of an I, the effort of a C, by name.
     variables
@@ -115,7 +115,7 @@ class GraphModel:
         initial: Mapping[str, float] | None = None,
         variables: Mapping[Port, Port] | None = None,
     ) -> None:
-        self.graph, self._unknowns, self.initial = graph, tuple(parameters), dict(initial or {})
+        self.graph, self.parameters, self.initial = graph, tuple(parameters), dict(initial or {})
         self.variables = dict(variables or {})
         self._units = GraphUnits(graph)
         storages = [name for name, node in graph.nodes.items() if node.type in STORAGES]
@@ -129,15 +129,10 @@ class GraphModel:
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
-        return self._unknowns
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The unknown parameters (p)."""
-        return self._unknowns
+        return tuple(one for one in self.parameters if one.std is None)
 
     def with_parameters(self, parameters: Sequence[Parameter]) -> GraphModel:
-        """Return the model with other unknown parameters."""
+        """Return the model with other unknown and considered parameters."""
         return GraphModel(self.graph, parameters, self.initial, self.variables)
 
     def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
@@ -205,7 +200,7 @@ class GraphModel:
         UsageError
             If a true value is not known, or a channel follows an impulse.
         """
-        values = true_values(self._unknowns)
+        values = true_values(self.unknowns)
         system = self.system(loads, channels)
         system.check()
         return propagate(

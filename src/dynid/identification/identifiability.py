@@ -236,7 +236,10 @@ def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
     derivatives = [record.calibration(part, level) for record, part, level in each]
     found = calibration_slopes(likelihood.names, derivatives, likelihood.priors.rows(), free)
     slopes = np.where(unbounded[:, None], np.nan, found.slopes)
-    add_calibration_slopes(result, found._replace(slopes=slopes))
+    unknowns, eta = likelihood.unknowns, expected.fit.eta
+    size = np.abs(values(unknowns, eta))
+    relative = rates(unknowns, eta) / np.where(size > 0, size, 1.0)
+    add_calibration_slopes(result, found._replace(slopes=slopes), relative)
 
 
 def channels_of(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:

@@ -353,8 +353,7 @@ def _with_spreads(model: Model, experiments: Sequence[Experiment], values: Seque
         instruments = Instruments.of(tuple(own), loads, measurement.channels)
         found = with_spreads(tuple(own.values()), instruments, measurement.step, record.rms)
         own = {one.name: one for one in found}
-    joints = {one.name for one in model.unknowns[: len(model.unknowns) - len(model.parameters)]}
-    return model.with_parameters([one for name, one in own.items() if name not in joints])
+    return model.with_parameters([own.get(one.name, one) for one in model.parameters])
 
 
 def _models(model: Model, experiments: Sequence[Experiment]) -> list[ParametricModel]:

@@ -223,10 +223,10 @@ class SystemModel(Protocol):
 
     @property
     def parameters(self) -> Sequence[Parameter]:
-        """The unknown parameters that scenes name: all, but for those of a structure's joints."""
+        """The unknown and considered parameters that scenes name: all, but for those of joints."""
 
     def with_parameters(self, parameters: Sequence[Parameter]) -> SystemModel:
-        """Return the model with other unknown parameters."""
+        """Return the model with other parameters, unknown or considered."""
 
     def simulated(
         self, loads: Sequence[Any], channels: Sequence[Any], times: Array, source: Simulation

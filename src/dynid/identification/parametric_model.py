@@ -98,6 +98,10 @@ class ParametricModel:
         Gains, offsets and delays.
     sampling
         Times at which delayed channels record; None where no channel is delayed.
+    considered
+        The parameters that are known with uncertainty.
+    freed
+        The same model with these among the unknown ones; None where there are none.
     """
 
     system: LinearSystem
@@ -114,6 +118,8 @@ class ParametricModel:
     acting: NDArray[np.bool_]
     instruments: Instruments
     sampling: Sampling | None = None
+    considered: tuple[Parameter, ...] = ()
+    freed: ParametricModel | None = None
     _last: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
     _moved: dict[bytes, ParametricModel] = field(default_factory=dict, repr=False)
 
@@ -306,7 +312,7 @@ def parametric_model(
     unknowns = unknowns_of(model)
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
-    system = system_of(model, loads, channels)
+    system, free = system_of(model, loads, channels), freed_model(model)
     system.check()
     instruments = Instruments.of([one.name for one in unknowns], loads, channels)
     starts = {unknown.name: unknown.start for unknown in unknowns}
@@ -342,7 +348,22 @@ def parametric_model(
         acting=np.ones(len(loads), dtype=bool),
         instruments=instruments,
         sampling=sampling,
+        considered=tuple(one for one in model.parameters if one.std is not None),
+        freed=None if free is None else parametric_model(free, loads, channels, times),
     )
+
+
+def freed_model(model: Model) -> Model | None:
+    """Return a model whose considered parameters are unknown; None where it has none."""
+    if all(one.std is None for one in model.parameters):
+        return None
+    return model.with_parameters([one.freed() for one in model.parameters])
+
+
+def freed_coordinates(freed: Sequence[Parameter], unknowns: Sequence[Parameter], eta: Array) -> Array:
+    """Return coordinates of the parameters of a freed model: `eta` of the unknown ones, else their values."""
+    known = {one.name: coordinate for one, coordinate in zip(unknowns, eta.tolist(), strict=True)}
+    return np.array([known.get(one.name, one.coordinate(one.start)) for one in freed])
 
 
 def _timeline(

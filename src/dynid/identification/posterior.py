@@ -214,6 +214,18 @@ class Posterior:
         names, priors = self.likelihood.names, self.likelihood.priors.rows()
         return calibration_slopes(names, derivatives, priors, self.held)
 
+    @property
+    def considered_deviations(self) -> Array | None:
+        """Deviations of the coordinates (p) with the effect of considered parameters; None without such."""
+        system = self.likelihood.records[0].considered
+        if not system:
+            return None
+        found, own = self.calibration_slopes, {one.name: one.deviation for one in system}
+        sizes = np.array([own.get(name, 0.0) for name in found.quantities])
+        return np.asarray(
+            np.hypot(self.information.deviations(), np.linalg.norm(found.slopes * sizes, axis=1))
+        )
+
     # Convergence, and tests of the model.
 
     @cached_property

@@ -35,10 +35,15 @@ class Free(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """A noise-free prediction: `outputs` (times x channels), `states` (times x n, scaled)."""
+    """A noise-free prediction: `outputs` (times x channels), `states` (times x n, scaled).
+
+    `start` (n): the state at the first time of the model's timeline, which delayed channels put before the
+    first sample.
+    """
 
     outputs: Array
     states: Array
+    start: Array = np.empty(0)
 
 
 class Prediction(NamedTuple):

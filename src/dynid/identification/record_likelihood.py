@@ -127,6 +127,11 @@ class RecordLikelihood(ABC):
         """The model with the loads and channels of the record."""
 
     @property
+    def considered(self) -> tuple[Parameter, ...]:
+        """Parameters that are known with uncertainty."""
+        return ()
+
+    @property
     @abstractmethod
     def nuisances(self) -> int:
         """Number of nuisances: unknowns beside the parameters."""

@@ -23,7 +23,7 @@ from dynid.identification.least_squares import (
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import Experiment, RecordData
-from dynid.identification.parametric_model import ParametricModel
+from dynid.identification.parametric_model import ParametricModel, freed_coordinates
 from dynid.identification.prediction import (
     Free,
     Trajectory,
@@ -133,6 +133,11 @@ class TimeRecord(RecordLikelihood):
         return self.model.system
 
     @property
+    def considered(self) -> tuple[Parameter, ...]:
+        """Parameters that are known with uncertainty."""
+        return self.model.considered
+
+    @property
     def nuisances(self) -> int:
         """Number of physical states, whose initial values are unknown."""
         return self.model.states
@@ -148,7 +153,7 @@ class TimeRecord(RecordLikelihood):
         residual = values - predicted.outputs
         found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
         size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
-        trajectory = Trajectory(predicted.outputs, predicted.states)
+        trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         return RecordFit(eta, trajectory, residual, counts, size, self.noise_in(counts, size), found)
 
     def residual(self, eta: Array) -> Array:
@@ -205,7 +210,7 @@ class TimeRecord(RecordLikelihood):
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         free_and_steps = free_prediction(self.model, fit.eta)
-        predicted = prediction(self.model, fit.eta, fit.predicted.states[0], *free_and_steps)
+        predicted = prediction(self.model, fit.eta, fit.predicted.start, *free_and_steps)
         times, white = self.model.times, self.data.passed == 1
         most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
         inputs = [self.model.inputs(order) for order in (0, 1)]
@@ -234,8 +239,11 @@ class TimeRecord(RecordLikelihood):
         model, n, p = self.model, self.model.states, self.model.parameters
         names, changes, columns = self._by_loads(fit)
         free, steps = free_prediction(model, fit.eta)
-        found = prediction(model, fit.eta, fit.predicted.states[0], free, steps)
-        columns = [*columns, np.nan_to_num(self.data.recorded)]
+        found = prediction(model, fit.eta, fit.predicted.start, free, steps)
+        considered, moved = self._by_considered(fit)
+        names += [one.name for one in considered]
+        changes += [one.deviation for one in considered]
+        columns = [*columns, *moved, np.nan_to_num(self.data.recorded)]
         beside = np.concatenate([found.by_parameter, np.stack(columns, axis=2)], axis=2)
         rows = self._triangles(self.influential(fit), found.by_state, beside)[0][..., :-1]
         rows *= (self.data.rms / noise)[:, None, None]
@@ -251,6 +259,20 @@ class TimeRecord(RecordLikelihood):
             projected[:, :p],
             projected[:, p:],
         )
+
+    def _by_considered(self, fit: RecordFit) -> tuple[list[Parameter], list[Array]]:
+        """Return the considered parameters, and derivatives of the prediction by their coordinates."""
+        freed = self.model.freed
+        if freed is None:
+            return [], []
+        own = {one.name for one in self.unknowns}
+        places = [place for place, one in enumerate(freed.unknowns) if one.name not in own]
+        eta = freed_coordinates(freed.unknowns, self.unknowns, fit.eta)
+        free, steps = free_prediction(freed, eta)
+        found = prediction(freed, eta, fit.predicted.start * self.model.scale / freed.scale, free, steps)
+        given = {one.name: one for one in self.model.considered}
+        names = [freed.unknowns[place].name for place in places]
+        return [given[name] for name in names], [found.by_parameter[..., place] for place in places]
 
     def _by_loads(self, fit: RecordFit) -> tuple[list[str], list[float], list[Array]]:
         """Return names, changes, and derivatives of the prediction by gains and delay of the loads.
@@ -317,7 +339,7 @@ class TimeRecord(RecordLikelihood):
         _, s, Vt = thin_svd(rows @ root)
         share = np.zeros(len(root))
         share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
-        return InitialState(fit.predicted.states[0], fit.eta, root @ (Vt.T / np.sqrt(1 + share)))
+        return InitialState(fit.predicted.start, fit.eta, root @ (Vt.T / np.sqrt(1 + share)))
 
     def continued(self, prior: InitialState, eta: Array, root: Array) -> InitialState:
         """Return an initial state of this record, with coordinates as another record left them.
@@ -384,7 +406,7 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Ar
     stored[wanted[stored_rows(len(wanted))]] = True
     root = _initial_root(record, fit, noise, known)
     by_eta, columns = root[n:].T, root[:n].T
-    x = fit.predicted.states[0]
+    x = fit.predicted.start
     out = [_sizes(columns[None])] if stored[0] else []
     for first, last, k in runs(model.line.which):
         step, slopes = transitions[k]

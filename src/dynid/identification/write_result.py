@@ -135,7 +135,9 @@ def add_identification(
     further = further or Further()
     _add_parameters(result, posterior)
     if result.wants_below(CONSIDERED):
-        add_calibration_slopes(result, posterior.calibration_slopes)
+        size = np.abs(posterior.values)
+        relative = posterior.rates / np.where(size > 0, size, 1.0)
+        add_calibration_slopes(result, posterior.calibration_slopes, relative)
     if any(map(result.wants_below, _SAMPLED)):
         _add_records(result, posterior, true_states)
     stages = posterior.estimate.stages
@@ -177,6 +179,11 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/standard_error", rate * posterior.information.deviations(), dims, unit)
     if result.wants(f"{group}/standard_error_scaled") and posterior.noise_is_given:
         result.add(f"{group}/standard_error_scaled", rate * posterior.scaled_deviations, dims, unit)
+    if (
+        result.wants(f"{group}/standard_error_total")
+        and (total := posterior.considered_deviations) is not None
+    ):
+        result.add(f"{group}/standard_error_total", rate * total, dims, unit)
     if result.wants(f"{group}/cramer_rao"):
         result.add(f"{group}/cramer_rao", posterior.bound, dims, unit)
     result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.eta), dims)

@@ -89,7 +89,7 @@ class StructuralModel:
     basis
         Of a reduced model, the way back to all DOFs.
     parameters
-        Unknown parameters other than those of joints.
+        Unknown and considered parameters other than those of joints.
     terms
         The parts of M, C and K that depend on them. M, C and K contain them at the reference values.
     modal
@@ -243,8 +243,8 @@ class StructuralModel:
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
-        """The unknown parameters: those of joints, then `parameters`, of loads and channels, too."""
-        return (*self.joint_unknowns, *self.parameters)
+        """The unknown parameters: of joints, then of `parameters`, on which loads may depend, too."""
+        return (*self.joint_unknowns, *(one for one in self.parameters if one.std is None))
 
     @cached_property
     def joint_unknowns(self) -> tuple[Parameter, ...]:
@@ -439,7 +439,7 @@ class StructuralModel:
         )
 
     def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:
-        """Return the model with other unknown parameters, those of joints left as they are."""
+        """Return the model with other `parameters`, those of joints left as they are."""
         model = self.joined(self.joints)
         object.__setattr__(model, "parameters", tuple(parameters))
         return model

@@ -188,7 +188,7 @@ def candidate_sensors(
     every = tuple(dict.fromkeys([*own, *channels]))
     known = as_estimated(experiment.loads, experiment.measurement.record)
     joint = parametric_model(model, known, every, experiment.measurement.record.times)
-    eta, x0 = expected.fit.eta, expected.fit.parts[0].predicted.states[0]
+    eta, x0 = expected.fit.eta, expected.fit.parts[0].predicted.start
     free, steps = free_prediction(joint, eta)
     predicted = prediction(joint, eta, x0, free, steps)
     rms = np.sqrt(np.mean(predicted.outputs**2, axis=0))

@@ -148,7 +148,8 @@ class CalibrationEffects(NamedTuple):
     deviations
         Magnitudes of the same in standard errors (p x q), NaN where there is none.
     kinds
-        Kind of each quantity (q): the gain of a ``load`` or a ``sensor``, or the ``delay``.
+        Kind of each quantity (q): the gain of a ``load`` or a ``sensor``, the ``delay``, or a considered
+        ``parameter``.
     """
 
     parameters: list[str]
@@ -173,7 +174,12 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
     kinds, changes = [], []
     for name, size in zip(map(str, quantities), sizes, strict=True):
         kind = "delay" if name == "trigger delay" else "sensor" if name.startswith("gain of") else "load"
+        if kind == "load" and " gain of " not in name:
+            kind = "parameter"
         kinds.append(kind)
+        if kind == "parameter":
+            changes.append(f"an error of {100 * size:.2g} % in {name} (one standard deviation)")
+            continue
         if kind != "delay":
             what, _, dof = name.partition(" gain of ")
             where = f"the {what} at {'the base' if dof == 'base' else f'DOF {dof}'}"
@@ -188,7 +194,7 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
 
 
 def calibration_sentences(result: Result) -> Iterator[str]:
-    """Yield the largest effect of a load's gain, of a sensor's gain, and of the delay, a sentence each.
+    """Yield the largest effect of a load's gain, a sensor's, the delay, a considered parameter, in sentences.
 
     Effects that are small beside the standard error have none, nor have effects on rejected estimates.
     """
@@ -196,7 +202,7 @@ def calibration_sentences(result: Result) -> Iterator[str]:
     if found is None or (converged in result and not result.value(converged)):
         return
     worst: list[tuple[int, int]] = []  # parameter and quantity, by the effect in standard errors if known
-    for kind in ("load", "sensor", "delay"):
+    for kind in ("load", "sensor", "delay", "parameter"):
         size = np.where(found.kinds == kind, np.nan_to_num(np.abs(found.moves)), 0.0)
         size[size < _LEAST] = 0.0
         weight = np.where(size > 0, np.nan_to_num(found.deviations), 0.0)
@@ -209,7 +215,9 @@ def calibration_sentences(result: Result) -> Iterator[str]:
         sentence = f"{found.changes[j]} would bias {found.parameters[k]} by {_percent(found.moves[k, j])}"
         if many:
             sentence += f" ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
-        if many == max(errors) > CALIBRATION.value:
+        if found.kinds[j] == "parameter":
+            sentence += "; included in standard_error_total"
+        elif many == max(errors) > CALIBRATION.value:
             sentence += "; not included in the error bars"
         yield sentence
 

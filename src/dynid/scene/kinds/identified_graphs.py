@@ -13,7 +13,7 @@ from dynid.scene.kinds.bond_graph import graph_analysis
 from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.measurements import experiments, frf_measurement
-from dynid.scene.kinds.parameters import unknown_parameters
+from dynid.scene.kinds.parameters import all_parameters
 from dynid.scene.kinds.scope import engines_part
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
@@ -45,7 +45,7 @@ def identified_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
         str(name): float(given.f if given.f is not None else given.e or 0)
         for name, given in model.initial.items()
     }
-    graph = GraphModel(built.graph, unknown_parameters(model), initial, variables)
+    graph = GraphModel(built.graph, all_parameters(model), initial, variables)
     outputs = tuple(variables[output] for output in (wanted.outputs if wanted else ()))
     return graph, built._replace(outputs=outputs)
 

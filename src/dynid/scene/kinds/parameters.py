@@ -106,6 +106,23 @@ def check_parameters(scene: Scene) -> None:
         raise SceneError([scene.locate(error)]) from None
 
 
+def all_parameters(model: SceneModel) -> tuple[Parameter, ...]:
+    """Return the unknown parameters of a scene, and those that are known with uncertainty after them."""
+    from dynid.parameters import Parameter
+
+    known = (
+        Parameter(
+            one.name,
+            one.value,
+            one.value,
+            scale="log" if one.value > 0 else "linear",
+            std=one.std,
+        )
+        for one in considered_parameters(model)
+    )
+    return (*unknown_parameters(model), *known)
+
+
 #: Keys of quantities that may have any sign, and so have no logarithm.
 _SIGNED = ("offset", "delay")
 

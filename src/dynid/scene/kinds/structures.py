@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynid.errors import DynidError, FileError, SceneError, UsageError
 from dynid.parameters import ParameterPrior
-from dynid.scene.kinds.parameters import quantities, unknown_parameters
+from dynid.scene.kinds.parameters import all_parameters, quantities
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.references import dof_faults
@@ -59,7 +59,7 @@ def build_structure(
     UsageError
         If the matrices are not those of a structure.
     """
-    parameters = with_units(unknown_parameters(scene.model), structure, joints)
+    parameters = with_units(all_parameters(scene.model), structure, joints)
     built = []
     for name, joint in joints.items():
         parts = (_parameter(part) for part in (joint.k, joint.c, joint.m))
