@@ -19,6 +19,7 @@ from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
 from dynid.identification.parametric_model import Model, freed_model, system_of
 from dynid.identification.simulation import Simulation, per_channel
+from dynid.identification.statistics import root_mean_square
 from dynid.parameters import Parameter, named, rates, true_values
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
@@ -76,6 +77,10 @@ class FrfMeasurement:
         The noise's standard deviation by line (L x channels).
     relative
         True if only the ratio of deviations from line to line is known; their size is then `noise`.
+    proportional
+        True if the deviation of the noise at each line is a ratio of the response there, which is `noise`, or
+        estimated. The weights are first those of the measured values, then of the model's at the estimate:
+        those of measured values favour lines where the noise is against the response.
     """
 
     omega: Array
@@ -84,6 +89,7 @@ class FrfMeasurement:
     noise: float | Sequence[float] | None = None
     deviation: Array | None = None
     relative: bool = False
+    proportional: bool = False
 
     def __post_init__(self) -> None:
         omega = np.atleast_1d(np.array(self.omega, dtype=float))
@@ -114,7 +120,7 @@ class FrfMeasurement:
         good = np.isnan(deviation) | (np.isfinite(deviation) & (deviation >= 0))
         if not good.all():
             raise UsageError("deviations by line must be finite and not negative", names=("measurement.frf",))
-        if isinstance(self.source, Simulation):
+        if isinstance(self.source, Simulation) and not self.proportional:
             raise UsageError("simulated responses have the same noise at all lines")
         if self.noise is not None and not self.relative:
             raise UsageError("the noise is given by line already", names=("measurement.noise", "measurement"))
@@ -262,11 +268,16 @@ def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:
     if isinstance(source, Simulation):
         check_cost(model, len(measurement.omega))
         clean = stacked(FrfSystem.of(model, measurement.channels).response(measurement.omega).values)
-        noise = source.deviation(clean)
+        noise, by_line, spread = source.deviation(clean), None, np.ones(())
         if source.noise is not None:
             noise = noise / np.sqrt(2)  # half of the power in each part
+        if source.noise_by_line:
+            spread = np.abs(unstacked(clean)) / root_mean_square(np.abs(unstacked(clean)))
+            by_line = np.sqrt(2) * noise * spread
+            spread = np.concatenate([spread, spread])
         generator = np.random.Generator(np.random.PCG64(source.seed))
-        data = RecordData(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
+        added = noise * spread * generator.standard_normal(clean.shape)
+        data = RecordData(clean + added, noise, clean, given, by_line=by_line if noise.all() else None)
     else:
         values = np.asarray(source)
         whole = np.where(np.isnan(values), complex(np.nan, np.nan), values)

@@ -99,6 +99,53 @@ class FrfRecord(RecordLikelihood):
         sizes = np.abs(unstacked(fit.residual))[:, column]
         return float(self.measurement.omega[int(np.nanargmax(sizes))])
 
+    # Noise model.
+
+    @property
+    def modelled(self) -> bool:
+        """True if the noise is proportional to the response."""
+        return self.measurement.proportional and not self.magnitudes
+
+    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
+        """Return the likelihood with a noise in proportion to the predicted responses."""
+        return self._weighted_by(np.abs(self.responses(fit.predicted.outputs))) if self.modelled else self
+
+    def with_noise_of(self, other: Any) -> Self:
+        """Return the likelihood with the deviations by line of another one of the same responses."""
+        return self._weighted_by(other.measurement.profile) if self.modelled else self
+
+    def with_measured_weights(self) -> Self:
+        """Return the likelihood with a noise in proportion to the measured responses."""
+        return self._weighted_by(np.abs(self.responses(self.data.values)))
+
+    def _weighted_by(self, deviation: Array) -> Self:
+        """Return the likelihood with other deviations by line, known to a factor (L x channels)."""
+        measurement = replace(self.measurement, deviation=deviation, relative=True, proportional=True)
+        ratio = np.tile(self.measurement.profile / measurement.profile, (2, 1))
+        clean = None if self.data.clean is None else self.data.clean * ratio
+        data = replace(self.data, values=self.data.values * ratio, clean=clean)
+        return replace(self, measurement=measurement, data=data)
+
+    def ideal(self) -> Self:
+        """Return the likelihood without noise, as far as that is known, with its true deviations by line."""
+        found, by_line = self.on(self.data.without_noise()), self.data.by_line
+        if self.data.clean is None or (by_line is None and not self.modelled):
+            return found
+        return found._weighted_by(np.ones(self.measurement.profile.shape) if by_line is None else by_line)
+
+    def level(self, estimated: Array, *, ideal: bool) -> Array:
+        """Return the true deviations of the noise, in units of those by line, where known; else estimated."""
+        if self.data.noise is None or (not ideal and (self.modelled or self.data.by_line is not None)):
+            return estimated
+        return self.data.noise if self.data.by_line is None else np.full(len(estimated), np.sqrt(0.5))
+
+    def log_determinant(self) -> float:
+        """Return the sum of the logarithms of the deviations by line where the noise model has them."""
+        if not self.modelled:
+            return 0.0
+        each = np.tile(self.measurement.profile, (2, 1))
+        return float(np.sum(np.log(each[~np.isnan(self.data.values)])))
+
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
@@ -246,4 +293,5 @@ def frf_likelihood(model: Model, measurement: FrfMeasurement, data: RecordData) 
         If there is more to solve than can be.
     """
     check_cost(model, len(measurement.omega))
-    return FrfLikelihood((FrfRecord(FrfSystem.of(model, measurement.channels), measurement, data),))
+    record = FrfRecord(FrfSystem.of(model, measurement.channels), measurement, data)
+    return FrfLikelihood((record.with_measured_weights() if measurement.proportional else record,))

@@ -301,6 +301,10 @@ def _identified(
     for number in count(1):
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
             estimate = here.run(likelihood, eta)
+        if likelihood.modelled and estimate.likelihood is None:  # an estimator that assumes white noise
+            coloured = likelihood.renewed(estimate.fit)
+            fit = coloured.fit(estimate.fit.eta)
+            estimate = replace(estimate, likelihood=coloured, fit=fit, comparison=None)
         if before is not None:
             estimate = _continued(before, likelihood, estimate)
         before = posterior = Posterior(estimate.likelihood or likelihood, estimator.name, estimate)
@@ -331,7 +335,7 @@ def _identified(
             posterior.likelihood,
             posterior.fit,
             list(dict.fromkeys(dofs)),
-            lambda finer: likelihood_of(finer, own),
+            lambda finer: likelihood_of(finer, own).with_noise_of(posterior.likelihood),
         )
         posterior = replace(posterior, model_error=found)
     return posterior, model

@@ -8,8 +8,9 @@ A prior counts as an independent measurement.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from dynid.identification.information import Information, joint_information
 from dynid.identification.priors import Priors
 from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.residual_tests import whiteness
-from dynid.identification.statistics import root_mean_square
 from dynid.parameters import Parameter, coordinates, truths
 
 Array = NDArray[np.float64]
@@ -71,9 +71,10 @@ class Likelihood:
     @property
     def ideal(self) -> Likelihood:
         """The likelihood of the records without noise, as far as that is known."""
-        if self.noiseless is not None:
+        white = all(record.data.colour is None for record in self.records)
+        if self.noiseless is not None and white:
             return self.noiseless
-        return Likelihood(tuple(record.on(record.data.without_noise()) for record in self.records))
+        return Likelihood(tuple(record.ideal() for record in self.records))
 
     @cached_property
     def at_truth(self) -> Fit:
@@ -139,7 +140,7 @@ class Likelihood:
 
     def misfit_at(self, eta: Array) -> float:
         """Return the misfit at these coordinates (p), without the derivatives that a fit has."""
-        sizes = [root_mean_square(record.residual(eta)) for record in self.records]
+        sizes = [record.size_at(eta) for record in self.records]
         return self._misfit(eta, [record.data.counts for record in self.records], sizes)
 
     def _misfit(self, eta: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
@@ -147,7 +148,7 @@ class Likelihood:
         for record, count, size in zip(self.records, counts, sizes, strict=True):
             level = _likeliest(record, size)
             squares = np.where(np.isnan(record.given), 0.0, size / level) ** 2
-            total += float(count @ (np.log(level) + squares / 2))
+            total += float(count @ (np.log(level) + squares / 2)) + record.log_determinant()
         return total
 
     def likeliest(self, fit: Fit) -> list[Array]:
@@ -158,12 +159,37 @@ class Likelihood:
     def residual_ratio(self, fit: Fit) -> Array:
         """Return the RMS of the residuals over that of the measured values (channels of all records)."""
         each = zip(self.records, fit.parts, strict=True)
-        return np.concatenate([part.size / record.data.rms for record, part in each])
+        return np.concatenate([record.raw_size(part) / record.data.rms for record, part in each])
+
+    # Noise model.
+
+    @property
+    def modelled(self) -> bool:
+        """True if a model of the noise is to be estimated together with the parameters."""
+        return any(record.modelled for record in self.records)
+
+    @property
+    def coloured(self) -> bool:
+        """True if an autoregression whitens a record."""
+        return any(record.noise_orders.any() for record in self.records)
+
+    def renewed(self, fit: Fit, *, settling: bool = False) -> Self:
+        """Return the likelihood with the noise models of a fit; `settling`: of the orders that they have."""
+        known = self.information(fit, self.likeliest(fit)).root
+        each = zip(self.records, fit.parts, strict=True)
+        renewed = tuple(record.renewed(part, known, settling=settling) for record, part in each)
+        return replace(self, records=renewed)
+
+    def with_noise_of(self, other: Likelihood) -> Self:
+        """Return the likelihood with the noise models of another one of the same records."""
+        each = zip(self.records, other.records, strict=True)
+        return replace(self, records=tuple(record.with_noise_of(one) for record, one in each))
 
     def whiteness(self, fit: Fit) -> float:
         """Return the p-value of the residuals' whiteness."""
         each = zip(self.records, fit.residuals, strict=True)
-        return whiteness(*(record.series(residual) for record, residual in each))
+        series = (record.series(residual) for record, residual in each)
+        return whiteness(*series, coefficients=[int(record.noise_orders.sum()) for record in self.records])
 
 
 def _likeliest(record: RecordLikelihood, size: Array) -> Array:

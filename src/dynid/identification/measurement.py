@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.instruments import Instruments
 from dynid.identification.linear_system import SystemModel
+from dynid.identification.noise import Autoregression, ColouredNoise
 from dynid.identification.simulation import Simulation, per_channel
 from dynid.identification.statistics import root_mean_square
 from dynid.lti.signals import Random, RecordTimes, Shifted, WhiteNoise
@@ -43,7 +44,7 @@ class Measurement:
         them.
     noise
         Given standard deviation of the noise, in the channel's unit: one number, or one a channel, NaN where
-        it is unknown. Absent: it is estimated from the residuals.
+        it is unknown. Absent: it is estimated from the residuals, white; or coloured noise, also estimated.
     start
         Time of the first measured sample on the clock of the loads, s.
     prepared
@@ -56,7 +57,7 @@ class Measurement:
     samples: int
     channels: tuple[Any, ...]
     source: Simulation | ArrayLike = field(default_factory=Simulation)
-    noise: float | Sequence[float] | None = None
+    noise: float | Sequence[float] | ColouredNoise | None = None
     start: float = 0.0
     prepared: tuple[str, ...] = ()
     passed: float = 1.0
@@ -87,7 +88,7 @@ class Measurement:
     @property
     def given_noise(self) -> Array | None:
         """The given deviations of the noise (channels)."""
-        if self.noise is None:
+        if self.noise is None or isinstance(self.noise, ColouredNoise):
             return None
         return per_channel("measurement.noise", self.noise, len(self.channels))
 
@@ -158,6 +159,10 @@ class RecordData:
     robust
         Data of a robust loss, if one is used; `values` then are pseudo-values, see
         `dynid.identification.estimators.maximum_likelihood`.
+    colour
+        Colour of a simulated noise, if it is not white.
+    by_line
+        Deviation of a simulated noise by line (L x channels), if it is not the same at all lines.
     """
 
     values: Array
@@ -166,6 +171,8 @@ class RecordData:
     given: Array | None = None
     passed: float = 1.0
     robust: RobustLoss | None = None
+    colour: Autoregression | None = None
+    by_line: Array | None = None
 
     @property
     def recorded(self) -> Array:
@@ -219,7 +226,11 @@ def data(
             clean = simulated(model, loads, measurement).outputs
         noise = measurement.source.deviation(clean)
         generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
-        record = RecordData(clean + noise * generator.standard_normal(clean.shape), noise, clean, given)
+        added, colour = generator.standard_normal(clean.shape), None
+        if measurement.source.noise_colour:
+            colour = Autoregression.of(measurement.source.noise_colour, len(measurement.channels))
+            added = colour.simulated(added)
+        record = RecordData(clean + noise * added, noise, clean, given, colour=colour)
     else:
         record = RecordData(np.asarray(measurement.source), given=given, passed=measurement.passed)
     for column, channel in enumerate(measurement.channels):

@@ -182,12 +182,13 @@ class Posterior:
     def bound_with(self, *, prior: bool) -> Array:
         """Return the bound (p), with the priors or of the records alone: infinite where not identifiable."""
         likelihood, fit, rate, true = self.likelihood, self.fit, self.rates, self.true
-        if not np.isnan(true).any():
+        ideal = not np.isnan(true).any()
+        if ideal:
             likelihood = self.likelihood.ideal
             fit = likelihood.at_truth
             rate = rates(likelihood.unknowns, fit.eta)
         each = zip(self.likelihood.records, self.noise, strict=True)
-        noise = [level if record.data.noise is None else record.data.noise for record, level in each]
+        noise = [record.level(estimated, ideal=ideal) for record, estimated in each]
         if not all(level.all() for level in noise):
             return np.zeros(len(true))  # clean data
         found = likelihood.information(fit, noise, prior=prior)
@@ -289,11 +290,13 @@ class Posterior:
         """Return why the prediction does not explain the records; empty where it does."""
         each = zip(self.likelihood.records, self.fit.parts, strict=True)
         # Corrected for the degrees of freedom of the fit.
-        left = np.concatenate([record.scatter(p.counts, p.size) / record.data.rms for record, p in each])
+        left = np.concatenate(
+            [record.scatter(p.counts, record.raw_size(p)) / record.data.rms for record, p in each]
+        )
         if not np.mean(left**2) < _NOTHING**2:
             return f"the prediction explains nothing of the {self.noun}{'s' * self.several}"
         for unexplained, place in zip(left, self.channels, strict=True):
-            if unexplained > _INVALID and is_coloured(whiteness(self.series(place))):
+            if unexplained > _INVALID and is_coloured(self.channel_whiteness_p(place)):
                 part = f"{100 * unexplained:.0f} % of {place.name}"
                 return f"{part} is unexplained, and the residual is not noise"
         return ""
@@ -328,8 +331,13 @@ class Posterior:
 
     def series(self, place: ChannelOfRecord) -> Array:
         """Return the series of a channel that is white if the model is right (rows x columns)."""
-        residual = self.fit.residuals[place.record][:, [place.column]]
-        return self.likelihood.records[place.record].series(residual)
+        residual = self.fit.residuals[place.record]
+        return self.likelihood.records[place.record].channel_series(residual, place.column)
+
+    def channel_whiteness_p(self, place: ChannelOfRecord) -> float:
+        """Return the p-value of the whiteness of the residuals of a channel."""
+        order = self.likelihood.records[place.record].noise_orders[place.column]
+        return whiteness(self.series(place), coefficients=[int(order)])
 
     @cached_property
     def shapes(self) -> list[ResidualShape | None]:

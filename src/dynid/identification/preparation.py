@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.identification.measurement import Experiment, as_estimated
+from dynid.identification.noise import ColouredNoise
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
 from dynid.structure.response import Load
@@ -229,6 +230,12 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
         return experiment
     if isinstance(given.source, Simulation):
         raise UsageError("a simulated record needs no preparation", names=("prepare",))
+    if isinstance(given.noise, ColouredNoise) and any(isinstance(step, _Filter) for step in steps):
+        raise UsageError(
+            "coloured noise is that of the samples as they were recorded, which a filter changes",
+            remedy="Leave the filters out: the model of the noise weights frequencies by itself.",
+            names=("prepare",),
+        )
     channels = len(given.channels)
     loads = as_estimated(experiment.loads, given.record)
     for k, load in enumerate(loads):  # sweeps as samples, and samples at those of the record
@@ -267,7 +274,9 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
         samples=len(kept),
         source=kept,
         # The density of white noise in the band that is kept, per sample.
-        noise=None if given.given_noise is None else list(given.given_noise / math.sqrt(samples.stride)),
+        noise=given.noise
+        if given.given_noise is None
+        else list(given.given_noise / math.sqrt(samples.stride)),
         start=samples.start,
         passed=samples.stride * float(np.mean(power)),
         prepared=tuple(step.description for step in steps),

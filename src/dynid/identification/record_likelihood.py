@@ -23,6 +23,7 @@ from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory
 from dynid.identification.saturated_model import SaturatedCoordinates
+from dynid.identification.statistics import root_mean_square
 from dynid.parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -75,7 +76,10 @@ class RecordFit:
 
 
 class RecordLikelihood(ABC):
-    """Likelihood of real values (rows x channels) that depend on the parameters, with white Gaussian noise.
+    """Likelihood of real values (rows x channels) that depend on the parameters, with Gaussian noise.
+
+    Noise that is not white is whitened: `fit`, `information`, `weighted`, `coordinates` and `series` are
+    those of whitened values, for the noise model that `renewed` estimates.
 
     Attributes
     ----------
@@ -175,6 +179,59 @@ class RecordLikelihood(ABC):
     def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
         """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
 
+    # Noise model.
+
+    @property
+    def modelled(self) -> bool:
+        """True if a model of the noise is to be estimated together with the parameters."""
+        return False
+
+    @property
+    def noise_remedy(self) -> str:
+        """The remedy of coloured residuals, as the end of a sentence; empty where there is none."""
+        return ""
+
+    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
+        """Return the likelihood with the noise model of this fit.
+
+        Parameters
+        ----------
+        fit
+            The fit, by this likelihood.
+        known
+            A root of the covariance of the coordinates, given all records (p x p).
+        settling
+            True: the order of the noise model stays as it is.
+        """
+        return self
+
+    def with_noise_of(self, other: Any) -> Self:  # noqa: ARG002
+        """Return the likelihood with the noise model of another one of the same record."""
+        return self
+
+    def ideal(self) -> Self:
+        """Return the likelihood without noise, as far as that is known, with the true model of the noise."""
+        return self.on(self.data.without_noise())
+
+    def level(self, estimated: Array, *, ideal: bool) -> Array:  # noqa: ARG002
+        """Return the true deviations of the noise (channels) where they are known, else the estimated ones.
+
+        `ideal`: for the noise model of `ideal`.
+        """
+        return estimated if self.data.noise is None else self.data.noise
+
+    def log_determinant(self) -> float:
+        """Return what the misfit has besides the deviations and residuals: 0 of white noise."""
+        return 0.0
+
+    def size_at(self, eta: Array) -> Array:
+        """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
+        return root_mean_square(self.residual(eta))
+
+    def raw_size(self, fit: RecordFit) -> Array:
+        """Return the RMS of the residuals (channels), not whitened."""
+        return fit.size
+
     def influential(self, fit: RecordFit) -> Array:
         """Return the residuals (rows x channels), NaN where missing or where a robust loss bounds them.
 
@@ -208,18 +265,27 @@ class RecordLikelihood(ABC):
         """Return the residuals over noise, row by row as the information has them, 0 where missing."""
         return (np.nan_to_num(fit.residual) * weights(noise, fit.residual)).ravel()
 
+    @property
+    def noise_orders(self) -> NDArray[np.int_]:
+        """Number of estimated coefficients of the noise (channels)."""
+        return np.zeros(self.data.values.shape[1], dtype=int)
+
     def series(self, residual: Array) -> Array:
         """Return residuals (rows x channels) as series that are white if the model is right."""
         return residual
 
+    def channel_series(self, residual: Array, column: int) -> Array:
+        """Return the series of a channel, of residuals (rows x channels) of all."""
+        return self.series(residual[:, [column]])
+
     def residual_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), in the channels' units."""
-        return fit.size
+        return self.raw_size(fit)
 
     def unexplained(self, fit: RecordFit, column: int) -> tuple[float, Array]:
         """Return the residual of a channel over its signal (RMS), and the series to test for whiteness."""
         part = float(fit.size[column] / self.data.rms[column])
-        return part, self.series(fit.residual[:, [column]])
+        return part, self.channel_series(fit.residual, column)
 
     def residual_peak(self, fit: RecordFit, column: int) -> float:  # noqa: ARG002
         """Return the frequency, rad/s, at which the residual of a channel is strongest."""

@@ -7,6 +7,7 @@ autoregression first (Yule–Walker), so that its colour alone raises no alarm.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -38,13 +39,15 @@ _ORDER, _PER_ORDER = 20, 10
 _LEAST_SAMPLES = 20
 
 
-def whiteness(*residuals: Array) -> float:
+def whiteness(*residuals: Array, coefficients: Sequence[int] = ()) -> float:
     """Return the p-value of the Ljung–Box test that the residuals are white, all channels together.
 
     Parameters
     ----------
     *residuals
         Residuals of each record (times x channels); NaN where missing.
+    coefficients
+        Of each record the number of coefficients of the autoregressions that whitened it; absent: none.
 
     Returns
     -------
@@ -54,12 +57,13 @@ def whiteness(*residuals: Array) -> float:
     Notes
     -----
     Q = N (N + 2) sum_l r_l^2 / (N - l), summed over channels and records, against chi-squared; lags up to
-    min(20, N / 4). G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297–303.
+    min(20, N / 4), and of whitened residuals as many more as coefficients a channel, which count as degrees
+    of freedom. G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297–303.
     """
     degrees, statistic = 0, 0.0
-    for residual in residuals:
-        n = len(residual)
-        lags = min(20, n // 4)
+    for k, residual in enumerate(residuals):
+        n, fitted = len(residual), coefficients[k] if coefficients else 0
+        lags = min(20 + -(-fitted // residual.shape[1]), n // 4)
         centred = standardised(residual)
         power = np.einsum("tc,tc->c", centred, centred)
         channels = np.flatnonzero(power > 0)
@@ -67,7 +71,7 @@ def whiteness(*residuals: Array) -> float:
             continue
         r = autocovariances(centred, lags)[:, channels] / power[channels]
         weights = n * (n + 2) / (n - np.arange(1, lags + 1))
-        degrees += lags * len(channels)
+        degrees += max(lags * len(channels) - fitted, 1)
         statistic += float(np.sum(weights[:, None] * r**2))
     return chi_squared_tail(degrees, statistic) if degrees else 1.0
 

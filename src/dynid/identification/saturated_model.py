@@ -103,6 +103,10 @@ class Regressors:
         """Their products (d x d)."""
         return np.asarray(self.values.T @ self.values)
 
+    def replaced(self, values: Array) -> Regressors:
+        """Return the regressors with other values, such as whitened ones."""
+        return replace(self, values=values)
+
     def where(self, there: NDArray[np.bool_]) -> Regressors:
         """Return the regressors of a channel whose values are there (rows)."""
         return self if there.all() else replace(self, values=self.values * there[:, None])

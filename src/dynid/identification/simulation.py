@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
+from dynid.identification.noise import Autoregression
 from dynid.identification.statistics import root_mean_square
 from dynid.structure.matrices import Label
 
@@ -32,6 +33,12 @@ class Simulation:
     noise
         Standard deviation of the noise instead of the ratio, in the channel's unit; one number, or one a
         channel.
+    noise_colour
+        Coefficients a_1, a_2, … of an autoregressive noise ``x_t = a_1 x_(t-1) + a_2 x_(t-2) + … + e_t``,
+        stationary from the first sample on, the same in all channels; its standard deviation is that of
+        `noise_ratio` or `noise`. Absent: white.
+    noise_by_line
+        True: the noise of a frequency response is in proportion to its magnitude, line by line.
     displacement, velocity
         Initial displacement, m, and velocity, m/s, by DOF; absent: at rest.
     """
@@ -42,6 +49,8 @@ class Simulation:
     noise: float | Sequence[float] | None = None
     displacement: Mapping[Label, float] = field(default_factory=dict)
     velocity: Mapping[Label, float] = field(default_factory=dict)
+    noise_colour: Sequence[float] = ()
+    noise_by_line: bool = False
 
     def __post_init__(self) -> None:
         for name, level in (("noise_ratio", self.noise_ratio), ("noise", self.noise)):
@@ -53,6 +62,7 @@ class Simulation:
             raise UsageError("the noise has either a ratio or a standard deviation", names=("noise",))
         if not (math.isfinite(self.settle) and self.settle >= 0):
             raise UsageError("the settling time must be finite and not negative", names=("settle",))
+        Autoregression.of(self.noise_colour, 1)
         if self.seed < 0:
             raise UsageError("a seed must not be negative", names=("seed",))
 

@@ -23,6 +23,7 @@ from dynid.identification.least_squares import (
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import Experiment, RecordData
+from dynid.identification.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.parametric_model import ParametricModel, freed_coordinates
 from dynid.identification.prediction import (
     Free,
@@ -71,12 +72,15 @@ class TimeRecord(RecordLikelihood):
         Loads and measurement as they were given, for messages and results.
     sharing
         Number of records that share the parameters.
+    colour
+        Autoregression of the noise, by which values and derivatives are whitened; absent: the noise is white.
     """
 
     model: ParametricModel
     data: RecordData
     experiment: Experiment | None = None
     sharing: int = 1
+    colour: Autoregression | None = None
 
     @property
     def channels(self) -> Sequence[Channel]:
@@ -107,7 +111,8 @@ class TimeRecord(RecordLikelihood):
         """Return the raw residual of a channel over its signal (RMS), and that residual (times x 1)."""
         residual = self._raw_residual(fit, column)
         recorded = self.data.recorded[:, [column]]
-        return float(root_mean_square(residual)[0] / root_mean_square(recorded)[0]), residual
+        part = float(root_mean_square(residual)[0] / root_mean_square(recorded)[0])
+        return part, residual if self.colour is None else self.channel_series(fit.residual, column)
 
     def residual_peak(self, fit: RecordFit, column: int) -> float:
         """Return the frequency, rad/s, at which the residual of a channel is strongest."""
@@ -156,6 +161,97 @@ class TimeRecord(RecordLikelihood):
         trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         return RecordFit(eta, trajectory, residual, counts, size, self.noise_in(counts, size), found)
 
+    # Noise model.
+
+    @property
+    def wanted_noise(self) -> ColouredNoise | None:
+        """The coloured noise that is to be estimated; None: white noise is assumed."""
+        noise = None if self.experiment is None else self.experiment.measurement.noise
+        return noise if isinstance(noise, ColouredNoise) else None
+
+    @property
+    def modelled(self) -> bool:
+        """True if the noise is coloured and to be estimated together with the parameters."""
+        return self.wanted_noise is not None
+
+    @property
+    def noise_remedy(self) -> str:
+        """The remedy of coloured residuals, where white noise was assumed of unfiltered samples."""
+        if self.modelled or self.data.passed != 1 or self.data.robust is not None:
+            return ""
+        return "; if the model is right, state noise: {kind: coloured, order: auto} in the measurement"
+
+    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:
+        """Return the likelihood with the autoregression of the noise, given a fit.
+
+        The noise is the residual plus the error of the prediction, which has the covariance of initial state
+        and parameters: without it the noise would be underestimated where the model fits best, near
+        resonances. Repeated, this is the EM algorithm of restricted maximum likelihood (N. M. Laird, J. H.
+        Ware, Biometrics 38 (1982) 963–974).
+        """
+        wanted = self.wanted_noise
+        if wanted is None:
+            return self
+        free, steps = free_prediction(self.model, fit.eta)
+        found = prediction(self.model, fit.eta, fit.predicted.start, free, steps)
+        root = _initial_root(self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), known)
+        errors = np.concatenate([found.by_state, found.by_parameter], axis=2) @ root
+        orders = self.colour.orders if settling and self.colour is not None else None
+        return replace(self, colour=estimated(fit.residual, errors, wanted, orders))
+
+    def with_noise_of(self, other: Any) -> Self:
+        """Return the likelihood with the autoregression of another one of the same record."""
+        return replace(self, colour=other.colour)
+
+    def ideal(self) -> Self:
+        """Return the likelihood without noise, as far as that is known, with the true colour."""
+        found = self.on(self.data.without_noise())
+        return found if self.data.clean is None else replace(found, colour=self.data.colour)
+
+    def level(self, estimated: Array, *, ideal: bool) -> Array:
+        """Return the true deviations of the noise (of its innovations) where known, else estimated ones."""
+        if self.data.noise is None or (not ideal and (self.colour or self.data.colour)):
+            return estimated
+        return self.data.noise * (1.0 if self.data.colour is None else self.data.colour.shares)
+
+    def log_determinant(self) -> float:
+        """Return half the logarithm of the determinant of the covariance, in units of the innovations."""
+        return 0.0 if self.colour is None else self.colour.log_determinant(~np.isnan(self.data.values))
+
+    def size_at(self, eta: Array) -> Array:
+        """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
+        return root_mean_square(self.series(self.residual(eta)))
+
+    def raw_size(self, fit: RecordFit) -> Array:
+        """Return the RMS of the residuals (channels), not whitened."""
+        return fit.size if self.colour is None else root_mean_square(fit.residual)
+
+    def scatter(self, counts: NDArray[np.int_], size: Array) -> Array:
+        """Return the RMS of residuals, corrected for the number of fitted values, coefficients included."""
+        if self.colour is not None:
+            counts = counts - np.minimum(self.colour.orders, counts - 1)
+            size = size * np.sqrt((counts + self.colour.orders) / counts)
+        return super().scatter(counts, size)
+
+    @property
+    def noise_orders(self) -> NDArray[np.int_]:
+        """Number of estimated coefficients of the noise (channels)."""
+        return super().noise_orders if self.colour is None else self.colour.orders
+
+    def series(self, residual: Array) -> Array:
+        """Return residuals (times x channels), whitened where the noise is coloured."""
+        if self.colour is None:
+            return residual
+        present = ~np.isnan(residual)
+        white = self.colour.whitened(np.nan_to_num(residual)[..., None], present)[..., 0]
+        return np.where(present, white, np.nan)
+
+    def channel_series(self, residual: Array, column: int) -> Array:
+        """Return the series of a channel, of residuals (times x channels) of all."""
+        if self.colour is None:
+            return residual[:, [column]]
+        return self.series(residual)[:, [column]]
+
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at exp(eta) (times x channels), NaN where missing."""
         free, _ = free_prediction(self.model, eta)
@@ -202,7 +298,10 @@ class TimeRecord(RecordLikelihood):
         rows = self._weighted(fit, noise)
         names = tuple(unknown.name for unknown in self.model.unknowns)
         present = ~np.isnan(fit.residual)
-        signal = float(np.linalg.norm(np.where(present, fit.predicted.outputs, 0.0) / noise))
+        outputs = fit.predicted.outputs
+        if self.colour is not None:
+            outputs = self.series(np.where(present, outputs, np.nan))
+        signal = float(np.linalg.norm(np.where(present, outputs, 0.0) / noise))
         count = int(np.count_nonzero(present))
         found = information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count)
         return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
@@ -223,13 +322,19 @@ class TimeRecord(RecordLikelihood):
             residual = np.nan_to_num(fit.residual[:, c]) * weight
             by_state = predicted.by_state[:, c] @ self.root * weight[:, None]
             by_parameter = predicted.by_parameter[:, c] * weight[:, None]
+            faults, own = fault_columns(outputs) * there[:, None], shared
+            if self.colour is not None:  # channel by channel, whether they are correlated or not
+                parts = (shared.values, outputs, residual, by_state, by_parameter, faults)
+                regressors, outputs, residual, by_state, by_parameter, faults = self.colour.of_channel(
+                    c, there, parts
+                )
+                own = shared.replaced(regressors)
             # A preparation filter correlates residuals that were white.
             before = (delayed_residuals(residual) if white else np.zeros((len(there), 0))) * there[:, None]
-            faults = fault_columns(outputs) * there[:, None]
             columns = ChannelColumns(outputs, residual, by_state, by_parameter, faults, before)
             found.append(
                 saturated_coordinates(
-                    shared.where(there), columns, int(self.data.counts[c]) * min(1.0, self.data.passed)
+                    own.where(there), columns, int(self.data.counts[c]) * min(1.0, self.data.passed)
                 )
             )
         return found
@@ -243,13 +348,15 @@ class TimeRecord(RecordLikelihood):
         considered, moved = self._by_considered(fit)
         names += [one.name for one in considered]
         changes += [one.deviation for one in considered]
-        columns = [*columns, *moved, np.nan_to_num(self.data.recorded)]
+        measured, channels = np.nan_to_num(self.data.recorded), len(self.data.rms)
+        mixed = self.colour is not None and self.colour.mixing is not None
+        columns += [*moved, *([measured * one for one in np.eye(channels)] if mixed else [measured])]
         beside = np.concatenate([found.by_parameter, np.stack(columns, axis=2)], axis=2)
         rows = self._triangles(self.influential(fit), found.by_state, beside)[0][..., :-1]
         rows *= (self.data.rms / noise)[:, None, None]
         # The gain of a channel acts on the rows of that channel alone.
-        own = -rows[..., -1:] * np.eye(len(rows))[:, None, :]
-        every = np.concatenate([rows[..., :-1], own], axis=2)
+        own = -rows[..., -channels:] if mixed else -rows[..., -1:] * np.eye(channels)[:, None, :]
+        every = np.concatenate([rows[..., : -channels if mixed else -1], own], axis=2)
         every = every.reshape(-1, every.shape[2])
         projected, _ = without_state(every[:, n:], every[:, :n] @ self.root)
         sensors = model.gains[1]
@@ -309,6 +416,12 @@ class TimeRecord(RecordLikelihood):
         self, residual: Array, by_state: Array, by_parameter: Array
     ) -> tuple[Array, NDArray[np.int_]]:
         """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter."""
+        if self.colour is not None:
+            both = np.concatenate([by_state, by_parameter, np.nan_to_num(residual)[..., None]], axis=2)
+            present, n = ~np.isnan(residual), by_state.shape[2]
+            white = self.colour.whitened(both, present)
+            by_state, by_parameter = white[..., :n], white[..., n:-1]
+            residual = np.where(present, white[..., -1], np.nan)
         if kernels_used(self.model):
             from dynid.identification.kernels import prediction_kernel, steps  # loads numba
 

@@ -22,6 +22,8 @@ _ROUND_OFF = 1e-6
 _LEAST_SPARE = 10
 # A channel that takes fewer values is not tested for clipping.
 _LEAST_SAMPLES = 50
+# Estimators whose filter is that of white noise.
+_WHITE_ONLY = ("filter", "invariant-imbedding")
 # The most outliers that are named one by one.
 _NAMED = 3
 # An outlier or offset that makes up this part of a residual's mean square reduces the weight of its channel.
@@ -112,11 +114,18 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
     for place in posterior.channels:
         record, fit = records[place.record], posterior.fit.parts[place.record]
         part, series = record.unexplained(fit, place.column)
-        if part >= _ROUND_OFF and is_coloured(whiteness(series)):
+        fitted = [int(record.noise_orders[place.column])]
+        if part >= _ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
             yield (
                 f"the residual of {place.name} ({100 * part:.2g} % of the signal) is not white noise; "
                 f"it is strongest at {frequency_text(record.residual_peak(fit, place.column), 3)}"
+                f"{record.noise_remedy}"
             )
+    if any(record.modelled for record in records) and posterior.method in _WHITE_ONLY:
+        yield (
+            f"{posterior.method} assumes white noise: its estimate is not the most likely one for coloured "
+            "noise, which its error bars are for; method: auto finds that"
+        )
     if any(np.isnan(record.given).any() for record in records):
         spare = posterior.information.freedom - len(posterior.likelihood.names)
         if spare < _LEAST_SPARE:

@@ -16,6 +16,7 @@ Everything is below ``identification/``:
   record.
 - `innovations`: those of the filter's last pass, normalised (NaN where a sample is missing).
 - `residual_spectrum`: spectra of the residuals.
+- `noise`, where the noise is not white: its model; see `noise_result`.
 - `robust`, with Huber's loss: the robust deviation of each channel's residuals and the part that is bounded;
   the diagnostics are those of the bounded residuals.
 - `model_error`, of a reduced model: the error of the estimates by the reduction.
@@ -62,10 +63,11 @@ from dynid.identification.filter import Pass, stored_rows
 from dynid.identification.frf_record import FrfRecord
 from dynid.identification.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
 from dynid.identification.measurement import Measurement
+from dynid.identification.noise_result import add_noise
 from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.posterior import Posterior
 from dynid.identification.record_likelihood import RecordFit
-from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum, whiteness
+from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum
 from dynid.identification.time_record import TimeRecord, state_deviations
 from dynid.identification.verdict import CONTRADICTED, verdict, warnings
 from dynid.identification.write_derived import DERIVED, DerivedRequest, add_derived
@@ -150,6 +152,8 @@ def add_identification(
     result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
     chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
     result.add(f"{_STAGES}/chosen", chosen)
+    if posterior.likelihood.modelled:
+        add_noise(result, posterior)
     check = posterior_check(posterior) if further.check else None
     if check is not None:
         _add_check(result, posterior, check)
@@ -292,9 +296,10 @@ def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
     # Real and imaginary parts are alike: their mean.
     joined = np.column_stack([r[:lags].mean(axis=1) for r, _ in each])
     result.add(f"{group}/autocorrelation", joined, ("lag", "channel"))
+    white = [posterior.channel_whiteness_p(place) for place in posterior.channels]
     band = [float(np.mean(band) / np.sqrt(len(band))) for _, band in each]
     result.add(f"{group}/autocorrelation_band", band, ("channel",))
-    result.add(f"{group}/channel_whiteness_p", [whiteness(one) for one in series], ("channel",))
+    result.add(f"{group}/channel_whiteness_p", white, ("channel",))
 
 
 def _add_check(result: Result, posterior: Posterior, check: PosteriorCheck) -> None:
@@ -469,6 +474,9 @@ def _add_responses(result: Result, record: FrfRecord, fit: RecordFit) -> None:
     if record.data.noise is not None:
         result.add(f"{group}/noise", np.sqrt(2) * record.data.noise, ("channel",), unit)
     if measurement.deviation is not None:
-        result.add(f"{group}/deviation", measurement.profile, dims, unit)
+        by_line = measurement.profile
+        if measurement.proportional:  # the profile is the predicted magnitude
+            by_line = by_line * np.sqrt(2) * fit.noise
+        result.add(f"{group}/deviation", by_line, dims, unit)
     elif measurement.given_noise is not None:
         result.add(f"{group}/given_noise", measurement.given_noise, ("channel",), unit)

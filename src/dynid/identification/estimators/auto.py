@@ -32,7 +32,7 @@ from dynid.defaults import AGREEING_STARTS, MOST_STARTS
 from dynid.errors import DynidError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
-from dynid.identification.estimators.maximum_likelihood import refine
+from dynid.identification.estimators.maximum_likelihood import Refined, refine, with_noise
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.frf_record import FrfLikelihood
 from dynid.identification.lack_of_fit import ModelComparison, compare_models
@@ -59,6 +59,8 @@ _SAME, _AS_GOOD = 0.02, 0.02
 _EXACT = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
 _WHITE = 1e-4
+# Part of the mean square of the records that residuals may be where their noise is coloured.
+_COLOURED = 0.25
 # A parameter is vague beyond this standard error of its coordinate: other optima may be as white. To look for
 # them, starts are drawn, besides those so many standard errors away (of at most so much).
 _VAGUE, _AWAY, _FARTHEST = 0.05, 3.0, 2.0
@@ -80,9 +82,10 @@ class Attempt(NamedTuple):
     """A completed attempt: its `stage`, its `fit`, the `sweeps` before it.
 
     `drawn`: not from the given start; `accepted`: its residuals are noise, or round-off; `comparison`: of
-    the model with others, if that was needed.
+    the model with others, if that was needed. `likelihood`: that of the noise at the end.
     """
 
+    likelihood: Likelihood
     stage: EstimationStage
     fit: Fit
     sweeps: list[Sweep]
@@ -121,22 +124,28 @@ class Search:
                 # Further steps, as in a narrow valley, are for the best attempt alone.
                 fit, further = refine(self.likelihood, fit.eta, _FURTHER_STEPS)
                 steps += further
+            likelihood, (fit, steps) = with_noise(self.likelihood, Refined(fit, steps))
         except DynidError as error:  # from a poor start an attempt may diverge, from another one not
             self.failure = self.failure or error
             return
-        stage = EstimationStage.at(name, self.likelihood, fit, steps)
-        self.tried.append(Attempt(stage, fit, sweeps, drawn, *self._judged(stage, fit)))
+        stage = EstimationStage.at(name, likelihood, fit, steps)
+        judged = self._judged(likelihood, stage, fit)
+        self.tried.append(Attempt(likelihood, stage, fit, sweeps, drawn, *judged))
 
-    def _judged(self, stage: EstimationStage, fit: Fit) -> tuple[bool, ModelComparison | None]:
+    def _judged(
+        self, likelihood: Likelihood, stage: EstimationStage, fit: Fit
+    ) -> tuple[bool, ModelComparison | None]:
         """Return True if residuals are accepted, and the comparison of models if that was needed."""
-        ratio, whiteness_p = stage.residual_ratio, self.likelihood.whiteness(fit)
-        if np.mean(ratio**2) >= 1:  # nothing is explained, in few values or in many
+        ratio, whiteness_p = stage.residual_ratio, likelihood.whiteness(fit)
+        # Nothing is explained, in few values or in many; an autoregression whitens the residuals of a wrong
+        # optimum, too, which are about as large as the signal.
+        if np.mean(ratio**2) >= (_COLOURED if likelihood.coloured else 1):
             return False, None
         if self.accept_small and is_explained(ratio, whiteness_p):
             return True, None
         if np.all(ratio <= _EXACT) or whiteness_p < _WHITE:
             return bool(np.all(ratio <= _EXACT)), None
-        compared = compare_models(self.likelihood, fit, whiteness_p)
+        compared = compare_models(likelihood, fit, whiteness_p)
         return not compared.lacks_fit, compared
 
     def draw(self, guide: Likelihood, routes: Sequence[Sequence[Likelihood]], origin: Array) -> None:
@@ -175,7 +184,8 @@ class Search:
         for side in (1.0, -1.0, 1.0, -1.0):
             fit = self.best_tried.fit
             units = self._units(fit.eta)
-            U, s, _ = np.linalg.svd(self.likelihood.information(fit, fit.noise).root / units[:, None])
+            information = self.best_tried.likelihood.information(fit, fit.noise)
+            U, s, _ = np.linalg.svd(information.root / units[:, None])
             away = side * units * U[:, 0] * min(_AWAY * s[0], _FARTHEST)
             eta = self.likelihood.priors.clipped(fit.eta + away)
             self.attempt("a start nearby", partial(guided, (), eta), drawn=False)
@@ -194,7 +204,7 @@ class Search:
     def vague(self) -> bool:
         """True if parameters are so uncertain that another optimum may leave residuals as white."""
         fit = self.best_tried.fit
-        deviations = self.likelihood.information(fit, fit.noise).deviations()
+        deviations = self.best_tried.likelihood.information(fit, fit.noise).deviations()
         return bool(_VAGUE < (deviations / self._units(fit.eta)).max() < _BLIND)
 
     def _units(self, eta: Array) -> Array:
@@ -242,6 +252,7 @@ class Search:
             best.sweeps,
             [tried.stage for tried in self.tried],
             {"starts": self.drawn + 1, "starts_agreed": self.agreeing},
+            likelihood=best.likelihood if self.likelihood.modelled else None,
             disputed=not (best.accepted or self.agreed),
             comparison=best.comparison,
         )

@@ -34,7 +34,7 @@ from dynid.identification.filter import check_run_away
 from dynid.identification.information import Information
 from dynid.identification.least_squares import least_squares
 from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.measurement import RecordData, RobustLoss
+from dynid.identification.measurement import RobustLoss
 from dynid.identification.residual_tests import robust_deviation
 from dynid.identification.statistics import root_mean_square
 from dynid.progress import report_progress
@@ -53,6 +53,8 @@ _MOST_ITERATIONS, _LAST_STEP = 100, 1e-3
 # Iterations after which scales and parts of bounded values are fixed: both jump where a sample crosses the
 # bound, and could alternate for ever. With fixed ones the iteration contracts.
 _SETTLING = 10
+# Rounds in which the order of a noise model is chosen.
+_CHOOSING = 3
 # A robust deviation below this part of a channel's RMS is rounding.
 _ROUNDING = 1e-12
 
@@ -90,7 +92,9 @@ class OutputError:
             If the parameters run away.
         """
         way = refine(likelihood, origin, self.iterations)
-        return Estimate(way.fit, [], [EstimationStage.at("output error", likelihood, way.fit, way.steps)])
+        found, way = with_noise(likelihood, way)
+        stage = EstimationStage.at("output error", found, way.fit, way.steps)
+        return Estimate(way.fit, [], [stage], likelihood=found if likelihood.modelled else None)
 
 
 def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
@@ -137,6 +141,37 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
             return Refined(fit, number)
         damping, before = max(damping / 10, _LEAST), size
     return Refined(fit, iterations)
+
+
+def with_noise(likelihood: L, way: Refined) -> tuple[L, Refined]:
+    """Return the likelihood with the noise model that belongs to its maximum, and that maximum.
+
+    The noise model is estimated from the residuals, and the maximum from the likelihood with it, in turn,
+    until the estimates change by less than a thousandth of their standard errors. Estimates of parameters and
+    of noise are asymptotically independent, so that this contracts fast: by about the part of the values that
+    the parameters take. The order of an autoregression is chosen in the first rounds alone.
+
+    Raises
+    ------
+    Diverged
+        If this does not end.
+    """
+    if not likelihood.modelled:
+        return likelihood, way
+    fit, steps, units = way.fit, way.steps, likelihood.priors.units
+    for number in range(1, _MOST_ITERATIONS + 1):
+        report_progress(f"noise model, round {number}")
+        likelihood = likelihood.renewed(fit, settling=number > _CHOOSING)
+        way = refine(likelihood, fit.eta)
+        change, fit, steps = np.abs(way.fit.eta - fit.eta), way.fit, steps + way.steps
+        deviations = likelihood.information(fit, likelihood.likeliest(fit)).deviations()
+        if number > 1 and np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10 * units)):
+            return likelihood, Refined(fit, steps)
+    raise Diverged(
+        f"the noise model has not converged in {_MOST_ITERATIONS} rounds",
+        remedy="Give the order of the noise as a number, lower it, or assume white noise.",
+        names=("measurement.noise",),
+    )
 
 
 def _damped_step(information: Information, residual: Array, damping: float, units: Array) -> Array:
@@ -199,7 +234,14 @@ class Huber:
         Diverged
             If the estimates run away, or the iteration does not end.
         """
+        if likelihood.modelled and likelihood.records[0].sampling_step is not None:
+            raise UsageError(
+                "a robust loss is for independent residuals, and the noise is coloured",
+                remedy="Leave out 'loss: huber', or 'noise: {kind: coloured}'.",
+                names=("estimator.loss", "estimator"),
+            )
         found = self.inner.run(likelihood, origin)
+        likelihood = found.likelihood or likelihood
         fit, pseudo = found.fit, likelihood
         for number in range(1, _MOST_ITERATIONS + 1):
             report_progress(f"Huber's loss, iteration {number}")
@@ -234,5 +276,5 @@ def bounded(likelihood: L, fit: Fit) -> L:
             robust = RobustLoss(data.recorded, scale, np.nanmean(beyond, axis=0), data.given_noise)
         psi = np.clip(residual / robust.scale, -HUBER.value, HUBER.value)
         values = predicted + robust.scale * psi / (1 - robust.clipped)
-        records.append(record.on(RecordData(values, data.noise, data.clean, None, data.passed, robust)))
+        records.append(record.on(replace(data, values=values, given=None, robust=robust)))
     return replace(likelihood, records=tuple(records))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from dynid.identification.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.graph_system import GraphModel
     from dynid.identification.measurement import Experiment, Measurement
+    from dynid.identification.noise import ColouredNoise
     from dynid.identification.preparation import Preparation
     from dynid.lti.generator import RecordTimes
     from dynid.scene.load import Scene
@@ -94,8 +96,10 @@ def _measurement(scene: Scene, given: RecordModel, place: str, graph: GraphModel
             simulate.seed,
             number(simulate.settle),
             levels(simulate.noise),
-            **({} if graph is not None else initial_motion(cast("IdentificationScene", scene.model))),
+            noise_colour=tuple(float(one) for one in simulate.noise_colour),
         )
+        if graph is None:
+            source = replace(source, **initial_motion(cast("IdentificationScene", scene.model)))  # type: ignore[arg-type]
     else:
         from dynid.tables.read import read_columns
 
@@ -116,7 +120,7 @@ def _measurement(scene: Scene, given: RecordModel, place: str, graph: GraphModel
                 names=(f"{where}.path",),
             )
         source = table[:samples]
-    return Measurement(step, samples, channels, source, levels(given.noise))
+    return Measurement(step, samples, channels, source, noise_of(given))
 
 
 def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
@@ -145,6 +149,17 @@ def instrument_of(given: ChannelModel) -> tuple[Real, Real, Real]:
         0.0 if offset is None else offset.real,
         0.0 if delay is None else delay.real,
     )
+
+
+def noise_of(given: RecordModel) -> float | list[float] | ColouredNoise | None:
+    """Return the deviation of white noise, or coloured noise."""
+    from dynid.identification.noise import ColouredNoise
+    from dynid.scene.schema.measurement import NoiseModel
+
+    if not isinstance(given.noise, NoiseModel):
+        return levels(given.noise)
+    order = given.noise.order
+    return ColouredNoise(order if isinstance(order, int) else None, given.noise.correlated)
 
 
 def levels(given: Quantity | list[Quantity] | None) -> float | list[float] | None:
@@ -204,6 +219,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel, graph: GraphModel | N
     """
     from dynid.identification.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.simulation import Simulation
+    from dynid.scene.schema.measurement import NoiseModel
 
     assert given.frf is not None
     channels = tuple(
@@ -211,11 +227,14 @@ def frf_measurement(scene: Scene, given: MeasurementModel, graph: GraphModel | N
         for channel in given.channels or ()
         if channel.reference
     )
-    noise = levels(given.noise)
+    proportional = isinstance(given.noise, NoiseModel)
+    noise = levels(given.noise.ratio if isinstance(given.noise, NoiseModel) else given.noise)
     simulate = given.frf.simulate
     if simulate is not None:
         added = levels(simulate.noise_ratio) or 0.0, simulate.seed, 0.0, levels(simulate.noise)
-        return FrfMeasurement(angular_frequencies(simulate.lines), channels, Simulation(*added), noise)
+        source = Simulation(*added, noise_by_line=simulate.noise_by_line)
+        omega = angular_frequencies(simulate.lines)
+        return FrfMeasurement(omega, channels, source, noise, proportional=proportional)
     found = _read(scene, given.frf, channels)
     deviation, relative = found.deviation, False
     if found.coherence is not None:
@@ -224,7 +243,7 @@ def frf_measurement(scene: Scene, given: MeasurementModel, graph: GraphModel | N
         relative = averages is None
         spread = np.sqrt((1 - found.coherence) / found.coherence / (averages or 1))
         deviation = np.abs(found.values) * spread
-    return FrfMeasurement(found.omega, channels, found.values, noise, deviation, relative)
+    return FrfMeasurement(found.omega, channels, found.values, noise, deviation, relative, proportional)
 
 
 def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:

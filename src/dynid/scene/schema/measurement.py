@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from dynid.defaults import NOISE_VALUES
 from dynid.scene.schema.base import Dof, FilePath, FrequencyGrid, MotionQuantity, Section
 from dynid.scene.schema.graph_variables import Output
-from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, fault
+from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
 
@@ -108,6 +109,36 @@ class MeasuredChannelModel(ChannelModel):
         return [*self.ends, *([self.reference.place] if self.reference else [])]
 
 
+class NoiseModel(Section):
+    """Noise that is not white: coloured, of records of time; or proportional to a frequency response."""
+
+    kind: Literal["coloured", "proportional"]
+    order: Annotated[int, Field(ge=1, le=200, strict=True)] | Literal["auto"] | None = None
+    correlated: bool = False
+    ratio: PerElement | None = None
+
+    @model_validator(mode="after")
+    def _is_of_its_kind(self) -> Self:
+        if self.kind == "coloured" and self.ratio is not None:
+            raise fault("'ratio' is that of proportional noise; coloured noise is estimated")
+        if self.kind == "proportional" and (self.order is not None or self.correlated):
+            raise fault("'order' and 'correlated' are those of coloured noise")
+        return self
+
+
+def _noise_kind(raw: Any) -> str:
+    return "model" if isinstance(raw, dict | NoiseModel) else "each" if isinstance(raw, list) else "one"
+
+
+Noise = Annotated[
+    Annotated[Positive, Tag("one")]
+    | Annotated[list[Positive], Tag("each")]
+    | Annotated[NoiseModel, Tag("model")],
+    Discriminator(_noise_kind),
+]
+"""Deviations of white noise, one number or one a channel; or noise that is not white."""
+
+
 class NoisyModel(Section):
     """Noise that is added to what is simulated, and the model that is simulated."""
 
@@ -126,13 +157,29 @@ class NoisyModel(Section):
 class SimulateModel(NoisyModel):
     """A record simulated with the joints' true values."""
 
+    noise_colour: list[Value] = Field(default=[], max_length=200)
     settle: NotNegative | None = None
+
+    @field_validator("noise_colour")
+    @classmethod
+    def _is_stationary(cls, colour: list[Quantity]) -> list[Quantity]:
+        a = [float(coefficient) for coefficient in colour]
+        while a:  # partial autocorrelations, from the last one (Levinson's recursion backwards)
+            last = a.pop()
+            if not abs(last) < 1:
+                raise fault(
+                    "noise with these coefficients is not stationary: all roots of 1 = a_1 z + a_2 z^2 + … "
+                    "must lie outside the unit circle"
+                )
+            a = [(one + last * other) / (1 - last**2) for one, other in zip(a, reversed(a), strict=True)]
+        return colour
 
 
 class SimulateFrfModel(NoisyModel):
     """Frequency responses simulated with the joints' true values, at these lines."""
 
     lines: FrequencyGrid
+    noise_by_line: bool = False
 
     @model_validator(mode="after")
     def _lines_differ(self) -> Self:
@@ -227,7 +274,7 @@ class RecordModel(Section):
     step: Positive | None = None
     samples: int | None = Field(default=None, ge=1, le=100_000_000, strict=True)
     channels: list[MeasuredChannelModel] | None = Field(default=None, min_length=1)
-    noise: PerElement | None = None
+    noise: Noise | None = None
     simulate: SimulateModel | None = None
     file: MeasuredFileModel | None = None
     prepare: list[PrepareModel] | None = Field(default=None, max_length=20)
@@ -272,11 +319,32 @@ class RecordModel(Section):
             if self.file.columns and len(self.file.columns) != channels:
                 raise fault(f"'columns' names {len(self.file.columns)}, but 'channels' has {channels}")
         self._check_levels(self.simulate)
+        self._check_noise(of)
+
+    def _check_noise(self, of: str) -> None:
+        """Refuse noise models that a record of time does not have, or has too few samples for."""
+        if not isinstance(self.noise, NoiseModel):
+            return
+        if self.noise.kind == "proportional":
+            raise fault(
+                f"the noise of {of} of time has no lines to be proportional to; 'kind' is coloured, "
+                "or 'noise' a number"
+            )
+        if self.prepare and any(step.detrend is None for step in self.prepare):
+            raise fault(
+                f"the coloured noise of {of} is that of unfiltered samples; leave 'band_pass' and "
+                "'decimate' out: it weights frequencies by itself"
+            )
+        order, samples = self.noise.order, self.samples or 0
+        least = (NOISE_VALUES.value + 1) * (order if isinstance(order, int) else 0)
+        if samples < least:
+            raise fault(f"coloured noise of order {order} needs {least} samples, and there are {samples}")
 
     def _check_levels(self, simulate: NoisyModel | None) -> None:
         """Refuse noise of more or fewer channels than there are."""
         channels = len(self.channels or ())
-        levels = {"noise": self.noise}
+        given = self.noise.ratio if isinstance(self.noise, NoiseModel) else self.noise
+        levels = {"noise": given}
         if simulate is not None:
             levels |= {"simulate.noise": simulate.noise, "simulate.noise_ratio": simulate.noise_ratio}
         for name, level in levels.items():
@@ -304,6 +372,10 @@ class RecordModel(Section):
                     raise fault(f"'{name}' names {len(columns)}, but 'channels' has {count}")
             if self.noise is not None and (file.deviation or file.averages):
                 raise fault("the noise is given by line already; leave 'noise' out")
+            if file.coherence and isinstance(self.noise, NoiseModel):
+                raise fault("the noise follows from the 'coherence'; leave its 'kind' out")
+        if isinstance(self.noise, NoiseModel) and self.noise.kind == "coloured":
+            raise fault("coloured noise is that of records of time; frequency responses have 'proportional'")
         self._check_levels(self.frf.simulate)
 
 

@@ -1,0 +1,367 @@
+"""Noise that is not white: what a scene states of it, and autoregressions with their exact likelihood.
+
+The noise of a channel is ``x_t = a_1 x_(t-1) + … + a_n x_(t-n) + e_t``, stationary, with Gaussian innovations
+e that are white in time; across channels they are independent, or have a full covariance ``L diag(d^2) L^T``.
+An autoregression whitens: it is a linear map of records to innovations of deviation d, so that the likelihood
+of coloured noise is that of white noise of whitened residuals and derivatives. First samples, and those
+beside missing ones, are whitened by the covariance of what is not known before them (Kalman filter), which
+makes the Gaussian likelihood exact. P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods, 2nd ed.
+1991, ch. 8 and 12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import NOISE_VALUES
+from dynid.errors import UsageError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: The highest order that is tried, and that may be given.
+HIGHEST_ORDER, MOST_COEFFICIENTS = 20, 200
+
+
+class ColouredNoise(NamedTuple):
+    """Autoregressive noise, estimated together with the parameters.
+
+    `order` of the autoregression of each channel; None: that of the lowest BIC, channel by channel.
+    `correlated`: innovations of different channels at the same time are correlated.
+    """
+
+    order: int | None = None
+    correlated: bool = False
+
+
+class _Update(NamedTuple):
+    """One value of a Kalman filter: `channel`, `gain` of the state, `scale` to the innovation's deviation."""
+
+    channel: int
+    gain: Array
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Autoregression:
+    """A stationary autoregressive noise of several channels.
+
+    Attributes
+    ----------
+    coefficients
+        Coefficients ``a_1, a_2, …`` (channels x n), 0 beyond the order of a channel.
+    orders
+        Order of each channel (channels).
+    mixing
+        Unit lower triangular factor L of the covariance of the innovations (channels x channels); None where
+        channels are independent.
+    deviation
+        Deviations d of the innovations that are left beside those of channels before (channels). Where
+        channels are independent they may have any size.
+    bic
+        Bayesian information criterion (orders from 0 x channels), less that of white noise.
+    """
+
+    coefficients: Array
+    orders: NDArray[np.int_]
+    mixing: Array | None = None
+    deviation: Array = field(default_factory=lambda: np.ones(1))
+    bic: Array | None = None
+    _updates: dict[bytes, list[tuple[list[list[_Update]], int]]] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, coefficients: Sequence[float], channels: int) -> Autoregression:
+        """Return an autoregression with the same coefficients in all channels.
+
+        Raises
+        ------
+        UsageError
+            If it is not stationary.
+        """
+        a = np.asarray(coefficients, dtype=float)
+        largest = float(np.abs(np.linalg.eigvals(_companion(a[None]))).max()) if len(a) else 0.0
+        if not largest < 1:
+            raise UsageError(
+                f"noise with these coefficients is not stationary: it grows by {largest:.6g} a sample",
+                remedy="All roots of 1 = a_1 z + a_2 z^2 + … must lie outside the unit circle.",
+                names=("noise_colour",),
+            )
+        return cls(np.tile(a, (channels, 1)), np.full(channels, len(a)), deviation=np.ones(channels))
+
+    @property
+    def order(self) -> int:
+        """The highest order of a channel."""
+        return int(self.coefficients.shape[1])
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation of the innovations (channels x channels)."""
+        if self.mixing is None:
+            return np.eye(len(self.coefficients))
+        root = self.mixing * self.deviation
+        size = np.linalg.norm(root, axis=1)
+        return np.asarray(root @ root.T / np.outer(size, size))
+
+    def innovations(self, deviation: Array) -> Array:
+        """Return the deviations of the innovations, for these of what is left of them (channels)."""
+        if self.mixing is None:
+            return deviation
+        return np.asarray(np.linalg.norm(self.mixing * deviation, axis=1))
+
+    @cached_property
+    def shares(self) -> Array:
+        """Deviation of the innovations over that of the noise (channels)."""
+        every = (_stationary(a[None], np.eye(1))[0, 0] for a in self.coefficients)
+        return np.array([1 / np.sqrt(variance) for variance in every])
+
+    def simulated(self, innovations: Array) -> Array:
+        """Return noise of deviation 1 from independent normal numbers (times x channels)."""
+        noise = np.empty_like(innovations)
+        for c, (a, share) in enumerate(zip(self.coefficients, self.shares, strict=True)):
+            n = min(len(a), len(innovations))
+            start = _stationary(a[None], np.eye(1))[:n, :n]  # symmetric in time
+            noise[:n, c] = np.linalg.cholesky(start) @ innovations[:n, c] * share
+            noise[n:, c] = innovations[n:, c] * share
+            for t in range(n, len(noise)):
+                noise[t, c] += a @ noise[t - n : t, c][::-1]
+        return noise
+
+    def whitened(self, rows: Array, present: Mask) -> Array:
+        """Return rows (times x channels x w) whitened: noise in them becomes innovations of deviation d.
+
+        Parameters
+        ----------
+        rows
+            Finite where values are present.
+        present
+            Mask of the values (times x channels); the others are no values, and their rows become 0.
+        """
+        rows = np.where(present[..., None], rows, 0.0)
+        out = rows.copy()
+        for k, a in enumerate(self.coefficients.T, 1):
+            out[k:] -= a[:, None] * rows[:-k]
+        if self.mixing is not None:
+            out = np.asarray(np.linalg.solve(self.mixing, out), dtype=float)
+        for channels in self._groups:
+            inside = np.ix_(range(len(rows)), channels)
+            out[inside] = self._beside_gaps(rows[inside], out[inside], present[:, channels], channels)
+        out[~present] = 0.0
+        return out
+
+    def of_channel(self, channel: int, present: Mask, parts: Sequence[Array]) -> list[Array]:
+        """Return columns of a channel (times, times x any) whitened by its own autoregression."""
+        own = Autoregression(self.coefficients[[channel]], self.orders[[channel]])
+        flat = [part.reshape(len(part), -1) for part in parts]
+        white = own.whitened(np.concatenate(flat, axis=1)[:, None], present[:, None])[:, 0]
+        cut = np.split(white, np.cumsum([part.shape[1] for part in flat])[:-1], axis=1)
+        return [columns.reshape(part.shape) for columns, part in zip(cut, parts, strict=True)]
+
+    def log_determinant(self, present: Mask) -> float:
+        """Return half the logarithm of the determinant of the covariance of values in units of d."""
+        total = 0.0
+        for channels in self._groups:
+            for block, _ in self._blocks(present[:, channels], channels):
+                total -= sum(np.log(update.scale) for updates in block for update in updates)
+        return float(total)
+
+    @property
+    def _groups(self) -> list[list[int]]:
+        """Channels that are correlated with each other."""
+        every = list(range(len(self.coefficients)))
+        return [[c] for c in every] if self.mixing is None else [every]
+
+    def _beside_gaps(self, rows: Array, out: Array, present: Mask, channels: list[int]) -> Array:
+        """Return whitened rows, those replaced that do not have `order` complete rows before them."""
+        a, g = self.coefficients[channels].T[..., None], len(channels)  # order x channels x 1
+        order = max(len(a), 1)
+        for block, first in self._blocks(present, channels):
+            known = rows[first - order : first][::-1] if first else np.zeros((order, *rows.shape[1:]))
+            state = known.reshape(order * g, -1)  # the newest row first
+            for t, updates in enumerate(block, first):
+                each = state.reshape(order, g, -1)
+                state = np.concatenate([np.sum(a * each[: len(a)], axis=0), state[:-g]])
+                for update in updates:
+                    left = rows[t, update.channel] - state[update.channel]
+                    out[t, update.channel] = left * update.scale
+                    state = state + np.outer(update.gain, left)
+        return out
+
+    def _blocks(self, present: Mask, channels: list[int]) -> list[tuple[list[list[_Update]], int]]:
+        """Return runs of rows without `order` complete rows before them: updates row by row, first row."""
+        key = bytes(channels) + present.tobytes()
+        if key not in self._updates:
+            self._updates[key] = self._new_blocks(present, channels)
+        return self._updates[key]
+
+    def _new_blocks(self, present: Mask, channels: list[int]) -> list[tuple[list[list[_Update]], int]]:
+        A, g = self.coefficients[channels], len(channels)
+        d = self.deviation[channels] if self.mixing is not None else np.ones(1)
+        root = d if self.mixing is None else self.mixing * d
+        step, order = _companion(A), max(A.shape[1], 1)
+        innovation = np.zeros((order * g, order * g))
+        innovation[:g, :g] = np.atleast_2d(root) @ np.atleast_2d(root).T
+        complete = np.concatenate([[0], np.cumsum(present.all(axis=1))])
+        n = min(A.shape[1], len(present))
+        regular = np.zeros(len(present), dtype=bool)
+        regular[n:] = complete[n + 1 :] - complete[: len(present) - n] == n + 1
+        blocks: list[tuple[list[list[_Update]], int]] = []
+        P = np.zeros((0, 0))
+        for t in np.flatnonzero(~regular):
+            if t == 0 or regular[t - 1]:  # all rows before are known; before the first one none
+                P = np.zeros_like(innovation)
+                blocks.append(([], int(t)))
+            P = _stationary(A, innovation[:g, :g]) if t == 0 else step @ P @ step.T + innovation
+            updates = []
+            for c in np.flatnonzero(present[t]):
+                gain = P[:, c] / P[c, c]
+                updates.append(_Update(int(c), gain, float(d[c] / np.sqrt(P[c, c]))))
+                P = P - np.outer(gain, P[c])
+            blocks[-1][0].append(updates)
+        return blocks
+
+
+def _companion(coefficients: Array) -> Array:
+    """Return the matrix of one step of the last rows (channels x order of each), the newest first."""
+    g, n = coefficients.shape
+    order = max(n, 1)
+    step = np.zeros((order * g, order * g))
+    step[g:, :-g] = np.eye((order - 1) * g)
+    for k, a in enumerate(coefficients.T):
+        step[:g, k * g : (k + 1) * g] = np.diag(a)
+    return step
+
+
+def _stationary(coefficients: Array, innovation: Array) -> Array:
+    """Return the stationary covariance of the last rows, for this covariance of the innovations."""
+    from scipy.linalg import solve_discrete_lyapunov  # heavy import, needed here only
+
+    step = _companion(coefficients)
+    both = np.zeros_like(step)
+    both[: len(innovation), : len(innovation)] = innovation
+    found = solve_discrete_lyapunov(step, both)
+    return np.asarray((found + found.T) / 2)
+
+
+def estimated(
+    residual: Array, errors: Array, wanted: ColouredNoise, orders: NDArray[np.int_] | None = None
+) -> Autoregression:
+    """Return the autoregression of noise, whose products are those of residuals plus those of errors.
+
+    Burg's method, whose autoregressions are stationary: J. P. Burg, Maximum Entropy Spectral Analysis, 1975;
+    of the orders that are tried, that of the lowest Bayesian information criterion (G. Schwarz, Ann. Statist.
+    6 (1978) 461–464), ``N ln(variance of innovations) + order ln N``. Windows with missing samples are left
+    out.
+
+    Parameters
+    ----------
+    residual
+        Residuals (times x channels), NaN where missing.
+    errors
+        Columns of a root of the covariance of the prediction's error (times x channels x any).
+    wanted
+        What is to be estimated.
+    orders
+        Orders to keep (channels); absent: as wanted.
+
+    Raises
+    ------
+    UsageError
+        Where a channel has too few values without a gap.
+    """
+    found, chosen, criteria = [], [], []
+    every, present = np.concatenate([residual[..., None], errors], axis=2), ~np.isnan(residual)
+    for c in range(residual.shape[1]):
+        count = int(np.count_nonzero(present[:, c]))
+        highest = min(_highest(present[:, c]), HIGHEST_ORDER)
+        if wanted.order is not None:
+            check_order(wanted.order, _highest(present[:, c]))
+            highest = wanted.order
+        coefficients, variances = _burg(every[:, c], present[:, c], highest)
+        bic = count * np.log(variances / variances[0]) + np.arange(len(variances)) * np.log(count)
+        order = int(np.argmin(bic)) if wanted.order is None else highest
+        chosen.append(min(order if orders is None else int(orders[c]), len(coefficients) - 1))
+        found.append(coefficients[chosen[-1]])
+        criteria.append(bic)
+    most, longest = max(chosen), max(len(bic) for bic in criteria)
+    a = np.array([np.concatenate([one, np.zeros(most - len(one))]) for one in found])
+    bic = np.array([np.concatenate([one, np.full(longest - len(one), np.nan)]) for one in criteria]).T
+    independent = Autoregression(a, np.array(chosen), deviation=np.ones(len(a)), bic=bic)
+    if not wanted.correlated or len(a) == 1:
+        return independent
+    e = independent.whitened(every, present)[present.all(axis=1)]
+    if len(e) < NOISE_VALUES.value * len(a):
+        raise UsageError(
+            f"only {len(e)} samples have values of all channels: too few for the correlation of their noise",
+            remedy="Leave out correlated: true.",
+            names=("measurement.noise",),
+        )
+    products = np.einsum("tck,tdk->cd", e, e) / len(e)
+    size = np.sqrt(products.diagonal())
+    root = np.linalg.cholesky(products / np.outer(size, size)) * size[:, None]
+    d = root.diagonal()
+    return Autoregression(a, np.array(chosen), root / d, d, bic)
+
+
+def check_order(order: int, highest: int) -> None:
+    """Refuse an order above the highest one that a channel allows.
+
+    Raises
+    ------
+    UsageError
+        With the highest one.
+    """
+    if order > highest:
+        raise UsageError(
+            f"an autoregression of order {order} needs {NOISE_VALUES.value * order} stretches of {order + 1} "
+            f"samples without a gap in each channel; there are enough for order {highest}",
+            remedy=f"Take at most order {highest}, or a longer record."
+            if highest
+            else "Leave 'noise' out: the noise then is taken for white.",
+            names=("measurement.noise.order", "measurement.noise"),
+        )
+
+
+def _highest(present: Mask) -> int:
+    """Return the highest order for which there are enough stretches without a gap."""
+    complete = present
+    for order in range(1, len(present)):
+        complete = complete[1:] & present[: len(present) - order]
+        if np.count_nonzero(complete) < NOISE_VALUES.value * order or order > MOST_COEFFICIENTS:
+            return order - 1
+    return 0
+
+
+def _burg(x: Array, there: Mask, order: int) -> tuple[list[Array], Array]:
+    """Return the coefficients of the orders 0, 1, …, and the variances of their innovations.
+
+    Parameters
+    ----------
+    x, there
+        Series whose products add up (times x any), and a mask of the times that are present.
+    order
+        The highest order; lower ones are the last where no innovations are left.
+    """
+    filled = np.where(there[:, None], x, 0.0)
+    forward = filled / (np.abs(filled).max() or 1.0)
+    backward, complete = forward.copy(), there
+    found, variances = [np.zeros(0)], [float(np.sum(forward**2) / np.count_nonzero(there)) or 1.0]
+    for k in range(1, order + 1):
+        # Windows of k + 1 samples, by their last one.
+        complete = complete[1:] & there[: len(x) - k]
+        f = np.where(complete[:, None], forward[1:], 0.0)
+        b = np.where(complete[:, None], backward[:-1], 0.0)
+        power = float(np.sum(f**2) + np.sum(b**2))
+        if not power > 0:
+            break
+        reflection = 2 * float(np.sum(f * b)) / power
+        a = found[-1]
+        found.append(np.concatenate([a - reflection * a[::-1], [reflection]]))
+        variances.append(variances[-1] * max(1 - reflection**2, np.finfo(float).eps))
+        forward, backward = f - reflection * b, b - reflection * f
+    return found, np.array(variances)
