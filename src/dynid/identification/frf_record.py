@@ -111,12 +111,12 @@ class FrfRecord(RecordLikelihood):
         return self._weighted_by(np.abs(self.responses(fit.predicted.outputs))) if self.modelled else self
 
     def with_noise_of(self, other: Any) -> Self:
-        """Return the likelihood with the deviations by line of another one of the same responses."""
-        return self._weighted_by(other.measurement.profile) if self.modelled else self
+        """Return the likelihood with the deviations by line of another one, in whose units the values are."""
+        return replace(self, measurement=other.measurement)
 
-    def with_measured_weights(self) -> Self:
-        """Return the likelihood with a noise in proportion to the measured responses."""
-        return self._weighted_by(np.abs(self.responses(self.data.values)))
+    def first_weighted(self) -> Self:
+        """Return the likelihood with a noise in proportion to the measured responses, if it is proportional."""
+        return self._weighted_by(np.abs(self.responses(self.data.values))) if self.modelled else self
 
     def _weighted_by(self, deviation: Array) -> Self:
         """Return the likelihood with other deviations by line, known to a factor (L x channels)."""
@@ -293,5 +293,4 @@ def frf_likelihood(model: Model, measurement: FrfMeasurement, data: RecordData) 
         If there is more to solve than can be.
     """
     check_cost(model, len(measurement.omega))
-    record = FrfRecord(FrfSystem.of(model, measurement.channels), measurement, data)
-    return FrfLikelihood((record.with_measured_weights() if measurement.proportional else record,))
+    return FrfLikelihood((FrfRecord(FrfSystem.of(model, measurement.channels), measurement, data),))

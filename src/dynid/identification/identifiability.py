@@ -133,6 +133,17 @@ def expected_records(likelihood: Likelihood) -> ExpectedRecords:
     return ExpectedRecords(likelihood, *_expectation(likelihood))
 
 
+def with_true_noise(expected: ExpectedRecords) -> ExpectedRecords:
+    """Return expected records with the noise that they are simulated with, also where it is not white."""
+    records = expected.likelihood.records
+    if all(record.data.colour is None and record.data.by_line is None for record in records):
+        return expected
+    likelihood = Likelihood(tuple(record.ideal() for record in records))
+    _, noise, *others = _expectation(likelihood)
+    levels = [record.level(each, ideal=True) for record, each in zip(records, noise, strict=True)]
+    return ExpectedRecords(likelihood, likelihood.fit(expected.fit.eta), levels, *others)
+
+
 def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     """Return `fit`, `noise`, `place` and `assumed` of `ExpectedRecords`."""
     unknowns = likelihood.unknowns
@@ -198,9 +209,8 @@ def identifiability(
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identifiability of {', '.join(names)}", names=names):
-        return identifiability_result(
-            model, expected_time_records(model, experiments, truth), channels_of(experiments)
-        )
+        expected = with_true_noise(expected_time_records(model, experiments, truth))
+        return identifiability_result(model, expected, channels_of(experiments))
 
 
 def frf_identifiability(
@@ -225,7 +235,7 @@ def frf_identifiability(
     with guarded(f"the identifiability of {', '.join(names)}", names=names):
         likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
         channels = [(frf.name, frf.unit) for frf in measurement.channels]
-        return identifiability_result(model, expected_records(likelihood), channels)
+        return identifiability_result(model, with_true_noise(expected_records(likelihood)), channels)
 
 
 def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:

@@ -244,6 +244,8 @@ def identify_frf(
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
         likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
+        record = likelihood.records[0].first_weighted()
+        likelihood, measurement = FrfLikelihood((record,)), record.measurement
         _check_identifiable(likelihood)
         posterior, _ = _identified(
             model,
