@@ -115,7 +115,7 @@ class FrfRecord(RecordLikelihood):
         return replace(self, measurement=other.measurement)
 
     def first_weighted(self) -> Self:
-        """Return the likelihood with a noise in proportion to the measured responses, if it is proportional."""
+        """Return the likelihood with a proportional noise in proportion to the measured responses."""
         return self._weighted_by(np.abs(self.responses(self.data.values))) if self.modelled else self
 
     def _weighted_by(self, deviation: Array) -> Self:

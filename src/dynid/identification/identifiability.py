@@ -139,9 +139,10 @@ def with_true_noise(expected: ExpectedRecords) -> ExpectedRecords:
     if all(record.data.colour is None and record.data.by_line is None for record in records):
         return expected
     likelihood = Likelihood(tuple(record.ideal() for record in records))
-    _, noise, *others = _expectation(likelihood)
-    levels = [record.level(each, ideal=True) for record, each in zip(records, noise, strict=True)]
-    return ExpectedRecords(likelihood, likelihood.fit(expected.fit.eta), levels, *others)
+    each = zip(records, expected.noise, strict=True)
+    levels = [record.level(nominal, ideal=True) for record, nominal in each]
+    fit = likelihood.fit(expected.fit.eta)
+    return ExpectedRecords(likelihood, fit, levels, expected.place, expected.assumed)
 
 
 def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:

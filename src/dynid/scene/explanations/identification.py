@@ -129,13 +129,13 @@ def _expected(scene: Scene, structure: StructuralModel, result: Result) -> Expec
         small, truth = models_of(scene, structure, expected_values(structure))
         likelihood = frf_likelihood(small, measurement, frf_data(truth, measurement))
         channels = [(frf.name, frf.unit) for frf in measurement.channels]
-        expected = identifiability.expected_records(likelihood)
+        expected = identifiability.with_true_noise(identifiability.expected_records(likelihood))
         result.merge(identifiability.identifiability_result(small, expected, channels))
         identifiability.add_expected_slopes(result, expected)
         result.add_axis("identification/measurement/omega", measurement.omega, "rad/s")
         return expected
     given = setting(scene, structure, expected_values(structure))
-    prospect = identifiability.expected_time_records(*given)
+    prospect = identifiability.with_true_noise(identifiability.expected_time_records(*given))
     channels = identifiability.channels_of(given.experiments)
     result.merge(identifiability.identifiability_result(given.model, prospect, channels))
     identifiability.add_expected_slopes(result, prospect)
