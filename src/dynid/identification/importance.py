@@ -120,7 +120,9 @@ def likelihood_size(posterior: Posterior) -> LikelihoodSize:
         counts = record.data.passed * part.counts
         squares = np.where(given, part.size / level, 1.0) ** 2
         total -= float(counts @ (np.log(level) + squares / 2 + math.log(2 * math.pi) / 2))
+        total -= record.log_determinant()
         observations += int(part.counts.sum())
+        free += record.noise_coefficients
         free += len(_state_strength(record, part, level)) + int(np.count_nonzero(~given))
     return LikelihoodSize(total, observations, free)
 

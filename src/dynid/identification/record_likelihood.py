@@ -270,6 +270,11 @@ class RecordLikelihood(ABC):
         """Number of estimated coefficients of the noise (channels)."""
         return np.zeros(self.data.values.shape[1], dtype=int)
 
+    @property
+    def noise_coefficients(self) -> int:
+        """Number of estimated numbers of the noise besides its deviations."""
+        return int(self.noise_orders.sum())
+
     def series(self, residual: Array) -> Array:
         """Return residuals (rows x channels) as series that are white if the model is right."""
         return residual

@@ -238,6 +238,13 @@ class TimeRecord(RecordLikelihood):
         """Number of estimated coefficients of the noise (channels)."""
         return super().noise_orders if self.colour is None else self.colour.orders
 
+    @property
+    def noise_coefficients(self) -> int:
+        """Number of estimated coefficients and correlations of the noise."""
+        mixed = self.colour is not None and self.colour.mixing is not None
+        pairs = len(self.data.rms) * (len(self.data.rms) - 1) // 2
+        return int(self.noise_orders.sum()) + pairs * mixed
+
     def series(self, residual: Array) -> Array:
         """Return residuals (times x channels), whitened where the noise is coloured."""
         if self.colour is None:
