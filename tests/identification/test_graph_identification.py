@@ -21,7 +21,7 @@ from dynid.identification.measurement import Measurement, data
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
-from dynid.scene.kinds.bond_graph import build_graph
+from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
@@ -200,6 +200,6 @@ measurement: {step: 0.01, samples: 100, channels: [{output: m.f}], simulate: {no
 def test_values_of_a_scene_depend_on_its_unknown_parameters(tmp_path):
     path = tmp_path / "scene.yaml"
     path.write_text(SCENE)
-    nodes = build_graph(load_scene(path).model).nodes
+    nodes = identified_graph(load_scene(path))[0].graph.nodes
     assert (nodes["k"].value, nodes["m"].value, nodes["m"].dependent) == (Fraction(1, 4), 3, None)
     assert nodes["k"].dependent.at({"kb": 2.0}) == (0.5, {"kb": -0.25})
