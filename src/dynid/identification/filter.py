@@ -103,21 +103,22 @@ class Linearised:
             return growth, 1 + growth
         return np.where(self._log, growth, left), np.where(self._log, 1 + growth, 1.0)
 
-    def outputs(self, eta: Array) -> tuple[Array, Array, Array, Array | None]:
-        """Return C (channels x n), its slopes, the direct term (times x channels), and its slopes."""
+    def outputs(self, eta: Array, sample: int) -> tuple[Array, Array, Array, Array | float]:
+        """Return C (channels x n), its slopes, and the direct term of a sample (channels) with its slopes."""
         affine = self._model.affine
         if self._outputs is None:
             self._outputs = Outputs(*self._model.output(self.eta), self._model.direct(self.eta))
+        (C, slopes, direct) = self._outputs
         if affine is not None:
             change = np.exp(eta)[:, None, None] * affine.C_slopes
-            return affine.C + change.sum(axis=0), change, self._outputs.direct.value, None
-        (C, slopes, direct), (growth, here) = self._outputs, self.growth(eta)
+            return affine.C + change.sum(axis=0), change, direct.value[sample], 0.0
+        growth, here = self.growth(eta)
         moved = slopes * here[:, None, None]
         C = C + np.einsum("p,pcn->cn", growth, slopes)
         if direct.slopes is None:
-            return C, moved, direct.value, None
-        value = direct.value + np.einsum("p,ptc->tc", growth, direct.slopes)
-        return C, moved, value, direct.slopes * here[:, None, None]
+            return C, moved, direct.value[sample], 0.0
+        own = direct.slopes[:, sample]
+        return C, moved, direct.value[sample] + growth @ own, own * here[:, None]
 
     def step(self, length: int) -> LinearisedStep:
         """Return the step of a length of the timeline."""
@@ -238,10 +239,11 @@ def _walk(
     eta, deviations, states, bands, innovations = history
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
     vary = bool(model.output(z[n:])[1].any()) or model.affine is None
+    expected = measured if vary else measured - model.direct(z[n:]).value
     H = np.zeros((measured.shape[1], len(z)), dtype=z.dtype)
     steps, spread, limits = Linearised(model, part), _lengths(S), run_away_limits(model.unknowns)
     steps.follow(z[n:], spread[n:])
-    H[:, :n], _, direct, direct_slopes = steps.outputs(z[n:])
+    H[:, :n] = model.output(z[n:])[0]
     for node, sample in enumerate(model.line.sample_of().tolist()):
         if node:
             steps.follow(z[n:], spread[n:])
@@ -253,15 +255,15 @@ def _walk(
             S[:n] = np.concatenate([phi, (moved[1:] * here[:, None]).T], axis=1) @ S
         if sample < 0:
             continue
+        innovation = expected[sample]
         if vary:
-            H[:, :n], C_slopes, direct, direct_slopes = steps.outputs(z[n:])
-            H[:, n:] = (C_slopes @ z[:n]).T
-            if direct_slopes is not None:
-                H[:, n:] += direct_slopes[:, sample].T
-        innovation = measured[sample] - direct[sample] - H[:, :n] @ z[:n]
+            H[:, :n], C_slopes, direct, direct_slopes = steps.outputs(z[n:], sample)
+            H[:, n:] = (C_slopes @ z[:n] + direct_slopes).T
+            innovation = innovation - direct
+        innovation = innovation - H[:, :n] @ z[:n]
         whitened = H * weight[sample][:, None], innovation * weight[sample]
         z += _update(S, *whitened, present[sample], innovations[sample])
-        if not np.all(np.abs(z[n:] - origin) < limits):
+        if not (np.abs(z[n:] - origin) < limits).all():
             check_run_away(model.unknowns, z[n:], origin)
         spread = _lengths(S)
         eta[sample], deviations[sample] = z[n:], spread[n:]
