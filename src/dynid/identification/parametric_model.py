@@ -195,8 +195,16 @@ class ParametricModel:
         _, slopes = self.instruments.numbers(self.instruments.load_delays, named(self.unknowns, eta))
         return slopes * rates(self.unknowns, eta)[:, None]
 
+    @cached_property
+    def _constant_direct(self) -> DirectTerm:
+        """The direct term where it does not depend on the parameters."""
+        assert self.affine is not None
+        return DirectTerm((self.line.inputs() * self.acting) @ self.affine.D[0].T, None)
+
     def direct(self, eta: Array) -> DirectTerm:
         """Return the direct effect of the loads on the channels, and the channels' offsets."""
+        if self.affine is not None:
+            return self._constant_direct
         found = self.at(eta)
         inputs = [self.line.inputs(order) * self.acting for order in range(len(found.D))]
         value = sum((u @ D.T for u, D in zip(inputs, found.D, strict=True)), np.zeros(()))

@@ -104,7 +104,8 @@ def _readout(t: Tables, at: Linear, out: Outputs, sample: int, channel: int, z: 
     direct: float = out.direct[sample, channel]
     for i in range(n):
         room.row[0, i] = out.C[channel, i]
-    for j in range(len(at.eta)):
+    varying = len(at.eta) if len(out.C_slopes) or len(out.direct_slopes) else 0
+    for j in range(varying):
         room.row[0, n + j] = 0.0
         left = z[n + j] - at.eta[j]
         growth, here = left, 1.0
