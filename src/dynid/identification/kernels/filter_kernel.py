@@ -75,7 +75,7 @@ def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room)
     driven, moved, growth, total = room.driven, room.moved, room.growth, room.total
     for j in range(p):
         left = z[n + j] - at.eta[j]
-        growth[0, 1 + j] = left + left * left / 2 if t.log[j] else left
+        growth[0, 1 + j] = left + t.log[j] * left * left / 2
     here = length * (1 + p) * tall
     row_product(1, 1 + p, tall, growth, 0, 1 + p, at.phis, here, tall, total, 0, tall)
     for i in range(n):
@@ -89,7 +89,7 @@ def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room)
         z[i] = moved[0, here]
         for j in range(p):
             change = moved[0, here + 1 + j] * growth[0, 1 + j]
-            total[i, n + j] = moved[0, here + 1 + j] + (change if t.log[j] else 0.0)
+            total[i, n + j] = moved[0, here + 1 + j] + t.log[j] * change
             z[i] += change
     product(n, n + p, width, total, 0, tall // n, S, 0, width, room.root, 0, width)
     for i in range(n):
@@ -99,9 +99,8 @@ def _propagate(t: Tables, at: Linear, node: int, z: Array, S: Array, room: Room)
 
 @inlined
 def _readout(t: Tables, at: Linear, out: Outputs, sample: int, channel: int, z: Array, room: Room) -> float:
-    """Set the row of a channel's derivatives by state and coordinates; return its direct term."""
-    n = t.lower.shape[1]
-    direct: float = out.direct[sample, channel]
+    """Set the row of a channel's derivatives by state and coordinates; return how its direct term changes."""
+    n, direct = t.lower.shape[1], 0.0
     for i in range(n):
         room.row[0, i] = out.C[channel, i]
     varying = len(at.eta) if len(out.C_slopes) or len(out.direct_slopes) else 0
@@ -111,9 +110,9 @@ def _readout(t: Tables, at: Linear, out: Outputs, sample: int, channel: int, z: 
         growth, here = left, 1.0
         if out.affine:
             growth = here = math.exp(z[n + j])
-        elif t.log[j]:
-            growth = left + left * left / 2
-            here = 1 + growth
+        else:
+            growth += t.log[j] * left * left / 2
+            here += t.log[j] * growth
         if len(out.C_slopes):
             for i in range(n):
                 slope = out.C_slopes[j, channel, i]
@@ -148,7 +147,8 @@ def _update(
         if math.isnan(measured[sample, channel]):
             continue
         weight = weights[sample, channel]
-        innovation = measured[sample, channel] - _readout(t, at, out, sample, channel, z, room)
+        innovation = measured[sample, channel] - out.direct[sample, channel]
+        innovation -= _readout(t, at, out, sample, channel, z, room)
         for i in range(n):
             innovation -= row[0, i] * state[i]
         for i in range(size):

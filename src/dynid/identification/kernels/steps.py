@@ -35,7 +35,7 @@ class Tables(NamedTuple):
     `left` (p x n/2 x r) times `right` (p x r x n) is the lower half's change by the parameters. `forcing`
     (lengths x degrees x n/2 x q) takes the generator state to what it feeds, degree by degree; `reach`
     (lengths) is the norm of the generator, times the step; infinite where the series is not used. `log` (p):
-    coordinates that are logarithms. Of a model that is not affine `lower`, `left`, `right` and `rates` are
+    1 of coordinates that are logarithms, else 0. Of a model that is not affine `lower`, `left`, `right` and `rates` are
     zeros: its steps are computed by the caller.
     """
 
@@ -47,7 +47,7 @@ class Tables(NamedTuple):
     forcing: Array
     reach: Array
     W: Array
-    log: NDArray[np.bool_]
+    log: Array
     which: NDArray[np.int64]
     sample: NDArray[np.int64]
 
@@ -121,7 +121,7 @@ def tables(model: ParametricModel) -> Tables:
             forcing=np.empty((0, 0, m, model.W.shape[1])),
             reach=np.full(len(line.lengths), np.inf),
             W=plain(model.W),
-            log=logarithmic(model.unknowns),
+            log=logarithmic(model.unknowns).astype(float),
             which=line.which,
             sample=line.sample_of(),
         )
@@ -140,7 +140,7 @@ def tables(model: ParametricModel) -> Tables:
         forcing=forcing,
         reach=reach if len(forcing) else np.full(len(line.lengths), np.inf),
         W=plain(model.W),
-        log=logarithmic(model.unknowns),
+        log=logarithmic(model.unknowns).astype(float),
         which=line.which,
         sample=line.sample_of(),
     )
