@@ -25,7 +25,7 @@ PRECISIONS = (128, 512, 4096)
 _SURE = 56
 
 #: Powers that are written as products.
-_SMALL = range(-8, 9)
+_EXACT_POWERS = range(-8, 9)
 
 
 class ParametricProgram(Program):
@@ -97,7 +97,7 @@ class ParametricProgram(Program):
                 return self.neg(*operands)
             case "pos":
                 return operands[0]
-            case "**" if not isinstance(node.operands[1], Dependent) and node.operands[1] in _SMALL:
+            case "**" if not isinstance(node.operands[1], Dependent) and node.operands[1] in _EXACT_POWERS:
                 exponent = int(node.operands[1])
                 power = self.product([operands[0]] * abs(exponent))
                 return power if exponent >= 0 else self.inv(power)

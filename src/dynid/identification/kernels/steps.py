@@ -35,8 +35,8 @@ class Tables(NamedTuple):
     `left` (p x n/2 x r) times `right` (p x r x n) is the lower half's change by the parameters. `forcing`
     (lengths x degrees x n/2 x q) takes the generator state to what it feeds, degree by degree; `reach`
     (lengths) is the norm of the generator, times the step; infinite where the series is not used. `log` (p):
-    1 of coordinates that are logarithms, else 0. Of a model that is not affine `lower`, `left`, `right` and `rates` are
-    zeros: its steps are computed by the caller.
+    1 of coordinates that are logarithms, else 0. Of a model that is not affine `lower`, `left`, `right` and
+    `rates` are zeros: its steps are computed by the caller.
     """
 
     lower: Array
