@@ -177,6 +177,8 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     result.add_axis(f"{group}/parameter", names)
     result.add(f"{group}/name", names, dims)
     result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
+    if not all(unknown.logarithmic for unknown in unknowns):
+        result.add(f"{group}/scale", [unknown.scale for unknown in unknowns], dims)
     result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
     result.add(f"{group}/true", true, dims, unit)
     result.add(f"{group}/estimate", estimate, dims, unit)

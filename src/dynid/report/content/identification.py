@@ -103,14 +103,21 @@ def _capitalized(sentence: str) -> str:
     return sentence[0].upper() + sentence[1:]
 
 
+def linear_parameters(result: Result) -> list[bool]:
+    """Return for each parameter True if it is estimated itself, not by its logarithm."""
+    if f"{_PARAMETERS}/scale" in result:
+        return [scale == "linear" for scale in result[f"{_PARAMETERS}/scale"].data]
+    return [False] * len(result[f"{_PARAMETERS}/name"].data)
+
+
 def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the parameters: start, estimate with error, interval, true value, bound.
 
-    Logarithms are estimated, so the 95 % interval is the estimate times exp(±1.96 times the deviation of the
-    logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to the
-    true value. Where a true value is unknown, the bound is that at the estimate, which equals the standard
-    error, and is omitted. Where the residuals contradict the given noise, a column has the standard error for
-    the noise of the residuals.
+    Where logarithms are estimated, the 95 % interval is the estimate times exp(±1.96 times the deviation of
+    the logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to
+    the true value, and of a true value of 0 the bound is absolute. Where a true value is unknown, the bound is
+    that at the estimate, which equals the standard error, and is omitted. Where the residuals contradict the
+    given noise, a column has the standard error for the noise of the residuals.
     """
     get = {
         name.rpartition("/")[2]: variable.data
@@ -125,16 +132,21 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         scaled = None
     bars = ("95 % interval", *(() if scaled is None else ("for residual noise",))) if barred else ()
     truths = (*(("true", "error") if known else ()), *(("CR bound",) if bounded else ()))
-    rows = []
+    rows, linear = [], linear_parameters(result)
     for k, name in enumerate(get["name"]):
         estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
         shown: tuple[str, ...] = (quantity(estimate),)
         if barred:
-            factor = math.exp(_HALF_WIDTH * error / estimate)
-            interval = f"{quantity(estimate / factor, error)} … {quantity(estimate * factor, error)}"
-            shown = (with_error(estimate, error), interval)
-        truth = (quantity(true), percent(get["error_percent"][k])) if known else ()
-        bound = (percent(100 * float(get["cramer_rao"][k]) / true),) if bounded else ()
+            if linear[k]:
+                low, high = estimate - _HALF_WIDTH * error, estimate + _HALF_WIDTH * error
+            else:
+                factor = math.exp(_HALF_WIDTH * error / estimate)
+                low, high = estimate / factor, estimate * factor
+            shown = (with_error(estimate, error), f"{quantity(low, error)} … {quantity(high, error)}")
+        off = percent(get["error_percent"][k]) if true else "-"
+        truth = (quantity(true), off) if known else ()
+        least = float(get["cramer_rao"][k]) if bounded else 0.0
+        bound = (percent(100 * least / abs(true)) if true else quantity(least),) if bounded else ()
         rows.append(
             (
                 f"{name} [{get['unit'][k]}]".removesuffix(" []"),
@@ -248,8 +260,11 @@ def verdict_sentences(result: Result) -> Iterator[str]:
         )
         yield f"{verdict} (condition number {condition:.2g})"
     if not rejected:
-        relative = result[f"{_PARAMETERS}/standard_error"].data / result[f"{_PARAMETERS}/estimate"].data
-        error = percent(100 * relative.max())
-        yield f"largest relative standard error: {error} ({names[int(np.argmax(relative))]})"
+        size = np.abs(result[f"{_PARAMETERS}/estimate"].data)
+        relative = np.where(linear_parameters(result), 0.0, result[f"{_PARAMETERS}/standard_error"].data)
+        relative = relative / np.where(size > 0, size, 1.0)
+        if relative.any():
+            error = percent(100 * relative.max())
+            yield f"largest relative standard error: {error} ({names[int(np.argmax(relative))]})"
     for warning in result[f"{_DIAGNOSTICS}/warnings"].data:
         yield f"warning: {warning}"

@@ -58,7 +58,14 @@ def add_identification_scope(
     parts.append(ScopePart("states", 2 * r, 2 * (n - r), "the structure is reduced"))
     measured = model.measurement is not None
     unknown = [each.name for each in structure.unknowns]
-    terms = [term.name for joint in structure.joints for term in joint.terms]
+    # The terms of joints that depend on parameters are not fixed.
+    terms = [
+        term.name
+        for joint in structure.joints
+        for term in joint.terms
+        if term.name in unknown or not term.product.terms
+    ]
+    terms += [name for name in unknown if name not in terms]
     why = "known: fixed at their values"
     parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
     parts.append(engines_part(result, model))
