@@ -60,6 +60,11 @@ def _general(path: str, result: Result) -> str:
     for output, given in channels:
         path = path.replace(f"/{output}/{given}", "/<output>/<input>").replace(f"/{output}", "/<output>")
         path = re.sub(rf"/{re.escape(given)}(?=/|$)", "/<input>", path)
+    path = re.sub(
+        r"^(identification/derived/(?:zeros|gains|frequency_response))/[^/]+/[^/]+/",
+        r"\1/<output>/<input>/",
+        path,
+    )
     if "reduction/method" in result:
         for method in result["reduction/method"].data:
             path = re.sub(rf"^reduction/{re.escape(method)}/", "reduction/<method>/", path)

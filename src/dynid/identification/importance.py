@@ -233,7 +233,8 @@ def _weighted(target: _Target, likelihood: Likelihood, mean: Array, root: Array,
             remedy="Widen the limits, or leave `posterior_check` out.",
             names=("posterior_check",),
         )
-    smoothed, shape = array_stats.psislw(ratio[there])  # type: ignore[no-untyped-call]
+    # It takes the negative logarithms of the ratios, as log-likelihoods are for leave-one-out.
+    smoothed, shape = array_stats.psislw(-ratio[there])  # type: ignore[no-untyped-call]
     weight = np.exp(smoothed - np.max(smoothed))
     largest = float(ratio[there].max())
     log_mean = largest + math.log(float(np.exp(ratio[there] - largest).sum()) / DRAWS)

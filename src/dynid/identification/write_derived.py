@@ -82,11 +82,13 @@ def add_derived(result: Result, posterior: Posterior, request: DerivedRequest | 
         other = Result("identification")
         try:
             _add_all(other, gaussian(posterior, FEW_SAMPLES), DerivedRequest(), systems)
+            other.annotate(DERIVED, requested=False)
         except (DynidError, np.linalg.LinAlgError):
             return
         result.merge(other)
     elif request.kinds:
         _add_all(result, gaussian(posterior), request, systems)
+        result.annotate(DERIVED, requested=True)
 
 
 def gaussian(posterior: Posterior, samples: int = SAMPLES) -> GaussianPosterior:

@@ -81,6 +81,7 @@ FAMILIES: tuple[FigureFamily, ...] = (
         f"{_DIAGRAMS}.identification:histories",
         paths=("identification/history/", "identification/first_pass/", "identification/states/"),
     ),
+    FigureFamily(f"{_DIAGRAMS}.derived:figures", paths=("identification/derived/frequency_response/",)),
     FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),
     FigureFamily(f"{_DIAGRAMS}.plan:figures", paths=("plan/",)),
     FigureFamily(f"{_DIAGRAMS}.mode_shapes:figures", paths=("structure/modes/shape",), scene=True),

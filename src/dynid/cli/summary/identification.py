@@ -8,6 +8,7 @@ from textwrap import wrap
 
 from dynid.cli.summary.common import aligned, response_lines, rich_table
 from dynid.number_format import counted, span_text
+from dynid.report.content.derived import derived_table, is_requested, statements
 from dynid.report.content.identifiability import (
     GROUP,
     MODAL_SENSITIVITIES,
@@ -56,12 +57,28 @@ def lines(result: Result) -> list[str]:
             *(f"  {sentence}" for sentence in verdict_sentences(result)),
             *(f"  {sentence}" for sentence in calibration_sentences(result)),
             "",
+            *_derived(result),
         ]
     screen += identifiability_lines(result)
     if "structure/modes/omega" in result:
         screen += [*_modes(result), ""]
     screen += response_lines(result, "structure")
     return screen[:-1] if not screen[-1] else screen
+
+
+def _derived(result: Result) -> Iterable[str]:
+    """Yield what follows from the estimate, as far as it was requested."""
+    if is_requested(result):
+        columns, rows = derived_table(result)
+        if rows:
+            yield from rich_table(columns, rows[:_MODES], padding=2, width=140)
+            if len(rows) > _MODES:
+                yield f"    … {counted(len(rows) - _MODES, 'more row')} in the file"
+            yield ""
+    for sentence in (said := list(statements(result))):
+        yield from wrap(f"  {sentence}", 110, subsequent_indent="    ")
+    if said:
+        yield ""
 
 
 def identifiability_lines(result: Result, *, planned: bool = False) -> list[str]:

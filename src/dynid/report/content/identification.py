@@ -10,6 +10,7 @@ import numpy as np
 from dynid.defaults import SIGNAL, WHITENESS
 from dynid.number_format import counted, percent, quantity, span_text, with_error
 from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
+from dynid.report.content.derived import derived_sections
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -69,6 +70,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
                 *statements,
             ),
         )
+    yield from derived_sections(result)
     yield from calibration_sections(result)
     yield from identifiability_sections(result)
     group = "structure/modes"
