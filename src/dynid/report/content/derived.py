@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from dynid.number_format import quantity
-from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
+from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
@@ -66,6 +66,8 @@ def derived_sections(result: Result) -> Iterator[ReportSection]:
     if not (is_requested(result) or said):
         return
     columns, rows = derived_table(result) if is_requested(result) else ((), [])
-    table = [TextTable(columns, tuple(rows[:_ROWS])), *more(len(rows), _ROWS, "row")] if rows else []
-    lines = (Statement(f"{text[0].upper()}{text[1:]}.") for text in said)
-    yield ReportSection("What follows from the estimate", (*table, *lines))
+    blocks: list[Block] = []
+    if rows:
+        blocks += [TextTable(columns, tuple(rows[:_ROWS])), *more(len(rows), _ROWS, "row")]
+    blocks += [Statement(f"{text[0].upper()}{text[1:]}.") for text in said]
+    yield ReportSection("What follows from the estimate", tuple(blocks))

@@ -12,7 +12,7 @@ from dynid.report.content.derived import DERIVED, is_requested
 from dynid.report.diagrams.responses import frequencies
 from dynid.report.figure import Figure, Picture, table_of
 from dynid.report.notation import labelled
-from dynid.report.plot import Band, Curve, PlotAxis, Subplot, chart
+from dynid.report.plot import Band, Curve, Layer, PlotAxis, Subplot, chart
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -42,7 +42,10 @@ def _drawn(result: Result, group: str, pair: str) -> Picture:
         unit = "°" if name == "phase" else result[f"{group}/{name}/value"].units
         logarithmic = name == "magnitude" and bool(np.all(low > 0))
         axis = PlotAxis(labelled(name, unit), log=logarithmic)
-        layers = [Band(at.shown, low, high, "95 % band", "s1"), Curve(at.shown, value, "identified", "s1")]
+        layers: list[Layer] = [
+            Band(at.shown, low, high, "95 % band", "s1"),
+            Curve(at.shown, value, "identified", "s1"),
+        ]
         rows.append([Subplot(at.axis, axis, layers, height=220.0)])
         columns |= {
             labelled(f"{name}{word}", unit): each
