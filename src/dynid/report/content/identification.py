@@ -19,6 +19,8 @@ from dynid.result import Result
 _MOST_MODES, _SHOWN = 60, 20
 #: Most channels whose residuals a sentence lists.
 _CHANNELS = 3
+# Most coefficients of a noise in a sentence.
+_COEFFICIENTS = 4
 #: Half width of a 95 % interval in standard errors.
 _HALF_WIDTH = 1.959963984540054
 #: Condition number of the information above which parameters are badly conditioned.
@@ -228,6 +230,27 @@ def contradicted_priors(result: Result) -> list[str]:
     return [str(name) for name in result[f"{_DIAGNOSTICS}/parameter"].data[flags.data]]
 
 
+def noise_sentences(result: Result) -> Iterator[str]:
+    """Yield the model of a noise that is not white, in one sentence."""
+    group = "identification/noise"
+    if f"{group}/channel" not in result:
+        return
+    names = [str(name) for name in result[f"{group}/channel"].data]
+    if f"{group}/ratio" in result:
+        ratios = 100 * result[f"{group}/ratio"].data
+        each = [f"{ratio:.2g} % in {name}" for ratio, name in zip(ratios, names, strict=True)]
+        title = "noise in proportion to the response: "
+    else:
+        orders, coefficients = result[f"{group}/order"].data, result[f"{group}/coefficients"].data
+        each = []
+        for name, order, row in zip(names, orders, coefficients, strict=True):
+            shown = ", ".join(f"{a:.3g}" for a in row[: min(order, _COEFFICIENTS)])
+            more = ", …" if order > _COEFFICIENTS else ""
+            each.append(f"{name} of order {order} ({shown}{more})" if order else f"{name} white")
+        title = "coloured noise (autoregression): "
+    yield f"{title}{', '.join(each[:_CHANNELS])}{', …' if len(each) > _CHANNELS else ''}"
+
+
 def verdict_sentences(result: Result) -> Iterator[str]:
     """Yield the verdict on an estimate: residuals, limits, conditioning, worst parameter, warnings."""
     p, white = result.value(f"{_DIAGNOSTICS}/whiteness_p"), bool(result.value(f"{_DIAGNOSTICS}/white"))
@@ -244,6 +267,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
     yield left
     yield residuals
+    yield from noise_sentences(result)
     rejected = is_rejected(result)
     if rejected:
         yield "error bars are not printed: the result is rejected (those in the file are nominal)"

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    PlainValidator,
+    Tag,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from dynid.defaults import NOISE_VALUES
 from dynid.scene.schema.base import Dof, FilePath, FrequencyGrid, MotionQuantity, Section
@@ -109,11 +117,26 @@ class MeasuredChannelModel(ChannelModel):
         return [*self.ends, *([self.reference.place] if self.reference else [])]
 
 
+def _is_order(raw: Any) -> Any:
+    if raw == "auto" or (type(raw) is int and 1 <= raw <= MOST_ORDER):
+        return raw
+    raise fault(f"'order' is a whole number from 1 to {MOST_ORDER}, or auto")
+
+
+#: The highest order of coloured noise.
+MOST_ORDER = 200
+NoiseOrder = Annotated[
+    Any,
+    PlainValidator(_is_order),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": MOST_ORDER}, {"const": "auto"}]}),
+]
+
+
 class NoiseModel(Section):
     """Noise that is not white: coloured, of records of time; or proportional to a frequency response."""
 
     kind: Literal["coloured", "proportional"]
-    order: Annotated[int, Field(ge=1, le=200, strict=True)] | Literal["auto"] | None = None
+    order: NoiseOrder = "auto"
     correlated: bool = False
     ratio: PerElement | None = None
 
@@ -121,7 +144,7 @@ class NoiseModel(Section):
     def _is_of_its_kind(self) -> Self:
         if self.kind == "coloured" and self.ratio is not None:
             raise fault("'ratio' is that of proportional noise; coloured noise is estimated")
-        if self.kind == "proportional" and (self.order is not None or self.correlated):
+        if self.kind == "proportional" and {"order", "correlated"} & self.model_fields_set:
             raise fault("'order' and 'correlated' are those of coloured noise")
         return self
 
