@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 from dynid.arithmetic.derivatives import Dual, operate
 from dynid.arithmetic.expression import Expression
@@ -127,6 +127,17 @@ class Dependent:
         """Return value and derivatives at the reference values of the parameters; raises as `dual`."""
         references = {node.operands[0]: node.reference for node in self._order if not node.operation}
         return _as_floats(self.dual(references))
+
+    def referred(self, values: Mapping[str, Number]) -> Dependent:
+        """Return the same number with other reference values of parameters, by name; raises as `dual`."""
+
+        def leaf(item: Real) -> Real:
+            if not isinstance(item, Dependent):
+                return item
+            name = item.operands[0]
+            return Dependent.parameter(name, values.get(name, item.reference))
+
+        return cast("Dependent", self.fold(leaf, lambda node, operands: compute(node.operation, operands)))
 
     def __float__(self) -> float:
         return float(self.reference)

@@ -10,6 +10,7 @@ from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
 from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurement, initial_motion, loads_of
+from dynid.scene.kinds.parameters import at_starts
 from dynid.scene.kinds.scope import add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
 from dynid.scene.kinds.structures import build_structure
@@ -66,7 +67,7 @@ def run(scene: Scene) -> Result:
                 result.merge(identifiability(*expected))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
-    made = None if method is None else method.at(values).reduce(structure)
+    made = None if method is None else method.at(values).reduce(started(scene, structure))
     if made is not None and made.doubt:
         result.annotate("structure" if model.measurement is None else "identification", doubt=made.doubt)
     if model.responses is not None:
@@ -96,7 +97,16 @@ def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float
     """
     structure = structure_of(scene)
     method, values = reductor_of(scene), expected_values(structure)
-    return (structure if method is None else method.at(values).reduce(structure).model), values
+    if method is None:
+        return structure, values
+    return method.at(values).reduce(started(scene, structure)).model, values
+
+
+def started(scene: Scene, structure: StructuralModel) -> StructuralModel:
+    """Return a structure as an estimator reduces it: its basis is made at the starts, not at the truth."""
+    model = cast("IdentificationScene", scene.model)
+    at_start = at_starts(model)
+    return structure if at_start is model else structure_of(Scene(scene.source, at_start))
 
 
 class Setting(NamedTuple):
@@ -142,7 +152,7 @@ def models_of(
     if simulate is not None and simulate.model == "reduced":
         truth = method.at(structure.true_values()).reduce(structure).model
     made = method if values is None else method.at(values)
-    return made.reduce(structure).model, truth
+    return made.reduce(started(scene, structure)).model, truth
 
 
 def expected_values(structure: StructuralModel) -> dict[str, float]:
@@ -303,7 +313,8 @@ def _rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
     method = reductor_of(scene)
     if method is None or not method.follows_joints:
         return None
-    return lambda values: method.at(values).reduce(full).model
+    structure = started(scene, full)
+    return lambda values: method.at(values).reduce(structure).model
 
 
 #: The note on a time response that the excitation of the scene does not drive.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 from pydantic import BaseModel
 
@@ -13,10 +13,13 @@ from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.raw import mapping, written_key
 
 if TYPE_CHECKING:
+    from dynid.arithmetic.numbers import Number
     from dynid.parameters import Parameter, ParameterPrior
     from dynid.scene.load import Scene
     from dynid.scene.schema.base import SceneModel
     from dynid.scene.schema.identification import IdentificationScene
+
+M = TypeVar("M", bound="SceneModel")
 
 
 class ConsideredParameter(NamedTuple):
@@ -140,6 +143,37 @@ def quantities(part: Any, key: str = "") -> Iterator[tuple[str, Quantity]]:
     elif isinstance(part, list | tuple):
         for value in part:
             yield from quantities(value, key)
+
+
+def at_starts(model: M) -> M:
+    """Return a scene whose quantities have the unknown parameters' starts for reference values.
+
+    What an estimator computes at reference values, such as a basis, must not know the true ones.
+    """
+    starts = {
+        name: given.start.value
+        for name, given in model.parameters.items()
+        if isinstance(given, DefinedParameter) and given.start is not None and given.true is not None
+    }
+    return cast("M", _referred(model, starts)) if starts else model
+
+
+def _referred(part: Any, values: Mapping[str, Number]) -> Any:
+    """Return a part of a scene with other reference values of parameters."""
+    if isinstance(part, Quantity):
+        if part.dependent is None or part.dependent.names.isdisjoint(values):
+            return part
+        found = part.dependent.referred(values)
+        return Quantity(found.reference, part.expression, found)
+    if isinstance(part, BaseModel):
+        own = {name: (value, _referred(value, values)) for name, value in part}
+        changed = {name: new for name, (old, new) in own.items() if new is not old}
+        return part.model_copy(update=changed) if changed else part
+    if isinstance(part, Mapping):
+        return {name: _referred(value, values) for name, value in part.items()}
+    if isinstance(part, list | tuple):
+        return type(part)(_referred(value, values) for value in part)
+    return part
 
 
 def _number(given: Quantity | None) -> float | None:
