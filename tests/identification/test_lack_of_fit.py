@@ -10,6 +10,12 @@ from dynid.errors import NumericalError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify, identify_all
 from dynid.identification.measurement import Experiment, simulated
+from dynid.identification.saturated_model import (
+    ChannelColumns,
+    RegressorKind,
+    Regressors,
+    saturated_coordinates,
+)
 from dynid.identification.simulation import Simulation
 from dynid.identification.statistics import log_f_tail
 from dynid.lti.signals import Multisine, Sampled, Sine
@@ -279,3 +285,15 @@ def test_a_channel_that_sees_nothing_but_noise_does_not_spoil_the_others():
     said = verdicts(identify(rig.model, rig.loads, measurement, OutputError()))
     assert said["converged"]
     assert said["redundancy"] == 4  # three lines in the other channel, two unknowns
+
+
+def test_columns_that_nearly_depend_on_each_other_keep_their_digits():
+    """The rest of each column is all of the next one: rounding of their products grows with each."""
+    rng = np.random.default_rng(3)
+    Q = np.linalg.qr(rng.standard_normal((200, 3)))[0]
+    values = np.column_stack([Q[:, 0], Q[:, :2] + 2e-5 * Q[:, 1:]])
+    residual, none = rng.standard_normal(200), np.zeros((200, 0))
+    channel = ChannelColumns(values.sum(axis=1), residual, none, none, none, none)
+    found = saturated_coordinates(Regressors.of(RegressorKind.LINE, [values], 200), channel, 200.0)
+    np.testing.assert_allclose(np.abs(found.residual), np.abs(Q.T @ residual), rtol=1e-5, atol=1e-6)
+    assert found.left == pytest.approx(np.sum(residual**2))

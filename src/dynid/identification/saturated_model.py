@@ -37,6 +37,8 @@ _FAST = 3.0
 _GROWTH = 30.0
 # Norm of a column of norm 1, projected off those before it, below which it is linearly dependent.
 _NEW = 1e-5
+# Part of a column's square that its rounding may be; squares below this one make that of others grow.
+_DIGITS, _SMALL = 0.01, 1e-4
 
 
 class RegressorKind(IntEnum):
@@ -366,8 +368,12 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     group, pole, rate = (
         np.concatenate([part, np.full(len(kinds), -1)]) for part in (shared.group, shared.pole, shared.rate)
     )
-    places, R = _triangle(gram, len(gram) - 1, int(count) - 1)
-    R = R * norms
+    active, most = len(gram) - 1, int(count) - 1
+    found = _triangle(gram, active, most)
+    if found is None:
+        columns = np.concatenate([shared.values, own], axis=1) / unit
+        found = _orthogonalised(np.asarray(np.linalg.qr(columns, mode="r")), active, most)
+    places, R = found[0], found[1] * norms
     return SaturatedCoordinates(
         kind=np.concatenate([shared.kind, kinds])[places],
         group=group[places],
@@ -384,8 +390,10 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     )
 
 
-def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Array]:
+def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Array] | None:
     """Return the linearly independent active columns, and all columns in their directions (Cholesky).
+
+    None where the columns depend on each other so nearly that their products lack the digits.
 
     Parameters
     ----------
@@ -396,16 +404,37 @@ def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Ar
     most
         Most directions.
     """
-    left = gram.copy()
+    left, rounding = gram.copy(), float(np.finfo(float).eps)
     places: list[int] = []
     rows: list[Array] = []
     for k in range(active):
         if len(places) >= most:
             break
+        if rounding > _DIGITS * max(left[k, k], _NEW**2):
+            return None
         if left[k, k] <= _NEW**2:
             continue
-        row = left[k] / math.sqrt(left[k, k])
+        square, row = left[k, k], left[k] / math.sqrt(left[k, k])
         left -= np.outer(row, row)
         places.append(k)
         rows.append(row)
+        if square < _SMALL:  # rounding of what is left grows by that of this column, over its size
+            rounding *= max(1.0, float(np.abs(row[k + 1 :]).max()) ** 2 / square)
     return np.array(places, dtype=int), np.array(rows).reshape(-1, len(gram))
+
+
+def _orthogonalised(columns: Array, active: int, most: int) -> tuple[NDArray[np.int_], Array]:
+    """Return what `_triangle` does, of the columns themselves (any x d): slower, with twice the digits."""
+    directions = np.zeros((0, len(columns)))
+    places: list[int] = []
+    for k in range(active):
+        if len(places) >= most:
+            break
+        new = columns[:, k] - directions.T @ (directions @ columns[:, k])
+        new -= directions.T @ (directions @ new)  # once more: what rounding left
+        norm = float(np.linalg.norm(new))
+        if norm <= _NEW:
+            continue
+        directions = np.concatenate([directions, [new / norm]])
+        places.append(k)
+    return np.array(places, dtype=int), directions @ columns

@@ -40,6 +40,7 @@ from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.priors import Priors
 from dynid.identification.residual_tests import is_explained
 from dynid.identification.time_record import TimeLikelihood
+from dynid.lti.floating import guarded
 from dynid.parameters import logarithmic
 from dynid.progress import report_progress, tracked
 
@@ -47,6 +48,9 @@ Array = NDArray[np.float64]
 
 # Rounds of starts: how many are drawn, how far from the given start (a factor), and how many are tried.
 _ROUNDS = ((256, 20.0, 1 / 3), (512, 100.0, 1 / 3), (1024, 300.0, 1 / 3))
+# A round before these where not all unknowns are the stiffness and damping of joints: masses and stiffnesses
+# of a structure are known better than those, and far from them most starts end nowhere.
+_NEAR = (256, 4.0, 1 / 3)
 # A prior bounds what is drawn to so many of its deviations.
 _PRIOR = 4.0
 # Most steps on a guide, of which only the neighbourhood of the optimum is needed.
@@ -117,14 +121,15 @@ class Search:
         report_progress(name)
         self.drawn += drawn
         try:
-            eta, sweeps = begun()
-            fit, steps = refine(self.likelihood, eta, _MOST_STEPS)
-            best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
-            if steps == _MOST_STEPS and self.likelihood.misfit(fit) < best:
-                # Further steps, as in a narrow valley, are for the best attempt alone.
-                fit, further = refine(self.likelihood, fit.eta, _FURTHER_STEPS)
-                steps += further
-            likelihood, (fit, steps) = with_noise(self.likelihood, Refined(fit, steps))
+            with guarded("the prediction", names=self.likelihood.names):
+                eta, sweeps = begun()
+                fit, steps = refine(self.likelihood, eta, _MOST_STEPS)
+                best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
+                if steps == _MOST_STEPS and self.likelihood.misfit(fit) < best:
+                    # Further steps, as in a narrow valley, are for the best attempt alone.
+                    fit, further = refine(self.likelihood, fit.eta, _FURTHER_STEPS)
+                    steps += further
+                likelihood, (fit, steps) = with_noise(self.likelihood, Refined(fit, steps))
         except DynidError as error:  # from a poor start an attempt may diverge, from another one not
             self.failure = self.failure or error
             return
@@ -162,7 +167,8 @@ class Search:
             Coordinates around which starts are drawn (p).
         """
         turn = cycle(routes)
-        for seed, (count, reach, part) in enumerate(_ROUNDS):
+        affine = self.likelihood.records[0].system_model.affine is not None
+        for seed, (count, reach, part) in enumerate(_ROUNDS if affine else (_NEAR, *_ROUNDS)):
             starts = drawn_starts(self.likelihood.priors, origin, count, reach, seed)
             ranked: dict[bool, Iterator[int]] = {}
             taken: set[int] = set()
@@ -282,7 +288,8 @@ def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: 
 def _misfit_at(guide: Likelihood, eta: Array) -> float:
     """Return the misfit at coordinates (p), infinite where the prediction leaves the range of numbers."""
     try:
-        return guide.misfit_at(eta)
+        with guarded("the prediction"):
+            return guide.misfit_at(eta)
     except DynidError:
         return np.inf
 

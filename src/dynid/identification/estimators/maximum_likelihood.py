@@ -37,6 +37,7 @@ from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.measurement import RobustLoss
 from dynid.identification.residual_tests import robust_deviation
 from dynid.identification.statistics import root_mean_square
+from dynid.lti.floating import guarded
 from dynid.progress import report_progress
 
 Array = NDArray[np.float64]
@@ -191,7 +192,8 @@ def _improved(
 ) -> tuple[Fit, float] | None:
     """Return the fit at these coordinates and its misfit if that is below this one, else None."""
     try:
-        new = likelihood.fit(eta, noise)
+        with guarded("the prediction"):
+            new = likelihood.fit(eta, noise)
     except DynidError:  # numbers leave their range
         return None
     reached = likelihood.misfit(new)
