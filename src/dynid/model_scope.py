@@ -65,6 +65,23 @@ def add_model_scope(result: Result, holder: str, parts: Sequence[ScopePart]) -> 
     result.add(f"{group}/why", [p.why if yes else "" for p, yes in zip(parts, any_left, strict=True)], dims)
 
 
+def scope_parts(result: Result, holder: str) -> list[ScopePart]:
+    """Return the parts that `add_model_scope` added to a result."""
+    group = f"{holder}/need"
+    columns = ("part", "kept_names", "kept", "left_out_names", "left_out", "why")
+    return [
+        ScopePart(
+            str(name),
+            str(kept_names).split(", ") if kept_names else int(kept),
+            str(left_names).split(", ") if left_names else int(left),
+            str(why),
+        )
+        for name, kept_names, kept, left_names, left, why in zip(
+            *(result[f"{group}/{column}"].data for column in columns), strict=True
+        )
+    ]
+
+
 def listed_names(names: Sequence[str]) -> str:
     """Return a list of names, shortened where it is long."""
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""

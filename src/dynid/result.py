@@ -223,6 +223,16 @@ class Result(Mapping[str, Variable]):
         for group, attrs in other.group_attrs.items():
             self.annotate(group, **attrs)
 
+    def without(self, beginning: str) -> Result:
+        """Return the result without the arrays whose paths begin so."""
+        other = Result(self.kind, self.title)
+        for path, variable in self.items():
+            if not path.startswith(beginning):
+                other.put(path, variable)
+        for group, attrs in self.group_attrs.items():
+            other.annotate(group, **attrs)
+        return other
+
     def equals(self, other: Result) -> bool:
         """Return True if two results hold the same arrays, attributes and names, of any origin."""
         mine, theirs = self._annotations(), other._annotations()

@@ -66,6 +66,7 @@ def new(
     structure       modes and responses of a chain of masses with known joints
     reduction       comparison of model reductions of a beam
     identification  joints of a chain of masses, from a simulated record
+    identification-graph  values of a bond graph: motor, gear, flexible shaft
     record          joints from a measured record, with its samples in record.csv
     frf             joints from measured frequency responses, stored in frf.csv
     beam            joints of a beam, identified on a reduced model

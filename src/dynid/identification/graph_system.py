@@ -79,6 +79,11 @@ class GraphChannel(NamedTuple):
         return str(self.port)
 
     @property
+    def quantity(self) -> str:
+        """What it measures: e, f, q or p."""
+        return self.port.quantity
+
+    @property
     def gain_name(self) -> str:
         """The name of its gain."""
         return f"gain of {self.name}"

@@ -12,8 +12,9 @@ from dynid.bench.benchmark import Alternative
 from dynid.bench.cases.zeros_poles import distance, relative_to
 from dynid.bench.scenes.aspects import Aspect, propagation
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.request import ENGINES, NUMERIC, choose_engine, modelled_storages
+from dynid.bondgraph.request import ENGINES, NUMERIC, Analysis, choose_engine, modelled_storages
 from dynid.errors import UsageError
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import question
@@ -78,7 +79,11 @@ def _error(found: dict[str, tuple[Any, Any]], reference: dict[str, tuple[Any, An
 
 def response(scene: Scene) -> Aspect:
     """Return the ways to propagate the time response."""
-    graph, asked = question(scene)
+    return response_of(*question(scene))
+
+
+def response_of(graph: BondGraph, asked: Analysis) -> Aspect:
+    """Return the ways to propagate the time response of a graph."""
     assert asked.times is not None
     analysis = replace(asked, results=frozenset({"time_response"}), omega=None, port=None)
 

@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from dynid.bench.benchmark import Alternative
 from dynid.bench.scenes.aspects import METHODS, Aspect, described, name_of, propagation, sizes_around, solvers
+from dynid.bench.scenes.bond_graph import response_of
 from dynid.defaults import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD, RESIDUALS
+from dynid.identification.parametric_model import Model
 from dynid.lti.sampled import HOLDS
+from dynid.scene.kinds.bond_graph import graph_analysis
 from dynid.scene.kinds.identification import (
     interest_of,
     reduction_of,
@@ -26,6 +29,7 @@ from dynid.scene.kinds.identification import (
     time_question,
     which_modes,
 )
+from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.load import Scene, check_source
 from dynid.scene.run import run_scene
 from dynid.scene.schema.accuracy import ASPECTS as NAMES
@@ -138,6 +142,10 @@ def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], EstimatedPara
 
 def response(scene: Scene) -> Aspect:
     """Return the ways to propagate the time response."""
+    wanted = cast("IdentificationScene", scene.model).graph_analysis
+    if wanted is not None:
+        built = identified_graph(scene)[1]
+        return response_of(built.graph, graph_analysis(scene, wanted, built))
     structure, values = responding_structure(scene)
     asked = time_question(scene)
     loads = asked.pop("loads")
@@ -179,7 +187,12 @@ def _identified(
 
 
 def _is_known(scene: Scene) -> bool:
-    return all(unknown.true is not None for unknown in structure_of(scene).unknowns)
+    model: Model
+    if cast("IdentificationScene", scene.model).graph is not None:
+        model = identified_graph(scene)[0]
+    else:
+        model = structure_of(scene)
+    return all(unknown.true is not None for unknown in model.unknowns)
 
 
 def _of_parameters(

@@ -11,11 +11,12 @@ from dynid.number_format import counted, span_text
 from dynid.report.content.derived import derived_table, is_requested, statements
 from dynid.report.content.identifiability import (
     GROUP,
-    MODAL_SENSITIVITIES,
     bound_table,
     bound_text,
     calibration_sentences,
     collinear_groups,
+    first_modes,
+    modal_heading,
     modal_shifts,
 )
 from dynid.report.content.identification import (
@@ -25,12 +26,13 @@ from dynid.report.content.identification import (
     verdict_sentences,
 )
 from dynid.report.content.plan import (
-    BEST_BANDS,
     GAIN_OF_SINES,
     PRESCRIBED,
+    best_bands_text,
     best_sensors_text,
     best_sines_text,
     chosen_lines,
+    driven,
     efficiency_text,
     gain_text,
     steady_state_text,
@@ -63,6 +65,10 @@ def lines(result: Result) -> list[str]:
     if "structure/modes/omega" in result:
         screen += [*_modes(result), ""]
     screen += response_lines(result, "structure")
+    if "bond_graph" in result.group_attrs:
+        from dynid.cli.summary.bond_graph import lines as lines_of_graph
+
+        screen += lines_of_graph(result)
     return screen[:-1] if not screen[-1] else screen
 
 
@@ -107,13 +113,14 @@ def identifiability_lines(result: Result, *, planned: bool = False) -> list[str]
     if "identification/parameters/name" not in result:
         screen += [f"    {sentence}" for sentence in calibration_sentences(result)]
     columns, rows = modal_shifts(result)
+    shown, count = first_modes(rows, _SHIFTS)
     screen += [
         "",
-        *wrap(f"  {MODAL_SENSITIVITIES}", 110, subsequent_indent="    "),
-        *aligned([columns, *rows[:_SHIFTS]]),
+        *wrap(f"  {modal_heading(result)}", 110, subsequent_indent="    "),
+        *aligned([columns, *shown]),
     ]
-    if len(rows) > _SHIFTS:
-        screen.append(f"    … up to {rows[-1][1]} {columns[1]}")
+    if count > _SHIFTS:
+        screen.append(f"    … up to {next(row[1] for row in reversed(rows) if row[0])} {columns[1]}")
     return [*screen, ""]
 
 
@@ -191,7 +198,7 @@ def _excitation(result: Result) -> Iterable[str]:
     rows = [(f"{'+ ' if k else ''}{name}", *bounds[k], gain_text(gains[k])) for k, name in enumerate(choice)]
     now = ("present", *map(bound_text, result[f"{group}/present_bound"].data), "")
     yield from aligned([("", *names, GAIN_OF_SINES), *rows, now])
-    yield f"    {efficiency_text(result.value(f'{group}/efficiency'), 'forces')}"
+    yield f"    {efficiency_text(result.value(f'{group}/efficiency'), f'{driven(result)}s')}"
     yield from wrap(f"    {steady_state_text(result)}", 110, subsequent_indent="      ")
     group, unit = f"{group}/bands", frequency_unit(result)
     bands = zip(
@@ -202,5 +209,5 @@ def _excitation(result: Result) -> Iterable[str]:
         for dof, low, high, bound in bands
     ]
     yield ""
-    yield f"  {BEST_BANDS}"
+    yield f"  {best_bands_text(result)}"
     yield from aligned([("", *names), *rows])

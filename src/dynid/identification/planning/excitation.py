@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
+from dynid.identification.graph_system import GraphModel
 from dynid.identification.identifiability import ExpectedTimeRecords, coordinate_bounds
 from dynid.identification.information import information
 from dynid.identification.linear_system import LinearSystem
@@ -23,18 +25,20 @@ from dynid.identification.measurement import Experiment
 from dynid.identification.parametric_model import Model, parametric_model, system_of
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.prediction import free_prediction, prediction
-from dynid.lti.signals import Multisine, Sine
+from dynid.lti.signals import Impulse, Multisine, Signal, Sine
 from dynid.number_format import frequency_text
 from dynid.parameters import rates
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
-from dynid.structure.response import Load
+from dynid.structure.response import Load, common_unit
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+# Poles below this part of the largest are at zero.
+_AT_REST = 1e-9
 # Frequencies in all, at the most; and how far below the lowest mode, above the highest, and below Nyquist's.
 _MOST_LINES, _BELOW, _ABOVE, _NYQUIST = 300, 0.3, 1.5, 0.9
 
@@ -45,23 +49,31 @@ class CandidateSines:
 
     Attributes
     ----------
+    model
+        The structure or graph.
     dofs
-        Where a force may act.
+        Where a force may act: DOFs, or sources of a graph.
     omega
         Frequencies, rad/s: whole numbers of periods in the record.
     rms
-        RMS of the force, N.
+        RMS of the excitation.
     roots
         Roots of the information on the parameters' coordinates (omega x dofs x rows x p).
     bands
         Around each mode, up to the geometric means with its neighbours, rad/s.
     """
 
+    model: Model
     dofs: tuple[Label, ...]
     omega: Array
     rms: float
     roots: Array
     bands: list[tuple[float, float]]
+
+    @property
+    def of_graph(self) -> bool:
+        """True for the sources of a graph."""
+        return isinstance(self.model, GraphModel)
 
     def candidates(self, count: int) -> Candidates:
         """Return the candidates, frequency by frequency, for a design of so many lines."""
@@ -75,12 +87,12 @@ class CandidateSines:
         at, dof = divmod(candidate, len(self.dofs))
         return self.dofs[dof], float(self.omega[at])
 
-    def loads(self, chosen: Sequence[int]) -> list[Load]:
+    def loads(self, chosen: Sequence[int]) -> list[Any]:
         """Return the forces of a design, of equal amplitudes, one multisine a DOF."""
         amplitude = self.rms * np.sqrt(2 / len(chosen))
         at = [self.line(candidate) for candidate in chosen]
         return [
-            Load(dof, Multisine([amplitude] * len(mine), mine))
+            load_at(self.model, dof, Multisine([amplitude] * len(mine), mine))
             for dof in self.dofs
             if (mine := [omega for place, omega in at if place == dof])
         ]
@@ -134,10 +146,10 @@ def candidate_sines(
 ) -> CandidateSines:
     """Return candidate sines at DOFs with their information, the noise of the record's channels unchanged.
 
-    The force has the RMS of the present one; 1 N where there is none.
+    The force or source has the RMS of the present one; 1 where there is none.
     """
     measurement, values = experiment.measurement, expected.values
-    loads = [measurement.channels[0].unit_load(place) for place in dofs]
+    loads = [load_at(model, place, Impulse(1.0)) for place in dofs]
     system = system_of(model, loads, measurement.channels)
     natural = natural_frequencies(model, system, values)
     omega = grid(natural, measurement.step, measurement.samples, band)
@@ -163,22 +175,31 @@ def candidate_sines(
         )
     inside = np.unique(natural[(natural >= kept[0]) & (natural <= kept[-1])])
     edges = [float(kept[0]), *np.sqrt(inside[:-1] * inside[1:]).tolist(), float(kept[-1])]
-    return CandidateSines(tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
+    return CandidateSines(model, tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
+
+
+def load_at(model: Model, place: Label, signal: Signal) -> Any:
+    """Return a force at a DOF of a structure, or a signal of a source of a graph."""
+    if isinstance(model, StructuralModel):
+        return Load(place, signal)
+    assert isinstance(model, GraphModel)
+    return model.load(str(place), signal)
 
 
 def natural_frequencies(model: Model, system: LinearSystem, values: Mapping[str, float]) -> Array:
-    """Return the natural frequencies of a structure without damping; of other models those of the poles."""
+    """Return the natural frequencies of a structure without damping; of a graph the sizes of its poles."""
     if isinstance(model, StructuralModel):
         return modes(*model.dense(values), backend="dense").omega
     poles = system.poles(values)
-    return np.unique(np.abs(poles[poles.imag > 0]))
+    sizes = np.abs(poles[poles.imag >= 0])
+    return np.unique(sizes[sizes > _AT_REST * sizes.max(initial=0.0)])
 
 
 def exact_bounds(
     model: Model,
     experiment: Experiment,
     expected: ExpectedTimeRecords,
-    loads: Sequence[Load],
+    loads: Sequence[Any],
 ) -> Array:
     """Return the relative bounds (p) of a record of the steady state under sines, initial state unknown."""
     measurement = experiment.measurement
@@ -233,7 +254,9 @@ def add_excitation(
     result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
     result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
     result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
-    result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), "N")
+    units = common_unit(load.unit for load in found.loads(chosen)) if found.of_graph else "N"
+    result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), units)
+    result.annotate(group, driven="source" if found.of_graph else "force")
     result.add(f"{group}/gain", every.steps(chosen), ("choice",))
     best = exact_bounds(model, experiment, expected, found.loads(chosen))
     present = coordinate_bounds(expected.information())

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, Port
 from dynid.errors import UsageError
+from dynid.identification.graph_system import GraphModel
 from dynid.identification.identifiability import (
     ExpectedTimeRecords,
     add_expected_slopes,
@@ -19,7 +22,7 @@ from dynid.identification.identifiability import (
     identifiability,
 )
 from dynid.identification.measurement import Experiment, as_estimated
-from dynid.identification.parametric_model import parametric_model
+from dynid.identification.parametric_model import Model, parametric_model
 from dynid.identification.planning.excitation import add_excitation, candidate_sines, present_lines
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.prediction import free_prediction, prediction
@@ -34,6 +37,8 @@ from dynid.structure.response import UNITS, Channel, common_unit
 
 Array = NDArray[np.float64]
 
+# The variable that all bonds of a junction share.
+_COMMON: dict[str, Literal["e", "f"]] = {"0": "e", "1": "f"}
 # A candidate that moves by less than this part of the largest of its quantity is left out.
 _STILL = 1e-9
 
@@ -47,20 +52,20 @@ class PlanRequest:
     sensors, lines
         How many to choose; absent: as many as there are (lines: 3 where the excitation is none of sines).
     candidates
-        Candidate sensors; absent: `quantities` of every DOF.
+        Candidate sensors; absent: `quantities` of every DOF, or every variable of a graph.
     quantities
         Quantities of the candidates where these are not listed.
     noise
         Standard deviation of the candidates' noise by quantity, SI.
     dofs
-        Where forces may act; absent: at every DOF that is no rotation.
+        Where forces may act, or sources; absent: at every DOF that is no rotation, and every source.
     band
         Where sines are looked for, rad/s; absent: around the modes.
     """
 
     sensors: int | None = None
     lines: int | None = None
-    candidates: Sequence[Channel] = ()
+    candidates: Sequence[Any] = ()
     quantities: Sequence[str] = tuple(UNITS)
     noise: Mapping[str, float] = field(default_factory=dict)
     dofs: Sequence[Label] = ()
@@ -68,12 +73,12 @@ class PlanRequest:
 
 
 def plan(
-    model: StructuralModel,
+    model: Model,
     experiments: Sequence[Experiment],
     wanted: PlanRequest | None = None,
-    truth: StructuralModel | None = None,
+    truth: Model | None = None,
 ) -> Result:
-    """Rank sensors and excitations by the bounds that they give on the unknown joint parameters.
+    """Rank sensors and excitations by the bounds that they give on the unknown parameters.
 
     Parameters
     ----------
@@ -113,8 +118,8 @@ def plan(
         found = candidate_sensors(model, experiment, expected, channels, wanted.noise)
         add_sensors(result, found, own, names, wanted.sensors or len(own))
         if all(load.motion is None for load in experiment.loads):
-            dofs = wanted.dofs or [dof for dof in every_dof(model) if labels.kind(dof) != "rotation"]
-            report_progress(f"ranking sines at {len(dofs)} DOFs")
+            dofs = wanted.dofs or every_place(model)
+            report_progress(f"ranking sines at {counted(len(dofs), 'place')}")
             sines = candidate_sines(model, experiment, expected, dofs, wanted.band)
             count = wanted.lines or present_lines(experiment)
             add_excitation(result, model, experiment, expected, sines, count)
@@ -137,13 +142,13 @@ class CandidateSensors:
         Names of the candidates that were left out.
     """
 
-    channels: tuple[Channel, ...]
+    channels: tuple[Any, ...]
     noise: Array
     rms: Array
     candidates: Candidates
     still: tuple[str, ...]
 
-    def places(self, channels: Sequence[Channel]) -> list[int]:
+    def places(self, channels: Sequence[Any]) -> list[int]:
         """Return the places of channels among the candidates."""
         return [self.channels.index(channel) for channel in channels]
 
@@ -155,16 +160,48 @@ def every_dof(model: StructuralModel) -> tuple[Label, ...]:
     return model.dofs
 
 
-def every_channel(model: StructuralModel, quantities: Sequence[str] = tuple(UNITS)) -> list[Channel]:
-    """Return these quantities of every DOF."""
-    return [Channel(dof, quantity) for quantity in quantities for dof in every_dof(model)]
+def every_place(model: Model) -> tuple[Label, ...]:
+    """Return where an excitation may act: DOFs that are no rotations, or the sources of a graph."""
+    if isinstance(model, StructuralModel):
+        return tuple(dof for dof in every_dof(model) if labels.kind(dof) != "rotation")
+    assert isinstance(model, GraphModel)
+    return tuple(name for name, node in model.graph.nodes.items() if node.type in SOURCES)
+
+
+def every_channel(model: Model, quantities: Sequence[str] = tuple(UNITS)) -> list[Any]:
+    """Return these quantities of every DOF, or the efforts and flows of a graph."""
+    if isinstance(model, StructuralModel):
+        return [Channel(dof, quantity) for quantity in quantities for dof in every_dof(model)]
+    assert isinstance(model, GraphModel)
+    return [model.channel(port) for port in every_variable(model.graph)]
+
+
+def every_variable(graph: BondGraph) -> list[Port]:
+    """Return efforts and flows of storages, and the common variable of junctions, each once.
+
+    What a storage shares with its junction bears the name of the storage.
+    """
+    shared: dict[tuple[str, str], Port] = {}
+    quantities: tuple[Literal["e", "f"], ...] = ("e", "f")
+    for name, node in graph.nodes.items():
+        if node.type in STORAGES and not node.part:
+            (bond,) = graph.bonds_of(name)
+            junction = bond.tail if bond.head == name else bond.head
+            common = _COMMON.get(graph.nodes[junction].type)
+            for quantity in quantities:
+                shared.setdefault((junction if quantity == common else name, quantity), Port(name, quantity))
+    for name, node in graph.nodes.items():
+        common = _COMMON.get(node.type)
+        if common is not None and not node.part:
+            shared.setdefault((name, common), Port(name, common))
+    return list(shared.values())
 
 
 def candidate_sensors(
-    model: StructuralModel,
+    model: Model,
     experiment: Experiment,
     expected: ExpectedTimeRecords,
-    channels: Sequence[Channel],
+    channels: Sequence[Any],
     noise: Mapping[str, float] | None = None,
 ) -> CandidateSensors:
     """Return candidate sensors for a record, with their information.
@@ -172,7 +209,7 @@ def candidate_sensors(
     Parameters
     ----------
     model
-        The structure.
+        The structure or graph.
     experiment
         Loads, and the sampling of the record.
     expected
@@ -185,10 +222,18 @@ def candidate_sensors(
     """
     own = experiment.measurement.channels
     record = expected.likelihood.records[0]
-    every = tuple(dict.fromkeys([*own, *channels]))
+    there = {channel.name for channel in own}  # their instruments may have a gain, offset or delay
+    every = tuple(dict.fromkeys([*own, *(channel for channel in channels if channel.name not in there)]))
     known = as_estimated(experiment.loads, experiment.measurement.record)
     joint = parametric_model(model, known, every, experiment.measurement.record.times)
-    eta, x0 = expected.fit.eta, expected.fit.parts[0].predicted.start
+    eta = expected.fit.eta
+    # Candidates may depend on more states, which start from zero.
+    start = expected.fit.parts[0].predicted.start * record.model.scale
+    known_states = dict(zip((state.name for state in record.system_model.states), start, strict=True))
+    x0 = np.array([known_states.get(state.name, 0.0) for state in joint.system.states]) / joint.scale
+    root = record.root
+    if joint.states != record.model.states:
+        root = np.linalg.norm(record.root) / np.linalg.norm(record.model.state_root) * joint.state_root
     free, steps = free_prediction(joint, eta)
     predicted = prediction(joint, eta, x0, free, steps)
     rms = np.sqrt(np.mean(predicted.outputs**2, axis=0))
@@ -201,9 +246,7 @@ def candidate_sensors(
     level = np.array([given.get(c.quantity, ratio * size) for c, size in zip(every, rms, strict=True)])
     level[: len(own)] = [given.get(c.quantity, size) for c, size in zip(own, levels, strict=True)]
     kept = np.flatnonzero(moves)
-    both = np.concatenate(
-        [predicted.by_state[:, kept] @ record.root, predicted.by_parameter[:, kept]], axis=2
-    )
+    both = np.concatenate([predicted.by_state[:, kept] @ root, predicted.by_parameter[:, kept]], axis=2)
     roots = np.asarray(np.linalg.qr(np.moveaxis(both / level[kept, None], 1, 0), mode="r"))
     left_out = tuple(channel.name for channel, yes in zip(every, moves, strict=True) if not yes)
     found = Candidates(roots, joint.states)
@@ -211,7 +254,7 @@ def candidate_sensors(
 
 
 def add_sensors(
-    result: Result, found: CandidateSensors, own: Sequence[Channel], names: Sequence[str], count: int
+    result: Result, found: CandidateSensors, own: Sequence[Any], names: Sequence[str], count: int
 ) -> None:
     """Add the ranking of sensors to a result.
 

@@ -23,11 +23,8 @@ _CONSIDERED = "identification/considered"
 _MODES, _QUANTITIES = 20, 60
 #: Least relative change that is shown as a number; least effect, in standard errors, that has a sentence.
 _LEAST, _WORTH = 1e-6, 0.1
-#: Heading of the table of `modal_shifts`.
-MODAL_SENSITIVITIES = (
-    "modal sensitivities: relative change of ω_n per +1 % of k; "
-    "change of ζ, in percentage points, per +1 % of c"
-)
+#: What stands for no change.
+_NO_SHIFT = "-"
 
 
 def bound_text(value: float) -> str:
@@ -46,9 +43,10 @@ def identifiability_sections(result: Result) -> Iterator[ReportSection]:
     faults = (Statement(text, "bad") for text in collinear_groups(result))
     yield ReportSection("Identifiability", (table, *faults))
     columns, rows = modal_shifts(result)
-    caption = f"{MODAL_SENSITIVITIES[0].upper()}{MODAL_SENSITIVITIES[1:]}"
-    modes = TextTable(columns, tuple(rows[:_MODES]), caption=caption)
-    yield ReportSection("Parameters and modes", (modes, *more(len(rows), _MODES, "mode")))
+    heading = modal_heading(result)
+    shown, count = first_modes(rows, _MODES)
+    modes = TextTable(columns, tuple(shown), caption=f"{heading[0].upper()}{heading[1:]}")
+    yield ReportSection("Parameters and modes", (modes, *more(count, _MODES, "mode")))
 
 
 class BoundTable(NamedTuple):
@@ -109,29 +107,66 @@ def collinear_groups(result: Result) -> Iterator[str]:
         yield f"{', '.join(unseen)} not identifiable: no effect on the record; excite or measure at the joint"
 
 
+def modal_heading(result: Result) -> str:
+    """Return the heading of the table of `modal_shifts`."""
+    if all(_letter(name) for name in result[f"{GROUP}/modal_sensitivity/parameter"].data):
+        return (
+            "modal sensitivities: relative change of ω_n per +1 % of k; "
+            "change of ζ, in percentage points, per +1 % of c"
+        )
+    return (
+        "modal sensitivities per +1 % of each parameter: relative change of ω_n; "
+        "change of ζ, in percentage points"
+    )
+
+
+def _letter(name: str) -> str:
+    """Return k or c of a joint's parameter; empty for others, which may change frequency and damping."""
+    letter = str(name).rpartition(".")[2]
+    return letter if letter in ("k", "c") and str(name) != letter else ""
+
+
 def modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the changes of frequency and damping of each mode by one per cent of each parameter."""
+    """Return the changes of frequency and damping of each mode by one per cent of each parameter.
+
+    Where all parameters are of joints, of k that of the frequency is shown, of c that of the damping; else
+    both, one row below the other. Parameters that change no mode, such as gains, have no column then.
+    """
     group = f"{GROUP}/modal_sensitivity"
     omega, zeta = (result[f"{group}/{name}"].data for name in ("omega", "zeta"))
     names, unit = result[f"{group}/parameter"].data, frequency_unit(result)
     values = result[f"{GROUP}/value"].data
     by_omega = result[f"{group}/omega_by_parameter"].data * values / omega[:, None]
     by_zeta = result[f"{group}/zeta_by_parameter"].data * values
-    rows = []
+    joints = all(_letter(name) for name in names)
+    moves = (np.abs(by_omega) >= _LEAST) | (np.abs(by_zeta) >= _LEAST)
+    kept = [j for j, name in enumerate(names) if joints or moves[:, j].any()]
+    rows: list[tuple[str, ...]] = []
     for k in range(len(omega)):
-        moved = [
-            shift_text(by_omega[k, j]) if str(name).endswith(".k") else shift_text(by_zeta[k, j], "ζ ")
-            for j, name in enumerate(names)
-        ]
-        rows.append((f"{k + 1}", f"{unit.factor * omega[k]:.5g}", f"{100 * zeta[k] + 0.0:.3g} %", *moved))
-    return ("mode", unit.name, "ζ", *map(str, names)), rows
+        frequency = [shift_text(by_omega[k, j]) for j in kept]
+        damping = [shift_text(by_zeta[k, j], "ζ ") for j in kept]
+        if joints:
+            frequency = [
+                moved if _letter(names[j]) == "k" else damped
+                for j, moved, damped in zip(kept, frequency, damping, strict=True)
+            ]
+        rows.append((f"{k + 1}", f"{unit.factor * omega[k]:.5g}", f"{100 * zeta[k] + 0.0:.3g} %", *frequency))
+        if not joints and any(text != _NO_SHIFT for text in damping):
+            rows.append(("", "", "", *damping))
+    return ("mode", unit.name, "ζ", *(str(names[j]) for j in kept)), rows
+
+
+def first_modes(rows: list[tuple[str, ...]], most: int) -> tuple[list[tuple[str, ...]], int]:
+    """Return the rows of the first modes, and the number of all modes."""
+    starts = [place for place, row in enumerate(rows) if row[0]]
+    return (rows[: starts[most]] if len(starts) > most else rows), len(starts)
 
 
 def shift_text(percent: float, symbol: str = "") -> str:
     """Return a change in per cent as text, with its symbol; a dash for none."""
     if not np.isfinite(percent):
         return "∞"
-    return "-" if abs(percent) < _LEAST else f"{symbol}{percent:+.2g} %"
+    return _NO_SHIFT if abs(percent) < _LEAST else f"{symbol}{percent:+.2g} %"
 
 
 class CalibrationEffects(NamedTuple):

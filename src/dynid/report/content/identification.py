@@ -32,7 +32,7 @@ _PARAMETERS = "identification/parameters"
 def method(result: Result) -> str:
     """Return the kind of analysis and the method of the estimate."""
     if f"{_DIAGNOSTICS}/passes" not in result:
-        return "structure"
+        return "bond graph" if "bond_graph" in result.group_attrs else "structure"
     passes = result.value(f"{_DIAGNOSTICS}/passes")
     stages = result["identification/stages/stage"].data
     stage = stages[result.value("identification/stages/chosen") - 1]
@@ -75,6 +75,10 @@ def sections(result: Result) -> Iterator[ReportSection]:
     yield from derived_sections(result)
     yield from calibration_sections(result)
     yield from identifiability_sections(result)
+    if "bond_graph" in result.group_attrs:
+        from dynid.report.content.bond_graph import sections as sections_of_graph
+
+        yield from sections_of_graph(result)
     group = "structure/modes"
     if f"{group}/omega" not in result:
         return

@@ -14,7 +14,6 @@ from dynid.result import Result
 #: Most bands that are listed.
 _BANDS = 12
 #: Texts of screens and reports.
-BEST_BANDS = "best frequency bands, flat force spectrum with the same RMS (steady state)"
 #: Heading of the gains of sines: each has the amplitude of the set, whatever their number.
 GAIN_OF_SINES = "gain at equal amplitude"
 PRESCRIBED = "the structure is excited by a prescribed motion: forces in its place are not ranked"
@@ -53,7 +52,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         rows.append(("present", *map(bound_text, result[f"{group}/present_bound"].data), ""))
         caption = _capitalized(best_sines_text(result))
         blocks: list[Block] = [TextTable((*heads[:-1], GAIN_OF_SINES), tuple(rows), caption=caption)]
-        blocks.append(_efficiency(result, group, "forces"))
+        blocks.append(_efficiency(result, group, f"{driven(result)}s"))
         blocks.append(Statement(f"{_capitalized(steady_state_text(result))}."))
         bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
         unit = frequency_unit(result)
@@ -64,7 +63,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
             )
             for dof, low, high, bounds in zip(*bands, strict=True)
         )
-        blocks.append(TextTable(heads[:-1], spans, caption=_capitalized(BEST_BANDS)))
+        blocks.append(TextTable(heads[:-1], spans, caption=_capitalized(best_bands_text(result))))
         yield ReportSection("Excitation", tuple(blocks))
     yield from identifiability_sections(result)
     yield from calibration_sections(result)
@@ -88,8 +87,19 @@ def best_sines_text(result: Result) -> str:
     """Return the heading of the table of sines."""
     group = "plan/excitation"
     count, amplitude = len(result[f"{group}/choice_dof"].data), result.value(f"{group}/amplitude")
-    sines = f"best {counted(count, 'sine')}, amplitude {amplitude:.3g} N{' each' if count > 1 else ''}"
-    return f"{sines} (same total RMS as the present force); bounds with the present sensors"
+    unit = f" {found.units}" if (found := result[f"{group}/amplitude"]).units else ""
+    sines = f"best {counted(count, 'sine')}, amplitude {amplitude:.3g}{unit}{' each' if count > 1 else ''}"
+    return f"{sines} (same total RMS as the present {driven(result)}); bounds with the present sensors"
+
+
+def driven(result: Result) -> str:
+    """Return what excites: a force, or a source of a graph."""
+    return str(result.group_attrs.get("plan/excitation", {}).get("driven", "force"))
+
+
+def best_bands_text(result: Result) -> str:
+    """Return the heading of the table of frequency bands."""
+    return f"best frequency bands, flat {driven(result)} spectrum with the same RMS (steady state)"
 
 
 def steady_state_text(result: Result) -> str:

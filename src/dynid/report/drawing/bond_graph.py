@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.causality.scap import assign_causality, run_scap
 from dynid.bondgraph.causality.strokes import Strokes
@@ -35,7 +35,7 @@ from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.scenes import readable, scene_of
 from dynid.report.svg import SMALL, Svg
-from dynid.scene.schema.raw import MULTIPORTS, PORT, chain_ends, node_types, ports_of
+from dynid.scene.schema.raw import MULTIPORTS, PORT, chain_ends, listing, mapping, node_types, ports_of
 
 if TYPE_CHECKING:
     from dynid.bondgraph.graph import NodeType, Quantity
@@ -82,7 +82,7 @@ def drawn_graph(result: Result) -> DrawnGraph:
     """
     scene = scene_of(result)
     with readable():
-        analysis = scene.data["analysis"]
+        analysis = scene.data.get("analysis") or {}
         nodes, boxes, types = [], dict[str, str](), node_types(scene.data)
 
         def drawn(end: str) -> str:
@@ -103,7 +103,7 @@ def drawn_graph(result: Result) -> DrawnGraph:
             graph = graph.rounded()
         sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
         outputs = []
-        for text in analysis["outputs"]:
+        for text in analysis.get("outputs") or _measured(scene.data):
             node, _, quantity = text.rpartition(".")
             name = text if types.get(node) == PORT else ""
             outputs.append(Port(drawn(node), cast("Quantity", quantity), name))
@@ -118,8 +118,18 @@ def drawn_graph(result: Result) -> DrawnGraph:
         )
 
 
+def _measured(data: dict[str, Any]) -> list[str]:
+    """Return the measured variables of an identification, of all its records."""
+    measurement = mapping(data, "measurement")
+    records = [measurement, *listing(measurement, "records")]
+    channels = [channel for record in records for channel in listing(record, "channels")]
+    return list(dict.fromkeys(str(channel["output"]) for channel in channels if "output" in channel))
+
+
 def figures(result: Result) -> Iterator[Figure]:
-    """Yield the drawing of a result's bond graph."""
+    """Yield the drawing of a result's bond graph; of an identification of a structure nothing."""
+    if "graph" not in scene_of(result).data:
+        return
     drawn = drawn_graph(result)
     if len(drawn.graph.nodes) <= LARGEST:
         yield Figure("bond-graph", "Bond graph", lambda: _graph_picture(result.title, drawn))

@@ -88,6 +88,12 @@ def explain(scene: Scene) -> Explanation:
     return Explanation(result, facts, _cost(reduced, analysis, choice, seconds))
 
 
+def analysis_cost(reduced: ReducedGraph, analysis: Analysis, seconds: float) -> CostEstimate:
+    """Return the cost of the results of a graph, which was reduced in so many seconds."""
+    asked = analysis.results & {"transfer_function", *NUMERIC}
+    return _cost(reduced, analysis, choose_engine(reduced, analysis) if asked else None, seconds)
+
+
 def _cost(
     reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice | None, seconds: float
 ) -> CostEstimate:

@@ -30,9 +30,10 @@ from dynid.scene.kinds.identification import (
     interest_of,
     models_of,
     reductor_of,
-    setting,
     structure_of,
 )
+from dynid.scene.kinds.identified_graphs import identified_graph
+from dynid.scene.kinds.planning import Prospect, prospect
 from dynid.scene.kinds.signals import angular_frequencies, record_of
 from dynid.scene.load import Scene
 from dynid.structure.model import StructuralModel
@@ -40,6 +41,7 @@ from dynid.structure.model import StructuralModel
 if TYPE_CHECKING:
     from dynid.identification.identifiability import ExpectedRecords
     from dynid.identification.likelihood import Likelihood
+    from dynid.identification.parametric_model import Model
     from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
     from dynid.structure.reduction.reduction import StructuralReduction
 
@@ -47,6 +49,8 @@ if TYPE_CHECKING:
 _FITS, _AFTER = 8, 7
 #: How often a basis that follows the joints is computed.
 _ROUNDS = 3
+#: Most states of a graph that are named.
+_STATES = 12
 #: Multiplications per second with a dense model, at a frequency or an instant.
 _FLOPS = 5e8
 
@@ -54,6 +58,8 @@ _FLOPS = 5e8
 def explain(scene: Scene) -> Explanation:
     """Return the explanation of a scene of kind `identification`, whose record is predicted once."""
     model = cast("IdentificationScene", scene.model)
+    if model.graph is not None:
+        return _explain_graph(scene)
     structure = structure_of(scene)
     result = Result("identification", scene.title)
     facts: list[Fact] = []
@@ -67,21 +73,7 @@ def explain(scene: Scene) -> Explanation:
         parts: dict[str, float] = {}
         kilobytes = 0.0
         if model.measurement is not None:
-            with guarded("what the record can tell", names=[unknown.name for unknown in structure.unknowns]):
-                expected = _expected(scene, structure, result)
-                likelihood = expected.likelihood
-                redundancy = expected.redundancy
-            facts += _of_record(scene, likelihood)
-            said = (
-                "warning: nothing in the record could contradict the model, whatever is wrong with it: "
-                "no estimate will be called converged; add channels or excitation frequencies, or fix a "
-                "parameter"
-            )
-            if redundancy > 0:
-                numbers = "number" if redundancy == 1 else "numbers"
-                said = f"{redundancy} {numbers} beyond the unknowns can contradict the model"
-            facts.append(Fact("redundancy", said))
-            facts += _of_estimator(model.estimator, likelihood, frf=model.measurement.frf is not None)
+            likelihood = _add_record(scene, result, facts, [unknown.name for unknown in structure.unknowns])
             rounds = _ROUNDS if method is not None and method.follows_joints else 1
             parts, values = _estimated(model.estimator, likelihood, rounds, states=2 * small.size)
             kilobytes += file_kilobytes(75, values)
@@ -93,6 +85,74 @@ def explain(scene: Scene) -> Explanation:
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
     return Explanation(result, facts, CostEstimate(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
+
+
+def _explain_graph(scene: Scene) -> Explanation:
+    """Return the explanation of an identification of a bond graph."""
+    model = cast("IdentificationScene", scene.model)
+    result = Result("identification", scene.title)
+    facts: list[Fact] = []
+    parts: dict[str, float] = {}
+    kilobytes = 0.0
+    try:
+        graph, built = identified_graph(scene)
+        nodes = graph.graph.nodes.values()
+        valued = [node for node in nodes if node.value is not None]
+        size = f"{counted(len(graph.graph.nodes), 'node')}, {counted(len(graph.graph.bonds), 'bond')}"
+        free = sum(node.dependent is not None for node in valued)
+        known = (
+            f"{free} of {counted(len(valued), 'value')} depend on {counted(len(graph.unknowns), 'unknown')}"
+        )
+        facts.append(Fact("graph", f"{size}; {known}"))
+        facts += [Fact("", part.why) for part in built.approximations]
+        if model.measurement is not None:
+            likelihood = _add_record(scene, result, facts, [unknown.name for unknown in graph.unknowns])
+            timed = model.measurement.frf is None
+            states = likelihood.records[0].model.states if timed else 0
+            if timed:
+                shown = [state.name for state in likelihood.records[0].system_model.states]
+                more = ", …" if len(shown) > _STATES else ""
+                order = f"{counted(states, 'state')}: {', '.join(shown[:_STATES])}{more}"
+                facts.insert(1, Fact("model", order))
+            parts, values = _estimated(model.estimator, likelihood, 1, states=states)
+            kilobytes += file_kilobytes(75, values)
+        if model.graph_analysis is not None:
+            from dynid.bondgraph.plan import ReducedGraph
+            from dynid.scene.explanations.bond_graph import analysis_cost
+            from dynid.scene.kinds.bond_graph import graph_analysis
+
+            analysis = graph_analysis(scene, model.graph_analysis, built)
+            facts.append(Fact("analysis", ", ".join(sorted(analysis.results)).replace("_", " ")))
+            began = time.thread_time()
+            reduced = ReducedGraph(built.graph, analysis.inputs, analysis.outputs)
+            cost = analysis_cost(reduced, analysis, time.thread_time() - began)
+            parts |= cost.parts
+            kilobytes += cost.kilobytes
+    except (NumericalError, UsageError) as error:
+        return Explanation(result, facts, obstacle=error)
+    return Explanation(result, facts, CostEstimate(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
+
+
+def _add_record(scene: Scene, result: Result, facts: list[Fact], names: list[str]) -> Any:
+    """Add identifiability, and what is said of record and estimator; return the likelihood."""
+    model = cast("IdentificationScene", scene.model)
+    assert model.measurement is not None
+    with guarded("what the record can tell", names=names):
+        expected = _expected(scene, result)
+        likelihood = expected.likelihood
+        redundancy = expected.redundancy
+    facts += _of_record(scene, likelihood)
+    said = (
+        "warning: nothing in the record could contradict the model, whatever is wrong with it: "
+        "no estimate will be called converged; add channels or excitation frequencies, or fix a "
+        "parameter"
+    )
+    if redundancy > 0:
+        numbers = "number" if redundancy == 1 else "numbers"
+        said = f"{redundancy} {numbers} beyond the unknowns can contradict the model"
+    facts.append(Fact("redundancy", said))
+    facts += _of_estimator(model.estimator, likelihood, frf=model.measurement.frf is not None)
+    return likelihood
 
 
 def _of_model(structure: StructuralModel, made: StructuralReduction | None, method: str) -> Iterator[Fact]:
@@ -113,7 +173,7 @@ def _of_model(structure: StructuralModel, made: StructuralReduction | None, meth
     yield Fact("basis", "; ".join(basis))
 
 
-def _expected(scene: Scene, structure: StructuralModel, result: Result) -> ExpectedRecords:
+def _expected(scene: Scene, result: Result) -> ExpectedRecords:
     """Return the predicted records, and add the identifiability of the parameters to a result."""
     from dynid.identification import identifiability
 
@@ -121,12 +181,20 @@ def _expected(scene: Scene, structure: StructuralModel, result: Result) -> Expec
     assert model.measurement is not None
     report_progress("what the record can tell")
     if model.measurement.frf is not None:
+        small: Model
+        truth: Model
         from dynid.identification.frf_measurement import frf_data
         from dynid.identification.frf_record import frf_likelihood
         from dynid.scene.kinds.measurements import frf_measurement
 
-        measurement = frf_measurement(scene, model.measurement)
-        small, truth = models_of(scene, structure, expected_values(structure))
+        if model.graph is not None:
+            graph = identified_graph(scene)[0]
+            small, truth = graph, graph
+            measurement = frf_measurement(scene, model.measurement, graph)
+        else:
+            structure = structure_of(scene)
+            small, truth = models_of(scene, structure, expected_values(structure))
+            measurement = frf_measurement(scene, model.measurement)
         likelihood = frf_likelihood(small, measurement, frf_data(truth, measurement))
         channels = [(frf.name, frf.unit) for frf in measurement.channels]
         expected = identifiability.with_true_noise(identifiability.expected_records(likelihood))
@@ -134,12 +202,12 @@ def _expected(scene: Scene, structure: StructuralModel, result: Result) -> Expec
         identifiability.add_expected_slopes(result, expected)
         result.add_axis("identification/measurement/omega", measurement.omega, "rad/s")
         return expected
-    given = setting(scene, structure, expected_values(structure))
-    prospect = identifiability.with_true_noise(identifiability.expected_time_records(*given))
+    given: Prospect = prospect(scene)
+    expected = identifiability.with_true_noise(identifiability.expected_time_records(*given))
     channels = identifiability.channels_of(given.experiments)
-    result.merge(identifiability.identifiability_result(given.model, prospect, channels))
-    identifiability.add_expected_slopes(result, prospect)
-    return prospect
+    result.merge(identifiability.identifiability_result(given.model, expected, channels))
+    identifiability.add_expected_slopes(result, expected)
+    return expected
 
 
 def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:

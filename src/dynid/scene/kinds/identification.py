@@ -289,8 +289,13 @@ def interest_of(scene: Scene) -> Interest:
     dofs = [part.dof for part in model.excitation]
     band = None
     if model.measurement is not None and model.measurement.frf is not None:
+        graph = None
+        if model.graph is not None:
+            from dynid.scene.kinds.identified_graphs import identified_graph
+
+            graph = identified_graph(scene)[0]
         dofs += [dof for channel in model.measurement.sensors for dof in channel.all_dofs]
-        band = float(frf_measurement(scene, model.measurement).omega[-1])
+        band = float(frf_measurement(scene, model.measurement, graph).omega[-1])
     elif model.measurement is not None:
         records = model.measurement.each
         signals = [*model.excitation, *(part for record in records for part in record.excitation or ())]

@@ -76,6 +76,8 @@ def batched(
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
     """Return why samples that differ at these paths are not run together; empty where they are."""
     model = cast("IdentificationScene", template.model)
+    if model.graph is not None:
+        return "samples of a graph are identified one by one"
     for path in paths:
         if _place(model, path) is None:
             return f"{path} is no seed, noise, or start or true value of a joint"
@@ -92,7 +94,8 @@ def _planned(family: _RecordKey) -> _RecordBatch | None:
     model = cast("IdentificationScene", family.scene.model)
     places = [_place(model, path) for path in family.paths]
     measurement = model.measurement
-    if measurement is None or measurement.frf or model.responses or model.identifiability or None in places:
+    alone = model.graph is not None or model.responses or model.identifiability
+    if alone or measurement is None or measurement.frf or None in places:
         return None
     try:
         return _RecordBatch(

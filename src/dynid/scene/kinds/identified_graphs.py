@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from dynid.bondgraph.graph import BondGraph
 from dynid.identification.graph_system import GraphModel
-from dynid.model_scope import ScopePart, add_model_scope, divided
+from dynid.model_scope import ScopePart, add_model_scope, divided, scope_parts
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import graph_analysis
 from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
@@ -19,9 +19,13 @@ from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from dynid.scene.run import PreparationStep
+
+
+#: Parts of the scope of an analysis whose names those of the identification have.
+_ANALYSIS = {"engines": "engines of the analysis"}
 
 
 def identified_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
@@ -65,6 +69,7 @@ def run_graph(scene: Scene) -> Result:
     """
     model = cast("IdentificationScene", scene.model)
     (graph, built), result = identified_graph(scene), Result("identification", scene.title)
+    parts: list[ScopePart] = []
     values: dict[str, float] = {one.name: one.expected for one in graph.unknowns}
     if model.measurement is not None:
         result.merge(_identified(scene, graph))
@@ -75,8 +80,10 @@ def run_graph(scene: Scene) -> Result:
 
         made = with_values(built.graph, values)
         request = graph_analysis(scene, model.graph_analysis, built._replace(graph=made))
-        result.merge(analyse(made, request, scene.title))
-    _add_scope(result, model, graph)
+        found = analyse(made, request, scene.title)
+        parts = scope_parts(found, "bond_graph")
+        result.merge(found.without("bond_graph/need/"))
+    _add_scope(result, model, graph, built, parts)
     return result
 
 
@@ -128,14 +135,21 @@ def _identified(scene: Scene, graph: GraphModel) -> Result:
     return result
 
 
-def _add_scope(result: Result, model: IdentificationScene, graph: GraphModel) -> None:
-    """Add the scope of the model: elements, parameters, engines."""
+def _add_scope(
+    result: Result,
+    model: IdentificationScene,
+    graph: GraphModel,
+    built: BuiltGraph,
+    analysis: Sequence[ScopePart],
+) -> None:
+    """Add the scope of the model: values, engines, structures that are reduced, and the analysis."""
     measured = model.measurement is not None
     valued = [name for name, node in graph.graph.nodes.items() if node.value is not None]
     free = [name for name in valued if graph.graph.nodes[name].dependent is not None]
-    parts: list[Any] = [
-        ScopePart("elements", valued, [], ""),
-        divided("values", valued, free if measured else [], "known: fixed at their values"),
+    parts = [
+        divided("unknown values", valued, free if measured else [], "known: fixed at their values"),
         engines_part(result, model),
+        *built.approximations,
+        *(part._replace(name=_ANALYSIS.get(part.name, part.name)) for part in analysis),
     ]
     add_model_scope(result, "identification", parts)

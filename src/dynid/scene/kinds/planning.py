@@ -3,16 +3,40 @@
 from __future__ import annotations
 
 import math
-from typing import cast
+from collections.abc import Sequence
+from typing import NamedTuple, cast
 
 from dynid.errors import UsageError
+from dynid.identification.graph_system import GraphModel
+from dynid.identification.measurement import Experiment
+from dynid.identification.parametric_model import Model
 from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.result import Result
 from dynid.scene.kinds.identification import expected_values, setting, structure_of
-from dynid.scene.kinds.measurements import channel_of
+from dynid.scene.kinds.identified_graphs import identified_graph
+from dynid.scene.kinds.measurements import channel_of, experiments
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.response import UNITS
+
+
+class Prospect(NamedTuple):
+    """Records before they are taken: the model of the estimator, the records, the model that simulates."""
+
+    model: Model
+    experiments: Sequence[Experiment]
+    truth: Model
+
+
+def prospect(scene: Scene) -> Prospect:
+    """Return the model and the records of an identification, at the expected values of its unknowns."""
+    model = cast("IdentificationScene", scene.model)
+    assert model.measurement is not None
+    if model.graph is None:
+        structure = structure_of(scene)
+        return Prospect(*setting(scene, structure, expected_values(structure)))
+    graph = identified_graph(scene)[0]
+    return Prospect(graph, experiments(scene, model.excitation, model.measurement, graph), graph)
 
 
 def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None) -> Result:
@@ -51,17 +75,17 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             remedy="Give step, samples and channels of a record that could be taken instead of 'frf'.",
             names=("measurement.frf",),
         )
-    structure = structure_of(scene)
-    reduced, records, truth = setting(scene, structure, expected_values(structure))
+    reduced, records, truth = prospect(scene)
+    graph = reduced if isinstance(reduced, GraphModel) else None
     given, force = model.plan, model.plan.excitation
     factor = 2 * math.pi if force.unit == "Hz" else 1.0
     request = PlanRequest(
         sensors=sensors or given.sensors,
         lines=lines or given.lines,
-        candidates=[channel_of(channel) for channel in given.candidates or ()],
+        candidates=[channel_of(channel, graph) for channel in given.candidates or ()],
         quantities=given.quantities or tuple(UNITS),
         noise={quantity: float(level) for quantity, level in given.noise.items()},
-        dofs=force.dofs or (),
+        dofs=force.dofs or force.sources or (),
         band=(factor * float(force.band[0]), factor * float(force.band[1])) if force.band else None,
     )
     result = plan(reduced, records, request, truth)

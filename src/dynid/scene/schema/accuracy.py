@@ -66,7 +66,7 @@ def aspects_of(data: dict[str, Any]) -> list[str]:
         or any(name in _ENGINE for name in results if isinstance(name, str)),
         "propagation": _is_propagated(data),
         "estimator": measured,
-        "basis": is_reduction or (measured and "reduced" not in simulated),
+        "basis": is_reduction or (measured and "reduced" not in simulated and "graph" not in data),
         "hold": measured and sampled,
         "modes": is_reduction or "modes" in analysis,
     }
@@ -98,7 +98,7 @@ _MISSING = {
     "engine": "computed by an engine: 'results' asks for no transfer function, zeros, poles or properties",
     "propagation": "propagated: there is no 'analysis.time', or an impulse or initial state alone drives it",
     "estimator": "estimated: there is no 'measurement'",
-    "basis": "reduced for an estimate: there is no 'measurement', or a reduced model simulates it",
+    "basis": "reduced for an estimate: a record of a structure is, unless a reduced model simulates it",
     "hold": "held: no force is known by samples alone",
     "modes": "asked for its modes: there is no 'analysis.modes'",
 }
@@ -111,7 +111,8 @@ def _is_propagated(data: dict[str, Any]) -> bool:
     if "time" not in analysis or (isinstance(results, list) and "time_response" not in results):
         return False
     given = list(signals((), mapping(analysis, "time").get("input")))
-    if not given and data.get("kind") == "identification" and not mapping(data, "initial"):
+    of_structure = data.get("kind") == "identification" and "graph" not in data
+    if not given and of_structure and not mapping(data, "initial"):
         given = list(signals((), data.get("excitation")))
     elif not given:
         return not mapping(data, "initial")  # a unit step, unless stored energy moves it

@@ -118,9 +118,10 @@ class InitialMotion(Section):
 
 
 class ForceModel(Section):
-    """Candidate positions and frequencies of an excitation; default: everywhere, around the modes."""
+    """Candidate positions (or sources) and frequencies of an excitation; default: all, around the modes."""
 
     dofs: list[Dof] | None = Field(default=None, min_length=1)
+    sources: list[str] | None = Field(default=None, min_length=1)
     band: list[Positive] | None = Field(default=None, min_length=2, max_length=2)
     unit: Literal["rad/s", "Hz"] = "rad/s"
 
@@ -272,10 +273,19 @@ def _load_faults(source: Source) -> list[Fault]:
 def _only_structures(source: Source) -> list[Fault]:
     """Return the faults of keys beside a graph that belong to structures."""
     remedies = {
-        "joints": "a graph has no joints; its unknowns are entries of 'parameters' that its values name",
-        "reduction": "a graph is not reduced; leave 'reduction' out",
+        ("joints",): "a graph has no joints; its unknowns are entries of 'parameters' that its values name",
+        ("reduction",): "a graph is not reduced; leave 'reduction' out",
+        ("plan", "quantities"): "a graph has efforts and flows; list 'candidates' such as {output: J.f}",
+        ("plan", "noise"): "levels by motion are of structures; leave 'noise' out",
+        ("plan", "excitation", "dofs"): "a graph has sources; write 'sources'",
     }
-    return [source.fault((key,), text, key=True) for key, text in remedies.items() if key in source.data]
+    plan = mapping(source.data, "plan")
+    keys = {
+        *((key,) for key in source.data),
+        *(("plan", key) for key in plan),
+        *(("plan", "excitation", key) for key in mapping(plan, "excitation")),
+    }
+    return [source.fault(path, text, key=True) for path, text in remedies.items() if path in keys]
 
 
 def _graph_channel_faults(source: Source) -> list[Fault]:

@@ -1,0 +1,252 @@
+"""Scenes that identify bond graphs: what is said before a run, plans, screens, pages and faults."""
+
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+import dynid
+from dynid.cli.summary import summary
+from dynid.errors import SceneError
+from dynid.identification.planning.plan import every_variable
+from dynid.report.content import content
+from dynid.report.registry import figures
+from dynid.scene.explanations.explanation import explain
+from dynid.scene.kinds.identification_samples import why_alone
+from dynid.scene.kinds.planning import run_plan
+from dynid.scene.load import check_source
+from dynid.scene.run import run_scene
+from dynid.scene.schema.accuracy import aspects_of
+from dynid.scene.yaml.source import parse_source
+from dynid.study.executors.base import SerialExecutor
+from dynid.study.run import run_study
+from tests.bondgraph.graphs import build, parse
+from tests.study.small import planned
+
+DRIVE = """
+dynid: 1
+kind: identification
+title: Drive
+parameters:
+  R: {start: 1, true: 2}
+  J: {start: 0.02, true: 0.01}
+  g: {start: 1, true: 1.2}
+graph:
+  nodes:
+    U: Se
+    circuit: 1
+    R: {type: R, value: R}
+    L: {type: I, value: 0.05, domain: electrical}
+    motor: {type: GY, value: 0.1}
+    rotor: 1
+    J: {type: I, value: J, domain: rotational}
+    b: {type: R, value: 1.0e-3}
+  bonds: [U -> circuit -> motor -> rotor -> J, circuit -> L, circuit -> R, rotor -> b]
+excitation: [{source: U, kind: multisine, amplitude: [6, 6], frequency: [2, 20]}]
+measurement:
+  step: 0.01
+  samples: 400
+  channels: [{output: L.f}, {output: J.f, gain: g}]
+  simulate: {noise_ratio: 0.02, seed: 1, settle: 3}
+identifiability: true
+analysis: {inputs: [U], outputs: [J.f], results: [poles, zeros]}
+"""
+
+
+def scene(text=DRIVE, **changes):
+    data = yaml.safe_load(text) | changes
+    data = {key: value for key, value in data.items() if value is not None}
+    return check_source(parse_source(yaml.safe_dump(data, sort_keys=False), "drive.yaml"))
+
+
+def faults(**changes):
+    with pytest.raises(SceneError) as raised:
+        scene(**changes)
+    return str(raised.value)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return run_scene(scene())
+
+
+def test_a_graph_is_explained_with_the_bounds_of_the_run(result):
+    explained = explain(scene())
+    told = {fact.topic: fact.text for fact in explained.facts}
+    assert explained.obstacle is None
+    assert told["graph"] == "8 nodes, 7 bonds; 2 of 5 values depend on 3 unknowns"
+    assert told["model"] == "2 states: L.f, J.f"
+    assert told["record"].startswith("400 samples of 2 channels every 0.01 s")
+    assert told["analysis"] == "poles, zeros"
+    path = "identification/identifiability/relative_bound"
+    np.testing.assert_allclose(explained.result[path].data, result[path].data, rtol=1e-9)
+    assert explained.cost is not None
+
+
+def test_a_graph_from_frequency_responses_is_explained():
+    channels = [{"output": "J.f", "reference": {"source": "U"}}]
+    frf = {"simulate": {"lines": {"start": 1, "stop": 50, "points": 40}, "noise_ratio": 0.01}}
+    measured = scene(excitation=None, measurement={"channels": channels, "frf": frf}, parameters={
+        "R": {"start": 1, "true": 2}, "J": {"start": 0.02, "true": 0.01}})  # fmt: skip
+    told = {fact.topic: fact.text for fact in explain(measured).facts}
+    assert "80 real values" in told["record"]
+    found = run_scene(measured)
+    np.testing.assert_allclose(found["identification/parameters/estimate"].data, [2, 0.01], rtol=0.02)
+    assert "frequency responses" in summary(found, "")
+
+
+def test_candidates_are_efforts_and_flows_each_once():
+    types, values, pairs = parse(
+        "Se U, 1 a, I L 1, R r 1, 0 z, C k 1, 1 b, I m 1", "U -> a -> L, a -> r, a -> z -> k, z -> b -> m"
+    )
+    names = [str(port) for port in every_variable(build(types, values, pairs))]
+    # The flow of L is that of the junction a, the effort of k that of z, the flow of m that of b.
+    assert names == ["L.e", "L.f", "k.e", "k.f", "m.e", "m.f"]
+
+
+def test_sensors_and_sources_of_a_graph_are_planned():
+    plan = run_plan(scene())
+    candidates = list(plan["plan/sensors/candidate"].data)
+    assert sorted(candidates) == ["J.e", "J.f", "L.e", "L.f"]
+    assert set(plan["plan/excitation/choice_dof"].data) == {"U"}
+    assert plan["plan/excitation/amplitude"].units == "V"
+    present = plan["plan/sensors/present_bound"].data
+    np.testing.assert_allclose(present, plan["identification/identifiability/relative_bound"].data, rtol=1e-6)
+    screen = summary(plan, "")
+    assert "the present sources" in screen or "no better sources" in screen
+    assert " N " not in screen
+    assert all(len(line) <= 140 for line in screen.splitlines())
+
+
+def test_the_bound_of_the_best_sines_is_that_of_the_record_that_they_make():
+    plan = run_plan(scene(), lines=2)
+    amplitude = float(plan["plan/excitation/amplitude"].data)
+    omega = plan["plan/excitation/choice_omega"].data.tolist()
+    sines = [{"source": "U", "kind": "multisine", "amplitude": [amplitude] * 2, "frequency": omega}]
+    measurement = yaml.safe_load(DRIVE)["measurement"]
+    levels = plan["identification/identifiability/noise/deviation"].data.tolist()
+    measurement["simulate"] = {
+        "noise": levels,
+        "seed": 1,
+        "settle": 43,
+    }  # whole periods more: the same phases
+    made = explain(scene(excitation=sines, measurement=measurement)).result
+    bound = made["identification/identifiability/relative_bound"].data
+    np.testing.assert_allclose(plan["plan/excitation/best_bound"].data, bound, rtol=1e-4)
+
+
+def test_candidates_of_a_plan_are_listed():
+    plan = run_plan(scene(plan={"candidates": [{"output": "rotor.q"}], "excitation": {"sources": ["U"]}}))
+    assert sorted(plan["plan/sensors/candidate"].data) == ["J.f", "L.f", "rotor.q"]
+
+
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        ({"quantities": ["velocity"]}, "a graph has efforts and flows"),
+        ({"noise": {"velocity": 0.1}}, "leave 'noise' out"),
+        ({"excitation": {"dofs": [1]}}, "a graph has sources; write 'sources'"),
+    ],
+)
+def test_keys_of_structures_in_a_plan_are_refused(plan, said):
+    assert said in faults(plan=plan)
+
+
+def test_the_screen_has_parameters_bounds_modes_and_the_graph(result):
+    screen = summary(result, "")
+    assert "2 physical states, 3 unknown parameters" in screen
+    assert "modal sensitivities per +1 % of each parameter" in screen
+    heading = next(line for line in screen.splitlines() if line.split()[:1] == ["mode"])
+    assert heading.split()[3:] == ["R", "J"]  # a gain moves no pole
+    assert re.search(r"poles +-", screen)
+    assert screen.count("left out:") == 1
+    assert "3 of 5 unknown values: L, motor, b" in screen
+    assert all(len(line) <= 140 for line in screen.splitlines() if "warning" not in line)
+
+
+def test_elements_are_counted_once(result):
+    parts = list(result["identification/need/part"].data)
+    assert parts.count("elements") == 1
+    assert len(parts) == len(set(parts))
+    assert "bond_graph/need/part" not in result
+
+
+def test_changes_of_modes_are_those_of_the_poles(result):
+    group = "identification/identifiability/modal_sensitivity"
+    names = list(result[f"{group}/parameter"].data)
+
+    def sizes(R, J):
+        A = np.array([[-R / 0.05, -0.1 / 0.05], [0.1 / J, -1e-3 / J]])
+        return np.sort(np.abs(np.linalg.eigvals(A)))
+
+    h = 1e-6
+    by_R = (sizes(2 + h, 0.01) - sizes(2 - h, 0.01)) / (2 * h)
+    by_J = (sizes(2, 0.01 + 1e-3 * h) - sizes(2, 0.01 - 1e-3 * h)) / (2e-3 * h)
+    found = result[f"{group}/omega_by_parameter"].data
+    np.testing.assert_allclose(found[:, names.index("R")], by_R, rtol=1e-6)
+    np.testing.assert_allclose(found[:, names.index("J")], by_J, rtol=1e-6)
+    np.testing.assert_array_equal(found[:, names.index("g")], 0)
+
+
+def test_a_page_draws_the_graph_and_shows_its_results(result):
+    names = [figure.name for figure in figures(result)]
+    assert "bond-graph" in names
+    assert "structure" not in names
+    for figure in figures(result):
+        figure.draw()
+    titles = [section.title for section in content(result).sections]
+    assert "Graph" in titles
+    assert titles.count("Model scope") == 1
+
+
+def test_without_an_analysis_the_measured_graph_is_drawn():
+    found = run_scene(scene(analysis=None, identifiability=None))
+    figure = next(figure for figure in figures(found) if figure.name == "bond-graph")
+    assert "rotor" in figure.draw().svg
+
+
+def test_parameters_that_may_be_negative_have_symmetric_intervals():
+    parameters = yaml.safe_load(DRIVE)["parameters"] | {"z": {"start": 0.1, "true": -0.3, "scale": "linear"}}
+    measurement = yaml.safe_load(DRIVE)["measurement"]
+    measurement["channels"][0]["offset"] = "z"
+    found = run_scene(scene(parameters=parameters, measurement=measurement, analysis=None))
+    line = next(line for line in summary(found, "").splitlines() if line.split()[:1] == ["z"])
+    low, high = (float(text.replace(" ", "")) for text in re.search(r"(-[\d.]+) … (-[\d.]+)", line).groups())
+    group = "identification/parameters"
+    place = list(found[f"{group}/name"].data).index("z")
+    estimate, error = (float(found[f"{group}/{name}"].data[place]) for name in ("estimate", "standard_error"))
+    assert (low, high) == pytest.approx((estimate - 1.96 * error, estimate + 1.96 * error), abs=0.02 * error)
+
+
+def test_samples_of_a_study_are_those_run_alone(tmp_path):
+    (tmp_path / "drive.yaml").write_text(DRIVE)
+    assert "one by one" in why_alone(scene(), ("measurement.simulate.seed",), (), 2)
+    study = {
+        "dynid": 1, "kind": "study", "scene": "drive.yaml",
+        "vary": {"measurement.simulate.seed": {"values": [1, 2]}},
+        "sampling": {"method": "grid"}, "collect": ["identification/parameters/estimate"],
+    }  # fmt: skip
+    run_study(planned(tmp_path, yaml.safe_dump(study)), tmp_path / "s.h5", SerialExecutor())
+    found = dynid.open_result(tmp_path / "s.h5")
+    for place, seed in enumerate((1, 2)):
+        measurement = yaml.safe_load(DRIVE)["measurement"]
+        measurement["simulate"]["seed"] = seed
+        alone = run_scene(scene(measurement=measurement))["identification/parameters/estimate"].data
+        np.testing.assert_allclose(
+            found["study/results/identification/parameters/estimate"].data[place], alone, rtol=1e-12
+        )
+
+
+def test_alternatives_of_a_graph_are_estimators_and_holds():
+    assert aspects_of(yaml.safe_load(DRIVE)) == ["estimator"]
+    small = {"alternatives": {"estimator": ["output-error"]}, "budget": 20, "repeats": 1}
+    found = dynid.run(scene(accuracy=small, identifiability=None, analysis=None))
+    assert set(found["accuracy/estimator/alternative"].data) == {"auto", "output-error"}
+    assert "a record of a structure is" in faults(accuracy={"alternatives": {"basis": "all"}})
+
+
+def test_the_step_response_of_an_identified_graph_has_alternatives():
+    data = yaml.safe_load(DRIVE)
+    data["analysis"] = {"outputs": ["J.f"], "results": ["time_response"], "time": {"stop": 1, "step": 0.01}}
+    assert "propagation" in aspects_of(data)
