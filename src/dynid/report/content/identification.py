@@ -123,7 +123,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
 
     Where logarithms are estimated, the 95 % interval is the estimate times exp(±1.96 times the deviation of
     the logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to
-    the true value, and of a true value of 0 the bound is absolute. Where a true value is unknown, the bound is
+    the true value; of a true value of 0 the bound is absolute. Where a true value is unknown, the bound is
     that at the estimate, which equals the standard error, and is omitted. Where the residuals contradict the
     given noise, a column has the standard error for the noise of the residuals.
     """
