@@ -106,7 +106,8 @@ def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occur
         for place, entry in enumerate(value):
             yield from _walk(shape.item, entry, (*path, place))
     elif isinstance(value, dict):
-        if shape.item and not shape.models:  # a single entry may stand without the list
+        # A single entry may stand without the list.
+        if shape.item and (not shape.models or shape.fields.keys().isdisjoint(value)):
             yield from _walk(shape.item, value, path)
         for key, entry in value.items():
             if shape.key and shape.key.references:
