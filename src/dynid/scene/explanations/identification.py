@@ -159,8 +159,11 @@ def _of_model(structure: StructuralModel, made: StructuralReduction | None, meth
     """Yield the number of states, and the basis."""
     n = structure.size
     r = n if made is None else made.model.size
-    known = f"{len(structure.unknowns)} unknown"
-    parameters = f"{known} of {sum(len(joint.terms) for joint in structure.joints)} joint parameters"
+    parameters = f"{len(structure.unknowns)} unknown"
+    if structure.parameters:
+        parameters = counted(len(structure.unknowns), "unknown parameter")
+    else:
+        parameters += f" of {sum(len(joint.terms) for joint in structure.joints)} joint parameters"
     if made is None:
         yield Fact("model", f"{n:,} DOFs: {2 * n:,} physical states; {parameters}")
         return
