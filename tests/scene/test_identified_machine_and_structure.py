@@ -1,0 +1,73 @@
+"""A motor and a beam in one graph, identified together from one record."""
+
+import numpy as np
+import pytest
+import yaml
+
+from dynid.scene.load import check_source
+from dynid.scene.run import run_scene
+from dynid.scene.yaml.source import parse_source
+
+MACHINE = """
+dynid: 1
+kind: identification
+parameters:
+  k_t: {start: 0.02, true: 0.01}
+  R: {start: 2, true: 1}
+graph:
+  nodes:
+    voltage: Se
+    circuit: 1
+    R: {type: R, value: R}
+    L: {type: I, value: 0.05, domain: electrical}
+    motor: {type: GY, value: k_t}
+    rotor: 1
+    J: {type: I, value: 0.01}
+    d: {type: R, value: 0.01}
+    gear: {type: TF, value: 0.05}
+    arm:
+      type: structure
+      ports: {hub: theta_1, tip: w_5}
+      structure:
+        beam: {elements: 4, length: 0.25, EI: 30, rhoA: 0.8, supports: [{node: 1, fix: [w]}],
+               masses: [{node: 5, m: 0.2}], damping: {alpha: 0.1, beta: 0.0002}}
+    push: Se
+  bonds: [voltage -> circuit -> motor -> rotor -> J, circuit -> R, circuit -> L, rotor -> d,
+    rotor -> gear -> arm.hub, push -> arm.tip]
+excitation:
+  - {source: voltage, kind: multisine, amplitude: [5, 5, 5, 5], frequency: [3, 20, 60, 150]}
+  - {source: push, kind: multisine, amplitude: [1, 1], frequency: [11, 95]}
+measurement:
+  step: 0.004
+  samples: 500
+  channels: [{output: L.f}, {output: arm.tip.f}]
+  simulate: {noise_ratio: 0.01, seed: 1, settle: 3}
+"""
+
+
+def with_stiffness(data):
+    data["parameters"]["EI"] = {"start": 20, "true": 30}
+    data["graph"]["nodes"]["arm"]["structure"]["beam"]["EI"] = "EI"
+
+
+def with_joint(data):
+    data["parameters"]["kb"] = {"start": 100, "true": 200}
+    data["graph"]["nodes"]["arm"]["joints"] = {"mid": {"dofs": ["theta_3"], "k": "kb", "c": 0.01}}
+
+
+def reduced(data):
+    data["graph"]["nodes"]["arm"]["reduction"] = {"method": "craig-bampton", "modes": {"count": 2}}
+
+
+@pytest.mark.parametrize("change", [with_stiffness, with_joint, reduced])
+def test_motor_and_structure_are_identified_together(change):
+    data = yaml.safe_load(MACHINE)
+    change(data)
+    result = run_scene(check_source(parse_source(yaml.safe_dump(data, sort_keys=False), "machine.yaml")))
+    estimate, true, bound = (
+        result[f"identification/parameters/{name}"].data for name in ("estimate", "true", "cramer_rao")
+    )
+    assert len(true) == len(data["parameters"])
+    assert np.abs((estimate - true) / bound).max() < 4.5
+    assert (bound / true).max() < 0.01
+    assert result.value("identification/diagnostics/converged")
