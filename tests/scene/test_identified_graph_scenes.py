@@ -96,6 +96,26 @@ def test_a_graph_from_frequency_responses_is_explained():
     assert "frequency responses" in summary(found, "")
 
 
+def test_measured_frequency_responses_of_a_graph_are_read_from_a_file(tmp_path):
+    R, L, J, k, b = 2.0, 0.05, 0.01, 0.1, 1e-3
+    hertz = np.geomspace(0.2, 10, 60)
+    s = 2j * np.pi * hertz
+    H = k / ((L * s + R) * (J * s + b) + k**2)
+    noise = np.random.default_rng(1).standard_normal((2, 60)) * 1e-3 * np.abs(H)
+    H = H + noise[0] + 1j * noise[1]
+    rows = [",".join(map(repr, row)) for row in np.column_stack([hertz, H.real, H.imag]).tolist()]
+    (tmp_path / "h.csv").write_text("\n".join(["f,re,im", *rows]))
+    file = {"path": str(tmp_path / "h.csv"), "frequency": "f", "columns": [["re", "im"]]}
+    measurement = {
+        "channels": [{"output": "J.f", "reference": {"source": "U"}}],
+        "frf": {"file": file, "unit": "Hz"},
+    }
+    parameters = {"R": {"start": 1}, "J": {"start": 0.02}}
+    found = run_scene(scene(excitation=None, measurement=measurement, parameters=parameters))
+    np.testing.assert_allclose(found["identification/parameters/estimate"].data, [2, 0.01], rtol=5e-3)
+    assert found.value("identification/diagnostics/converged")
+
+
 def test_candidates_are_efforts_and_flows_each_once():
     types, values, pairs = parse(
         "Se U, 1 a, I L 1, R r 1, 0 z, C k 1, 1 b, I m 1", "U -> a -> L, a -> r, a -> z -> k, z -> b -> m"
