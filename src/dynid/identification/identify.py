@@ -41,7 +41,8 @@ from dynid.identification.simulation import Simulation
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.write_result import Further, add_identification
 from dynid.lti.floating import guarded
-from dynid.parameters import named, starts
+from dynid.parameters import named, rates, starts
+from dynid.parameters import values as values_at
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
@@ -391,7 +392,9 @@ def _check_identifiable(likelihood: Likelihood) -> None:
     """Refuse records from which the parameters are not identifiable at their start values."""
     eta = starts(likelihood.unknowns)
     rms = [record.data.rms for record in likelihood.records]
-    likelihood.information(likelihood.fit(eta), rms).check()
+    found = likelihood.information(likelihood.fit(eta), rms)
+    unknowns = likelihood.unknowns
+    replace(found, values=values_at(unknowns, eta), rates=rates(unknowns, eta)).check()
 
 
 def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Estimate:

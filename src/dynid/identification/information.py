@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 # Part of a blind direction below which a parameter has no share in it; equality of coefficients.
 _SHARE, _EQUAL = 1e-3, 1e-2
+# Largest denominator of an exponent that is written as a fraction.
+_LARGEST = 4
 # Least part of a parameter's sensitivity that initial state and other parameters must not account for:
 # sensitivities are exact to about 1e-12, and no measured record has that many digits.
 _IDENTIFIABLE = 1e-8
@@ -31,7 +34,8 @@ class CollinearGroup(NamedTuple):
 
     `places` of the parameters; `blind` (directions x parameters): changes of their coordinates to which the
     record is insensitive, of unit length; `identifiable`: the combination of them that is identifiable, to
-    first order (empty where there are several).
+    first order; where there is one blind direction, the products of powers that are (empty where it is
+    neither).
     """
 
     places: tuple[int, ...]
@@ -76,6 +80,10 @@ def collinear_groups(
             normal = np.linalg.svd(inside)[2][-1]
             gradient = normal * size[places] / rates[places]
             identifiable = _combination([names[place] for place in places], values[places], gradient)
+        elif len(inside) == 1:
+            relative = changes[0] * rates[places] / np.where(values[places] == 0, 1.0, values[places])
+            if values[places].all():
+                identifiable = _invariants([names[place] for place in places], relative)
         groups.append(CollinearGroup(tuple(int(place) for place in places), changes, identifiable))
     return groups
 
@@ -110,6 +118,25 @@ def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
     shares = shares / np.abs(shares).max()
     pattern = "{:.2g} ln {}" if logarithmic else "{:.2g} {}"
     return " + ".join(pattern.format(share, name) for share, name in zip(shares, names, strict=True))
+
+
+def _invariants(names: Sequence[str], relative: Array) -> str:
+    """Return the products of powers that do not change where parameters change by these relative amounts.
+
+    One for each parameter but the one that changes least; empty where the exponents are no simple fractions.
+    """
+    base = int(np.argmin(np.abs(relative)))
+    found = []
+    for k, name in enumerate(names):
+        power = Fraction(float(relative[k] / relative[base])).limit_denominator(_LARGEST)
+        if abs(float(power) - relative[k] / relative[base]) > _EQUAL:
+            return ""
+        if k != base:
+            size = (
+                "" if abs(power) == 1 else f"^{abs(power)}" if power.denominator == 1 else f"^({abs(power)})"
+            )
+            found.append(f"{name}{'/' if power > 0 else '*'}{names[base]}{size}")
+    return ", ".join(found)
 
 
 @dataclass(frozen=True, eq=False)
