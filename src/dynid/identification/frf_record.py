@@ -167,7 +167,7 @@ class FrfRecord(RecordLikelihood):
         return 0
 
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
-        """Predict the responses at the parameters exp(eta) and compare them with `values`."""
+        """Predict the responses at coordinates of the parameters and compare them with `values`."""
         found = self.system.response(self.measurement.omega, eta)
         if self.magnitudes:
             outputs = _logarithms(np.abs(found.values))

@@ -1,7 +1,7 @@
-"""Joint identification: from a structure with unknown joints and its records to estimates with error bars.
+"""Identification: from a model with unknown parameters and its records to estimates with error bars.
 
 One loop serves records of time and frequency responses: likelihood of the records, estimate, posterior; with
-a reduced model whose basis follows the joints, again until the estimate and the basis agree.
+a reduced model whose basis follows the parameters, again until the estimate and the basis agree.
 
 Source: K. T. Yang 1997.
 """
@@ -50,9 +50,9 @@ from dynid.structure.model import StructuralModel
 Array = NDArray[np.float64]
 
 Rebuild = Callable[[Mapping[str, float]], StructuralModel]
-"""Returns the model for joint parameters by name."""
+"""Returns the model for parameters by name."""
 
-# A basis that follows the joints is rebuilt until the estimates change by less than this many standard
+# A basis that follows the parameters is rebuilt until the estimates change by less than this many standard
 # errors, or this part of themselves; and so often at the most.
 _SETTLED, _LEAST = 0.01, 1e-6
 _MOST_ROUNDS = 10
@@ -141,7 +141,7 @@ def identify_all(
     truth
         The structure that simulated records are made with; absent: `model`.
     rebuild
-        Returns the model for parameters by name: a reduced one whose basis follows the joints. Estimation and
+        Returns the model for parameters by name: a reduced one whose basis follows the parameters. Estimation and
         rebuilding alternate until the estimates settle, at most ten times. Absent: `model` stays.
     common
         Data that these records share with those of other identifications, if they are computed already.
@@ -276,7 +276,7 @@ def _identified(
     With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search from
     several starts is made once. Of records of time it comes first: it finds the neighbourhood of the optimum,
     which the later models share. Of frequency responses it comes last, if the residuals still require it:
-    those of a basis that does not follow the joints yet need not be white, and a better basis may make the
+    those of a basis that does not follow the parameters yet need not be white, and a better basis may make the
     search needless.
 
     Parameters

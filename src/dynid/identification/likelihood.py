@@ -97,7 +97,7 @@ class Likelihood:
         return [unknown.name for unknown in self.unknowns]
 
     def fit(self, eta: Array, noise: Sequence[Array] | None = None, *, clean: bool = False) -> Fit:
-        """Fit the initial states at the parameters exp(eta).
+        """Fit the initial states at coordinates of the parameters.
 
         Parameters
         ----------

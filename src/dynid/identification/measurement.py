@@ -209,7 +209,7 @@ def data(
 ) -> RecordData:
     """Return the measured values, simulated with `model` where they are to be simulated.
 
-    Simulated values are exact for the continuous loads, the unknown joint parameters at
+    Simulated values are exact for the continuous loads, the unknown parameters at
     their true values; the noise of each channel then has the standard deviation noise ratio x RMS. `clean`
     are the values without noise, if they are simulated already.
 

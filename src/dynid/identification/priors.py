@@ -1,7 +1,7 @@
 """Priors and limits of the parameters; a prior counts as a measurement, independent of the records.
 
 The mean of a prior is a pseudo-observation of the coordinate of its parameter. The prior of one parameter, as
-a scene gives it, is `ParameterPrior` in `structure/joints.py`.
+a scene gives it, is `ParameterPrior` in `parameters.py`.
 """
 
 from __future__ import annotations

@@ -142,13 +142,13 @@ class RecordLikelihood(ABC):
 
     @abstractmethod
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
-        """Fit the nuisances, such as an initial state, to `values` (rows x channels) at exp(eta).
+        """Fit the nuisances, such as an initial state, to `values` (rows x channels) at coordinates `eta`.
 
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
 
     def residual(self, eta: Array) -> Array:
-        """Return the residual of the fit at exp(eta) (rows x channels), NaN where missing."""
+        """Return the residual of the fit at coordinates `eta` (rows x channels), NaN where missing."""
         return self.fit(eta, self.data.values).residual
 
     @abstractmethod

@@ -148,7 +148,7 @@ class TimeRecord(RecordLikelihood):
         return self.model.states
 
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
-        """Fit the initial state to `values` (times x channels) at the parameters exp(eta).
+        """Fit the initial state to `values` (times x channels) at coordinates of the parameters.
 
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
@@ -260,7 +260,7 @@ class TimeRecord(RecordLikelihood):
         return self.series(residual)[:, [column]]
 
     def residual(self, eta: Array) -> Array:
-        """Return the residual of the fit at exp(eta) (times x channels), NaN where missing."""
+        """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         free, _ = free_prediction(self.model, eta)
         x0 = self._start(free, self.data.values, None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)

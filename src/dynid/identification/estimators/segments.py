@@ -86,7 +86,7 @@ class Segments(RecordLikelihood):
         return self._sized(float(np.sum(left**2) - np.sum(projected * _starts(by_start, projected))))
 
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
-        """Fit the initial states of all segments at the parameters exp(eta)."""
+        """Fit the initial states of all segments at coordinates of the parameters."""
         model = self.record.model
         free, steps = free_prediction(model, eta)
         whole = prediction(model, eta, model.initial, free, steps)
