@@ -141,8 +141,8 @@ def identify_all(
     truth
         The structure that simulated records are made with; absent: `model`.
     rebuild
-        Returns the model for parameters by name: a reduced one whose basis follows the parameters. Estimation and
-        rebuilding alternate until the estimates settle, at most ten times. Absent: `model` stays.
+        Returns the model for parameters by name: a reduced one whose basis follows the parameters. Estimation
+        and rebuilding alternate until the estimates settle, at most ten times. Absent: `model` stays.
     common
         Data that these records share with those of other identifications, if they are computed already.
     into
@@ -276,8 +276,8 @@ def _identified(
     With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search from
     several starts is made once. Of records of time it comes first: it finds the neighbourhood of the optimum,
     which the later models share. Of frequency responses it comes last, if the residuals still require it:
-    those of a basis that does not follow the parameters yet need not be white, and a better basis may make the
-    search needless.
+    those of a basis that does not follow the parameters yet need not be white, and a better basis may make
+    the search needless.
 
     Parameters
     ----------
