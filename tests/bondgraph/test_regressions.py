@@ -9,6 +9,7 @@ import pytest
 
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph.program.modular import primes
 from dynid.bondgraph.request import Analysis
 from tests.bondgraph.graphs import at, build, parse, port, transfer, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph
@@ -71,10 +72,13 @@ def test_gains_and_coefficients_beyond_doubles_are_infinite(sign):
     assert channel.coefficients()[0].tolist() == [sign * math.inf]
 
 
-@pytest.mark.parametrize("modulus", [2**61 - 1, Fraction(1, 2**61 - 1), 3 * (2**61 - 1)])
-@pytest.mark.parametrize("resistance", [1, 2**61 - 1])
+PRIME = next(primes())
+
+
+@pytest.mark.parametrize("modulus", [PRIME, Fraction(1, PRIME), 3 * PRIME])
+@pytest.mark.parametrize("resistance", [1, PRIME])
 def test_no_value_is_taken_for_zero(modulus, resistance):
-    """Such numbers vanish, or have no inverse, modulo the prime 2^61 - 1."""
+    """Such numbers vanish, or have no inverse, modulo the prime that images are first taken modulo."""
     nodes, bonds = f"Sf u, 1 j, TF n {modulus}, R r {resistance}, I m 1", "u -> j -> n -> r, j -> m"
     assert at(transfer(nodes, bonds, "u.e"), Fraction(2)) == Fraction(modulus) ** 2 * resistance + 2
 

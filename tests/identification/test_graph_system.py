@@ -575,3 +575,15 @@ def test_nodes_keep_their_reference_value():
     graph = BondGraph([Node("u", "Se"), node], [Bond("u", "m")])
     assert graph.value("m") == 3
     assert graph.with_values({"m": Fraction(4)}).nodes["m"].dependent is None
+
+
+@pytest.mark.parametrize("shift", [61, 122, -61])
+def test_binary_fractions_a_power_of_two_apart_are_different_numbers(shift):
+    """2^61 is 1 modulo the prime 2^61 - 1: values that differ by it were taken for the same."""
+    theta = Dependent.parameter("theta", Fraction(3))
+    factor = 5 * Fraction(2) ** -shift
+    model = written("Se u, 1 j, I m 1, R a 15, R b 1", "u -> j -> m, j -> a, j -> b", [],
+                    a=theta * 5, b=theta * factor)  # fmt: skip
+    found = system(model, ["m.f"]).at({"theta": 7.0})
+    assert found.A[0, 0] == pytest.approx(-float(35 + 7 * factor), rel=1e-15)
+    assert found.A_slopes[0, 0, 0] == pytest.approx(-float(5 + factor), rel=1e-15)

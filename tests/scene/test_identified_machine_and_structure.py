@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
+from dynid.bondgraph.graph import Port
+from dynid.lti.signals import Step
+from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
@@ -59,7 +62,21 @@ def reduced(data):
     data["graph"]["nodes"]["arm"]["reduction"] = {"method": "craig-bampton", "modes": {"count": 2}}
 
 
-@pytest.mark.parametrize("change", [with_stiffness, with_joint, reduced])
+def reduced_with_stiffness(data):
+    with_stiffness(data)
+    reduced(data)
+
+
+def on_a_spring(data):
+    reduced_with_stiffness(data)
+    beam = data["graph"]["nodes"]["arm"]["structure"]["beam"]
+    beam["springs"] = [{"node": 1, "direction": "theta", "k": 50}]
+
+
+CHANGES = [with_stiffness, with_joint, reduced, reduced_with_stiffness, on_a_spring]
+
+
+@pytest.mark.parametrize("change", CHANGES)
 def test_motor_and_structure_are_identified_together(change):
     data = yaml.safe_load(MACHINE)
     change(data)
@@ -71,3 +88,19 @@ def test_motor_and_structure_are_identified_together(change):
     assert np.abs((estimate - true) / bound).max() < 4.5
     assert (bound / true).max() < 0.01
     assert result.value("identification/diagnostics/converged")
+
+
+@pytest.mark.parametrize("EI", [10, 29.99, 30.01, 90])
+@pytest.mark.parametrize("change", [with_stiffness, reduced_with_stiffness, on_a_spring])
+def test_a_structure_is_passive_far_from_the_reference(change, EI):
+    data = yaml.safe_load(MACHINE)
+    change(data)
+    graph, _ = identified_graph(check_source(parse_source(yaml.safe_dump(data), "machine.yaml")))
+    arm = [node for name, node in graph.graph.nodes.items() if name.startswith("arm_")]
+    dependent = [node for node in arm if node.dependent is not None and node.type in "CIR"]
+    assert len(dependent) > 4
+    assert all(node.dependent.at({"EI": EI}).value > 0 for node in dependent)
+    response = graph.system(
+        [graph.load("voltage", Step(1.0))], [graph.channel(Port("L", "f")), graph.channel(Port("J", "f"))]
+    )
+    assert np.linalg.eigvals(response.at({"EI": EI}).A).real.max() < 0

@@ -16,7 +16,9 @@ from dynid.bondgraph.program.program import ModularPoint
 
 # --- points ---------------------------------------------------------------------------------------
 
-_LARGEST = (1 << 61) - 1  # a prime
+# A prime near 10^18 sqrt(5), far from powers of two and ten: modulo 2^61 - 1, for example, 2^61 is 1, and
+# binary fractions that differ by this factor are the same.
+_LARGEST = 2236067977499789659
 
 
 def primes() -> Iterator[int]:
