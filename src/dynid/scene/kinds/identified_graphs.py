@@ -147,7 +147,7 @@ def _add_scope(
     valued = [name for name, node in graph.graph.nodes.items() if node.value is not None]
     free = [name for name in valued if graph.graph.nodes[name].dependent is not None]
     parts = [
-        divided("unknown values", valued, free if measured else [], "known: fixed at their values"),
+        divided("values", valued, free if measured else [], "known: fixed at their values"),
         engines_part(result, model),
         *built.approximations,
         *(part._replace(name=_ANALYSIS.get(part.name, part.name)) for part in analysis),
