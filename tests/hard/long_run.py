@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.identification.filter import PART, InitialState, _History, _walk, filter_pass
 from dynid.identification.measurement import Measurement, data
-from dynid.identification.parametric_model import ParametricModel, Transition, parametric_model
+from dynid.identification.parametric_model import DirectTerm, ParametricModel, Transition, parametric_model
 from dynid.identification.simulation import Simulation
 from dynid.identification.time_record import TimeRecord
 from dynid.lti.signals import Multisine
@@ -136,7 +136,14 @@ class _Rounded(ParametricModel):
 
     def transition(self, eta: np.ndarray, h: float) -> Transition:
         exact = super().transition(eta.astype(float), h)
-        return Transition(*(part.astype(self.C.dtype) for part in exact))
+        return Transition(*(part.astype(self.scale.dtype) for part in exact))
+
+    def output(self, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        C, slopes = super().output(eta.astype(float))
+        return C.astype(self.scale.dtype), slopes.astype(self.scale.dtype)
+
+    def direct(self, eta: np.ndarray) -> DirectTerm:
+        return DirectTerm(super().direct(eta.astype(float)).value.astype(self.scale.dtype), None)
 
 
 def _rounded(model: ParametricModel, kind: type) -> _Rounded:

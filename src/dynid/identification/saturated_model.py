@@ -38,7 +38,7 @@ _GROWTH = 30.0
 # Norm of a column of norm 1, projected off those before it, below which it is linearly dependent.
 _NEW = 1e-5
 # Part of a column's square that its rounding may be; squares below this one make that of others grow.
-_DIGITS, _SMALL = 0.01, 1e-4
+_DIGITS, _ROUNDED = 0.01, 1e-4
 
 
 class RegressorKind(IntEnum):
@@ -418,7 +418,7 @@ def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Ar
         left -= np.outer(row, row)
         places.append(k)
         rows.append(row)
-        if square < _SMALL:  # rounding of what is left grows by that of this column, over its size
+        if square < _ROUNDED:  # rounding of what is left grows by that of this column, over its size
             rounding *= max(1.0, float(np.abs(row[k + 1 :]).max()) ** 2 / square)
     return np.array(places, dtype=int), np.array(rows).reshape(-1, len(gram))
 
