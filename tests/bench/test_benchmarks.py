@@ -10,11 +10,12 @@ import pytest
 from click.testing import CliRunner
 
 from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
-from dynid.bench.benchmark import DEFAULT_RUN, PEERS, Alternative
+from dynid.bench.benchmark import DATA, DEFAULT_RUN, PEERS, Alternative
 from dynid.bench.suite import BenchmarkFigure, beaten, limits, pareto
 from dynid.bench.worker import _timed, measured, processor
 from dynid.cli import cli
-from dynid.errors import DynidError, Singular
+from dynid.cli.summary import summary
+from dynid.errors import DynidError, Singular, UsageError
 from dynid.report.page import page
 from dynid.store import read_result
 
@@ -39,6 +40,7 @@ SMALL = {
     "structure-response": (3, 1e-8),
     "startup": (1, 0),
     "study": (2, 1e-15),
+    "robot-arm": (1024, 0.25),
 }
 QUICK = [
     (name, each.name)
@@ -51,7 +53,15 @@ QUICK = [
 #: What cannot do the work at every size, and says so.
 REFUSED = ("serep-mass",)
 #: What takes long.
-SLOW = ("imbedding-4", "invariant-imbedding", "least-squares", "full", "below-10-bands", "study-processes")
+SLOW = (
+    "imbedding-4",
+    "invariant-imbedding",
+    "least-squares",
+    "full",
+    "below-10-bands",
+    "study-processes",
+    "graph-4",
+)
 
 
 def test_every_benchmark_has_a_small_size_here():
@@ -114,6 +124,15 @@ def test_a_default_run_ends_within_three_minutes():
     assert (
         sum(place.seconds for place in BENCHMARKS.values()) <= 155 < DEFAULT_RUN < 180
     )  # the last work that is begun takes its time, too
+
+
+def test_a_benchmark_without_its_data_is_skipped_and_named(tmp_path, monkeypatch):
+    monkeypatch.setenv(DATA, str(tmp_path))
+    with pytest.raises(UsageError, match=r"no file .*robot_arm\.dat; DYNID_DATA names the folder"):
+        run_benchmarks(["robot-arm"])
+    found = run_benchmarks(["robot-arm", "loops"], {"loops": [2]})
+    assert found.group_attrs["bench"]["skipped"].startswith("robot-arm: no file ")
+    assert "skipped: robot-arm: no file" in summary(found, "")
 
 
 def test_what_does_not_fit_into_the_time_is_left_out_and_named():

@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 
 #: Environment variable with the Python that has the packages of peers, and dynid.
 PEERS = "DYNID_PEERS"
+#: Environment variable with the folder of measured data, which are not in the package.
+DATA = "DYNID_DATA"
 #: Longest default run, s.
 DEFAULT_RUN = 170.0
 
@@ -38,6 +40,8 @@ class Alternative:
         Smallest and largest size at which it is measured.
     peer
         True for the method of another project, which the default of dynid should not lose to.
+    unavailable
+        Function that returns what else is missing, such as a file of data, or an empty text.
     """
 
     name: str
@@ -46,9 +50,12 @@ class Alternative:
     least: int = 0
     most: int | None = None
     peer: bool = False
+    unavailable: Callable[[], str] = str
 
     def missing(self) -> str:
-        """Return the packages that are not installed, as text; '' where it can run."""
+        """Return the packages or data that are missing, as text; '' where it can run."""
+        if reason := self.unavailable():
+            return reason
         absent = _absent(self.needs) if self.interpreter != sys.executable else self._absent
         return f"{', '.join(absent)} not installed" if absent else ""
 
@@ -118,6 +125,7 @@ class CatalogueEntry(NamedTuple):
     """The module of a benchmark, or `module:name`, and its time in a default run on two idle cores, s.
 
     It may use time that those after it do not need; on a slower machine larger sizes are left out, and named.
+    With no time it is not in a default run, and runs where it is named.
     """
 
     module: str
@@ -145,6 +153,7 @@ BENCHMARKS = {
     "structure-response": CatalogueEntry("structure_response", 3),
     "startup": CatalogueEntry("startup", 17),
     "study": CatalogueEntry("study", 18),
+    "robot-arm": CatalogueEntry("robot_arm", 0),  # its data are not in the package
 }
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from dynid.bench.benchmark import BENCHMARKS, Benchmark, benchmark
 from dynid.bench.worker import Process
 from dynid.defaults import of_benchmark
-from dynid.errors import NumericalError
+from dynid.errors import NumericalError, UsageError
 from dynid.result import Result
 
 
@@ -71,16 +71,29 @@ def run_benchmarks(
         the size with which time grows between the two largest sizes, `peer` is True for a method of another
         project. Attributes of ``bench/<name>``: the peers that beat the default in both (`beaten`), the
         alternatives that are `missing`, that `failed`, or that were left out for time (`late`), and the
-        defaults that the table justifies (`chosen`). The attribute `seconds` of ``bench`` is the total time.
+        defaults that the table justifies (`chosen`). Attributes of ``bench``: the total time (`seconds`), and
+        the benchmarks of which no alternative can run (`skipped`), with the reason.
+
+    Raises
+    ------
+    UsageError
+        If no alternative of any of them can run.
     """
     result, began, chosen = Result("bench", "Speed against error"), time.monotonic(), list(names)
+    skipped: list[str] = []
     for place, name in enumerate(chosen):
         case = benchmark(name)
+        reasons = [each.missing() for each in case.alternatives]
+        if all(reasons):
+            skipped.append(f"{name}: {'; '.join(dict.fromkeys(reasons))}")
+            continue
         own = sorted((*case.sizes, *case.full)) if full else case.sizes
         until = began + seconds - sum(BENCHMARKS[later].seconds for later in chosen[place + 1 :])
         where, wanted = f"{place + 1} of {len(chosen)}: {name}", (sizes or {}).get(name, own)
         _add(result, name, case, _measured(name, case, wanted, progress, where, clock, until))
-    result.annotate("bench", clock=clock, seconds=time.monotonic() - began)
+    if chosen and len(skipped) == len(chosen):
+        raise UsageError(f"nothing can be measured: {'; '.join(skipped)}")
+    result.annotate("bench", clock=clock, seconds=time.monotonic() - began, skipped="; ".join(skipped))
     return result
 
 

@@ -53,8 +53,9 @@ def bench(
 
     Each benchmark NAME runs its alternatives on the same problem: median time, peak memory, and error against
     an exact or high-precision reference; the Pareto-optimal ones are marked. Without NAME all benchmarks
-    run, for at most three minutes; those that do not fit are omitted and listed. With --full, or with other
-    sizes, the time is not limited.
+    but those of measured data run, for at most three minutes; those that do not fit are omitted and listed.
+    With --full, or with other sizes, the time is not limited. The environment variable DYNID_DATA names the
+    folder of measured data.
 
     \b
     Examples:
@@ -79,10 +80,9 @@ def bench(
     for name in (*names, *own_sizes):
         refuse_unknown(name, BENCHMARKS, "benchmark", "List them with: dynid bench --list")
     seconds = math.inf if full or sizes else DEFAULT_RUN
+    chosen = dict.fromkeys(names or [name for name, entry in BENCHMARKS.items() if entry.seconds])
     with showing() as listener:
-        result = run_benchmarks(
-            dict.fromkeys(names or BENCHMARKS), own_sizes, listener, full=full, clock=clock, seconds=seconds
-        )
+        result = run_benchmarks(chosen, own_sizes, listener, full=full, clock=clock, seconds=seconds)
     click.echo(summary(result, ""))
     if output:
         from dynid.store import write_result

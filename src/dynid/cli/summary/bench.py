@@ -32,6 +32,8 @@ def lines(result: Result) -> list[str]:
             screen += wrap(f"{name}: {text}", 110, initial_indent=" " * 4, subsequent_indent=" " * 6)
         screen.append("")
     about = result.group_attrs.get("bench", {})  # absent in files of earlier versions
+    if about.get("skipped"):
+        screen += wrap(f"skipped: {about['skipped']}", 110, initial_indent="  ", subsequent_indent="    ")
     seconds = float(about.get("seconds", 0))
     return [*screen, f"  measured in {time_text(seconds)}"] if seconds else screen[:-1]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.identification.robot_arm import DATA, by_arx, by_graph, by_subspace, fit
+from dynid.bench.cases.robot_arm import by_arx, by_graph, by_subspace, fit, missing_data, record
 
 
 def peers_on_known_data():
@@ -22,10 +22,10 @@ def test_a_peer_predicts_what_it_can_describe(peer):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not DATA.exists(), reason="no ../shared/data/measured/robot_arm.dat")
+@pytest.mark.skipif(bool(missing_data()), reason=missing_data() or "data")
 def test_two_inertias_predict_the_second_half_as_well_as_arx_of_that_order():
-    u, y = np.loadtxt(DATA).T
-    _, found, predicted = by_graph(DATA.resolve(), 512)
+    u, y = record(1024)
+    found, predicted = by_graph(1024)
     reached, arx, subspace = (
         fit(y[512:], each) for each in (predicted[512:], by_arx(u, y, 4, 512), by_subspace(u, y, 4, 512))
     )
