@@ -32,6 +32,7 @@ LEVEL, POWER = 1e-3, 0.99
 BESIDE = (
     "hardly distinguishable",
     "poorly known",
+    "indistinguishable from 0",
     "% of force gain",
     "1 % of",
     "left to estimate the noise from",

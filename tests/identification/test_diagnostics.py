@@ -204,6 +204,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         "error_in_bounds": np.array([1.0, np.nan]),
         "consistency": None,
         "relative_errors": information["deviations"],
+        "indistinguishable_from_zero": np.zeros(2, dtype=bool),
     }
     return SimpleNamespace(
         likelihood=SimpleNamespace(names=("a.k", "b.k"), records=[record]),
@@ -221,6 +222,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         contradicted_noise=[],
         noise_test=None,
         model_error=None,
+        noun="record",
         **(given | changed),
     )
 
@@ -241,6 +243,10 @@ def coloured():
     [
         ({"error_in_bounds": np.array([7.3, 1.0])}, "error of a.k: 7.3 × Cramér–Rao bound"),
         ({"deviations": np.array([0.01, 0.8])}, "b.k is poorly known: its standard error is 80 % of it"),
+        (
+            {"deviations": np.array([0.01, 0.8]), "indistinguishable_from_zero": np.array([False, True])},
+            "b.k is indistinguishable from 0: a thousandth of it explains the record as well",
+        ),
         (
             {"correlation": np.array([[1, -0.97], [-0.97, 1]])},
             "a.k and b.k are hardly distinguishable (correlation -0.970): the record determines their ",

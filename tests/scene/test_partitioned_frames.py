@@ -1,4 +1,4 @@
-"""Factors of random partitions of a frame, given as matrices in parts, identified from records of both kinds."""
+"""Factors of random partitions of a frame, given as matrices in parts, from records of both kinds."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def partitions(rng, letter, folder):
 
 
 def scene_of(folder, seed, kind):
-    """Write the scene of a random partition, its starts off by factors of 0.5 to 2; return the true factors."""
+    """Write the scene of a random partition, starts off by factors of 0.5 to 2; return the true factors."""
     rng = np.random.default_rng([18, seed])
     stiffness, true, K = partitions(rng, "K", folder)
     mass, more, M = (
@@ -82,7 +82,9 @@ def scene_of(folder, seed, kind):
   step: {1.2 / omega[-1]}
   samples: 500
   simulate: {{noise_ratio: 0.01, seed: {seed + 1}}}"""
-        excitation = f"excitation: [{{dof: 4, kind: multisine, amplitude: [{', '.join(['100'] * 12)}], frequency: [{frequency}]}}]"
+        amplitude = ", ".join(["100"] * 12)
+        signal = f"kind: multisine, amplitude: [{amplitude}], frequency: [{frequency}]"
+        excitation = f"excitation: [{{dof: 4, {signal}}}]"
     (folder / "frame.yaml").write_text(f"""
 dynid: 1
 kind: identification

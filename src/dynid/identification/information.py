@@ -312,5 +312,17 @@ def below_noise(names: list[str]) -> NotIdentifiable:
     )
 
 
+def vanished(names: list[str], noun: str) -> NotIdentifiable:
+    """Return the error that names parameters whose estimates have run to 0."""
+    several = len(names) > 1
+    return _refusal(
+        names,
+        f"{'are' if several else 'is'} indistinguishable from 0: the smaller, the better the {noun} is "
+        "explained",
+        f"Leave {'them' if several else 'it'} out, or estimate {'them' if several else 'it'} with "
+        "`scale: linear`, which allows 0 and negative values.",
+    )
+
+
 def _refusal(names: list[str], why: str, remedy: str) -> NotIdentifiable:
     return NotIdentifiable(f"{', '.join(names)} {why}", remedy=remedy, names=names)

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
-from dynid.errors import Diverged, NotIdentifiable
+from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.calibration import CalibrationSlopes, calibration_slopes
 from dynid.identification.estimators.estimate import Estimate
-from dynid.identification.information import Information, below_noise
+from dynid.identification.information import Information, below_noise, vanished
 from dynid.identification.lack_of_fit import ModelComparison, compare_models
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.model_error import ModelError
@@ -46,6 +46,13 @@ _NOTHING = 1.0
 _ROUND_OFF = 1e-6
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
 _UNKNOWN = 10.0
+#: One beyond which a parameter is poorly known.
+UNCERTAIN = 0.5
+# Half the 95 % quantile of chi-squared with one degree of freedom: misfits within it of the least.
+_RATIO = 1.92
+# Distance of the logarithm at which a value counts as 0, a factor of a thousand, and the Gauss–Newton steps
+# with which the other parameters follow there.
+_FAR, _FOLLOWING = float(np.log(1e3)), 4
 # Errors of coordinates below this are round-off, for which the bound of clean data has no meaning.
 _LEAST_BOUND = 1e-9
 
@@ -284,7 +291,43 @@ class Posterior:
                     remedy="Start nearer to the true values, bound the unknowns, or check the model.",
                     names=lost,
                 )
+            vanishing = self.indistinguishable_from_zero
+            if zero := [name for name, yes in zip(names, vanishing & unknown, strict=True) if yes]:
+                raise vanished(zero, self.noun)
             raise below_noise(lost)
+
+    @cached_property
+    def indistinguishable_from_zero(self) -> NDArray[np.bool_]:
+        """Mask of logarithmic parameters of which the records give no more than an upper limit (p).
+
+        The standard error of the logarithm exceeds 0.5; by likelihood ratio, the other parameters moved to
+        their optimum, a thousandth of the estimate is within the 95 % interval, and the start or, if that is
+        more, a thousand times the estimate is not.
+        """
+        uncertain = self.relative_errors > UNCERTAIN
+        found, eta = np.zeros(len(uncertain), dtype=bool), self.fit.eta
+        for k in np.flatnonzero(uncertain).tolist():
+            unknown = self.likelihood.unknowns[k]
+            large = max(eta[k] + _FAR, unknown.coordinate(unknown.start))
+            found[k] = self._accepted(k, eta[k] - _FAR) and not self._accepted(k, large)
+        return found
+
+    def _accepted(self, k: int, coordinate: float) -> bool:
+        """Return True if a coordinate of a parameter is in its 95 % interval by likelihood ratio."""
+        fixed = np.arange(len(self.fit.eta)) == k
+        most = self.likelihood.misfit(self.fit) + _RATIO
+        eta = np.where(fixed, coordinate, self.fit.eta)
+        try:
+            for _ in range(_FOLLOWING):
+                fit = self.likelihood.fit(eta, self.noise)
+                if self.likelihood.misfit(fit) <= most:
+                    return True
+                information = self.likelihood.information(fit, self.noise).without(fixed | self.held)
+                step = information.step(self.likelihood.weighted(fit, self.noise))
+                eta = np.where(fixed, coordinate, self.likelihood.priors.clipped(eta + step))
+        except (DynidError, ArithmeticError, np.linalg.LinAlgError):
+            pass  # values at which there is no model explain nothing
+        return False
 
     def _unexplained(self) -> str:
         """Return why the prediction does not explain the records; empty where it does."""

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid.defaults import HEAVY_TAILS, OFFSET
-from dynid.identification.posterior import ChannelOfRecord, Posterior
+from dynid.identification.posterior import UNCERTAIN, ChannelOfRecord, Posterior
 from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.number_format import frequency_text
 
-# Levels of the warnings: a correlation, a standard error of a coordinate, an error in standard errors, a part
-# of the samples that are missing or stand at the channel's extreme.
-_CORRELATED, _UNCERTAIN, _OFF, _GAPS, _CLIPPED = 0.95, 0.5, 5.0, 0.2, 0.01
+# Levels of the warnings: a correlation, an error in standard errors, a part of the samples that are missing
+# or stand at the channel's extreme.
+_CORRELATED, _OFF, _GAPS, _CLIPPED = 0.95, 5.0, 0.2, 0.01
 #: How many deviations a prior and a record are apart that contradict each other: by chance one in 16,000.
 CONTRADICTED = 4.0
 # Residuals below this part of the signal are round-off and holds, whatever their colour.
@@ -96,7 +96,12 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     for k, name in enumerate(names):
         if errors[k] > _OFF:
             yield f"error of {name}: {errors[k]:.2g} × Cramér–Rao bound"
-        if relative[k] > _UNCERTAIN:
+        if relative[k] > UNCERTAIN and posterior.indistinguishable_from_zero[k]:
+            yield (
+                f"{name} is indistinguishable from 0: a thousandth of it explains the {posterior.noun} as "
+                "well; leave it out, or estimate it with scale: linear, which allows 0"
+            )
+        elif relative[k] > UNCERTAIN:
             yield f"{name} is poorly known: its standard error is {100 * relative[k]:.0f} % of it"
         for other in range(k):
             rho = correlation[k, other]
