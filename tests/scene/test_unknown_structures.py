@@ -150,3 +150,32 @@ reduction: [{method: guyan, masters: [2]}]
     model = build_structure(scene, scene.model.structure, scene.model.joints)
     assert model.K[0, 0] == 10.0
     assert not model.names
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        "lumped: {masses: [1, 2], links: [{dofs: [1], k: 50, c: -x}, {dofs: [2], k: 50}, "
+        "{dofs: [1, 2], k: -x}]}",
+        "lumped: {masses: [1, 2], links: [{dofs: [1], k: 50}, {dofs: [2], k: 50}]}}\n"
+        "joints: {j: {dofs: [1, 2], k: -x, c: 0}",
+        "beam: {elements: 1, length: 1, EI: 90, rhoA: 1, supports: [{node: 1, fix: [w, theta]}], "
+        "springs: [{node: 2, direction: w, k: -x}]}",
+    ],
+)
+def test_stiffness_and_damping_may_be_negative_where_the_parameter_may(tmp_path, part):
+    text = "parameters: {x: {start: 1, true: 3, scale: linear}}\nstructure: {" + part + "}\n"
+    model = structure_of(tmp_path, text)
+    with_x, without = (model.with_joints({"x": x})[2] for x in (3.0, 0.0))
+    assert (with_x - without).diagonal().min() == pytest.approx(-3)
+    with pytest.raises(SceneError, match="-3 is negative"):
+        structure_of(tmp_path, text.replace("linear", "log"))
+
+
+def test_masses_stay_positive_whatever_the_scale(tmp_path):
+    with pytest.raises(SceneError, match="-3 is negative"):
+        structure_of(
+            tmp_path,
+            "parameters: {x: {start: 1, true: -3, scale: linear}}\n"
+            "structure: {lumped: {masses: [1, x], links: [{dofs: [1], k: 5}, {dofs: [1, 2], k: 5}]}}",
+        )

@@ -100,7 +100,8 @@ class Assembly:
             self._point("C", spring.direction, spring.node, spring.c)
 
     def _point(self, letter: str, direction: str, node: int, value: Real) -> None:
-        not_negative(f"the value at node {node}", value)
+        if letter == "M" or not isinstance(value, Dependent):
+            not_negative(f"the value at node {node}", value)
         if value:
             self.add(letter, [node_label(direction, node)], DependentMatrix(np.eye(1)).times(value))
 

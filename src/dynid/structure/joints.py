@@ -63,7 +63,8 @@ class JointParameter:
             raise UsageError("a joint parameter takes either a value (known) or a start (unknown)")
         if self.value is not None and self.true is not None:
             raise UsageError("a known joint parameter has no true value beside its value")
-        if self.value is not None and not (math.isfinite(float(self.value)) and float(self.value) >= 0):
+        given, signed = self.value, isinstance(self.value, Dependent)
+        if given is not None and not (math.isfinite(float(given)) and (signed or float(given) >= 0)):
             raise UsageError("a joint parameter's value must be finite and not negative")
         for number in (self.start, self.true):
             if number is not None and not (math.isfinite(number) and number > 0):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynid.arithmetic.dependent import Real
+from dynid.arithmetic.dependent import Dependent, Real
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
@@ -80,7 +80,10 @@ def lumped(
         if not all(1 <= dof <= n for dof in dofs):
             there_is = "is DOF 1" if n == 1 else f"are the DOFs 1 to {n}"
             raise UsageError(f"a link names DOFs {list(dofs)}, but there {there_is} only")
-        if not all(math.isfinite(float(value)) and float(value) >= 0 for value in (link.k, link.c)):
+        if not all(
+            math.isfinite(float(value)) and (float(value) >= 0 or isinstance(value, Dependent))
+            for value in (link.k, link.c)
+        ):
             raise UsageError(
                 f"stiffness and damping of the link {list(dofs)} must be finite and not negative"
             )

@@ -8,7 +8,15 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from dynid.scene.schema.base import Dof, Section
-from dynid.scene.schema.quantities import Positive, Quantity, Start, Uncertain, UncertainNotNegative, fault
+from dynid.scene.schema.quantities import (
+    Positive,
+    Quantity,
+    Start,
+    Uncertain,
+    UncertainNotNegative,
+    UncertainSpring,
+    fault,
+)
 from dynid.scene.schema.structure import LinkModel
 
 
@@ -55,7 +63,7 @@ class ParameterModel(Section):
     """A joint's stiffness or damping, or the factor of its matrix: known (`value`), or unknown (`start`)."""
 
     start: Start | None = None
-    value: UncertainNotNegative | None = None
+    value: UncertainSpring | None = None
     true: Positive | None = None
     matrix: JointMatrix | None = None
     min: Positive | None = None

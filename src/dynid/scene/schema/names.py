@@ -48,6 +48,7 @@ def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
     names = SceneNames(
         values,
         dependent,
+        signed=frozenset(name for name, one in raw.items() if mapping_of(one).get("scale") == "linear"),
         identifying=source.data.get("kind") == "identification",
         faulty=frozenset(raw.keys() - values.keys()),
         nodes=node_types(source.data),

@@ -59,6 +59,8 @@ class SceneNames:
         Values of the parameters that have one; unknown and considered ones have their reference values.
     dependent
         Those that are unknown or considered, or depend on such.
+    signed
+        Parameters of `scale: linear`, which may be zero or negative.
     identifying
         Whether the scene identifies them, and its quantities depend on them; else these have their values.
     faulty
@@ -71,6 +73,7 @@ class SceneNames:
 
     parameters: Mapping[str, Number] = field(default_factory=dict)
     dependent: Mapping[str, Dependent] = field(default_factory=dict)
+    signed: frozenset[str] = frozenset()
     identifying: bool = False
     faulty: frozenset[str] = frozenset()
     nodes: Mapping[str, str] = field(default_factory=dict)
@@ -143,7 +146,12 @@ def _not_negative(value: Number) -> bool:
 
 
 def _where(
-    condition: Callable[[Number], bool], message: str = "", *, uncertain: bool = False, remedy: str = ""
+    condition: Callable[[Number], bool],
+    message: str = "",
+    *,
+    uncertain: bool = False,
+    signed: bool = False,
+    remedy: str = "",
 ) -> Callable[[Any, ValidationInfo], Quantity]:
     """Return the check of a quantity.
 
@@ -155,13 +163,16 @@ def _where(
         What is wrong with a value that does not.
     uncertain
         Whether it may depend on unknown and considered parameters.
+    signed
+        Whether a value that depends on a parameter of `scale: linear` need not fulfil the condition.
     remedy
         What to write instead where it may not.
     """
 
     def check(raw: Any, info: ValidationInfo) -> Quantity:
         quantity = resolve(raw, info)
-        if not condition(quantity.value):
+        depends = quantity.dependent.names if signed and quantity.dependent is not None else ()
+        if not condition(quantity.value) and names_of(info).signed.isdisjoint(depends):
             raise fault(f"{float(quantity):g} {message}")
         if quantity.dependent is not None and not uncertain:
             raise fault(_needs_a_number(quantity.dependent) + remedy)
@@ -213,6 +224,10 @@ UncertainPositive = Annotated[
 UncertainNotNegative = Annotated[
     Quantity, _By(_where(_not_negative, "is negative", uncertain=True), minimum=0)
 ]
+UncertainSpring = Annotated[
+    Quantity, _By(_where(_not_negative, "is negative", uncertain=True, signed=True), minimum=0)
+]
+"""A stiffness, damping or factor: not negative, but where it depends on a parameter of `scale: linear`."""
 Start = Annotated[
     Quantity,
     _By(

@@ -23,6 +23,7 @@ from dynid.scene.schema.quantities import (
     Uncertain,
     UncertainNotNegative,
     UncertainPositive,
+    UncertainSpring,
     fault,
 )
 from dynid.scene.schema.references import FILE, NODE
@@ -100,8 +101,8 @@ class FrameSupport(Section):
 
 class _Spring(Section):
     node: NodeNumber
-    k: UncertainNotNegative | None = None
-    c: UncertainNotNegative | None = None
+    k: UncertainSpring | None = None
+    c: UncertainSpring | None = None
 
     @model_validator(mode="after")
     def _has_something(self) -> Self:
@@ -202,8 +203,8 @@ class LinkModel(Section):
     """A spring and a damper between two DOFs, or from one DOF to ground."""
 
     dofs: list[Dof] = Field(min_length=1, max_length=2)
-    k: UncertainNotNegative | None = None
-    c: UncertainNotNegative | None = None
+    k: UncertainSpring | None = None
+    c: UncertainSpring | None = None
 
     @field_validator("dofs")
     @classmethod
@@ -234,7 +235,7 @@ class FileModel(Section):
 
     path: FilePath
     name: str | None = None
-    factor: UncertainNotNegative | None = None
+    factor: UncertainSpring | None = None
 
 
 class StateSpaceModel(Section):
