@@ -6,7 +6,7 @@ import yaml
 
 from dynid.bondgraph.graph import Port
 from dynid.lti.signals import Step
-from dynid.scene.kinds.identified_graphs import identified_graph
+from dynid.scene.kinds.identified_graphs import identified_graph, started_graph
 from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
@@ -73,7 +73,12 @@ def on_a_spring(data):
     beam["springs"] = [{"node": 1, "direction": "theta", "k": 50}]
 
 
-CHANGES = [with_stiffness, with_joint, reduced, reduced_with_stiffness, on_a_spring]
+def reduced_with_joint(data):
+    with_joint(data)
+    reduced(data)
+
+
+CHANGES = [with_stiffness, with_joint, reduced, reduced_with_stiffness, on_a_spring, reduced_with_joint]
 
 
 @pytest.mark.parametrize("change", CHANGES)
@@ -104,3 +109,22 @@ def test_a_structure_is_passive_far_from_the_reference(change, EI):
         [graph.load("voltage", Step(1.0))], [graph.channel(Port("L", "f")), graph.channel(Port("J", "f"))]
     )
     assert np.linalg.eigvals(response.at({"EI": EI}).A).real.max() < 0
+
+
+@pytest.mark.parametrize(("make", "same"), [(started_graph, True), (identified_graph, False)])
+def test_the_basis_of_an_estimator_does_not_know_the_truth(make, same):
+    def elements(true):
+        data = yaml.safe_load(MACHINE)
+        data["parameters"]["m"] = {"start": 0.1, "true": true}
+        arm = data["graph"]["nodes"]["arm"]
+        arm["structure"]["beam"]["masses"] = [{"node": 5, "m": "m"}]
+        arm["reduction"] = {"method": "modal", "modes": {"count": 3}}
+        graph, _ = make(check_source(parse_source(yaml.safe_dump(data), "machine.yaml")))
+        nodes = [node for node in graph.graph.nodes.values() if node.value is not None]
+        values = {"m": 0.3, "k_t": 0.01, "R": 1.0}
+        return [
+            float(node.value if node.dependent is None else node.dependent.at(values).value) for node in nodes
+        ]
+
+    one, other = elements(0.2), elements(0.8)
+    assert (len(one) == len(other) and np.allclose(one, other, rtol=1e-12, atol=0)) is same

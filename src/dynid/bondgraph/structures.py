@@ -97,7 +97,7 @@ def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> di
 
 def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -> list[Column]:
     """Return mass, damping or stiffness, joints included, as squares."""
-    known = {one.name: one.expected for one in model.unknowns}
+    known = {one.name: one.expected for one in model.joint_unknowns}  # all others: their reference
     matrix = dict(zip("MCK", model.with_joints(known), strict=True))[letter]
     rows: dict[int, dict[int, Any]] = {place: {} for place in range(model.size)}
     for i, j, entry in _entries(matrix):

@@ -13,7 +13,7 @@ from dynid.scene.kinds.bond_graph import graph_analysis
 from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.measurements import experiments, frf_measurement
-from dynid.scene.kinds.parameters import all_parameters
+from dynid.scene.kinds.parameters import all_parameters, at_starts
 from dynid.scene.kinds.scope import engines_part
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
@@ -54,6 +54,18 @@ def identified_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
     return graph, built._replace(outputs=outputs)
 
 
+def started_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
+    """Return the graph that an estimator has: bases of structures are made at the starts, not at the truth.
+
+    Raises as `identified_graph`.
+    """
+    model = cast("IdentificationScene", scene.model)
+    assert model.graph is not None
+    at_start = at_starts(model)
+    constant = at_start is model or all(node.reduction is None for node in model.graph.nodes.values())
+    return identified_graph(scene if constant else Scene(scene.source, at_start))
+
+
 def run_graph(scene: Scene) -> Result:
     """Return the parameters of a bond graph identified from a record, and the requested results.
 
@@ -68,8 +80,8 @@ def run_graph(scene: Scene) -> Result:
         Where measured data cannot be read.
     """
     model = cast("IdentificationScene", scene.model)
-    (graph, built), result = identified_graph(scene), Result("identification", scene.title)
-    parts: list[ScopePart] = []
+    result, parts = Result("identification", scene.title), list[ScopePart]()
+    graph, built = (identified_graph if model.measurement is None else started_graph)(scene)
     values: dict[str, float] = {one.name: one.expected for one in graph.unknowns}
     if model.measurement is not None:
         result.merge(_identified(scene, graph))
@@ -114,19 +126,21 @@ def graph_preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
 
 
 def _identified(scene: Scene, graph: GraphModel) -> Result:
+    """Identify the parameters of a graph from records, simulated ones of the graph at the true values."""
     from dynid.identification.identify import identify_all, identify_frf
 
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
+    truth = identified_graph(scene)[0]
     if model.measurement.frf is not None:
-        responses = frf_measurement(scene, model.measurement, graph)
+        responses = frf_measurement(scene, model.measurement, truth)
         result = identify_frf(graph, responses, frf_estimator_of(model.estimator), further=further_of(model))
         if model.identifiability:
             from dynid.identification.identifiability import frf_identifiability
 
             result.merge(frf_identifiability(graph, responses))
         return result
-    records = experiments(scene, model.excitation, model.measurement, graph)
+    records = experiments(scene, model.excitation, model.measurement, truth)
     result = identify_all(graph, records, estimator_of(model.estimator), further=further_of(model))
     if model.identifiability:
         from dynid.identification.identifiability import identifiability

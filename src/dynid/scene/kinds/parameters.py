@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
@@ -172,7 +173,8 @@ def _referred(part: Any, values: Mapping[str, Number]) -> Any:
     if isinstance(part, Mapping):
         return {name: _referred(value, values) for name, value in part.items()}
     if isinstance(part, list | tuple):
-        return type(part)(_referred(value, values) for value in part)
+        parts = [_referred(value, values) for value in part]
+        return part if all(map(operator.is_, parts, part)) else type(part)(parts)
     return part
 
 
