@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 from dynid.bondgraph.graph import Port
+from dynid.errors import UsageError
 from dynid.lti.signals import Step
 from dynid.scene.kinds.identified_graphs import identified_graph, started_graph
 from dynid.scene.load import check_source
@@ -128,3 +129,19 @@ def test_the_basis_of_an_estimator_does_not_know_the_truth(make, same):
 
     one, other = elements(0.2), elements(0.8)
     assert (len(one) == len(other) and np.allclose(one, other, rtol=1e-12, atol=0)) is same
+
+
+@pytest.mark.parametrize("change", [with_stiffness, reduced_with_stiffness])
+def test_modal_damping_of_unknown_modes_is_refused_at_its_node(change):
+    data = yaml.safe_load(MACHINE)
+    change(data)
+    data["graph"]["nodes"]["arm"]["structure"]["beam"]["damping"] = {"ratio": 0.02}
+    text = yaml.safe_dump(data, sort_keys=False)
+    line = 1 + text.splitlines().index("    arm:")
+    scene = check_source(parse_source(text, "machine.yaml"))
+    with pytest.raises(UsageError, match="modal damping of 'arm' depends on unknown") as raised:
+        run_scene(scene)
+    assert f"machine.yaml:{line}:" in str(scene.locate(raised.value))
+    data["graph"]["nodes"]["arm"]["structure"]["beam"]["EI"] = 30
+    del data["parameters"]["EI"]
+    identified_graph(check_source(parse_source(yaml.safe_dump(data), "machine.yaml")))

@@ -61,7 +61,8 @@ def expand_structure(
     Raises
     ------
     UsageError
-        If there is no such DOF, the structure is too large, or a matrix has a negative eigenvalue.
+        If there is no such DOF, the structure is too large, a matrix has a negative eigenvalue, or modal
+        damping depends on unknown parameters.
     """
     if model.size > STRUCTURES_IN_GRAPHS.value:
         raise UsageError(
@@ -97,6 +98,13 @@ def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> di
 
 def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -> list[Column]:
     """Return mass, damping or stiffness, joints included, as squares."""
+    if letter == "C" and model.modal is not None:
+        raise UsageError(
+            f"the modal damping of '{name}' depends on unknown parameters through its modes; a bond graph "
+            "has no element for it",
+            remedy="Give proportional damping (alpha, beta), or make the parameters of its modes known.",
+            names=(name,),
+        )
     known = {one.name: one.expected for one in model.joint_unknowns}  # all others: their reference
     matrix = dict(zip("MCK", model.with_joints(known), strict=True))[letter]
     rows: dict[int, dict[int, Any]] = {place: {} for place in range(model.size)}
@@ -146,7 +154,7 @@ def expand_modes(
     Raises
     ------
     UsageError
-        If there is no such DOF, or a coordinate has no mass.
+        If there is no such DOF, a coordinate has no mass, or modal damping depends on unknown parameters.
     """
     model = reduction.model
     rows = np.array([model.row(dof) for dof in ports.values()])
