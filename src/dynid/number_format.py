@@ -122,7 +122,7 @@ def percent(value: float) -> str:
 def time_text(seconds: float) -> str:
     """Return a time with its unit."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if seconds >= size:
+        if seconds >= 0.9995 * size:  # which three digits show as 1
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds / 1e-9:.3g} ns"
 
