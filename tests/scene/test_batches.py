@@ -383,3 +383,45 @@ def test_a_scene_that_cannot_be_run_says_so_of_each_sample(tmp_path):
     assert why_alone(template, paths, (), 2) == "the scene as it stands cannot be run"
     outcomes = assert_same(template, [{paths[0]: seed} for seed in (1, 2)], together=False)
     assert [outcome.exit_code for outcome in outcomes] == [3, 3]
+
+
+GENERAL = """\
+dynid: 1
+kind: identification
+parameters:
+  k: {start: 250, true: 300}
+  m: {start: 2.2, true: 2}
+  offset: {start: 0, true: 0.002, scale: linear}
+structure: {lumped: {masses: [1, m], links: [{dofs: [1], k: k, c: 1}, {dofs: [2], k: k/3}]}}
+joints:
+  tip: {dofs: [1, 2], k: {start: 120, true: 150}, c: {start: 0.8, true: 1}}
+excitation: [{dof: 1, kind: multisine, amplitude: [5, 5, 5], frequency: [7, 14, 24]}]
+measurement:
+  step: 0.03
+  samples: 150
+  channels: [{dof: 1, quantity: velocity}, {dof: 2, quantity: displacement, offset: offset}]
+  simulate: {noise_ratio: 0.02, seed: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def general():
+    return check_source(parse_source(GENERAL, "general.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "together"),
+    [
+        ([{"measurement.simulate.seed": seed} for seed in (1, 8)], True),
+        ([{"measurement.simulate.noise_ratio": 0.05, "joints.tip.k.start": k} for k in (100, 200)], True),
+        ([{"parameters.k.start": start} for start in (220, 360)], False),
+        ([{"parameters.k.true": true, "measurement.simulate.seed": 3} for true in (280, -1)], False),
+    ],
+    ids=["seed", "joint", "start", "true"],
+)
+def test_identifications_of_any_unknowns_are_those_of_each_sample(general, overrides, together):
+    outcomes = assert_same(general, overrides, together=together)
+    estimates = [one.values["identification/parameters/estimate"].data for one in outcomes if not one.error]
+    assert len(estimates) == 2 - ("parameters.k.true" in overrides[0])
+    if "parameters.k.start" in overrides[0]:
+        np.testing.assert_allclose(*estimates, rtol=1e-6)

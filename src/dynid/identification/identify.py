@@ -175,7 +175,9 @@ def identify_all(
             for k, experiment in enumerate(experiments)
         ]
         model = _with_spreads(model, experiments, values)
-        if common is not None and common.ideal is not None:
+        # Spreads of offsets and delays are those of each record: models that have others are not shared.
+        shared = common is not None and bool(common.models) and common.models[0].unknowns == model.unknowns
+        if shared and common is not None and common.ideal is not None:
             likelihood = _likelihood(common.models, experiments, values, common.ideal)
         else:
             likelihood = _likelihood(_models(model, experiments), experiments, values)
