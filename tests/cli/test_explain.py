@@ -10,6 +10,7 @@ import pytest
 
 from dynid.bondgraph.request import RESULTS
 from dynid.cli.check import seconds_text, size_text
+from dynid.errors import Singular
 from dynid.identification.kernels import VARIABLE
 from dynid.scene.explanations.explanation import explain, peak_megabytes
 from dynid.scene.load import check_source, load_scene
@@ -429,3 +430,58 @@ def test_a_missing_file_has_its_place_before_the_run_as_in_it(dynid, folder):
     assert code == said[0] == 4
     assert said[2] in err  # which tells of the force as well, of the same file
     assert re.fullmatch(r"(record.yaml:\d+:\d+: record.csv is no file.*\n){2}", err)
+
+
+UNKNOWN = """
+dynid: 1
+kind: identification
+parameters: {k0: {start: 10, true: 20}}
+structure:
+  lumped: {masses: [2, 1], links: [{dofs: [1], k: 5*k0, c: 1}]}
+joints:
+  j: {dofs: [1, 2], k: k0, c: 1}
+excitation: {dof: 2, kind: sine, frequency: 3}
+measurement:
+  step: 0.01
+  samples: 100
+  channels: [{dof: 2, quantity: velocity}]
+  simulate: {noise_ratio: 0.05, seed: 1}
+estimator: {loss: huber}
+"""
+
+
+def test_unknown_parameters_and_hubers_loss_are_told():
+    told = facts(explain(scene_of(UNKNOWN)))
+    assert told["model"] == "2 DOFs: 4 physical states; 1 unknown parameter"
+    assert "Huber" in told["estimator"]
+    found = run_scene(scene_of(UNKNOWN))
+    assert found.group_attrs["identification"]["loss"] == "huber"
+
+
+def test_causality_alone_is_explained_where_a_variable_is_not_determined():
+    text = """
+dynid: 1
+kind: bond-graph
+graph: {nodes: {u: Se, r: {type: R, value: 1}, a: 0, b: 0}, bonds: [u -> r, a -> b]}
+analysis: {outputs: [b.e], results: [causality]}
+"""
+    told = explain(scene_of(text))
+    assert told.obstacle is None
+    assert "the effort of 'a' and 'b' is not determined" in facts(told)["warning"]
+    more = explain(scene_of(text.replace("[causality]", "[causality, properties]")))
+    assert isinstance(more.obstacle, Singular)
+    contradictory = text.replace("b: 0", "b: 0, f: Sf, g: Sf, c: 1").replace("[u", "[f -> c, c -> g, u")
+    assert isinstance(explain(scene_of(contradictory)).obstacle, Singular)
+
+
+def test_an_analysis_of_an_identified_graph_that_has_no_solution_is_foretold():
+    text = """
+dynid: 1
+kind: identification
+graph: {nodes: {u: Se, r: {type: R, value: r}, a: 0, b: 0}, bonds: [u -> r, a -> b]}
+parameters: {r: {start: 1}}
+analysis: {outputs: [b.e], results: [poles]}
+"""
+    told = explain(scene_of(text))
+    assert isinstance(told.obstacle, Singular)
+    assert "graph" in facts(told)

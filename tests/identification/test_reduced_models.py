@@ -5,6 +5,8 @@ import pytest
 
 import dynid
 from dynid.errors import DynidError
+from dynid.scene.kinds.identification import interest_of, reduction_of
+from dynid.structure.reduction.mode_selection import Interest
 from tests.scene.example_scenes import JOINTS, check, faults_of
 
 BEAM = """\
@@ -154,3 +156,41 @@ def test_what_is_wrong_with_samples_is_said_where_they_stand():
         with pytest.raises(DynidError) as caught:
             dynid.run(scene)
         assert scene.locate(caught.value).line == line
+
+
+RESPONDING = """\
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [1, 1, 1], links: [{dofs: [1], k: 1}, {dofs: [1, 2], k: STIFF}, {dofs: [2, 3], k: STIFF}]}
+joints:
+  end: {dofs: [3], k: {start: 1, true: 2}}
+reduction: {method: modal, modes: {count: 1}}
+analysis: {frequency: {start: 0.1, stop: 0.5, points: 5}, inputs: [1], outputs: [{dof: 3}]}
+"""
+
+
+def test_the_band_of_a_reduced_response_is_that_of_its_frequencies():
+    text = RESPONDING.replace("STIFF", "100")
+    scene = check(text)
+    assert interest_of(scene) == Interest((1, 3), 0.5)
+    unreduced = text[: text.index("reduction")] + text[text.index("analysis") :]
+    path = "structure/frequency_response/response"
+    reduced = dynid.run(scene)
+    # Residual vectors make the response exact at the lowest frequencies, and nearly so in the band.
+    np.testing.assert_allclose(reduced[path].data, dynid.run(check(unreduced))[path].data, rtol=1e-4)
+    assert reduced["structure/frequency_response/omega"].data[-1] == 0.5
+
+
+def test_a_doubtful_basis_is_told():
+    text = RESPONDING.replace("STIFF", "1e13").replace("{count: 1}", "{count: 1}, residuals: none")
+    result = dynid.run(check(text.replace("start: 1, true: 2", "start: 1.0e-3, true: 1.0e-3")))
+    said = "rounding of the stiffness leaves the frequency of mode 1 open"
+    assert result.group_attrs["structure"]["doubt"].startswith(said)
+
+
+def test_a_basis_for_a_record_of_its_whole_band_has_no_residual_vectors():
+    text = BEAM.replace(", residuals: none", "")
+    # Excited up to 300 rad/s; half the sampling rate is 314 rad/s, then 157 rad/s.
+    assert reduction_of(check(text.replace("step: 0.002", "step: 0.01"))).residuals is not None
+    assert reduction_of(check(text.replace("step: 0.002", "step: 0.02"))).residuals is None

@@ -7,8 +7,10 @@ from time import process_time
 import numpy as np
 import pytest
 
+from dynid.errors import UsageError
 from dynid.scene.kinds.bond_graph import built_graph
 from dynid.scene.kinds.signals import angular_frequencies
+from dynid.scene.run import run_scene
 from dynid.scene.schema.bond_graph import domain_faults
 from dynid.scene.yaml.source import parse_source
 from tests.scene.example_scenes import check, faults_of
@@ -280,3 +282,21 @@ initial: {I: {f: 1}}
 def test_values_are_exact_decimals():
     graph = built_graph(check(SCENE.replace("value: 0.1", "value: 1/3 + 0.1"))).graph
     assert graph.value("k") * 30 == 13
+
+
+def test_sensitivities_by_a_parameter_inside_a_structure_are_refused():
+    text = """\
+dynid: 1
+kind: bond-graph
+parameters: {m: 2}
+graph:
+  nodes:
+    s: {type: structure, structure: {lumped: {masses: [m]}}, ports: {a: 1}}
+    F: Se
+    one: 1
+    r: {type: R, value: 1}
+  bonds: [F -> one -> s.a, one -> r]
+analysis: {outputs: [r.f], results: [sensitivities]}
+"""
+    with pytest.raises(UsageError, match="by single values, but 's' depends on m"):
+        run_scene(check(text))

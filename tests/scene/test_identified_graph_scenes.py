@@ -8,7 +8,7 @@ import yaml
 
 import dynid
 from dynid.cli.summary import summary
-from dynid.errors import SceneError
+from dynid.errors import FileError, NotIdentifiable, SceneError
 from dynid.identification.planning.plan import every_variable
 from dynid.report.content import content
 from dynid.report.registry import figures
@@ -16,7 +16,7 @@ from dynid.scene.explanations.explanation import explain
 from dynid.scene.kinds.identification_samples import why_alone
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import check_source
-from dynid.scene.run import run_scene
+from dynid.scene.run import preparation_errors, run_scene
 from dynid.scene.schema.accuracy import aspects_of
 from dynid.scene.yaml.source import parse_source
 from dynid.study.executors.base import SerialExecutor
@@ -270,3 +270,81 @@ def test_the_step_response_of_an_identified_graph_has_alternatives():
     data = yaml.safe_load(DRIVE)
     data["analysis"] = {"outputs": ["J.f"], "results": ["time_response"], "time": {"stop": 1, "step": 0.01}}
     assert "propagation" in aspects_of(data)
+
+
+def test_frequency_responses_tell_what_they_identify_without_an_analysis():
+    channels = [{"output": "J.f", "reference": {"source": "U"}}]
+    frf = {"simulate": {"lines": {"start": 1, "stop": 50, "points": 40}, "noise_ratio": 0.01}}
+    parameters = {"R": {"start": 1, "true": 2}, "J": {"start": 0.02, "true": 0.01}}
+    measured = {"channels": channels, "frf": frf}
+    asked = scene(excitation=None, measurement=measured, parameters=parameters, analysis=None)
+    explained = explain(asked)
+    assert "analysis" not in {fact.topic for fact in explained.facts}
+    path = "identification/identifiability/relative_bound"
+    found = run_scene(asked)
+    np.testing.assert_allclose(explained.result[path].data, found[path].data, rtol=1e-9)
+    plain = run_scene(
+        scene(
+            excitation=None, measurement=measured, parameters=parameters, analysis=None, identifiability=None
+        )
+    )
+    assert path not in plain
+
+
+def test_a_graph_without_a_record_has_the_analysis_of_the_true_values():
+    unmeasured = scene(
+        measurement=None,
+        identifiability=None,
+        parameters={"R": {"start": 1, "true": 2}, "J": {"start": 0.02, "true": 0.01}},
+    )
+    told = {fact.topic: fact.text for fact in explain(unmeasured).facts}
+    assert told.keys() == {"graph", "analysis"}
+    A = np.array([[-2 / 0.05, -0.1 / 0.05], [0.1 / 0.01, -1e-3 / 0.01]])
+    found = run_scene(unmeasured)
+    poles = found["bond_graph/transfer_function/J.f/U/poles"].data
+    np.testing.assert_allclose(np.sort(poles.real), np.sort(np.linalg.eigvals(A).real), rtol=1e-12)
+    assert "identification/parameters/estimate" not in found
+
+
+def test_sensitivities_of_an_identified_graph_are_by_its_values():
+    asked = {"inputs": ["U"], "outputs": ["J.f"], "results": ["sensitivities"]}
+    found = run_scene(scene(analysis=asked, identifiability=None))
+    names = list(found["bond_graph/sensitivities/J.f/U/parameter"].data)
+    R = found["identification/parameters/estimate"].data[0]
+    by = found["bond_graph/sensitivities/J.f/U/dc_gain_sensitivity"].data
+    assert sorted(names) == ["J", "L", "R", "b", "motor"]
+    # The gain is k / (R b + k^2).
+    assert by[names.index("R")] == pytest.approx(-0.1 * 1e-3 / (R * 1e-3 + 0.01) ** 2, rel=1e-12)
+    assert by[names.index("J")] == 0
+
+
+def test_what_a_record_cannot_tell_is_said_before_the_run():
+    text = DRIVE.replace("start: 1, true: 2}", "start: 1, true: 2}\n  S: {start: 1, true: 1}")
+    told = explain(scene(text.replace("{type: R, value: R}", "{type: R, value: R*S}")))
+    assert isinstance(told.obstacle, NotIdentifiable)
+    assert told.cost is None
+
+
+@pytest.mark.parametrize("frf", [False, True])
+def test_a_missing_record_is_found_before_anything_is_computed(frf):
+    channel = {"output": "J.f"} | ({"reference": {"source": "U"}} if frf else {})
+    file = {"file": {"path": "no.csv"}}
+    record = {"frf": file | {"unit": "Hz"}} if frf else {"step": 0.01, "samples": 40} | file
+    changes = {"excitation": None} if frf else {}
+    parameters = {"R": {"start": 1}, "J": {"start": 0.02}}
+    asked = scene(measurement={"channels": [channel]} | record, parameters=parameters, **changes)
+    (error,) = preparation_errors(asked)
+    assert isinstance(error, FileError)
+    assert "no.csv" in str(error)
+    assert preparation_errors(scene()) == []
+
+
+def test_responses_are_derived_at_the_frequencies_of_the_analysis():
+    asked = {"outputs": ["J.f"], "results": ["poles"], "frequency": {"start": 1, "stop": 9, "points": 5}}
+    found = run_scene(scene(derived=["frequency_response"], analysis=asked, identifiability=None))
+    group = "identification/derived/frequency_response/L.f/U/magnitude"
+    R, J, _ = found["identification/parameters/estimate"].data
+    s = 1j * np.geomspace(1, 9, 5)
+    expected = np.abs((J * s + 1e-3) / ((0.05 * s + R) * (J * s + 1e-3) + 0.01))
+    np.testing.assert_allclose(found[f"{group}/omega"].data, s.imag, rtol=1e-12)
+    np.testing.assert_allclose(found[f"{group}/value"].data, expected, rtol=1e-9)

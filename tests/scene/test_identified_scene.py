@@ -1,5 +1,7 @@
 """The identified scene: `dynid export --scene`."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -130,3 +132,107 @@ def test_scenes_in_one_line_or_with_long_values_are_written_anew(tmp_path):
     text = SCENE.replace("k0: {start: 1.0e4, true: 2.0e4}", "k0:\n    start: 1.0e4\n    true: 2.0e4")
     data = parse_source(identified_scene(kept(text, tmp_path))).data
     assert isinstance(data["parameters"]["k0"], float)
+
+
+FRF = """\
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [1, 2], links: [{dofs: [1], k: 300, c: 2}]}
+joints:
+  link: {dofs: [1, 2], k: {start: 100, true: 200}, c: {start: 2, true: 1}}
+measurement:
+  channels:
+    - {dof: 1, quantity: acceleration, reference: {dof: 2}}
+    - {dof: 2, quantity: acceleration, reference: {dof: 2}}
+  frf: {simulate: {lines: {start: 3, stop: 30, points: 40}, noise_ratio: 0.02, seed: 3}}
+
+# Far below the first mode.
+analysis: {frequency: {start: 1, stop: 20, points: 7}}
+"""
+
+
+def test_frequency_responses_keep_the_forces_to_which_they_are_referred(tmp_path):
+    result = kept(FRF, tmp_path)
+    text = identified_scene(result)
+    assert "\n# Far below the first mode.\nanalysis:" in text
+    again = run(text, tmp_path, "identified.yaml")
+    path = "structure/frequency_response/response"
+    np.testing.assert_allclose(again[path].data, result[path].data, rtol=1e-9)
+    assert again["structure/frequency_response/input"].data.tolist() == ["2"]
+
+
+def test_a_graph_has_the_inputs_of_all_its_records_or_responses(tmp_path):
+    head = """\
+dynid: 1
+kind: identification
+parameters:
+  J: {start: 2.0e-3, true: 1.0e-3}
+graph:
+  nodes: {U: Se, one: 1, R: {type: R, value: 2}, J: {type: I, value: J}, T: Se}
+  bonds: [U -> one, T -> one, one -> R, one -> J]
+"""
+    sine = "kind: sine, amplitude: 1, frequency: 500"
+    records = f"""\
+measurement:
+  step: 0.0005
+  samples: 100
+  channels: [{{output: J.f}}, {{output: R.e}}]
+  simulate: {{noise_ratio: 0.02, seed: 1}}
+  records:
+    - {{excitation: {{source: T, {sine}}}}}
+    - {{excitation: [{{source: U, {sine}}}, {{source: T, {sine}}}]}}
+"""
+    frf = """\
+measurement:
+  channels: [{output: J.f, reference: {source: T}}]
+  frf: {simulate: {lines: {start: 100, stop: 5000, points: 9}, noise_ratio: 0.02}}
+"""
+    asked = "analysis: {outputs: [R.e], results: [poles]}\n"
+
+    def analysis(text):
+        result = kept(head + text, tmp_path)
+        text = identified_scene(result)
+        run(text, tmp_path, "identified.yaml")
+        return parse_source(text).data["analysis"]
+
+    assert analysis(records) == {"inputs": ["T", "U"], "outputs": ["J.f", "R.e"]}
+    assert analysis(frf) == {"inputs": ["T"], "outputs": ["J.f"]}
+    assert analysis(records + asked) == {"inputs": ["T", "U"], "outputs": ["R.e"], "results": ["poles"]}
+
+
+def test_expectations_of_the_model_stay(tmp_path):
+    own = "  - {path: structure/modes/omega, min: 1}\n"
+    asked = "analysis: {modes: {count: 1}}\n"
+    both = parse_source(identified_scene(kept(SCENE + own + asked, tmp_path))).data
+    assert both["expect"] == [{"path": "structure/modes/omega", "min": 1}]
+    assert both["analysis"] == {"modes": {"count": 1}}
+    alone = SCENE[: SCENE.index("expect")] + "expect:\n" + own + asked
+    text = identified_scene(kept(alone, tmp_path))
+    assert text.endswith("expect:\n" + own + asked)
+
+
+def test_the_initial_motion_stays_where_a_time_response_shows_it(tmp_path):
+    initial = "initial: {1: {x: 0.01}}\n"
+    free = SCENE + initial + "analysis: {time: {stop: 0.1, step: 0.01}}\n"
+    result = kept(free, tmp_path)
+    again = run(identified_scene(result), tmp_path, "identified.yaml")
+    path = "structure/time_response/response"
+    np.testing.assert_allclose(again[path].data, result[path].data, rtol=1e-9, atol=1e-12)
+    assert "initial" not in parse_source(identified_scene(kept(SCENE + initial, tmp_path))).data
+
+
+def test_a_scene_in_one_mapping_of_flow_style_is_written_anew(tmp_path):
+    result = run(SCENE, tmp_path)
+    result.attrs["scene"] = json.dumps(parse_source(SCENE.replace("[1, 2], k: k0", "[1, 2], k: 2*k0")).data)
+    data = parse_source(identified_scene(result)).data
+    assert data["joints"]["bolt"]["k"] == "2*k0"
+    assert isinstance(data["parameters"]["k0"], float)
+    assert "measurement" not in data
+
+
+def test_a_result_without_its_scene_is_refused(tmp_path):
+    result = run(SCENE, tmp_path)
+    result.attrs["scene"] = ""
+    with pytest.raises(UsageError, match=r"bolt\.h5 holds no scene"):
+        identified_scene(result, "bolt.h5")

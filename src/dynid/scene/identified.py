@@ -15,10 +15,9 @@ from dynid.scene.yaml.source import Source, parse_source
 from dynid.scene.yaml.writer import dump, edited
 
 #: Keys that belong to the identification alone.
-_OF_IDENTIFICATION = (
-    *("measurement", "estimator", "identifiability", "derived", "posterior_check", "plan", "accuracy"),
-    "reduction",
-)
+_OF_IDENTIFICATION = {
+    *("measurement", "estimator", "identifiability", "derived", "posterior_check", "plan", "accuracy")
+}
 _PARAMETERS = "identification/parameters"
 
 
@@ -68,18 +67,10 @@ def identified_scene(result: Result, file: str = "") -> str:
 
 
 def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any, str]]]:
-    """Yield path, value and comment of each estimate that has a place in the model.
-
-    Raises
-    ------
-    UsageError
-        If the scene does not have the parameter.
-    """
+    """Yield path, value and comment of each estimate."""
     parts = (result[f"{_PARAMETERS}/{name}"].data for name in ("name", "estimate", "standard_error"))
     for name, estimate, error in zip(*parts, strict=True):
         path = _place(source.data, str(name))
-        if path is None:
-            continue
         value: Any = float(estimate)
         written = _at(source.data, path)
         if isinstance(written, dict) and "matrix" in written:
@@ -87,26 +78,22 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
         yield path, (value, f"{name} {float(error):.3g}")
 
 
-def _place(data: Any, name: str) -> Path | None:
-    """Return the path of an unknown: a parameter, or a joint's k or c; None of one that is left out."""
-    parameters = data.get("parameters") or {}
-    if name in parameters:
+def _place(data: Any, name: str) -> Path:
+    """Return the path of an unknown: a parameter, or a joint's k or c."""
+    if name in (data.get("parameters") or {}):
         return ("parameters", name)
     joint, _, letter = name.rpartition(".")
-    joints = {str(key): key for key in data.get("joints") or {}}
-    if joint in joints and letter in (data["joints"][joints[joint]] or {}):
-        return ("joints", joints[joint], letter)
-    return None
+    return ("joints", {str(key): key for key in data["joints"]}[joint], letter)
 
 
 def _dropped(data: Any) -> set[str]:
     """Return the keys of a scene that the identified one has not."""
-    found = {key for key in _OF_IDENTIFICATION if key in data and key != "reduction"}
+    found: set[str] = _OF_IDENTIFICATION & data.keys()
     analysis = data.get("analysis") or {}
     if not analysis.get("time"):
         found |= {"initial"} & data.keys()
     if "graph" in data:
-        found |= {"excitation", "joints", "reduction"} & data.keys()
+        found |= {"excitation"} & data.keys()
     expectations = [one for one in data.get("expect") or [] if not _of_identification(one)]
     if "expect" in data and not expectations:
         found.add("expect")
@@ -124,27 +111,37 @@ def _requests(before: Any, data: Any) -> dict[Path, Any]:
     records = measurement.get("records") or [measurement]
     channels = _distinct(one for record in records for one in record.get("channels") or ())
     channels = channels or _distinct(measurement.get("channels") or ())
+    references = [one["reference"] for one in channels if "reference" in one]
     if "graph" in before:
         changes["kind",] = "bond-graph"
-        excitation = before.get("excitation") or []
-        loads = [excitation] if isinstance(excitation, dict) else excitation
-        inputs = _distinct(one["source"] for one in loads if "source" in one)
-        outputs = _distinct(one["output"] for one in channels if "output" in one)
-        asked = {"inputs": inputs, "outputs": outputs}
+        loads = [load for one in (before, measurement, *records) for load in _signals(one)]
+        asked = {
+            "inputs": _distinct(one["source"] for one in (*loads, *references)),
+            "outputs": _distinct(one["output"] for one in channels),
+        }
         if analysis:
             changes |= {("analysis", key): value for key, value in asked.items() if key not in analysis}
         else:
             changes["analysis",] = asked
     elif not analysis:
         changes["analysis",] = {"modes": {}}
-    elif ("frequency" in analysis or "time" in analysis) and not analysis.get("outputs") and channels:
+    elif "frequency" in analysis or "time" in analysis:
         keys = ("dof", "dofs", "quantity", "frame")
-        changes["analysis", "outputs"] = [{k: one[k] for k in keys if k in one} for one in channels]
+        outputs = _distinct({key: one[key] for key in keys if key in one} for one in channels)
+        forces = _distinct(one["dof"] for one in references) if "frequency" in analysis else []
+        asked = {"inputs": forces, "outputs": outputs}
+        changes |= {("analysis", key): value for key, value in asked.items() if value and key not in analysis}
     if "expect" in data:
         changes["expect",] = [one for one in data["expect"] if not _of_identification(one)]
         if changes["expect",] == data["expect"]:
             del changes["expect",]
     return changes
+
+
+def _signals(part: Any) -> list[Any]:
+    """Return the signals of an excitation, which may be one alone."""
+    given = part.get("excitation") or []
+    return [given] if isinstance(given, dict) else given
 
 
 def _distinct(values: Any) -> list[Any]:
@@ -166,8 +163,6 @@ def _changed(data: Any, path: Path, value: Any) -> Any:
     """Return data with another value at a path, mappings on the way copied."""
     if not path:
         return value
-    if isinstance(data, list):
-        return [_changed(one, path[1:], value) if k == path[0] else one for k, one in enumerate(data)]
     copy = dict(data or {})
     copy[path[0]] = _changed(copy.get(path[0]), path[1:], value)
     return copy

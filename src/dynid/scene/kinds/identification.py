@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from dynid.errors import UsageError
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
@@ -77,16 +76,9 @@ def run(scene: Scene) -> Result:
 
 
 def structure_of(scene: Scene) -> StructuralModel:
-    """Return the structure of an identification, with its joints.
-
-    Raises
-    ------
-    UsageError
-        If the scene has a graph instead.
-    """
+    """Return the structure of an identification, with its joints."""
     model = cast("IdentificationScene", scene.model)
-    if model.structure is None:
-        raise UsageError("this is for structures, and the scene has a graph", names=("graph",))
+    assert model.structure is not None
     return build_structure(scene, model.structure, model.joints)
 
 
