@@ -338,6 +338,37 @@ STRUCTURE = "{type: structure, structure: {lumped: {masses: [1]}}, "
         ),
         ("{type: TF, matrix: [[1]], ports: [a]}", "one -> r", "r.f", "only I, C and R", 8),
         ("{type: I, ports: [a]}", "one -> r", "r.f", "a field is written", 8),
+        ("{type: I, matrix: [[1]], ports: [a b]}", "one -> r", "r.f", "'a b' cannot name a port; use", 8),
+        (
+            "{type: structure, structure: {lumped: {masses: [1]}}, ports: {a.b: 1}}",
+            "one -> r",
+            "r.f",
+            "'a.b' cannot name a port; use",
+            8,
+        ),
+        (
+            "{type: I, matrix: [[1]], value: 1, ports: [a]}",
+            "one -> r",
+            "r.f",
+            "a field has a 'matrix', and no 'value'",
+            8,
+        ),
+        ("{type: structure, ports: {a: 1}}", "one -> r", "r.f", "a structure is written {type: structure", 8),
+        (f"{STRUCTURE}ports: [a]}}", "one -> r", "r.f", "a structure is written {type: structure", 8),
+        (
+            f"{STRUCTURE}value: 1, ports: {{a: 1}}}}",
+            "one -> r",
+            "r.f",
+            "a structure has no 'value' and no 'matrix'",
+            8,
+        ),
+        (
+            f"{STRUCTURE}joints: {{j: {{dofs: [1], k: {{start: 1}}}}}}, ports: {{a: 1}}}}",
+            "one -> r",
+            "r.f",
+            "joint 'j' in a bond graph has values, no 'start'; name an unknown of 'parameters'",
+            8,
+        ),
         (
             "{type: I, value: 1, joints: {}, structure: {lumped: {masses: [1]}}}",
             "one -> r",
@@ -365,6 +396,12 @@ def test_faults_of_fields_and_structures_are_located(node, bond, out, message, l
     node = node.replace("E2", "[[1, 0], [0, 1]]").replace("ONE", ONE)
     printed = faults(FIELD.replace("NODE", node).replace("BOND", bond).replace("OUT", out))
     assert any(message in text and f":{line}:" in text for text in printed.splitlines()), printed
+
+
+def test_the_matrix_of_a_field_is_not_judged_by_a_parameter_without_a_value():
+    text = FIELD.replace("NODE", ONE.replace("[[1]]", "[[-x]]")).replace(", one -> r, BOND", ", one -> r")
+    printed = faults(text.replace("OUT", "r.f") + "parameters: {x: 1/0}\n")
+    assert printed == "scene.yaml:11:17: division by zero (at character 1 of '1/0')"
 
 
 def test_stored_energy_of_a_field_is_refused():

@@ -355,7 +355,8 @@ def _bond_faults(source: Source) -> list[Fault]:
     for port in (name for name, kind in types.items() if kind == PORT):
         count, holder = sum(port in bond for bond in bonds), port.rpartition(".")[0]
         # Elements at one port of a structure have its velocity; at one port of a field they need a junction.
-        if types[holder] == FIELD and (count > 1 or (count == 0 and complete and bonds)):
+        # A port's name that has a dot, which is reported at its own place, has no such holder.
+        if types.get(holder) == FIELD and (count > 1 or (count == 0 and complete and bonds)):
             message = f"port '{port}' has {count} bonds; put a junction between"
             message = message if count else f"port '{port}' has no bond; connect it or leave it out"
             faults.append(
