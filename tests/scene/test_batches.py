@@ -135,6 +135,8 @@ def test_outcomes_are_a_sequence(isolator):
 
 def test_why_samples_share_nothing_is_said(isolator):
     assert why_alone(isolator, ("expect.0.value",), (), 2) == "what is expected varies"
+    said = why_alone(isolator, ("parameters.b.start",), (), 2)  # b is a number, known
+    assert said == "parameters.b.start is no parameter, no value of an element and no stored energy"
     reduction = dynid.load_scene(CONFIGS / "beam_reduction.yaml")
     said = why_alone(reduction, ("structure.beam.EI",), (), 2)
     assert said == "scenes of kind reduction share nothing"
@@ -167,6 +169,12 @@ def test_only_what_is_wanted_is_kept():
     for path, variable in source.items():
         kept.put(path, variable)
     assert set(kept) == {"a/x", "b/time"}
+
+
+def test_groups_are_passed_over_where_nothing_is_collected_of_them():
+    kept = CollectedResult("bond-graph", ("", "a/x*"))
+    asked = ("bond_graph/properties", "bond_graph", "a", "b")
+    assert [kept.wants_below(group) for group in asked] == [True, False, True, False]
 
 
 def test_the_chunks_do_not_matter(isolator):

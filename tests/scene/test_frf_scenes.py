@@ -331,6 +331,19 @@ def test_faults_of_files(tmp_path, frf, said):
         ("start: 0.5, stop: 5", "start: 5, stop: 5", "the lines are all one frequency"),
         ("acceleration, ref", "acceleration, frame: absolute, ref", "a frequency response has no 'frame'"),
         ("scale: linear", "scale: wide", "scale"),
+        ("{dof: 2}}", "{}}", "9:51: a reference is the 'dof' of a force, or the 'source' of a graph"),
+        ("{dof: 2}}", "{dof: 2}, offset: 1}", "9:7: a frequency response has no 'offset'"),
+        ("{dof: 2}}", "{dof: 2}, unit: m/s2}", "9:7: the values of this channel are in SI units; leave"),
+        (
+            "  frf: {",
+            "  noise: {kind: proportional, order: 3}\n  frf: {",
+            "11:10: 'order' and 'correlated' are those of coloured noise",
+        ),
+        (
+            "  frf: {",
+            "  noise: {kind: coloured}\n  frf: {",
+            "8:3: coloured noise is that of records of time; frequency responses have 'proportional'",
+        ),
     ],
 )
 def test_faults_of_scenes(old, new, said):
@@ -354,6 +367,11 @@ MEASURED = f"{HEAD}{MEASUREMENT}  frf: {{file: {{path: a.h5}}}}\n"
         ("a.h5}", "a.h5}, band: [2, 1]", "11:8: a band is [low, high], and low is not below high"),
         ("a.h5", "a.h5, columns: [1, 2, 3]", "8:3: 'columns' names 3, but 'channels' has 2"),
         ("a.h5}}", "a.h5, deviation: [a, b]}}\n  noise: 3", "8:3: the noise is given by line already"),
+        (
+            "a.h5}}",
+            "a.h5, coherence: [a, b]}}\n  noise: {kind: proportional, ratio: 0.1}",
+            "8:3: the noise follows from the 'coherence'; leave its 'kind' out",
+        ),
         (MEASUREMENT, "measurement:\n", "8:3: a measurement needs the key 'channels'"),
     ],
 )

@@ -114,6 +114,16 @@ def test_the_scene_of_these_tests_is_valid():
             "estimator: {method: output-error, passes: 3}\nmeasurement:",
             "8:12: 'passes' belongs to the method 'filter', not to 'output-error'",
         ),
+        (
+            "measurement:",
+            "estimator: {method: filter, loss: huber}\nmeasurement:",
+            "8:12: the loss 'huber' belongs to the methods auto and output-error; the method",
+        ),
+        (
+            "measurement:",
+            "estimator: {loss: huber}\nposterior_check: true\nmeasurement:",
+            "1:1: 'posterior_check' needs the likelihood; the loss 'huber' has none",
+        ),
         ("measurement:", "analysis: {inputs: [1]}\nmeasurement:", "8:11: an analysis needs a 'frequency', a"),
         (
             "measurement:",
@@ -170,6 +180,10 @@ RESPONDS = SCENE[: SCENE.index("excitation:")]
         (
             "identifiability: true\nanalysis: {modes: {count: 1}}\n",
             "1:1: 'identifiability' is that of a record; there is no 'measurement'",
+        ),
+        (
+            "derived: [poles]\nanalysis: {modes: {count: 1}}\n",
+            "1:1: 'derived' follows from an estimate; there is no 'measurement'",
         ),
         (
             "analysis: {frequency: {start: 1, stop: 2}, inputs: [1]}\n",

@@ -96,6 +96,12 @@ def test_a_graph_from_frequency_responses_is_explained():
     assert "frequency responses" in summary(found, "")
 
 
+def test_frequency_responses_of_a_graph_are_referred_to_a_source():
+    channels = [{"output": "J.f", "reference": {"source": "u"}}]
+    said = faults(measurement={"channels": channels, "frf": {"file": {"path": "a.h5"}}}, excitation=None)
+    assert "'u' is no source (Se, Sf); did you mean 'U'?" in said
+
+
 def test_measured_frequency_responses_of_a_graph_are_read_from_a_file(tmp_path):
     R, L, J, k, b = 2.0, 0.05, 0.01, 0.1, 1e-3
     hertz = np.geomspace(0.2, 10, 60)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.cli.summary.identification import lines
-from dynid.errors import Diverged, DynidError, UsageError
+from dynid.errors import Diverged, DynidError, FileError, UsageError
 from dynid.identification.measurement import Measurement, data, simulated
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Sampled
@@ -302,6 +302,11 @@ def test_records_share_their_preparation_and_may_do_without(drifting):
             "14:17: 'detrend' cannot be 'quadratic'; it is one of constant, linear",
         ),
         (
+            "  prepare:",
+            "  noise: {kind: coloured}\n  prepare:",
+            "9:3: the coloured noise of a measurement is that of unfiltered samples; leave 'band_pass'",
+        ),
+        (
             "file: {path: a.csv, columns: [motion]}",
             "simulate: {}",
             "simulated; only what is read from a 'file'",
@@ -367,6 +372,16 @@ def test_a_signal_that_its_record_does_not_allow_is_placed(tmp_path):
         run_scene(scene)
     fault = scene.locate(caught.value)
     assert (fault.line, fault.column) == (7, 36)
+
+
+def test_a_force_out_of_a_file_lasts_as_long_as_its_record(tmp_path):
+    (tmp_path / "force.csv").write_text("force\n" + "1\n" * 99)
+    (tmp_path / "x.yaml").write_text(ONE.replace("kind: sine, frequency: 3", "kind: file, path: force.csv"))
+    scene = load_scene(tmp_path / "x.yaml")
+    with pytest.raises(FileError, match="has 99 samples, but the signal lasts 100") as caught:
+        run_scene(scene)
+    fault = scene.locate(caught.value)
+    assert (fault.line, fault.column) == (7, 34)
 
 
 def test_the_samples_of_a_random_force_are_held_for_an_estimator_only(tmp_path):

@@ -193,6 +193,12 @@ def test_values_of_unknown_parameters_can_be_set_and_misspelt_ones_are_refused(t
             "16:3: the parameter kb is estimated by its logarithm, and has a number that",
         ),
         ("std: 0.1}", "std: 0.1, relative_deviation: 1}", "17:48: a prior has either a 'relative_deviation'"),
+        ("value: 12,", "value: 0,", "16:57: the prior's 'value' is 0, of which no deviation is a part"),
+        (
+            "start: 10, true",
+            "start: 10, std: 1, true",
+            "16:7: 'std' belongs beside 'value'; of an unknown parameter write prior: {value: …, std: …}",
+        ),
         ("scale: linear", "scale: lin", "17:33: 'scale' cannot be 'lin'; it is one of log, linear"),
         # numbers of parameters that are not known themselves
         (
@@ -288,6 +294,16 @@ def test_a_graph_stands_in_the_place_of_a_structure():
             "output: mass.f",
             "output: mass.f, quantity: velocity",
             "17:14: an 'output' of a graph stands alone",
+        ),
+        (
+            "{output: spring.q}",
+            "{output: spring.q, unit: m}",
+            "17:41: the values of this channel are in SI units; leave 'unit' out",
+        ),
+        (
+            "parameters:",
+            "analysis: {modes: {count: 1}}\nparameters:",
+            "1:1: this analysis is that of a structure; of a graph it has 'outputs' such as J.f",
         ),
         ("zero -> one, one -> mass", "side -> one", "10:5: I 'mass' has no bond; connect it or drop it"),
         ("value: m}", "value: mm}", "10:28: no parameter 'mm'; did you mean 'm'?"),

@@ -93,8 +93,6 @@ class ResponseModel(Section):
 
 def _analysis_of(raw: Any) -> str:
     """Return what an analysis is of: a graph, which has outputs such as J.f, or a structure."""
-    if isinstance(raw, AnalysisModel):
-        return "graph"
     given = mapping_of(raw)
     outputs = listing(given, "outputs")
     named = any(isinstance(output, str) for output in outputs)
