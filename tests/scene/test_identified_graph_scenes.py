@@ -342,7 +342,13 @@ def test_a_missing_record_is_found_before_anything_is_computed(frf):
     (error,) = preparation_errors(asked)
     assert isinstance(error, FileError)
     assert "no.csv" in str(error)
-    assert preparation_errors(scene()) == []
+
+
+def test_nothing_is_wrong_before_a_run_of_any_question():
+    analysis = {"analysis": None, "identifiability": None}
+    record = {"measurement": None, "identifiability": None, "parameters": {"R": 1, "J": {"start": 0.02}}}
+    for changes in ({}, analysis, record):
+        assert preparation_errors(scene(**changes)) == []
 
 
 def test_responses_are_derived_at_the_frequencies_of_the_analysis():
