@@ -240,8 +240,6 @@ class RootFamily:
 
     def _assigned(self, eta: Array) -> ComplexArray | None:
         """Return the roots at coordinates (m) in the order of those at the mean."""
-        from scipy.optimize import linear_sum_assignment
-
         reference = self.reference
         try:
             found = self.at(eta, False)
@@ -254,7 +252,7 @@ class RootFamily:
         off = np.abs(expected[:, None] - found.values)
         stay = np.abs(start[:, None] - found.values)
         cost = np.minimum(off, stay) / (np.abs(start)[:, None] + np.abs(found.values) + 1e-300)
-        return np.asarray(found.values[linear_sum_assignment(cost)[1]])
+        return np.asarray(found.values[_paired(cost)])
 
     def parts(self) -> tuple[Band, Band]:
         """Return real and imaginary parts of the shown roots with their bands."""
@@ -350,6 +348,17 @@ class RootFamily:
 
 def _chance(probability: float) -> str:
     return f"{'>' * (probability == 1)}{'<' * (probability == 0)}{min(max(probability, 0.001), 0.999):.3g}"
+
+
+def _paired(cost: Array) -> NDArray[np.intp]:
+    """Return the column of each row (m x m), every column once, the cheapest pairs first."""
+    m = len(cost)
+    column, free = np.full(m, -1, dtype=np.intp), np.ones(m, dtype=bool)
+    for place in np.argsort(cost, axis=None, kind="stable").tolist():
+        i, j = divmod(place, m)
+        if column[i] < 0 and free[j]:
+            column[i], free[j] = j, False
+    return column
 
 
 def _halves(band: Band) -> tuple[Band, Band]:

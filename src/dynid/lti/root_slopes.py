@@ -9,7 +9,7 @@ which are split off by orthogonal transformations (A. Emami-Naeini, P. Van Doore
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,18 +52,17 @@ class System(NamedTuple):
 
 def poles(A: Array, slopes: Array | None = None) -> Roots:
     """Return the eigenvalues of A (n x n), and their derivatives where those of A (p x n x n) are given."""
-    from scipy.linalg import eig
-
     n, d = len(A), balance(A)
     A = rescaled(A, d)
     origin = _at_origin(A)
     if slopes is None:
         return _ordered(np.linalg.eigvals(A).astype(np.complex128), np.zeros((n, 0), complex), origin)
-    found: tuple[Any, Any, Any] = eig(A, left=True, right=True)  # type: ignore[assignment]
-    values, left, right = found
-    strength = np.einsum("ik,ik->k", left.conj(), right)
-    moved = np.einsum("ik,pij,jk->kp", left.conj(), rescaled(slopes, d), right, optimize=True)
-    return _ordered(values, _divided(moved, strength), origin)
+    values, right = np.linalg.eig(A)
+    same, left = np.linalg.eig(A.T)
+    left = left[:, np.argmin(np.abs(values[:, None] - same), axis=1)]
+    strength = np.einsum("ik,ik->k", left, right)
+    moved = np.einsum("ik,pij,jk->kp", left, rescaled(slopes, d), right, optimize=True)
+    return _ordered(values.astype(np.complex128), _divided(moved, strength), origin)
 
 
 def zeros(system: System, *, slopes: bool = True) -> Roots | None:
