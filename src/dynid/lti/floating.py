@@ -38,8 +38,8 @@ def guarded(
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise", under="ignore"):
             yield
-    except (FloatingPointError, OverflowError, np.linalg.LinAlgError):
-        raise kind(f"{what} is beyond double precision", remedy=remedy, names=names) from None
+    except (FloatingPointError, OverflowError, np.linalg.LinAlgError) as error:
+        raise kind(f"{what} is beyond double precision", remedy=remedy, names=names) from error
     except NumericalError as error:
         error.names = error.names or tuple(names)  # where it was raised the scene is unknown
         raise

@@ -89,8 +89,9 @@ class _Basis:
         n = M.shape[0]
         self.solve, self.M, self.rng = solve, M, rng
         self.width = min(n, width)
-        self.V = np.empty((n, self.width + 1), order="F")
-        self.P = np.empty_like(self.V)  # M V
+        # Zeros, not what memory held: vectorised products may read it and raise for its bits.
+        self.V = np.zeros((n, self.width + 1), order="F")
+        self.P = np.zeros_like(self.V)  # M V
         self.T = np.zeros((self.width, self.width))
         self.size, self.coupling = 0, 0.0
         self.held = 0  # vectors that T couples with the one behind
