@@ -18,6 +18,7 @@ from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.joints import Joint
 from dynid.structure.matrices import Label, Matrix, as_array
 from dynid.structure.model import StructuralModel, Term
+from dynid.structure.nodes import Nodes
 
 
 @dataclass(frozen=True)
@@ -142,10 +143,11 @@ class Assembly:
         damping: ProportionalDamping | ModalDamping | None = None,
         joints: Iterable[Joint] = (),
         parameters: Iterable[Parameter] = (),
+        nodes: Nodes | None = None,
     ) -> StructuralModel:
         """Return the structure, its damping that of `damping` and of what was added."""
         return damped_structure(
-            self.sum("M"), self.sum("C"), self.sum("K"), damping, joints, self.dofs, parameters
+            self.sum("M"), self.sum("C"), self.sum("K"), damping, joints, self.dofs, parameters, nodes
         )
 
 
@@ -157,6 +159,7 @@ def damped_structure(
     joints: Iterable[Joint] = (),
     dofs: Sequence[Label] = (),
     parameters: Iterable[Parameter] = (),
+    nodes: Nodes | None = None,
 ) -> StructuralModel:
     """Return the structure of matrices that may depend on parameters, its damping C and that of `damping`."""
     modal = None
@@ -178,6 +181,7 @@ def damped_structure(
         parameters=tuple(parameters),
         terms=terms,
         modal=modal,
+        nodes=nodes,
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from dynid.structure.dependent_matrix import DependentMatrix, pattern_sum
 from dynid.structure.joints import Joint
 from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
+from dynid.structure.nodes import Nodes
 
 
 def bending(
@@ -100,7 +102,7 @@ def beam(
     joints: Iterable[Joint] = (),
     parameters: Iterable[Parameter] = (),
 ) -> StructuralModel:
-    """Return a beam with consistent mass; its free DOFs node by node, w before theta.
+    """Return a beam along x with consistent mass; its free DOFs node by node, w before theta.
 
     Parameters
     ----------
@@ -142,4 +144,7 @@ def beam(
         whole.add("K", ends, k)
         whole.add("M", ends, m)
     whole.attach(points, grounded, ("w",))
-    return whole.model(damping, joints, parameters)
+    along = np.concatenate([[0.0], np.cumsum([float(L) for L in lengths])])
+    numbers = range(1, elements + 2)
+    nodes = Nodes(tuple(numbers), np.outer(along, [1.0, 0, 0]), lines=tuple(pairwise(numbers)))
+    return whole.model(damping, joints, parameters, nodes)

@@ -29,6 +29,7 @@ from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.dependent_matrix import DependentMatrix, pattern_sum
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
+from dynid.structure.nodes import Nodes
 
 DIRECTIONS = ("u", "w", "theta")
 """The DOFs of a node: displacements along x and y, m, and rotation from x to y, rad."""
@@ -116,7 +117,9 @@ def frame(
         whole.add("K", ends, k)
         whole.add("M", ends, m)
     whole.attach(lumps, grounded, ("u", "w"))
-    return whole.model(damping, joints, parameters)
+    places = np.array([(float(x), float(y), 0.0) for x, y in points])
+    numbered = Nodes(tuple(range(1, len(points) + 1)), places, lines=tuple(piece.nodes for piece in pieces))
+    return whole.model(damping, joints, parameters, numbered)
 
 
 # The DOFs of an element along and across it, out of [u1, w1, theta1, u2, w2, theta2]; and the parts of the

@@ -25,6 +25,7 @@ from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.joints import Joint
 from dynid.structure.matrices import NAMES, Array, Label, Matrix, as_array, as_matrix, nothing, triplets
 from dynid.structure.model import StructuralModel
+from dynid.structure.nodes import Nodes
 from dynid.structure.readers.imported_matrix import ImportedMatrix
 from dynid.structure.readers.read import MatrixFile, read_matrix, read_state_space
 
@@ -50,6 +51,7 @@ def imported(
     labels: Sequence[Label] = (),
     joints: Iterable[Joint] = (),
     parameters: Iterable[Parameter] = (),
+    nodes: Nodes | None = None,
 ) -> StructuralModel:
     """Return the structure of matrices in files.
 
@@ -67,6 +69,8 @@ def imported(
         The joints.
     parameters
         Unknown parameters, on which factors and damping may depend.
+    nodes
+        The nodes, where they are known.
 
     Raises
     ------
@@ -95,7 +99,7 @@ def imported(
         for role in ("mass", "stiffness", "damping")
     )
     law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
-    return damped_structure(M, C, K, law, joints, names, parameters)
+    return damped_structure(M, C, K, law, joints, names, parameters, nodes)
 
 
 def _parts(

@@ -6,9 +6,9 @@ Source: K. T. Yang 1997, eq 1: the joints' matrices C_s, K_s are added to those 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from dynid.structure import labels
 from dynid.structure.damping import ModalPart
 from dynid.structure.joints import Joint, unit_of
 from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
+from dynid.structure.nodes import Nodes
 
 # Beyond this a matrix with all its zeros is not made: 5000 x 5000 takes 0.2 GB.
 _MOST_DENSE = 5000
@@ -27,6 +28,9 @@ _MOST_DENSE = 5000
 _ROUNDING = 16 * float(np.finfo(float).eps)
 # The same of computed rigid-body motions.
 _RIGID = 1e-9
+
+Motion: TypeAlias = Mapping[Label, float]
+"""A weighted sum of displacements: weights by the DOFs' own labels; a force on it has the same weights."""
 
 
 class Term(NamedTuple):
@@ -94,6 +98,11 @@ class StructuralModel:
         The parts of M, C and K that depend on them. M, C and K contain them at the reference values.
     modal
         Modal damping, where the modes depend on them; C contains it at the reference values.
+    nodes
+        The nodes, where they are known; in a reduced model those of the full one.
+    motions
+        Named weighted sums of the full model's DOFs, such as the displacement ``p:x`` of a point. They are
+        named like DOFs.
 
     Raises
     ------
@@ -110,6 +119,8 @@ class StructuralModel:
     parameters: tuple[Parameter, ...] = ()
     terms: tuple[Term, ...] = ()
     modal: ModalPart | None = None
+    nodes: Nodes | None = None
+    motions: Mapping[str, Motion] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -124,6 +135,7 @@ class StructuralModel:
         )
         object.__setattr__(self, "terms", tuple(terms))
         object.__setattr__(self, "dofs", labels.checked(self.dofs, n))
+        self._check_motions()
         if self.basis is None:  # a projection of a structure is one
             for name in ("M", "K"):
                 check_semidefinite(name, getattr(self, name), self.dofs)
@@ -141,8 +153,8 @@ class StructuralModel:
             If a joint makes no sense here.
         """
         model = object.__new__(StructuralModel)
-        for field in fields(self):
-            object.__setattr__(model, field.name, getattr(self, field.name))
+        for one in fields(self):
+            object.__setattr__(model, one.name, getattr(self, one.name))
         object.__setattr__(model, "joints", tuple(joints))
         model._check_joints()
         return model
@@ -163,24 +175,19 @@ class StructuralModel:
         return tuple(labels.kind(label) for label in self.dofs)
 
     def label(self, dof: Label) -> Label:
-        """Return the label of a DOF that is named by label, or where labels are texts by number.
+        """Return the own label of a DOF, or the name of a motion.
 
-        Numbers are those of the full model, in a reduced one as well.
+        A DOF is named by its label, by ``NODE:DIR``, or where labels are texts by number. Numbers are those
+        of the full model, in a reduced one as well.
 
         Raises
         ------
         UsageError
-            If there is no such DOF.
+            If there is no such DOF, or the name has a sign.
         """
         if dof in self._places:
             return dof
-        if self.basis is not None:
-            return self.basis.parent.label(dof)
-        if isinstance(dof, int) and 1 <= dof <= self.size:
-            numbered = any(isinstance(label, int) for label in self.dofs)
-            if not numbered:
-                return self.dofs[dof - 1]
-        raise labels.no_such(dof, self.dofs)
+        return self._named.find(dof) if self.basis is None else self.basis.parent.label(dof)
 
     def index(self, dof: Label) -> int:
         """Return the place of a DOF, from 0.
@@ -188,9 +195,14 @@ class StructuralModel:
         Raises
         ------
         UsageError
-            If there is no such DOF, or a reduction has not kept it as a coordinate.
+            If there is no such DOF, it is a motion, or a reduction has not kept it as a coordinate.
         """
-        at = self._places.get(self.label(dof))
+        label = self.label(dof)
+        at = self._places.get(label)
+        if at is None and label in self.motions:
+            raise UsageError(
+                f"'{label}' is a weighted sum of DOFs; a single one is needed here", names=(str(dof),)
+            )
         if at is None:
             raise UsageError(
                 f"DOF {dof} is no coordinate of the reduced model",
@@ -202,19 +214,34 @@ class StructuralModel:
     def row(self, dof: Label) -> Array:
         """Return the row (n) that reads the displacement of a DOF; also the direction of a force on it.
 
-        In a reduced model any DOF of the model it was made from can be named.
+        Parameters
+        ----------
+        dof
+            Its own label, ``NODE:DIR``, or a motion. A sign (``20:-z``) reverses it. In a reduced model any
+            DOF of the model it was made from can be named.
 
         Raises
         ------
         UsageError
             If there is no such DOF.
         """
-        label = self.label(dof)
-        if self.basis is not None and label not in self._places:
-            return np.asarray(self.basis.parent.row(label) @ self.basis.T)
         row = np.zeros(self.size)
-        row[self._places[label]] = 1.0
+        if dof in self._places:
+            row[self._places[dof]] = 1.0
+        elif self.basis is not None:
+            sign, label = self._full._named.find_signed(dof)
+            if label not in self._places:
+                return np.asarray(self.basis.parent.row(dof) @ self.basis.T)
+            row[self._places[label]] = sign
+        else:
+            sign, label = self._named.find_signed(dof)
+            for one, weight in self._weights(label).items():
+                row[self._places[one]] += sign * weight
         return row
+
+    def _weights(self, label: Label) -> Motion:
+        """Return the weights, by the DOFs' own labels, of a DOF of the full model or a motion."""
+        return {label: 1.0} if label in self._places else self.motions[str(label)]
 
     def expand(self, q: Array) -> Array:
         """Return the motion (N or N x m) of all DOFs of the full model, for coordinates q (n or n x m)."""
@@ -239,7 +266,9 @@ class StructuralModel:
         terms = tuple(term._replace(matrix=_projected_pattern(term, T, rigid)) for term in self.terms)
         modal = None if self.modal is None else self.modal.projected(T)
         basis = Basis(T, self, tuple(rigid))
-        return StructuralModel(M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms, modal)
+        return StructuralModel(
+            M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms, modal, self.nodes, self.motions
+        )
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -434,9 +463,8 @@ class StructuralModel:
         own = {one.name for one in self.joint_unknowns}
         lasting = (term for term in self.joint_terms if own.isdisjoint(term.coefficient.names))
         terms = (*self.terms, *lasting)
-        return StructuralModel(
-            *self.with_joints(given), (), self.dofs, self.basis, self.parameters, terms, self.modal
-        )
+        M, C, K = self.with_joints(given)
+        return replace(self, M=M, C=C, K=K, joints=(), terms=terms)
 
     def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:
         """Return the model with other `parameters`, those of joints left as they are."""
@@ -457,6 +485,25 @@ class StructuralModel:
     @cached_property
     def _places(self) -> dict[Label, int]:
         return {label: place for place, label in enumerate(self.dofs)}
+
+    @cached_property
+    def _named(self) -> labels.DofNames:
+        return labels.DofNames(self.dofs, self.motions)
+
+    @property
+    def _full(self) -> StructuralModel:
+        """The model that reductions started from."""
+        return self if self.basis is None else self.basis.parent._full
+
+    def _check_motions(self) -> None:
+        known = self._full._places
+        for name, motion in self.motions.items():
+            if name in known:
+                raise UsageError(f"'{name}' is a DOF, and cannot name a motion", names=(name,))
+            missing = next((label for label in motion if label not in known), None)
+            if missing is not None or not np.isfinite(list(motion.values())).all():
+                said = "weights that are no numbers" if missing is None else f"no DOF: {missing}"
+                raise UsageError(f"the motion '{name}' names {said}", names=(name,))
 
     def _check_joints(self) -> None:
         names = [joint.name for joint in self.joints]
@@ -485,12 +532,15 @@ class StructuralModel:
         would be a stiffness of its own, some 30 orders below the exact one of the others.
         """
         if self.is_sparse:
-            places = [self.index(dof) for dof in joint.dofs]
             from scipy.sparse import csc_array  # loaded already: the model is sparse
 
-            ones, count = np.ones(len(places)), len(places)
-            picked = csc_array((ones, (np.arange(count), places)), shape=(count, self.size))
-            return (picked.T @ csc_array(block) @ picked).tocsc()
+            ends = [self._weights(self.label(dof)) for dof in joint.dofs]
+            order = [end for end, weights in enumerate(ends) for _ in weights]
+            places = [self._places[label] for weights in ends for label in weights]
+            given = [weight for weights in ends for weight in weights.values()]
+            picked: Any = csc_array((given, (order, places)), shape=(len(ends), self.size))
+            spread: csc_array = (picked.T @ csc_array(block) @ picked).tocsc()
+            return spread
         rows = np.array([self.row(dof) for dof in joint.dofs])
         if letter != "m" and self.basis is not None:
             rounding = np.outer(np.abs(block).sum(axis=1), self._blur)

@@ -1,0 +1,97 @@
+"""Nodes of structures: numbers, positions, the axes of their DOFs, sets, and the lines between them.
+
+A plane structure lies in x–y: u is x, w is y, theta is rz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from dynid.errors import UsageError
+from dynid.structure.labels import DIRECTIONS, Node, node_direction
+from dynid.structure.matrices import Array, Label
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Nodes of a structure: numbers, positions, and what a picture of them needs.
+
+    Parameters
+    ----------
+    numbers
+        Numbers of the nodes (N); in assemblies of several parts texts such as ``arm.20``.
+    xyz
+        Positions (N x 3), m, basic coordinates.
+    axes
+        By node a matrix (3 x 3) whose rows are the directions x, y, z of the node's own DOFs in basic
+        coordinates; nodes that are absent have the basic ones.
+    sets
+        Named sets of nodes.
+    lines
+        Pairs of nodes: edges to draw.
+
+    Raises
+    ------
+    UsageError
+        If shapes do not fit, a node stands twice or is not there, or axes are not orthonormal.
+    """
+
+    numbers: tuple[Node, ...]
+    xyz: Array
+    axes: Mapping[Node, Array] = field(default_factory=dict)
+    sets: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
+    lines: tuple[tuple[Node, Node], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "numbers", tuple(self.numbers))
+        xyz = np.asarray(self.xyz, dtype=float)
+        object.__setattr__(self, "xyz", xyz)
+        if xyz.shape != (len(self.numbers), 3) or not np.isfinite(xyz).all():
+            raise UsageError(f"{len(self.numbers)} nodes need {len(self.numbers)} x 3 finite coordinates")
+        if len(self.places) < len(self.numbers):
+            twice = next(node for at, node in enumerate(self.numbers) if self.places[node] != at)
+            raise UsageError(f"two nodes have the number {twice}", names=(str(twice),))
+        ends = (node for line in self.lines for node in line)
+        for node in (*self.axes, *(node for one in self.sets.values() for node in one), *ends):
+            if node not in self.places:
+                raise UsageError(f"there is no node {node}", names=(str(node),))
+        for node, axes in self.axes.items():
+            if np.shape(axes) != (3, 3) or not np.allclose(axes @ np.transpose(axes), np.eye(3), atol=1e-6):
+                raise UsageError(f"the axes of node {node} are not orthonormal", names=(str(node),))
+
+    @cached_property
+    def places(self) -> Mapping[Node, int]:
+        """The place of each node in `numbers`, from 0."""
+        return {node: at for at, node in enumerate(self.numbers)}
+
+    def rigid(self, labels: Iterable[Label]) -> Array:
+        """Return DOFs in the six rigid-body motions: unit displacements, then rotations about the origin.
+
+        Parameters
+        ----------
+        labels
+            Labels of the DOFs.
+
+        Returns
+        -------
+        Array
+            The displacement, or rotation, of each DOF (len(labels) x 6) in its node's own axes; zeros for
+            DOFs of no node.
+        """
+        names = list(labels)
+        motions = np.zeros((len(names), 6))
+        for row, label in enumerate(names):
+            node, along = node_direction(label) or (None, "")
+            if node is None or node not in self.places:
+                continue
+            place = DIRECTIONS.index(along)
+            axis = self.axes[node][place % 3] if node in self.axes else np.eye(3)[place % 3]
+            if place < 3:  # a . (e x r) = e . (r x a) for rotations about e
+                motions[row] = [*axis, *np.cross(self.xyz[self.places[node]], axis)]
+            else:
+                motions[row, 3:] = axis
+        return motions
