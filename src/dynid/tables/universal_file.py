@@ -1,7 +1,10 @@
-"""Tables in Universal Files: functions at nodal DOFs (data sets 58), as text or binary, through pyuff."""
+"""Universal Files: their data sets, units, and functions at nodal DOFs (58), read through pyuff."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+from collections.abc import Iterator
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -16,17 +19,128 @@ from dynid.tables.table import DataFile, DataTable
 _TIME = (0, 1)
 #: Digits of an increment as the format prints it.
 _DIGITS = 1e-5
+#: Directions by their numbers in data sets 58: displacements along the node's axes, rotations about them.
+_DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
+#: Quantities of ordinates by their specific data types.
+_QUANTITIES = {8: "displacement", 9: "force", 11: "velocity", 12: "acceleration", 13: "force"}
+
+
+class FileUnits(NamedTuple):
+    """What one metre and one newton are in the units of a file; of a file without a record 164 both are 1."""
+
+    length: float = 1.0
+    force: float = 1.0
+
+    def factor(self, quantity: str, direction: str) -> float:
+        """Return the SI value of one unit of a quantity in a direction, such as ``rx``; force may be a moment."""
+        turning = direction.lstrip("-").startswith("r")
+        if quantity == "force":
+            return 1 / self.force / (self.length if turning else 1.0)
+        return 1.0 if turning or not quantity else 1 / self.length
 
 
 class UniversalFunction(NamedTuple):
-    """A data set 58: its name, type, abscissa and values; evenly spaced or not, type of the ordinate."""
+    """A data set 58: its name, type, abscissa and values; its ends, quantities and units.
+
+    `response` and `reference` are node and signed direction, such as ``(20, "-z")``; the direction is empty
+    for a scalar. `quantity` and `over` are those of ordinate and denominator, ``displacement``, ``velocity``,
+    ``acceleration`` or ``force``, empty where the file does not say; `labels` are their units as printed.
+    Values are in the units of the file. `x` and `values` are empty where only headers are read.
+    """
 
     name: str
     kind: int
     x: NDArray[np.float64]
     values: NDArray[Any]
     even: bool
-    ordinate: int
+    response: tuple[int, str]
+    reference: tuple[int, str]
+    quantity: str
+    over: str
+    labels: tuple[str, str]
+
+
+class UniversalFile:
+    """Data sets of a Universal File.
+
+    Raises
+    ------
+    FileError
+        If pyuff is not installed, or the file is no Universal File.
+    """
+
+    def __init__(self, file: DataFile) -> None:
+        try:
+            pyuff: Any = import_module("pyuff")  # an extra: only users of this format need it
+        except ImportError:
+            file.refuse("is a Universal File, and pyuff is not installed", "Install it: dynid[laboratory].")
+        if file.path.stat().st_size > 8 * MOST_NUMBERS:
+            file.refuse(f"is larger than the {8 * MOST_NUMBERS} bytes that are read")
+        self.file = file
+        with self._errors():
+            self._source = pyuff.UFF(str(file.path))
+            self.kinds = [int(kind) for kind in self._source.get_set_types()]
+
+    def sets(self, *kinds: int, header: bool = False) -> Iterator[dict[str, Any]]:
+        """Yield the data sets of some kinds, in order; with `header` data sets 58 without their values."""
+        for place, kind in enumerate(self.kinds):
+            if kind in kinds:
+                with self._errors():
+                    found = self._source.read_sets(place, header_only=header)
+                if not isinstance(found, dict) or not found:
+                    self.file.refuse(f"data set {place + 1} (of type {kind}) is empty", "It is damaged.")
+                yield found
+
+    def units(self) -> FileUnits:
+        """Return the units of the file, of its record 164; SI where it has none.
+
+        Raises
+        ------
+        FileError
+            If it has several that differ, or a factor is not positive.
+        """
+        every = {FileUnits(one["length"], one["force"]) for one in self.sets(164)}
+        if len(every) > 1:
+            self.file.refuse("has several records of units (164) that differ", "Split the file.")
+        units = next(iter(every), FileUnits())
+        if not all(np.isfinite(factor) and factor > 0 for factor in units):
+            self.file.refuse(f"its record of units (164) has the factors {units.length:g}, {units.force:g}")
+        return units
+
+    def functions(self, *, header: bool = False) -> list[UniversalFunction]:
+        """Return all data sets 58; with `header` without their values."""
+        found = []
+        for number, one in enumerate(self.sets(58, header=header), 1):
+            with self._errors():
+                found.append(_function(self.file, number, one, header))
+        return found
+
+    @contextlib.contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Turn errors of pyuff into located ones; what it prints is dropped."""
+        file = self.file
+        try:
+            with (
+                read_errors(file.path, "a Universal File"),
+                np.errstate(all="ignore"),
+                contextlib.redirect_stdout(io.StringIO()),
+            ):
+                yield
+        except FileError as error:
+            if error.names or not file.place:
+                raise
+            raise FileError(error.problem, remedy=error.remedy, names=[f"{file.place}.path"]) from None
+
+
+def read_functions(file: DataFile) -> list[UniversalFunction]:
+    """Return all data sets 58 of a Universal File.
+
+    Raises
+    ------
+    FileError
+        If pyuff is not installed, or the file is damaged.
+    """
+    return UniversalFile(file).functions()
 
 
 def read_uff(file: DataFile) -> DataTable:
@@ -50,40 +164,37 @@ def read_uff(file: DataFile) -> DataTable:
     return DataTable(file, names, values, None, times, coarse * np.abs(times), timed=-1)
 
 
-def read_functions(file: DataFile) -> list[UniversalFunction]:
-    """Return all data sets 58 of a Universal File.
-
-    Raises
-    ------
-    FileError
-        If pyuff is not installed, or the file is damaged.
-    """
-    try:
-        pyuff: Any = import_module("pyuff")  # an extra: only users of this format need it
-    except ImportError:
-        file.refuse("is a Universal File, and pyuff is not installed", "Install it: dynid[formats].")
-    if file.path.stat().st_size > 8 * MOST_NUMBERS:
-        file.refuse(f"is larger than the {8 * MOST_NUMBERS} bytes that are read")
-    try:
-        with read_errors(file.path, "a Universal File"), np.errstate(all="ignore"):
-            source = pyuff.UFF(str(file.path))
-            places = [k for k, kind in enumerate(source.get_set_types()) if int(kind) == 58]
-            return [_function(file, number, source.read_sets(k)) for number, k in enumerate(places, 1)]
-    except FileError as error:
-        if error.names:
-            raise
-        raise FileError(error.problem, remedy=error.remedy, names=[f"{file.place}.path"]) from None
-
-
-def _function(file: DataFile, number: int, data_set: Any) -> UniversalFunction:
+def _function(file: DataFile, number: int, data_set: Any, header: bool) -> UniversalFunction:
     """Return a data set that has as many points as it claims."""
-    values, x = np.asarray(data_set["data"]), np.asarray(data_set["x"], dtype=float)
+    values = np.asarray(() if header else data_set["data"])
+    x = np.asarray(() if header else data_set["x"], dtype=float)
     claimed = int(data_set["num_pts"])
-    if values.ndim != 1 or len(values) != claimed or x.shape != values.shape or not claimed:
+    if not header and (values.ndim != 1 or len(values) != claimed or x.shape != values.shape or not claimed):
         file.refuse(
             f"function {number} claims {claimed} points, but {values.size} can be read", "It is damaged."
         )
-    name = str(data_set.get("id1", "")).strip() or f"function {number}"
-    even = int(data_set["abscissa_spacing"]) == 1
-    ordinate = int(data_set.get("ordinate_spec_data_type", 0))
-    return UniversalFunction(name, int(data_set["func_type"]), x, values, even, ordinate)
+    return UniversalFunction(
+        str(data_set.get("id1", "")).strip() or f"function {number}",
+        int(data_set["func_type"]),
+        x,
+        values,
+        int(data_set["abscissa_spacing"]) == 1,
+        _end(data_set, "rsp"),
+        _end(data_set, "ref"),
+        _QUANTITIES.get(int(data_set.get("ordinate_spec_data_type", 0)), ""),
+        _QUANTITIES.get(int(data_set.get("orddenom_spec_data_type", 0)), ""),
+        (_label(data_set, "ordinate"), _label(data_set, "orddenom")),
+    )
+
+
+def _end(data_set: Any, end: str) -> tuple[int, str]:
+    """Return node and signed direction of the response or reference."""
+    number = int(data_set[f"{end}_dir"])
+    direction = _DIRECTIONS[abs(number)] if abs(number) < len(_DIRECTIONS) else ""
+    return int(data_set[f"{end}_node"]), "-" * (number < 0 and bool(direction)) + direction
+
+
+def _label(data_set: Any, which: str) -> str:
+    """Return a printed unit; empty where there is none."""
+    label = str(data_set.get(f"{which}_axis_units_lab", "")).strip()
+    return "" if label.upper() == "NONE" else label

@@ -1,0 +1,211 @@
+"""Nodes of a test in Universal Files: positions (15, 2411), coordinate systems (18, 2420), lines (82, 2412)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.structure.nodes import Nodes
+from dynid.tables.read import existing
+from dynid.tables.universal_file import UniversalFile
+
+if TYPE_CHECKING:
+    from dynid.tables.table import DataFile
+
+Array = NDArray[np.float64]
+
+#: Types of coordinate systems in data sets 18 and 2420.
+_CARTESIAN, _CYLINDRICAL = 0, 1
+#: Systems that need no definition: files without one mean the basic system by them.
+_BASIC = (0, 1)
+#: How far the axes of a system may be from orthonormal: data sets 18 have six digits.
+_DIGITS = 1e-4
+#: Descriptors of shell elements in data sets 2412, whose edges are drawn; those of two nodes are lines.
+_SHELLS = range(41, 100)
+
+
+class CoordinateSystem(NamedTuple):
+    """Coordinate system of a test: `origin` (3), `axes` (3 x 3, rows in basic coordinates), and its type."""
+
+    origin: Array
+    axes: Array
+    kind: int = _CARTESIAN
+
+    def basic(self, points: Array) -> Array:
+        """Return points of the system (... x 3) in basic coordinates."""
+        return np.asarray(points @ self.axes + self.origin)
+
+    def at(self, point: Array) -> Array | None:
+        """Return the axes of the system at a point, rows; of a cylindrical one radial, tangential, axial.
+
+        None on the axis of a cylindrical system, where there are none.
+        """
+        if self.kind == _CARTESIAN:
+            return self.axes
+        across = (self.axes @ (point - self.origin))[:2]
+        distance = float(np.hypot(*across))
+        if distance <= 1e-12 * float(np.abs(point - self.origin).max(initial=0.0)) or not distance:
+            return None
+        cosine, sine = across / distance
+        return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ self.axes
+
+
+def read_test_nodes(path: Path, place: str = "") -> Nodes | None:
+    """Return the nodes of a test in a Universal File; None where it has none.
+
+    Parameters
+    ----------
+    path
+        The file. Positions are those of data sets 15, in the node's definition system, and 2411, in the
+        system of the part; axes are those of its displacement system (18, 2420). Lengths are brought to
+        metres by the record of units (164).
+    place
+        The dotted place of the file in the scene, for errors.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, contradicts itself, or uses systems that it does not define.
+    """
+    source = UniversalFile(existing(path, place))
+    return None if {15, 2411}.isdisjoint(source.kinds) else test_nodes(source)
+
+
+def test_nodes(source: UniversalFile) -> Nodes:
+    """Return the nodes of a test; as `read_test_nodes`."""
+    file, systems = source.file, _systems(source)
+    found: dict[int, tuple[Array, int]] = {}
+    for one in source.sets(15, 2411):
+        columns = [np.asarray(one[key], dtype=float) for key in ("node_nums", "def_cs", "disp_cs", *"xyz")]
+        if len({len(column) for column in columns}) > 1:
+            file.refuse(f"a data set {one['type']} has rows of different lengths", "It is damaged.")
+        for number, defined, moving, *xyz in zip(*columns, strict=True):
+            node, point = _whole(file, number, "node number"), np.array(xyz)
+            if one["type"] == 15:
+                point = _defining(file, systems, _whole(file, defined, "system"), node).basic(point)
+            if node in found and not np.array_equal(found[node][0], point):
+                file.refuse(f"node {node} has two positions", "Leave one of them.")
+            found[node] = point, _whole(file, moving, "system")
+    axes = {}
+    for node, (point, number) in found.items():
+        system = _system(file, systems, number, node)
+        rows = system.at(point)
+        if rows is None:
+            file.refuse(
+                f"node {node} lies on the axis of the cylindrical system {number}, and has no radial direction"
+            )
+        if not np.array_equal(rows, np.eye(3)):
+            axes[node] = rows
+    xyz_m = np.array([point for point, _ in found.values()]).reshape(-1, 3) / source.units().length
+    lines = [line for line in _lines(source) if found.keys() >= set(line) and line[0] != line[1]]
+    return Nodes(tuple(found), xyz_m, axes, {}, tuple(dict.fromkeys(lines)))
+
+
+def _whole(file: DataFile, number: float, what: str) -> int:
+    """Return a number of a node or system, which files print as one with a fraction."""
+    if not np.isfinite(number) or number != int(number) or number < 0:
+        file.refuse(f"has the {what} {number:g}", "It is damaged: such numbers are whole.")
+    return int(number)
+
+
+def _system(
+    file: DataFile, systems: Mapping[int, CoordinateSystem], number: int, node: int
+) -> CoordinateSystem:
+    """Return a coordinate system that a node uses."""
+    if number in systems:
+        return systems[number]
+    if number in _BASIC:
+        return CoordinateSystem(np.zeros(3), np.eye(3))
+    file.refuse(
+        f"node {node} uses the coordinate system {number}, which the file does not define",
+        "Export the systems too (data set 18 or 2420).",
+    )
+
+
+def _defining(
+    file: DataFile, systems: Mapping[int, CoordinateSystem], number: int, node: int
+) -> CoordinateSystem:
+    system = _system(file, systems, number, node)
+    if system.kind != _CARTESIAN:
+        file.refuse(
+            f"node {node} is placed in system {number}, which is not Cartesian", "Export Cartesian positions."
+        )
+    return system
+
+
+def _systems(source: UniversalFile) -> dict[int, CoordinateSystem]:
+    """Return the coordinate systems of a file by their numbers."""
+    found: dict[int, CoordinateSystem] = {}
+    for one in source.sets(2420):
+        columns = one["CS_sys_labels"], one["CS_types"], one["CS_matrices"]
+        for number, kind, matrix in zip(*columns, strict=True):
+            found[int(number)] = _checked(source.file, int(number), int(kind), matrix[3], matrix[:3])
+    given = {}
+    for one in source.sets(18):
+        rows = zip(*(one[key] for key in ("cs_num", "cs_type", "ref_cs_num")), strict=True)
+        points = zip(*(one[key] for key in ("ref_o", "x_point", "xz_point")), strict=True)
+        for (number, kind, reference), three in zip(rows, points, strict=True):
+            given[int(number)] = int(kind), int(reference), three
+    for number in given:
+        found.setdefault(number, _by_points(source.file, given, number, ()))
+    return found
+
+
+def _by_points(
+    file: DataFile,
+    given: Mapping[int, tuple[int, int, Sequence[Array]]],
+    number: int,
+    above: tuple[int, ...],
+) -> CoordinateSystem:
+    """Return a system that is given by its origin, a point on +x and one on the +xz plane, in another."""
+    if number == 0:
+        return CoordinateSystem(np.zeros(3), np.eye(3))
+    if number in above or number not in given:
+        file.refuse(f"system {above[-1]} refers to system {number}, which does not resolve", "It is damaged.")
+    kind, reference, points = given[number]
+    base = _by_points(file, given, reference, (*above, number))
+    if base.kind != _CARTESIAN:
+        file.refuse(f"system {number} is placed in system {reference}, which is not Cartesian")
+    origin, on_x, on_xz = (base.basic(np.asarray(point, dtype=float)) for point in points)
+    x, z = on_x - origin, on_xz - origin
+    y = np.cross(z, x)
+    rows = [axis / (np.linalg.norm(axis) or 1.0) for axis in (x, y, np.cross(x, y))]
+    return _checked(file, number, kind, origin, rows)
+
+
+def _checked(
+    file: DataFile, number: int, kind: int, origin: Array, axes: Iterable[Any]
+) -> CoordinateSystem:
+    """Return a system whose axes are orthonormal and right-handed, their last digits corrected."""
+    rows = np.array([*axes], dtype=float)
+    if kind not in (_CARTESIAN, _CYLINDRICAL):
+        file.refuse(f"system {number} is spherical (type {kind})", "Export Cartesian or cylindrical systems.")
+    good = rows.shape == (3, 3) and np.isfinite(rows).all() and np.isfinite(origin).all()
+    if not good or not np.allclose(rows @ rows.T, np.eye(3), atol=_DIGITS) or np.linalg.det(rows) < 0:
+        file.refuse(f"the axes of system {number} are not orthonormal and right-handed", "It is damaged.")
+    if np.array_equal(rows, np.eye(3)):
+        return CoordinateSystem(np.asarray(origin, dtype=float), rows, kind)
+    left, _, right = np.linalg.svd(rows)
+    return CoordinateSystem(np.asarray(origin, dtype=float), left @ right, kind)
+
+
+def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
+    """Yield the edges to draw: trace lines, beams, and the outlines of shells."""
+    file = source.file
+    for one in source.sets(82):
+        trace = [_whole(file, number, "node number") for number in one["nodes"]]
+        # Some programs pad the list with zeros: the count says how many of them belong to it.
+        trace = trace[: int(one["n_nodes"])]
+        yield from ((a, b) for a, b in zip(trace, trace[1:], strict=False) if a and b)  # 0: the pen is up
+    for one in source.sets(2412):
+        for elements in (elements for kind, elements in one.items() if isinstance(kind, int)):
+            for element in elements:
+                nodes = element["nodes_nums"]
+                if len(nodes) == 2:
+                    yield nodes[0], nodes[1]
+                elif element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4):
+                    yield from zip(nodes, [*nodes[1:], nodes[0]], strict=True)
