@@ -26,11 +26,10 @@ ColumnName: TypeAlias = str | int
 _FREQUENCY = ("omega", "frequency", "freq", "w", "f")
 #: Where responses and their frequencies are looked for in HDF5 when a scene names none.
 _MEASURED = ("measured", "response", "identification/measurement/measured")
-#: Function types of a data set 58: frequency response, coherence; and its quantities by their numbers.
+#: Function types of a data set 58: frequency response, coherence.
 _FRF, _COHERENCE = 4, 6
 #: Up to which part lines may differ: in text a Universal File has six digits of their distance.
 _DIGITS = 1e-5
-_QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration"}
 
 
 class ResponseLayout(NamedTuple):
@@ -263,7 +262,7 @@ def _universal(file: DataFile, given: ResponseLayout) -> MeasuredResponses:
                 "Put responses at different lines into files of their own.",
             )
     values = np.column_stack([function.values for function in found]).astype(complex)
-    quantities = [_QUANTITIES.get(function.ordinate, "") for function in found]
+    quantities = [function.quantity for function in found]
     return MeasuredResponses(lines, values, None, coherence, quantities, in_hertz=True)
 
 

@@ -1,4 +1,4 @@
-"""Measured modes read from text and MATLAB files; other formats add a reader to `READERS`.
+"""Measured modes read from text, MATLAB and Universal Files; other formats add a reader to `READERS`.
 
 A text file has one mode a row, and a header: `frequency`, `frequency_std`, `damping`, `damping_std`, the
 sensors' DOFs (``12``, ``13:z``), and the scatter of a sensor as ``std 12``. A MATLAB file has vectors (modes)
@@ -7,6 +7,7 @@ and matrices (sensors x modes).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +20,7 @@ from dynid.tables.matlab import complex_columns
 from dynid.tables.read import existing, file_format
 from dynid.tables.table import DataFile
 from dynid.tables.text import complex_number, read_text
+from dynid.tables.universal_shapes import read_shapes
 
 Array = NDArray[np.float64]
 
@@ -40,7 +42,7 @@ class ModalTable(NamedTuple):
     dofs
         DOFs of the sensors, such as ``12``, ``13:z`` or ``-13:z``; empty where the file does not name them.
     damping
-        Damping ratios (r); None where there are none.
+        Damping ratios (r), NaN of a mode without one; None where there are none.
     frequency_std, damping_std, shape_std
         Standard deviations, each as the values; None where there are none.
     unit
@@ -198,5 +200,25 @@ def _text(file: DataFile, names: Mapping[str, str]) -> ModalTable:
     )
 
 
+def _universal(file: DataFile, names: Mapping[str, str]) -> ModalTable:
+    """Return the modes in a Universal File (data sets 55 and 2414)."""
+    if names:
+        file.refuse("has mode shapes, no named quantities", "Leave the name out.", key=next(iter(names)))
+    modes = read_shapes(file.path, file.place)
+    places = list(dict.fromkeys(dof for mode in modes for dof in mode.shape))
+    damping = [math.nan if mode.damping is None else mode.damping for mode in modes]
+    return ModalTable(
+        np.array([mode.frequency for mode in modes]),
+        np.array([[mode.shape.get(place, math.nan) for mode in modes] for place in places]),
+        [f"{node}:{direction}" for node, direction in places],
+        None if all(mode.damping is None for mode in modes) else np.array(damping),
+        unit="rad/s",
+    )
+
+
 #: Readers by the format of `tables.read.file_format`: each gets the file and the names that the scene gives.
-READERS: dict[str, Callable[[DataFile, Mapping[str, str]], ModalTable]] = {"matlab": _matlab, "text": _text}
+READERS: dict[str, Callable[[DataFile, Mapping[str, str]], ModalTable]] = {
+    "matlab": _matlab,
+    "text": _text,
+    "uff": _universal,
+}

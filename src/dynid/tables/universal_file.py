@@ -32,7 +32,7 @@ class FileUnits(NamedTuple):
     force: float = 1.0
 
     def factor(self, quantity: str, direction: str) -> float:
-        """Return the SI value of one unit of a quantity in a direction, such as ``rx``; force may be a moment."""
+        """Return the SI value of a unit of a quantity in a direction, such as ``rx``, where force is moment."""
         turning = direction.lstrip("-").startswith("r")
         if quantity == "force":
             return 1 / self.force / (self.length if turning else 1.0)
@@ -73,10 +73,14 @@ class UniversalFile:
         try:
             pyuff: Any = import_module("pyuff")  # an extra: only users of this format need it
         except ImportError:
-            file.refuse("is a Universal File, and pyuff is not installed", "Install it: dynid[laboratory].")
+            file.refuse("is a Universal File, and pyuff is not installed", "Install it: dynid[formats].")
         if file.path.stat().st_size > 8 * MOST_NUMBERS:
             file.refuse(f"is larger than the {8 * MOST_NUMBERS} bytes that are read")
         self.file = file
+        with file.path.open("rb") as stream:
+            stream.seek(-min(file.path.stat().st_size, 1000), 2)
+            if stream.read().split()[-1:] != [b"-1"]:
+                file.refuse("does not end with the line -1: it is no Universal File, or is truncated")
         with self._errors():
             self._source = pyuff.UFF(str(file.path))
             self.kinds = [int(kind) for kind in self._source.get_set_types()]

@@ -1,14 +1,17 @@
-"""Nodes of a test in Universal Files: positions (15, 2411), coordinate systems (18, 2420), lines (82, 2412)."""
+"""Nodes of a test in Universal Files: positions (15, 2411), systems (18, 2420), lines (82, 2412)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import FileError
 from dynid.structure.nodes import Nodes
 from dynid.tables.read import existing
 from dynid.tables.universal_file import UniversalFile
@@ -90,14 +93,12 @@ def test_nodes(source: UniversalFile) -> Nodes:
             if node in found and not np.array_equal(found[node][0], point):
                 file.refuse(f"node {node} has two positions", "Leave one of them.")
             found[node] = point, _whole(file, moving, "system")
-    axes = {}
+    axes: dict[int | str, Array] = {}
     for node, (point, number) in found.items():
         system = _system(file, systems, number, node)
         rows = system.at(point)
         if rows is None:
-            file.refuse(
-                f"node {node} lies on the axis of the cylindrical system {number}, and has no radial direction"
-            )
+            file.refuse(f"node {node} lies on the axis of system {number}, where no direction is radial")
         if not np.array_equal(rows, np.eye(3)):
             axes[node] = rows
     xyz_m = np.array([point for point, _ in found.values()]).reshape(-1, 3) / source.units().length
@@ -177,9 +178,7 @@ def _by_points(
     return _checked(file, number, kind, origin, rows)
 
 
-def _checked(
-    file: DataFile, number: int, kind: int, origin: Array, axes: Iterable[Any]
-) -> CoordinateSystem:
+def _checked(file: DataFile, number: int, kind: int, origin: Array, axes: Iterable[Any]) -> CoordinateSystem:
     """Return a system whose axes are orthonormal and right-handed, their last digits corrected."""
     rows = np.array([*axes], dtype=float)
     if kind not in (_CARTESIAN, _CYLINDRICAL):
@@ -200,12 +199,19 @@ def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
         trace = [_whole(file, number, "node number") for number in one["nodes"]]
         # Some programs pad the list with zeros: the count says how many of them belong to it.
         trace = trace[: int(one["n_nodes"])]
-        yield from ((a, b) for a, b in zip(trace, trace[1:], strict=False) if a and b)  # 0: the pen is up
-    for one in source.sets(2412):
-        for elements in (elements for kind, elements in one.items() if isinstance(kind, int)):
-            for element in elements:
-                nodes = element["nodes_nums"]
-                if len(nodes) == 2:
-                    yield nodes[0], nodes[1]
-                elif element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4):
-                    yield from zip(nodes, [*nodes[1:], nodes[0]], strict=True)
+        yield from ((a, b) for a, b in pairwise(trace) if a and b)  # 0: the pen is up
+    with suppress(FileError):  # pyuff reads no elements of more than eight nodes, and lines are for pictures
+        for one in source.sets(2412):
+            yield from _edges(one)
+
+
+def _edges(elements: Mapping[Any, Any]) -> Iterable[tuple[int, int]]:
+    """Yield the edges of the elements of a data set: of two nodes, or shells of three or four."""
+    for element in (
+        element for kind, found in elements.items() if isinstance(kind, int) for element in found
+    ):
+        nodes = element["nodes_nums"]
+        if len(nodes) == 2:
+            yield nodes[0], nodes[1]
+        elif element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4):
+            yield from zip(nodes, [*nodes[1:], nodes[0]], strict=True)

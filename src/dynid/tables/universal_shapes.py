@@ -103,7 +103,11 @@ def _frequency(file: DataFile, data_set: Mapping[str, Any]) -> tuple[float, floa
     if eigenvalue:
         frequency, damping = abs(eigenvalue), -eigenvalue.real / abs(eigenvalue)
     else:
-        names = (f"record12_field{k}" for k in (2, 5, 6)) if record else ("freq", "modal_damp_vis", "modal_damp_his")
+        names = (
+            (f"record12_field{k}" for k in (2, 5, 6))
+            if record
+            else ("freq", "modal_damp_vis", "modal_damp_his")
+        )
         hertz, viscous, hysteretic = (float(data_set.get(name) or 0.0) for name in names)
         # A loss factor is twice the ratio of a viscous damper with the same loss at resonance.
         frequency, damping = 2 * math.pi * hertz, viscous or hysteretic / 2
