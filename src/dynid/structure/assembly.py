@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,9 +186,15 @@ def damped_structure(
     )
 
 
-def check_nodes(
-    what: str, items: Iterable[Support | PointMass | Spring], nodes: int, directions: Sequence[str]
-) -> None:
+class AtNode(Protocol):
+    """Anything at a node."""
+
+    @property
+    def node(self) -> int:
+        """The node, from 1."""
+
+
+def check_nodes(what: str, items: Iterable[AtNode], nodes: int, directions: Sequence[str]) -> None:
     """Refuse items at nodes or along directions that do not exist.
 
     Raises

@@ -6,6 +6,7 @@ Source: J. S. Archer, "Consistent mass matrix for distributed mass systems", 196
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 
@@ -34,54 +35,79 @@ from dynid.structure.nodes import Nodes
 
 
 def bending(
-    EI: Real, rhoA: Real, length: Real, hinges: Sequence[int] = ()
+    EI: Real, rhoA: Real, length: Real, released: Sequence[int] = ()
 ) -> tuple[DependentMatrix, DependentMatrix]:
     """Return stiffness and consistent mass (4 x 4) of a beam element, DOFs [w1, theta1, w2, theta2].
 
-    Rotations are the slopes ``dw/dx``. Those of ends with a hinge carry no moment: they are condensed
-    statically (Guyan), which leaves zeros in their place.
+    Rotations are the slopes ``dw/dx``. Released DOFs carry no force: they are condensed statically (Guyan),
+    which leaves zeros in their place.
 
     Parameters
     ----------
     EI, rhoA, length
         Bending stiffness, N·m2, mass per length, kg/m, and length, m.
-    hinges
-        The hinged ends, 1 or 2.
+    released
+        The places, 0 … 3, of the released DOFs.
+
+    Raises
+    ------
+    UsageError
+        If a released DOF moves without any stiffness.
     """
     k, m = (
         pattern_sum((1.0, P0), (length, P1), (length**2, P2))
-        for P0, P1, P2 in _patterns(tuple(sorted(hinges)))
+        for P0, P1, P2 in _patterns("bending", tuple(sorted(released)))
     )
     return k.times(EI / length**3), m.times(rhoA * length / 420)
 
 
-# The upper triangles, by rows, of L^3/EI times the stiffness and 420/(rhoA L) times the mass, by hinged ends:
-# an entry is to be multiplied by L once for each rotation among its two DOFs.
-_BENDING: dict[tuple[int, ...], tuple[list[float], list[float]]] = {
-    (): ([12, 6, -12, 6, 4, -6, 2, 12, -6, 4], [156, 22, 54, -13, 4, 13, -3, 156, -22, 4]),
-    (1,): ([3, 0, -3, 3, 0, 0, 0, 3, -3, 3], [99, 0, 58.5, -16.5, 0, 0, 0, 204, -36, 8]),
-    (2,): ([3, 3, -3, 0, 3, -3, 0, 3, 0, 0], [204, 36, 58.5, 0, 8, 16.5, 0, 99, 0, 0]),
-    (1, 2): ([0] * 10, [140, 0, 70, 0, 0, 0, 0, 140, 0, 0]),
+def stretching(
+    EA: Real, rhoA: Real, length: Real, released: Sequence[int] = ()
+) -> tuple[DependentMatrix, DependentMatrix]:
+    """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]; of a shaft alike.
+
+    Parameters
+    ----------
+    EA, rhoA, length
+        Axial stiffness, N, mass per length, kg/m, and length, m; of a shaft GJ and polar inertia per length.
+    released
+        The released DOFs as in `bending`, 0 or 1.
+
+    Raises
+    ------
+    UsageError
+        If both are released.
+    """
+    (k, *_), (m, *_) = _patterns("stretching", tuple(sorted(released)))
+    return DependentMatrix(k).times(EA / length), DependentMatrix(m).times(rhoA * length / 6)
+
+
+# The upper triangles, by rows, of L^3/EI times the stiffness and 420/(rhoA L) times the mass, to be
+# multiplied by L once for each rotation among an entry's two DOFs; of a bar L/EA and 6/(rhoA L) times.
+_TRIANGLES: dict[str, tuple[list[int], list[int]]] = {
+    "bending": ([12, 6, -12, 6, 4, -6, 2, 12, -6, 4], [156, 22, 54, -13, 4, 13, -3, 156, -22, 4]),
+    "stretching": ([1, -1, 1], [2, 1, 2]),
 }
 
 
 @cache
-def _patterns(hinges: tuple[int, ...]) -> list[list[Array]]:
-    """Return the parts of stiffness and mass (4 x 4) of `_BENDING`, each by the power of the length."""
-    found = []
-    powers = np.add.outer(*[np.array([0, 1, 0, 1])] * 2)
-    for triangle in _BENDING[hinges]:
-        whole = np.zeros((4, 4))
-        whole[np.triu_indices(4)] = triangle
-        whole = np.triu(whole) + np.triu(whole, 1).T
-        found.append([np.where(powers == power, whole, 0.0) for power in range(3)])
-    return found
-
-
-def stretching(EA: Real, rhoA: Real, length: Real) -> tuple[DependentMatrix, DependentMatrix]:
-    """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]."""
-    k, m = DependentMatrix(np.array([[1.0, -1], [-1, 1]])), DependentMatrix(np.array([[2.0, 1], [1, 2]]))
-    return k.times(EA / length), m.times(rhoA * length / 6)
+def _patterns(element: str, released: tuple[int, ...]) -> list[list[Array]]:
+    """Return the parts of stiffness and mass of `_TRIANGLES`, each by the power of the length."""
+    rotations = {"bending": [0, 1, 0, 1], "stretching": [0, 0]}[element]
+    n, exact = len(rotations), []
+    for triangle in _TRIANGLES[element]:
+        whole = np.full((n, n), Fraction(0))
+        whole[np.triu_indices(n)] = [Fraction(entry) for entry in triangle]
+        exact.append(np.triu(whole) + np.triu(whole, 1).T)
+    for place in released:
+        if not exact[0][place, place]:
+            raise UsageError("releases leave a member loose", remedy="Release fewer directions at its ends.")
+        follows = np.diag([Fraction(at != place) for at in range(n)])
+        follows[place] -= exact[0][place] / exact[0][place, place]
+        follows[place, place] = Fraction(0)
+        exact = [follows.T @ one @ follows for one in exact]
+    powers = np.add.outer(rotations, rotations)
+    return [[np.where(powers == power, one.astype(float), 0.0) for power in range(3)] for one in exact]
 
 
 DIRECTIONS = ("w", "theta")

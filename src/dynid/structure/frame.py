@@ -107,7 +107,7 @@ def frame(
         dx, dy = piece.span
         length = hypot(dx, dy)
         along = stretching(piece.EA, piece.rhoA, length)
-        across = bending(piece.EI, piece.rhoA, length, piece.hinges)
+        across = bending(piece.EI, piece.rhoA, length, [2 * end - 1 for end in piece.hinges])
         T = pattern_sum((1.0, _TURNING), (dx / length, _COSINES), (dy / length, _SINES))
         k, m = (
             (one.congruent(_ALONG) + other.congruent(_ACROSS)).congruent(T)

@@ -31,12 +31,11 @@ if TYPE_CHECKING:
         FrameModel,
         LumpedModel,
         MatricesModel,
+        SpaceFrameModel,
         StructureModel,
     )
     from dynid.structure.damping import ModalDamping, ProportionalDamping
     from dynid.structure.model import StructuralModel
-
-_FILES = ("mass", "stiffness", "damping", "labels", "state_space")
 
 
 def build_structure(
@@ -74,19 +73,28 @@ def build_structure(
             return _beam(structure.beam, built, parameters)
         if structure.frame is not None:
             return _frame(structure.frame, built, parameters)
-        assert structure.matrices is not None
-        bare = _matrices(scene.folder, structure.matrices, parameters)
+        bare = _bare(scene.folder, structure, parameters)
         faults = dof_faults(scene.source, holder or type(scene.model), bare.dofs, at)
-        if faults:  # found only now: the DOFs are those of a file
+        if faults:  # found only now: the DOFs are those of a file, or depend on releases
             raise SceneError(faults)
         return bare.joined(built)
     except SceneError:
         raise
     except DynidError as error:
         kind = next(kind for kind in type(structure).model_fields if getattr(structure, kind) is not None)
-        part = next((name for name in error.names if kind == "matrices" and name in _FILES), "")
-        error.names = (f"structure.{kind}.{part}",) if part else (*error.names, f"structure.{kind}")
+        place = ".".join((*at, "structure", kind))
+        keys = type(getattr(structure, kind)).model_fields
+        inside = [f"{place}.{name}" for name in error.names if name.split(".")[0] in keys]
+        error.names = (*inside[:1], *error.names, place)
         raise
+
+
+def _bare(folder: Path, structure: StructureModel, parameters: Sequence[Parameter]) -> StructuralModel:
+    """Return a structure without joints, of a kind whose DOFs the scene alone does not determine."""
+    if structure.space_frame is not None:
+        return _space_frame(structure.space_frame, parameters)
+    assert structure.matrices is not None
+    return _matrices(folder, structure.matrices, parameters)
 
 
 def number(quantity: Quantity | None) -> float:
@@ -101,8 +109,8 @@ def _real(quantity: Quantity | None) -> Real:
 
 #: Units of quantities of structures by their keys; those of springs and dampers depend on their directions.
 _UNITS = {
-    "masses": "kg", "m": "kg", "J": "kg.m^2", "EA": "N", "EI": "N.m^2", "rhoA": "kg/m", "length": "m",
-    "alpha": "1/s", "beta": "s",
+    "masses": "kg", "m": "kg", "J": "kg.m^2", "EA": "N", "EI": "N.m^2", "EIy": "N.m^2", "EIz": "N.m^2",
+    "GJ": "N.m^2", "rhoA": "kg/m", "rhoJ": "kg.m", "length": "m", "alpha": "1/s", "beta": "s",
 }  # fmt: skip
 
 
@@ -121,7 +129,7 @@ def with_units(
     for key, quantity in quantities(structure):
         if key in _UNITS:
             note(quantity, _UNITS[key])
-    part = structure.beam or structure.frame
+    part = structure.beam or structure.frame or structure.space_frame
     springs = [(item, [kind(item.direction + "_1")]) for item in (part.springs if part else ())]
     for item, kinds in [
         *springs,
@@ -189,6 +197,45 @@ def _frame(part: FrameModel, joints: Sequence[Joint], parameters: Sequence[Param
         joints=joints,
         parameters=parameters,
     )
+
+
+def _space_frame(part: SpaceFrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
+    from dynid.structure.assembly import Spring, Support
+    from dynid.structure.space_frame import RigidMass, SpaceMember, space_frame
+
+    members = [
+        SpaceMember(
+            (one.nodes[0], one.nodes[1]),
+            *(one.EA.real, one.EIy.real, one.EIz.real, one.GJ.real, one.rhoA.real),
+            None if one.rhoJ is None else one.rhoJ.real,
+            None if one.orientation is None else _vector(one.orientation),
+            (_vector(one.offsets[0]), _vector(one.offsets[1])) if one.offsets else (_NOWHERE, _NOWHERE),
+            (tuple(one.releases[0]), tuple(one.releases[1])) if one.releases else ((), ()),
+            one.elements,
+        )
+        for one in part.members
+    ]
+    return space_frame(
+        [_vector(point) for point in part.nodes],
+        members,
+        supports=[Support(item.node, tuple(item.fix)) for item in part.supports],
+        masses=[
+            RigidMass(one.node, _real(one.m), _vector(one.J), _vector(one.offset)) for one in part.masses
+        ],
+        springs=[Spring(one.node, one.direction, _real(one.k), _real(one.c)) for one in part.springs],
+        damping=_damping(part.damping),
+        parameters=parameters,
+    )
+
+
+_NOWHERE = (0.0, 0.0, 0.0)
+
+
+def _vector(given: Sequence[Quantity] | None) -> tuple[Real, Real, Real]:
+    if given is None:
+        return _NOWHERE
+    x, y, z = given
+    return x.real, y.real, z.real
 
 
 def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:

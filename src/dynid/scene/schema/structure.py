@@ -199,6 +199,71 @@ def _held(supports: Iterable[BeamSupport | FrameSupport]) -> Iterable[Freedom]:
     return ((along, support.node) for support in supports for along in support.fix)
 
 
+Direction = Literal["x", "y", "z", "rx", "ry", "rz"]
+UncertainVector = Annotated[list[Uncertain], Field(min_length=3, max_length=3)]
+
+
+class SpaceMemberModel(Section):
+    """A straight member of a frame in three dimensions between two nodes."""
+
+    nodes: list[NodeNumber] = Field(min_length=2, max_length=2)
+    EA: UncertainPositive
+    EIy: UncertainPositive
+    EIz: UncertainPositive
+    GJ: UncertainPositive
+    rhoA: UncertainNotNegative
+    rhoJ: UncertainNotNegative | None = None
+    orientation: UncertainVector | None = None
+    offsets: Annotated[list[UncertainVector], Field(min_length=2, max_length=2)] | None = None
+    releases: Annotated[list[list[Direction]], Field(min_length=2, max_length=2)] | None = None
+    elements: int = Field(default=1, ge=1, le=MOST_ELEMENTS, strict=True)
+
+
+class SpaceSupport(Section):
+    """Support of a node of a frame in three dimensions."""
+
+    node: NodeNumber
+    fix: list[Direction] = Field(min_length=1)
+
+
+class RigidMassModel(Section):
+    """A rigid body at a node."""
+
+    node: NodeNumber
+    m: UncertainNotNegative | None = None
+    J: Annotated[list[UncertainNotNegative], Field(min_length=3, max_length=3)] | None = None
+    offset: UncertainVector | None = None
+
+    @model_validator(mode="after")
+    def _has_something(self) -> Self:
+        if self.m is None and self.J is None:
+            raise fault("a mass has its 'm', its moments of inertia 'J', or both")
+        return self
+
+
+class SpaceSpring(_Spring):
+    """A spring and damper from a node of a frame in three dimensions to ground."""
+
+    direction: Direction
+
+
+class SpaceFrameModel(Section):
+    """A frame in three dimensions: nodes by their coordinates, members between them."""
+
+    nodes: list[UncertainVector] = Field(min_length=2, max_length=MOST_ELEMENTS)
+    members: list[SpaceMemberModel] = Field(min_length=1, max_length=MOST_ELEMENTS)
+    supports: list[SpaceSupport] = []
+    masses: list[RigidMassModel] = []
+    springs: list[SpaceSpring] = []
+    damping: DampingModel | None = None
+
+    @model_validator(mode="after")
+    def _is_bounded(self) -> Self:
+        if sum(member.elements for member in self.members) > MOST_ELEMENTS:
+            raise fault(f"the members have more than {MOST_ELEMENTS:,} elements together")
+        return self
+
+
 class LinkModel(Section):
     """A spring and a damper between two DOFs, or from one DOF to ground."""
 
@@ -289,11 +354,12 @@ class MatricesModel(Section):
 
 
 class StructureModel(Section):
-    """The structure without its joints: one of four kinds."""
+    """The structure without its joints: one of five kinds."""
 
     lumped: LumpedModel | None = None
     beam: BeamModel | None = None
     frame: FrameModel | None = None
+    space_frame: SpaceFrameModel | None = None
     matrices: MatricesModel | None = None
 
     @model_validator(mode="after")
@@ -311,7 +377,8 @@ class StructureModel(Section):
     @property
     def nodes(self) -> int:
         """The number of nodes of a beam or frame that may be named; 0 of other structures."""
-        return self.beam.elements + 1 if self.beam else len(self.frame.nodes) if self.frame else 0
+        frame = self.frame or self.space_frame
+        return self.beam.elements + 1 if self.beam else len(frame.nodes) if frame else 0
 
     def faults(self) -> Iterable[tuple[Path, str]]:
         """Yield the faults of members and supports, each with its place in the structure."""

@@ -1,0 +1,378 @@
+"""Frames in three dimensions of straight members: Euler–Bernoulli beams with torsion, consistent mass.
+
+Source: J. S. Przemieniecki, "Theory of Matrix Structural Analysis", 1968, sections 5.6 and 11.4,
+without shear and rotary inertia of bending.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from dynid.arithmetic.dependent import Dependent, Real, sqrt
+from dynid.errors import UsageError
+from dynid.lti.floating import guarded
+from dynid.parameters import Parameter
+from dynid.structure.assembly import Assembly, Spring, Support, check_nodes, not_negative
+from dynid.structure.beam import bending, stretching
+from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.dependent_matrix import DependentMatrix
+from dynid.structure.joints import Joint
+from dynid.structure.labels import DIRECTIONS
+from dynid.structure.matrices import as_array
+from dynid.structure.model import StructuralModel
+from dynid.structure.nodes import Nodes
+
+Vector: TypeAlias = tuple[Real, Real, Real]
+# Of a node's rotational stiffness and inertia without releases: what is rounding beside it.
+_ROUNDING = 1e-12
+# A member nearer to the z axis than this angle is vertical.
+_VERTICAL = 1e-6
+
+
+@dataclass(frozen=True)
+class SpaceMember:
+    """A straight member between two nodes.
+
+    Its axis x runs from end to end, y and z are the principal axes of its section.
+
+    Parameters
+    ----------
+    nodes
+        Its nodes, from 1.
+    EA, EIy, EIz, GJ
+        Axial stiffness, N, bending stiffness about y and about z, and torsional stiffness, N·m2.
+    rhoA
+        Mass per length, kg/m, which may be 0.
+    rhoJ
+        Polar mass moment of inertia per length, kg·m; absent: that of a homogeneous section,
+        ``rhoA (EIy + EIz) / EA``.
+    orientation
+        A vector in the plane of x and y, on the side of y; absent: z is as near as possible to the basic z,
+        and of a member along the basic z, y is the basic y.
+    offsets
+        Rigid offsets from the two nodes to the ends, m, basic coordinates.
+    releases
+        The directions along the member's axes in which each end carries no force or moment.
+    elements
+        Elements along it; their inner nodes are numbered after the given ones, member by member.
+    """
+
+    nodes: tuple[int, int]
+    EA: Real
+    EIy: Real
+    EIz: Real
+    GJ: Real
+    rhoA: Real
+    rhoJ: Real | None = None
+    orientation: Vector | None = None
+    offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    releases: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    elements: int = 1
+
+
+@dataclass(frozen=True)
+class RigidMass:
+    """A rigid body at a node: mass, kg, principal inertias, kg·m2, and the offset of its centre, m."""
+
+    node: int
+    m: Real = 0.0
+    J: Vector = (0.0, 0.0, 0.0)
+    offset: Vector = (0.0, 0.0, 0.0)
+
+
+class _Piece(NamedTuple):
+    """An element: its nodes, stiffness and mass (12 x 12), and those of its rotations without releases."""
+
+    nodes: tuple[int, int]
+    k: DependentMatrix
+    m: DependentMatrix
+    rotational: tuple[float, float]
+
+
+# Nodes, and stiffness and mass over their DOFs.
+_Block: TypeAlias = tuple[tuple[int, ...], DependentMatrix, DependentMatrix]
+
+
+@guarded("the matrices of the frame", UsageError)
+def space_frame(
+    nodes: Sequence[Vector],
+    members: Sequence[SpaceMember],
+    *,
+    supports: Iterable[Support] = (),
+    masses: Iterable[RigidMass] = (),
+    springs: Iterable[Spring] = (),
+    damping: ProportionalDamping | ModalDamping | None = None,
+    joints: Iterable[Joint] = (),
+    parameters: Iterable[Parameter] = (),
+) -> StructuralModel:
+    """Return a frame in three dimensions; its free DOFs node by node, ``1:x`` to ``1:rz`` first.
+
+    Rotations that nothing carries, as all members are released there, are left out.
+
+    Parameters
+    ----------
+    nodes
+        Coordinates x, y, z of the nodes 1 … n, m.
+    members
+        The members.
+    supports, masses, springs
+        Supports, rigid bodies and grounded springs at the nodes, along basic directions.
+    damping
+        Of the members, masses and springs; the springs' own damping is added.
+    joints
+        The joints, between DOFs such as ``2:x`` or ``1:rz``.
+    parameters
+        Unknown parameters, on which all numbers may depend.
+
+    Raises
+    ------
+    UsageError
+        If a number, a node or a direction makes no sense, a node belongs to no member, or rotates freely.
+    """
+    points: list[Vector] = list(nodes)
+    pieces: list[_Piece] = []
+    for place, member in enumerate(members):
+        try:
+            pieces += _pieces(member, len(nodes), points)
+        except UsageError as error:
+            names = (f"members.{place}",)
+            raise UsageError(
+                f"member {place + 1}: {error.problem}", remedy=error.remedy, names=names
+            ) from None
+    held, bodies, grounded = list(supports), list(masses), list(springs)
+    for what, items in (("support", held), ("mass", bodies), ("spring", grounded)):
+        check_nodes(what, items, len(points), DIRECTIONS)
+    fixed = {(item.node, direction) for item in held for direction in item.fix}
+    blocks: list[_Block] = [(piece.nodes, piece.k, piece.m) for piece in pieces]
+    blocks += [((body.node,), _nothing(6), _inertia(body)) for body in bodies]
+    for item in grounded:
+        if not isinstance(item.k, Dependent):
+            not_negative(f"the stiffness at node {item.node}", item.k)
+        at = DependentMatrix(np.diag([float(item.direction == one) for one in DIRECTIONS]))
+        blocks.append(((item.node,), at.times(item.k), _nothing(6)))
+    fixed |= _uncarried(pieces, blocks, fixed, len(points))
+    labels = [
+        f"{node}:{direction}"
+        for node in range(1, len(points) + 1)
+        for direction in DIRECTIONS
+        if (node, direction) not in fixed
+    ]
+    whole = Assembly(labels)
+    for ends, k, m in blocks:
+        dofs = [f"{node}:{direction}" for node in ends for direction in DIRECTIONS]
+        whole.add("K", dofs, k)
+        whole.add("M", dofs, m)
+    for item in grounded:
+        whole.add("C", [f"{item.node}:{item.direction}"], DependentMatrix(np.eye(1)).times(item.c))
+    places = np.array([[float(value) for value in point] for point in points])
+    numbered = Nodes(tuple(range(1, len(points) + 1)), places, lines=tuple(piece.nodes for piece in pieces))
+    return whole.model(damping, joints, parameters, numbered)
+
+
+def _pieces(member: SpaceMember, given: int, points: list[Vector]) -> Iterable[_Piece]:
+    """Yield a member's elements, appending their inner nodes to `points`."""
+    for node in member.nodes:
+        if not 1 <= node <= given:
+            raise UsageError(f"there is no node {node}", remedy=f"Nodes are 1 to {given}.")
+    for name in ("EA", "EIy", "EIz", "GJ"):
+        if not 0 < float(getattr(member, name)) < math.inf:
+            raise UsageError(f"{name} must be positive and finite")
+    rhoJ = member.rhoA * (member.EIy + member.EIz) / member.EA if member.rhoJ is None else member.rhoJ
+    not_negative("rhoA", member.rhoA)
+    not_negative("rhoJ", rhoJ)
+    if member.elements < 1 or not set(DIRECTIONS).issuperset(member.releases[0] + member.releases[1]):
+        raise UsageError(f"it needs at least one element, and releases along {', '.join(DIRECTIONS)}")
+    start, end = (_sum(points[n - 1], by) for n, by in zip(member.nodes, member.offsets, strict=True))
+    axes, length = _axes(_sum(end, _over(start, -1.0)), member.orientation)
+    count = member.elements
+    chain = [member.nodes[0]]
+    for part in range(1, count):
+        x, y, z = (a + (b - a) * part / count for a, b in zip(start, end, strict=True))
+        points.append((x, y, z))
+        chain.append(len(points))
+    chain.append(member.nodes[1])
+    each = length / count
+    rotational = (
+        4 * float(member.EIy + member.EIz + member.GJ) / float(each),
+        float(member.rhoA * each**3 + rhoJ * each),
+    )
+    blocks: dict[tuple[bool, bool], tuple[DependentMatrix, DependentMatrix]] = {}
+    for at, pair in enumerate(pairwise(chain)):
+        ends = (at == 0, at == count - 1)
+        if ends not in blocks:
+            blocks[ends] = _element(member, rhoJ, each, axes, ends)
+        yield _Piece(pair, *blocks[ends], rotational)
+
+
+# The DOFs of an element that stretch, twist, and bend it in its x-y and x-z planes: selected from the twelve,
+# slopes from rotations.
+_GROUPS = {
+    "along": (("x",), np.eye(12)[[0, 6]]),
+    "twist": (("rx",), np.eye(12)[[3, 9]]),
+    "in xy": (("y", "rz"), np.eye(12)[[1, 5, 7, 11]]),
+    "in xz": (("z", "ry"), np.diag([1.0, -1, 1, -1]) @ np.eye(12)[[2, 4, 8, 10]]),
+}
+
+
+def _element(
+    member: SpaceMember, rhoJ: Real, length: Real, axes: DependentMatrix, ends: tuple[bool, bool]
+) -> tuple[DependentMatrix, DependentMatrix]:
+    """Return stiffness and mass (12 x 12) of an element by its nodes' basic directions.
+
+    `axes`: the member's as rows (3 x 3); `ends`: whether its first and last ends are those of the member.
+    """
+    k, m = _nothing(12), _nothing(12)
+    for name, (directions, selected) in _GROUPS.items():
+        released = [
+            len(directions) * end + place
+            for end in (0, 1)
+            if ends[end]
+            for place, direction in enumerate(directions)
+            if direction in member.releases[end]
+        ]
+        if name == "along":
+            parts = stretching(member.EA, member.rhoA, length, released)
+        elif name == "twist":
+            parts = stretching(member.GJ, rhoJ, length, released)
+        else:
+            parts = bending(member.EIz if name == "in xy" else member.EIy, member.rhoA, length, released)
+        T = DependentMatrix(selected)
+        k, m = k + parts[0].congruent(T), m + parts[1].congruent(T)
+    T = _blocks(axes, [(at, at) for at in range(4)], 12)
+    k, m = k.congruent(T), m.congruent(T)
+    for end in (0, 1):
+        if ends[end] and any(member.offsets[end]):
+            T = _carried(member.offsets[end], 12, 2 * end)
+            k, m = k.congruent(T), m.congruent(T)
+    return k, m
+
+
+def _blocks(block: DependentMatrix, places: Sequence[tuple[int, int]], n: int) -> DependentMatrix:
+    """Return a block (3 x 3) at places of a matrix (n x n) of such blocks."""
+    where: Any = np.zeros((n // 3, n // 3))
+    where[tuple(zip(*places, strict=True))] = 1.0
+    terms = tuple((c, np.kron(where, as_array(pattern))) for c, pattern in block.terms)
+    return DependentMatrix(np.kron(where, as_array(block.constant)), terms)
+
+
+def _carried(offset: Vector, n: int, at: int) -> DependentMatrix:
+    """Return the motion (n x n) of a point that a rigid offset joins to the node of the DOFs from 3 `at`."""
+    x, y, z = offset
+    lever = _matrix([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    return DependentMatrix(np.eye(n)) + _blocks(lever, [(at, at + 1)], n)
+
+
+def _inertia(body: RigidMass) -> DependentMatrix:
+    """Return the mass (6 x 6) of a rigid body by its node's directions."""
+    total = _nothing(6)
+    for at, value in enumerate((body.m, body.m, body.m, *body.J)):
+        not_negative(f"the mass or inertia at node {body.node}", value)
+        total = total + DependentMatrix(np.diag(np.eye(6)[at])).times(value)
+    return total.congruent(_carried(body.offset, 6, 0)) if any(body.offset) else total
+
+
+def _axes(along: Vector, orientation: Vector | None) -> tuple[DependentMatrix, Real]:
+    """Return the axes of a member as rows (3 x 3), and its length."""
+    length = _length(along)
+    if not 0 < float(length) < math.inf:
+        raise UsageError("it has no length", remedy="Its ends, offsets included, must differ.")
+    x = _over(along, length)
+    if orientation is None:
+        vertical = math.hypot(float(x[0]), float(x[1])) < _VERTICAL
+        orientation = (0.0, 1.0, 0.0) if vertical else _cross((0.0, 0.0, 1.0), x)
+    z = _cross(x, orientation)
+    size = _length(z)
+    if not float(size) > _VERTICAL * float(_length(orientation)):
+        raise UsageError("its orientation lies along it", remedy="Give a vector beside its axis.")
+    z = _over(z, size)
+    return _matrix([x, _cross(z, x), z]), length
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _length(a: Vector) -> Real:
+    length: Real = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    return length
+
+
+def _over(a: Vector, by: Real) -> Vector:
+    return a[0] / by, a[1] / by, a[2] / by
+
+
+def _matrix(rows: Sequence[Sequence[Real]]) -> DependentMatrix:
+    """Return the matrix of given entries (3 x 3)."""
+    constant, terms = np.zeros((3, 3)), []
+    for place, value in np.ndenumerate(np.array(rows, dtype=object)):
+        if isinstance(value, Dependent):
+            unit = np.zeros((3, 3))
+            unit[place] = 1.0
+            terms.append((value, unit))
+        else:
+            constant[place] = value
+    return DependentMatrix(constant, tuple(terms))
+
+
+def _nothing(n: int) -> DependentMatrix:
+    return DependentMatrix(np.zeros((n, n)))
+
+
+def _uncarried(
+    pieces: Sequence[_Piece],
+    blocks: Sequence[_Block],
+    fixed: set[tuple[int, str]],
+    count: int,
+) -> set[tuple[int, str]]:
+    """Return the rotations that nothing carries, and refuse loose nodes.
+
+    Raises
+    ------
+    UsageError
+        If a node belongs to no member, or rotates freely about an axis that is no basic direction.
+    """
+    size = np.zeros((count, 2))
+    for piece in pieces:
+        for node in piece.nodes:
+            size[node - 1] += piece.rotational
+    loose = np.flatnonzero(size[:, 0] == 0)
+    if len(loose):
+        raise UsageError(
+            f"node {loose[0] + 1} belongs to no member",
+            remedy="Join it, or leave it out.",
+            names=(f"nodes.{loose[0]}",),
+        )
+    carried = np.zeros((count, 3, 3))
+    for ends, *matrices in blocks:
+        for place, node in enumerate(ends):
+            rotations = slice(6 * place + 3, 6 * place + 6)
+            for letter, matrix in enumerate(matrices):
+                block = matrix.reference[rotations, rotations]
+                carried[node - 1] += block / (size[node - 1, letter] or 1.0)
+    free = np.array(
+        [[(node, along) not in fixed for along in DIRECTIONS[3:]] for node in range(1, count + 1)]
+    )
+    there = np.einsum("nii->ni", carried) > _ROUNDING
+    for node, along in zip(*np.nonzero(~there | ~free), strict=True):
+        carried[node, along], carried[node, :, along], carried[node, along, along] = 0.0, 0.0, 1.0
+    values, vectors = np.linalg.eigh(carried)
+    for alone in np.flatnonzero(values[:, 0] < _ROUNDING):
+        axis = vectors[alone, :, 0]
+        axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+        shown = ", ".join(f"{part:.3g}" for part in axis)
+        raise UsageError(
+            f"node {alone + 1} rotates freely about ({shown}): the members are released there",
+            remedy="Release fewer directions, or hold the node by a support or a spring.",
+            names=(f"nodes.{alone}",),
+        )
+    return {(int(node) + 1, DIRECTIONS[3 + along]) for node, along in zip(*np.nonzero(~there), strict=True)}
