@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import finite
 from dynid.lti.frequency_response import second_order_response
 from dynid.number_format import frequency_text
+from dynid.structure.dynamic_condensation import ActiveCoordinates, CondensedLines, condensed_lines
 from dynid.structure.excitation import Excitation, base_slopes, drive, prescribed_state, signals_of
 from dynid.structure.matrices import Array, as_array
 from dynid.structure.model import StructuralModel
@@ -48,6 +50,7 @@ class StructureSystem(LinearSystem):
         )
         self._driven = drive(model, loads, channels)
         self._shaken = any(load.dof is None for load in loads)
+        self._lines: tuple[Any, CondensedLines | None] | None = None
 
     def _at(self, values: Mapping[str, float]) -> Excitation:
         """Return directions and rows; the force by which a moving ground acts depends on the masses."""
@@ -176,11 +179,29 @@ class StructureSystem(LinearSystem):
         Singular
             If a line lies on an undamped pole, to rounding.
         """
+        condensed = self._condensed(omega, pairs) if slopes else None
+        if condensed is None:
+            return self._whole_response(values, omega, pairs, slopes=slopes)
+        receptance, motion, right = condensed.solve(*self.model.dense(values))
+        driven, read = (motion[:, :, ends] for ends in condensed.pairs)
+        factor = self._factors(omega, pairs)
+        H = factor * receptance
+        moved = self._moved(values, omega, factor, (driven, read), condensed.coordinates)
+        if not right.all():
+            H[~right], moved[~right] = self._whole_response(values, omega[~right], pairs)
+        return H, moved
+
+    def _whole_response(
+        self,
+        values: Mapping[str, float],
+        omega: Array,
+        pairs: Sequence[tuple[int, int]],
+        *,
+        slopes: bool = True,
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the responses and derivatives of `paired_response` from solutions with all DOFs."""
         M, C, K = self.model.dense(values)
-        forces = self._driven.directions.T[[load for _, load in pairs]]
-        rows = self._driven.rows[[channel for channel, _ in pairs]]
-        ends, where = np.unique(np.concatenate([forces, rows]), axis=0, return_inverse=True)
-        where = where.reshape(2, len(pairs))
+        ends, where = self._ends(pairs)
         n = len(M)
         solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
         infinite = ~np.isfinite(solved).all(axis=(1, 2))
@@ -192,17 +213,64 @@ class StructureSystem(LinearSystem):
                 names=("measurement.frf", "measurement"),
             )
         driven, read = solved[:, :, where[0]], solved[:, :, where[1]]
-        factor = (1j * omega[:, None]) ** [self._driven.orders[channel] for channel, _ in pairs]
-        H = factor * np.einsum("cn,lnc->lc", rows, driven)
-        moved = np.zeros((*H.shape, len(self.unknowns) if slopes else 0), dtype=complex)
+        factor = self._factors(omega, pairs)
+        H = factor * np.einsum("cn,lnc->lc", ends[where[1]], driven)
+        if not slopes:
+            return H, np.zeros((*H.shape, 0), dtype=complex)
+        return H, self._moved(values, omega, factor, (driven, read))
+
+    def _ends(self, pairs: Sequence[tuple[int, int]]) -> tuple[Array, NDArray[np.intp]]:
+        """Return the distinct directions (e x n), and the places of each pair's force and read-out there."""
+        forces = self._driven.directions.T[[load for _, load in pairs]]
+        rows = self._driven.rows[[channel for channel, _ in pairs]]
+        ends, where = np.unique(np.concatenate([forces, rows]), axis=0, return_inverse=True)
+        return ends, where.reshape(2, len(pairs))
+
+    def _factors(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> ComplexArray:
+        """Return what makes responses of receptances (L x pairs)."""
+        return np.asarray((1j * omega[:, None]) ** [self._driven.orders[channel] for channel, _ in pairs])
+
+    def _moved(
+        self,
+        values: Mapping[str, float],
+        omega: Array,
+        factor: ComplexArray,
+        motions: tuple[ComplexArray, ComplexArray],
+        coordinates: ActiveCoordinates | None = None,
+    ) -> ComplexArray:
+        """Return the derivatives of responses (L x pairs x p) by the values of the parameters.
+
+        `motions`: by the force and by a force in the read-out's direction, in all DOFs or in these
+        coordinates (L x a x pairs).
+        """
+        driven, read = motions
+        moved = np.zeros((*factor.shape, len(self.unknowns)), dtype=complex)
         powers = {"K": np.ones(len(omega)), "C": 1j * omega, "M": -(omega**2)}
-        for k, changes in enumerate(self.model.slopes(values) if slopes else ()):
+        for k, changes in enumerate(self.model.slopes(values)):
             for letter, matrix in changes.items():
                 change = as_array(matrix)
+                if coordinates is not None:
+                    change = coordinates.block(change)
                 here = np.flatnonzero(change.any(axis=0))
                 bent = change[np.ix_(here, here)] @ driven[:, here]
                 moved[..., k] -= factor * powers[letter][:, None] * np.sum(read[:, here] * bent, axis=1)
-        return H, moved
+        return moved
+
+    def _condensed(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> CondensedLines | None:
+        """Return the lines condensed to what unknown parameters act on; None where that does not pay."""
+        key = omega.tobytes(), tuple(pairs)
+        if self._lines is None or self._lines[0] != key:
+            own, modal = {one.name for one in self.unknowns}, self.model.modal
+            found = None
+            if modal is None or own.isdisjoint(modal.names):
+                matrices = self.model.dense(_references(self.model))
+                terms = (*self.model.joint_terms, *self.model.terms)
+                acting = [as_array(one.matrix) for one in terms if not own.isdisjoint(one.coefficient.names)]
+                if any(part.any() for part in acting):
+                    coordinates = ActiveCoordinates.of(acting)
+                    found = condensed_lines(matrices, coordinates, *self._ends(pairs), omega)
+            self._lines = key, found
+        return self._lines[1]
 
 
 def _references(model: StructuralModel) -> dict[str, float]:

@@ -155,7 +155,7 @@ def _solved(
         Z, scale = equations.matrices(w)
         balanced = scale[:, :, None] * Z * scale[:, None, :]
         right = np.concatenate([scale[:, :, None] * B, np.broadcast_to(probe, (len(Z), n, 1))], axis=2)
-        solution, bad = _checked_solve(balanced, right)
+        solution, bad = checked_solve(balanced, right)
         out[part] = rows @ (scale[:, :, None] * solution[:, :, :-1])
         out[part] *= ((1j * w[:, None]) ** powers)[:, :, None]
         for at in np.flatnonzero(bad):
@@ -166,15 +166,29 @@ def _solved(
     return out
 
 
-def _checked_solve(Z: ComplexArray, right: Array) -> tuple[ComplexArray, NDArray[np.bool_]]:
-    """Return the solutions, and a mask of those that are ill conditioned or have a large residual."""
+def checked_solve(Z: ComplexArray, right: Array | ComplexArray) -> tuple[ComplexArray, NDArray[np.bool_]]:
+    """Solve equations (L x n x n), and judge the solutions.
+
+    Parameters
+    ----------
+    Z
+        The matrices, balanced.
+    right
+        Right-hand sides (L x n x columns); the last one is a probe, whose growth estimates the condition.
+
+    Returns
+    -------
+    tuple
+        The solutions (L x n x columns), and a mask (L) of those that are ill conditioned or leave a large
+        residual.
+    """
     try:
         solution = np.linalg.solve(Z, right.astype(complex))
     except np.linalg.LinAlgError:
         if len(Z) == 1:
             return np.zeros(right.shape, dtype=complex), np.ones(1, dtype=bool)
         # One matrix has a pivot of exactly zero: bisect to find it.
-        halves = [_checked_solve(Z[part], right[part]) for part in np.array_split(np.arange(len(Z)), 2)]
+        halves = [checked_solve(Z[part], right[part]) for part in np.array_split(np.arange(len(Z)), 2)]
         solutions, bads = zip(*halves, strict=True)
         return np.concatenate(solutions), np.concatenate(bads)
     size = np.abs(Z).sum(axis=2).max(axis=1, initial=0.0)
