@@ -89,7 +89,8 @@ def run(
     from dynid.report.content.identification import cautions
 
     of_graph = result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ()
-    for warning in (*of_graph, *cautions(result)):
+    of_nodes = result.group_attrs.get("structure/nodes", {}).get("doubt")
+    for warning in (*of_graph, *([] if of_nodes is None else [of_nodes]), *cautions(result)):
         click.echo(f"{scene}: warning: {warning}", err=True)
     return report_expectations(loaded, outcomes, quiet)
 

@@ -26,8 +26,10 @@ from dynid.structure.joints import Joint
 from dynid.structure.matrices import NAMES, Array, Label, Matrix, as_array, as_matrix, nothing, triplets
 from dynid.structure.model import StructuralModel
 from dynid.structure.nodes import Nodes
+from dynid.structure.readers.dof_order import assigned
 from dynid.structure.readers.imported_matrix import ImportedMatrix
 from dynid.structure.readers.read import MatrixFile, read_matrix, read_state_space
+from dynid.structure.readers.read_nodes import read_nodes
 
 # The relative contradiction that rounded numbers of a state space may contain.
 _ROUNDED = 1e-6
@@ -51,7 +53,7 @@ def imported(
     labels: Sequence[Label] = (),
     joints: Iterable[Joint] = (),
     parameters: Iterable[Parameter] = (),
-    nodes: Nodes | None = None,
+    nodes: Path | None = None,
 ) -> StructuralModel:
     """Return the structure of matrices in files.
 
@@ -70,7 +72,7 @@ def imported(
     parameters
         Unknown parameters, on which factors and damping may depend.
     nodes
-        The nodes, where they are known.
+        A file of nodes, which also gives labels ``NODE:DIR`` where no others are known.
 
     Raises
     ------
@@ -98,8 +100,22 @@ def imported(
         _sum(role, [(files[key].factor, one) for key, one in matrices.items() if key[0] == role], size, dense)
         for role in ("mass", "stiffness", "damping")
     )
+    known = None
+    if nodes is not None:
+        names, known = _with_nodes(nodes, M.reference, K.reference, names)
     law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
-    return damped_structure(M, C, K, law, joints, names, parameters, nodes)
+    return damped_structure(M, C, K, law, joints, names, parameters, known)
+
+
+def _with_nodes(
+    path: Path, M: Matrix, K: Matrix, labels: tuple[Label, ...]
+) -> tuple[tuple[Label, ...], Nodes]:
+    """Return labels of DOFs and the nodes of a file."""
+    try:
+        file = read_nodes(path)
+    except FileError as error:
+        raise FileError(error.problem, remedy=error.remedy, names=("nodes", *error.names)) from None
+    return assigned(M, K, labels, file)
 
 
 def _parts(

@@ -33,6 +33,10 @@ class Nodes:
         Named sets of nodes.
     lines
         Pairs of nodes: edges to draw.
+    notes
+        What else their file says, in words: coordinate systems, constraints that are not applied.
+    doubts
+        Sentences on what contradicts the nodes, or does not confirm them.
 
     Raises
     ------
@@ -45,6 +49,8 @@ class Nodes:
     axes: Mapping[Node, Array] = field(default_factory=dict)
     sets: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
     lines: tuple[tuple[Node, Node], ...] = ()
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "numbers", tuple(self.numbers))

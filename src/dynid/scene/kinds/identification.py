@@ -12,7 +12,7 @@ from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurem
 from dynid.scene.kinds.parameters import at_starts
 from dynid.scene.kinds.scope import add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
-from dynid.scene.kinds.structures import build_structure
+from dynid.scene.kinds.structures import add_doubts, build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
@@ -53,6 +53,7 @@ def run(scene: Scene) -> Result:
     structure = structure_of(scene)
     method = reductor_of(scene)
     result = Result("identification", scene.title)
+    add_doubts(result, structure)
     values = {unknown.name: unknown.expected for unknown in structure.unknowns}
     if model.measurement is not None:
         if model.measurement.frf is not None:

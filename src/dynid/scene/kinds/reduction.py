@@ -12,7 +12,7 @@ from dynid.result import Result
 from dynid.scene.kinds.measurements import channel_of
 from dynid.scene.kinds.scope import add_reduction_scope
 from dynid.scene.kinds.signals import angular_frequencies
-from dynid.scene.kinds.structures import build_structure
+from dynid.scene.kinds.structures import add_doubts, build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.reduction import (
     DynamicModel,
@@ -130,6 +130,7 @@ def run(scene: Scene) -> Result:
     model = cast("ReductionScene", scene.model)
     structure = build_structure(scene, model.structure, model.joints)
     result = Result("reduction", scene.title)
+    add_doubts(result, structure)
     made = compare(structure, methods_of(model), responses=_responses(model), parts=model.substructures)
     result.merge(made)
     names = result_names([part.method for part in model.reduction])

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from dynid.arithmetic.dependent import Real
     from dynid.parameters import Parameter
+    from dynid.result import Result
     from dynid.scene.load import Scene
     from dynid.scene.schema.joints import JointModel, MassModel
     from dynid.scene.schema.structure import (
@@ -272,7 +273,16 @@ def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]
     assert part.mass is not None
     assert part.stiffness is not None
     damping = files(part.damping) if isinstance(part.damping, list) else _damping(part.damping)
-    return imported(files(part.mass), files(part.stiffness), damping, labels=labels, parameters=parameters)
+    nodes = None if part.nodes is None else folder / part.nodes
+    return imported(
+        files(part.mass), files(part.stiffness), damping, labels=labels, parameters=parameters, nodes=nodes
+    )
+
+
+def add_doubts(result: Result, structure: StructuralModel) -> None:
+    """Add the sentences on what contradicts the nodes of a structure."""
+    if structure.nodes is not None and structure.nodes.doubts:
+        result.annotate("structure/nodes", doubt="; ".join(structure.nodes.doubts))
 
 
 def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping | None:

@@ -342,6 +342,7 @@ class MatricesModel(Section):
     stiffness: Parts | None = None
     damping: DampingMatrix | None = None
     labels: list[DofLabel] | FilePath | None = None
+    nodes: FilePath | None = None
     state_space: StateSpaceFile | None = None
 
     @model_validator(mode="after")
@@ -350,6 +351,8 @@ class MatricesModel(Section):
             raise fault("the matrices are 'mass' and 'stiffness' (and 'damping'), or a 'state_space'")
         if self.state_space is not None and (self.mass or self.stiffness or self.damping):
             raise fault("a 'state_space' holds mass, stiffness and damping; name no file of these")
+        if self.state_space is not None and self.nodes is not None:
+            raise fault("a 'state_space' has no 'nodes'; give 'labels'")
         return self
 
 

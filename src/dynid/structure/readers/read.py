@@ -12,16 +12,17 @@ from dynid.file_access import dataset_of, obstacle
 from dynid.structure.matrices import Label, Matrix
 from dynid.structure.readers import binary, matlab
 from dynid.structure.readers.imported_matrix import ImportedMatrix
+from dynid.structure.readers.matlab_script import read_script
 from dynid.structure.readers.text import BANNER, read_matrix_market, read_triplets
 from dynid.suggestions import did_you_mean
 
-EXTENSIONS = (".mtx", ".mat", ".npz", ".npy", ".h5", ".hdf5", ".op4")
+EXTENSIONS = (".mtx", ".m", ".mat", ".npz", ".npy", ".h5", ".hdf5", ".op4")
 """The formats that are read."""
 
 USUAL = {
-    "mass": ("M", "mass", "MAA", "MGG", "MASS1"),
-    "stiffness": ("K", "stiffness", "KAA", "KGG", "STIF1"),
-    "damping": ("C", "damping", "BAA", "BGG", "DAMP1", "D"),
+    "mass": ("M", "mass", "MAA", "MGG", "MXX", "MASS1"),
+    "stiffness": ("K", "stiffness", "KAA", "KGG", "KXX", "STIF1"),
+    "damping": ("C", "damping", "BAA", "BGG", "BXX", "DAMP1", "D"),
     "A": ("A",),
     "B": ("B",),
     "C": ("C",),
@@ -61,8 +62,9 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     Parameters
     ----------
     file
-        The file: Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), MATLAB
-        (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4 (`.op4`).
+        The file: Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), a script of
+        triplets (`.m`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4
+        (`.op4`).
     role
         One of `USUAL`: which matrix is meant in a file that holds several, and names none.
 
@@ -76,6 +78,8 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     if path.suffix.lower() == ".mtx":
         banner = _start(path).lstrip().lower().startswith(BANNER.encode())
         return read_matrix_market(path) if banner else read_triplets(path)
+    if path.suffix.lower() == ".m":
+        return read_script(path)
     reader = _container(path)
     name = _choose(path, file.name, role, reader.shapes(path))
     return ImportedMatrix(reader.load(path, name))
@@ -97,7 +101,7 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
         If the file cannot be read, or has no ``A``.
     """
     _check_kind(path)
-    if path.suffix.lower() == ".mtx":
+    if path.suffix.lower() in (".mtx", ".m"):
         raise FileError(f"{path} holds one matrix; a state space takes several")
     reader = _container(path)
     shapes = reader.shapes(path)

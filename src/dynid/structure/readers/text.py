@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
-from dynid.structure.matrices import Matrix
 from dynid.structure.readers.imported_matrix import ImportedMatrix, check_backed, check_claim, read_errors
+from dynid.structure.readers.triplets import assembled, one_triangle, whole_places
 
 BANNER = "%%matrixmarket"
 
@@ -60,8 +60,8 @@ def read_matrix_market(path: Path) -> ImportedMatrix:
             matrix = np.zeros(header.shape)
             matrix.T[np.triu_indices(rows)] = table[:, 0]
             return ImportedMatrix(matrix + np.tril(matrix, -1).T)
-        ends = _places(path, table[:, :2])
-        return ImportedMatrix(_assembled(path, ends, table[:, 2], header.shape, mirror=header.symmetric))
+        ends = whole_places(path, table[:, :2])
+        return ImportedMatrix(assembled(path, ends, table[:, 2], header.shape, mirror=header.symmetric))
 
 
 def _matrix_market_header(path: Path) -> _MatrixMarketHeader:
@@ -114,7 +114,7 @@ def read_triplets(path: Path) -> ImportedMatrix:
             raise FileError(f"{path} holds no triplets")
         if table.shape[1] not in (3, 5):
             raise FileError(f"{path} has {table.shape[1]} columns; triplets have 3 (row, column, value) or 5")
-        ends, values = _places(path, table[:, :-1]), table[:, -1]
+        ends, values = whole_places(path, table[:, :-1]), table[:, -1]
         if len(first) == 3 and all(word.isascii() and word.isdigit() for word in first):
             rows, columns, entries = (int(word) for word in first)
             within = not len(ends[1:]) or bool(np.all(ends[1:].max(axis=0) <= (rows, columns)))
@@ -124,9 +124,7 @@ def read_triplets(path: Path) -> ImportedMatrix:
                         f"{path} holds a matrix of {rows} x {columns}; a structural matrix is square"
                     )
                 check_backed(path, rows, entries, 6)
-                matrix = _assembled(
-                    path, ends[1:], values[1:], (rows, columns), mirror=_one_triangle(ends[1:])
-                )
+                matrix = assembled(path, ends[1:], values[1:], (rows, columns), mirror=one_triangle(ends[1:]))
                 return ImportedMatrix(matrix)
             if within and rows == columns:
                 _refuse_doubtful(path, comment, first, ends)
@@ -138,7 +136,7 @@ def read_triplets(path: Path) -> ImportedMatrix:
             labels = tuple(f"{node}:{dof}" for node, dof in dofs.tolist())
         # No more rows than bytes: an index that is wrong must not take memory.
         n = min(int(ends.max()), max(path.stat().st_size, 1000))
-        matrix = _assembled(path, ends, values, (max(n, 1), max(n, 1)), mirror=_one_triangle(ends))
+        matrix = assembled(path, ends, values, (max(n, 1), max(n, 1)), mirror=one_triangle(ends))
     return ImportedMatrix(matrix, labels, at_least=not labels)
 
 
@@ -167,10 +165,6 @@ def _opening(path: Path) -> tuple[str, list[str]]:
                 later = (later for line in lines if (later := line.strip()[:1]) in _COMMENTS)
                 return comment or next(later, "*"), first
     return comment or "*", []
-
-
-def _one_triangle(ends: NDArray[np.int64]) -> bool:
-    return bool(np.all(ends[:, 0] <= ends[:, 1]) or np.all(ends[:, 0] >= ends[:, 1]))
 
 
 def _refuse_doubtful(path: Path, comment: str, first: list[str], ends: NDArray[np.int64]) -> None:
@@ -215,48 +209,3 @@ def _numbers(path: Path, skip: int, comment: str) -> NDArray[np.float64]:
         return np.loadtxt(
             path, comments=comment, delimiter=delimiter, skiprows=skip, ndmin=2, encoding="utf-8"
         )
-
-
-def _places(path: Path, table: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return columns of whole numbers.
-
-    Raises
-    ------
-    FileError
-        Where a number is not whole.
-    """
-    with np.errstate(invalid="ignore"):
-        whole = (np.abs(table) < 2**53) & (table == np.floor(table))
-    if not whole.all():
-        at = int(np.argmin(whole.all(axis=1)))
-        found = ", ".join(f"{value:g}" for value in table[at])
-        raise FileError(f"{path}: row {at + 1} of the numbers names no row and column: {found}")
-    return table.astype(np.int64)
-
-
-def _assembled(
-    path: Path, ends: NDArray[np.int64], values: NDArray[np.float64], shape: tuple[int, int], *, mirror: bool
-) -> Matrix:
-    """Return the sparse matrix of triplets, rows and columns from 1; with `mirror` both triangles.
-
-    Raises
-    ------
-    FileError
-        If a row or column does not exist.
-    """
-    from scipy.sparse import coo_array  # heavy import, needed here only
-
-    wrong = (ends < 1) | (ends > np.array(shape))
-    if wrong.any():
-        row, column = ends[int(np.argmax(wrong.any(axis=1)))]
-        raise FileError(
-            f"{path} names the entry ({row}, {column}); rows and columns count from 1 to "
-            f"{shape[0]} and {shape[1]}"
-        )
-    rows, columns = ends.T - 1
-    if mirror:
-        off = rows != columns
-        rows, columns = np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]])
-        values = np.concatenate([values, values[off]])
-    matrix: Matrix = coo_array((values, (rows, columns)), shape=shape).tocsc()
-    return matrix
