@@ -11,7 +11,7 @@ from dynid.errors import FileError
 from dynid.hdf5 import Refused, check_stored, inside
 from dynid.store import read_result
 from dynid.structure.readers.read import matrix_file, read_matrix
-from dynid.tables.read import read_columns, read_signal
+from tests.tables.reading import read_columns, read_signal
 
 
 def refused(call, match):

@@ -12,7 +12,7 @@ ROOT = Path(dynid.__file__).parent
 # From the lowest up; a package may import every layer below its own, and none beside it.
 LAYERS = [
     {"_version", "errors", "suggestions", "number_format", "file_access", "hdf5"}
-    | {"result", "model_scope", "defaults", "progress"},
+    | {"result", "model_scope", "defaults", "progress", "units"},
     {"arithmetic"},
     {"parameters"},
     {"lti"},
@@ -35,6 +35,7 @@ WITHIN = {
     ("result", "suggestions"),
     ("file_access", "errors"),
     ("hdf5", "errors"),
+    ("units", "errors"),
     ("__init__", "_version"),
     ("__init__", "builders"),
 }
@@ -52,6 +53,7 @@ LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
     "h5py": {"hdf5", "store", "tables.hdf5", "structure.readers.binary"},  # results; users' data
+    "pint": {"units"},  # units that are not built in
     "yaml": {"scene"},
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},

@@ -112,7 +112,7 @@ def test_the_scene_of_these_tests_is_valid():
         ("kind: step", "kind: step, unit: Hz", "9:50: 'unit' is not a key of analysis.time.input"),
         ("kind: step", "kind: impulse, unit: Hz", "9:53: 'unit' is not a key of analysis.time.input"),
         ("kind: step", "kind: impact, duration: 1, unit: Hz", "9:65: 'unit' is not a key of analysis.time"),
-        ("kind: step", "kind: file, path: f.csv, unit: Hz", "9:63: 'unit' is not a key of analysis.time"),
+        ("kind: step", "kind: file, path: f.csv, unit: hZ", "9:69: 'hZ' is no unit; did you mean Hz?"),
         ("kind: step", "kind: step, frequency: 1", "9:50: 'frequency' is not a key of analysis.time.input"),
         ("kind: step", "kind: step, source: G", "9:58: 'G' is not an input"),
         ("kind: step", "kind: step, source: m", "9:58: 'm' is not an input"),

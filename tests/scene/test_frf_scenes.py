@@ -333,7 +333,11 @@ def test_faults_of_files(tmp_path, frf, said):
         ("scale: linear", "scale: wide", "scale"),
         ("{dof: 2}}", "{}}", "9:51: a reference is the 'dof' of a force, or the 'source' of a graph"),
         ("{dof: 2}}", "{dof: 2}, offset: 1}", "9:7: a frequency response has no 'offset'"),
-        ("{dof: 2}}", "{dof: 2}, unit: m/s2}", "9:7: the values of this channel are in SI units; leave"),
+        (
+            "{dof: 2}}",
+            "{dof: 2}, unit: m/s2}",
+            "9:7: the unit m/s2 does not fit: this response is in (m/s2)/N or (m/s2)/(N.m)",
+        ),
         (
             "  frf: {",
             "  noise: {kind: proportional, order: 3}\n  frf: {",

@@ -228,8 +228,8 @@ def test_values_of_unknown_parameters_can_be_set_and_misspelt_ones_are_refused(t
         ("gain: s", "gain: 0", "7:54: the 'gain' is 0, and the signal would drive nothing"),
         (
             "unit: m/s",
-            "unit: mm/s",
-            "11:14: 'unit' is mm/s; values of velocity are in m/s (rad/s of rotations)",
+            "unit: kg",
+            "11:14: the unit kg does not fit: the velocity of this channel is in m/s or rad/s. Units",
         ),
         ("quantity: velocity, ", "", "11:14: a sensor needs its 'quantity': displacement, velocity or"),
         (
@@ -297,8 +297,8 @@ def test_a_graph_stands_in_the_place_of_a_structure():
         ),
         (
             "{output: spring.q}",
-            "{output: spring.q, unit: m}",
-            "17:41: the values of this channel are in SI units; leave 'unit' out",
+            "{output: spring.q, unit: foo}",
+            "17:66: 'foo' is no unit",
         ),
         (
             "parameters:",

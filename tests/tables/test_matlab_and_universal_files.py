@@ -9,8 +9,8 @@ from scipy.io import savemat
 
 from dynid.errors import FileError
 from dynid.structure.readers.matlab import load, shapes
-from dynid.tables.read import read_columns, read_signal
 from dynid.tables.table import TableLayout
+from tests.tables.reading import read_columns, read_signal
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "measured"
 needs_data = pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured records are not here")

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from dynid.tables.hdf5 import complex_datasets, present
 from dynid.tables.matlab import complex_columns
 from dynid.tables.read import existing, file_format
-from dynid.tables.table import DataFile
+from dynid.tables.table import DataFile, Heading
 from dynid.tables.text import complex_number, read_text
 from dynid.tables.universal_file import UniversalFunction, read_functions
+from dynid.units import split_heading
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -49,7 +50,8 @@ class MeasuredResponses(NamedTuple):
     """Frequency responses read from a file.
 
     `omega` (L) as in the file, `values` (L x columns), `deviation` and `coherence` (alike) if requested;
-    what `quantities` the file says they are (empty: it does not), and whether its frequencies are in Hz.
+    what `quantities` the file says they are (empty: it does not), and whether its frequencies are in Hz; the
+    `headings` of the columns, and that of the frequencies.
     """
 
     omega: Array
@@ -58,6 +60,8 @@ class MeasuredResponses(NamedTuple):
     coherence: Array | None = None
     quantities: Sequence[str] = ()
     in_hertz: bool = False
+    headings: Sequence[Heading] = ()
+    of_lines: Heading = Heading("", "")
 
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -107,6 +111,10 @@ def read_responses(path: Path, given: ResponseLayout, place: str) -> MeasuredRes
             for name, columns in (("deviation", given.deviation), ("coherence", given.coherence))
         )
         found = MeasuredResponses(omega, _paired(table, given.columns), deviation, coherence)
+        if isinstance(table, _TextResponses):
+            found = found._replace(
+                headings=table.headings(given.columns), of_lines=table.table.heading(table.at)
+            )
     if not np.isfinite(found.omega).all() or np.any(found.omega < 0) or np.any(np.diff(found.omega) <= 0):
         file.refuse("has frequencies that are missing, negative, or do not increase", key="frequency")
     if np.isinf(found.values).any():
@@ -144,7 +152,7 @@ def _paired(table: _ResponseFile, columns: Sequence[ColumnName | list[ColumnName
 
 
 def _is_frequency(name: str) -> bool:
-    return re.sub(r"[\[(].*", "", name).strip().lower() in _FREQUENCY
+    return re.sub(r"[\[(].*", "", split_heading(name)[0]).strip().lower() in _FREQUENCY
 
 
 class _ResponseFile(ABC):
@@ -186,11 +194,26 @@ class _TextResponses(_ResponseFile):
         """Return a column."""
         return self.table.values[:, [self.table.find(name, key)]]
 
+    def headings(self, columns: Sequence[ColumnName | list[ColumnName]] | None) -> list[Heading]:
+        """Return the headings of responses; of pairs that of the real part."""
+        if columns is None:
+            alternate = 1 if self._complex else 2
+            return [self.table.heading(k) for k in self._others[::alternate]]
+        first = [column[0] if isinstance(column, list) else column for column in columns]
+        return [self.table.heading(self.table.find(name, "columns")) for name in first]
+
+    @property
+    def _others(self) -> list[int]:
+        return [k for k in range(self.table.values.shape[1]) if k != self.at]
+
+    @property
+    def _complex(self) -> bool:
+        return bool(np.any(np.nan_to_num(self.table.values[:, self._others].imag)))
+
     def every(self) -> NDArray[Any]:
         """Return all columns but the frequencies: complex ones, or real and imaginary parts by turns."""
-        others = [k for k in range(self.table.values.shape[1]) if k != self.at]
-        values = self.table.values[:, others]
-        if np.any(np.nan_to_num(values.imag)):
+        others, values = self._others, self.table.values[:, self._others]
+        if self._complex:
             return values
         if len(others) % 2:
             self.file.refuse(

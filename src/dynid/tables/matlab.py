@@ -48,7 +48,7 @@ def read_matlab(file: DataFile, columns: Sequence[str | int] | None, layout: Tab
         lengths = ", ".join(str(len(part)) for part in parts)
         file.refuse(f"has columns of different lengths: {lengths}", key="columns" if named else "variable")
     table = DataTable(file, wanted, np.column_stack(parts))
-    return table if layout.time is None else table.timed_by(layout.time)
+    return table if layout.time is None else table.timed_by(table.find(layout.time, "time"))
 
 
 def complex_columns(file: DataFile, wanted: Sequence[str], key: str) -> NDArray[Any]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from dynid.file_access import obstacle
 from dynid.tables.hdf5 import read_datasets
 from dynid.tables.matlab import read_matlab
-from dynid.tables.table import DataFile, DataTable, TableLayout, are_numbers
+from dynid.tables.table import DataFile, DataTable, Heading, TableLayout, are_numbers
 from dynid.tables.text import read_text
 from dynid.tables.universal_file import read_uff
 
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _PLAIN = TableLayout()
+
+
+class MeasuredColumns(NamedTuple):
+    """Columns of a file: `values` (rows x columns), NaN where a sample is missing, and their `headings`."""
+
+    values: NDArray[np.float64]
+    headings: list[Heading]
 
 
 def read_columns(
@@ -29,24 +36,25 @@ def read_columns(
     place: str = "",
     layout: TableLayout = _PLAIN,
     rows: int | None = None,
-) -> NDArray[np.float64]:
-    """Read columns of a file as an array (rows x columns) with NaN for missing samples.
+) -> MeasuredColumns:
+    """Read columns of a file, in the units in which they stand there.
 
     Parameters
     ----------
     path
-        A `.csv`, `.txt` or `.dat` file with one row a line (semicolons, tabs, commas or spaces; lines that
-        start with # are passed over; a first line of names is a header), an HDF5 file (`.h5`, `.hdf5`), a
-        MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`, `.unv`). In text a missing sample
-        is an empty field, `nan`, `NA` or `n/a`; in a file of one column an empty line is a missing sample
-        too; in one of several columns it is refused. Empty lines at the end are dropped.
+        A `.csv`, `.txt` or `.dat` file with one row a line (semicolons, tabs, bars, commas or spaces; where
+        commas do not separate, they may be decimal; lines that start with # are passed over; a first line of
+        names is a header, in which a unit may stand, `acc 12+Z [g]`, or in a line below), an HDF5 file
+        (`.h5`, `.hdf5`), a MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`, `.unv`). In text
+        a missing sample is an empty field, `nan`, `NA` or `n/a`; in a file of one column an empty line is a
+        missing sample too; in one of several columns it is refused. Empty lines at the end are dropped.
     columns
-        Names, or numbers from 1: columns of a table, datasets of an HDF5 file, variables of a MATLAB file,
-        functions of a Universal File. Absent: all columns of a table but one called `time` or `t`; in an
-        HDF5 file the dataset `measured`.
+        Names, with or without the unit, or numbers from 1: columns of a table, datasets of an HDF5 file,
+        variables of a MATLAB file, functions of a Universal File. Absent: all columns of a table but that of
+        the times; in an HDF5 file the dataset `measured`.
     step
-        The step that the rows are taken to have, s; compared with the column `time` or `t` of a table, in
-        an HDF5 file with the dataset of that name beside the data.
+        The step that the rows are taken to have, s; compared with the times of a table, in an HDF5 file with
+        the dataset `time` or `t` beside the data.
     place
         The dotted place of the file in the scene, for errors.
     layout
@@ -63,8 +71,10 @@ def read_columns(
     file = existing(path, place)
     table = _table(file, columns, layout, rows=rows)
     if columns is None or (file_format(path) in ("hdf5", "matlab") and not are_numbers(columns)):
-        return table.checked(table.data, step)
-    return table.checked([table.find(name, "columns") for name in columns], step)
+        chosen = table.data
+    else:
+        chosen = [table.find(name, "columns") for name in columns]
+    return MeasuredColumns(table.checked(chosen, step), [table.heading(k) for k in chosen])
 
 
 def read_signal(
@@ -74,16 +84,16 @@ def read_signal(
     step: float | None = None,
     place: str = "",
     layout: TableLayout = _PLAIN,
-) -> NDArray[np.float64]:
-    """Read one column without missing samples; by default the only one that is not the time.
+) -> tuple[NDArray[np.float64], Heading]:
+    """Read one column without missing samples, and its heading; by default the only one that is not the time.
 
     Parameters
     ----------
     path, step, place, layout
         As of `read_columns`.
     column
-        Its name, or its number from 1. Absent: the only column but `time` or `t`, the only dataset of an
-        HDF5 file but these.
+        Its name, with or without the unit, or its number from 1. Absent: the only column but that of the
+        times, the only dataset of an HDF5 file but `time` or `t`.
 
     Raises
     ------
@@ -109,7 +119,7 @@ def read_signal(
     if np.isnan(values).any():
         row = int(np.argmax(np.isnan(values)))
         table.refuse_row(row, "a sample of the signal is missing", "A signal is known at every step.")
-    return values
+    return values, table.heading(found)
 
 
 def _table(

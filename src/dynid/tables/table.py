@@ -13,13 +13,19 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.suggestions import did_you_mean
+from dynid.units import si_factor, split_heading, unit_fits
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-#: Names of a column of times.
+#: Names of a dataset of times.
 TIME = ("time", "t")
+#: Names of a column of times, as instruments and languages have them; a unit may follow in many ways.
+_TIMES = (
+    r"(t|times?|time ?stamps?|(elapsed|relative|rel\.?|sample|record) time|zeit|messzeit|temps|tiempo|tempo"
+    r"|seconds|secs?|x_value)([ _/.]*(s|sec|seconds|ms|msec|us|usec|µs))?"
+)
 
 
 @dataclass(frozen=True)
@@ -60,11 +66,19 @@ class TableLayout:
                 file.refuse(f"takes no '{key}'", "It belongs to files of other formats.", key=key)
 
 
+class Heading(NamedTuple):
+    """Name of a column, and its unit; empty where the file has none."""
+
+    name: str
+    unit: str
+
+
 @dataclass(frozen=True)
 class DataTable:
     """Rows of numbers, the names of their columns (none: no header), and their times where they have any.
 
-    `timed` is the column of the times, from 0; absent: it is found by its name.
+    `timed` is the column of the times, from 0; absent: it is found by its name. `units` are those of the
+    columns in a row of their own; empty: they stand in the names, if anywhere.
     """
 
     file: DataFile
@@ -74,6 +88,12 @@ class DataTable:
     times: NDArray[np.float64] | None = None
     resolution: NDArray[np.float64] | None = None
     timed: int | None = None
+    units: Sequence[str] = ()
+
+    def heading(self, column: int) -> Heading:
+        """Return name and unit of a column, empty where the file has none."""
+        name, unit = split_heading(self.names[column]) if self.names else ("", "")
+        return Heading(name, self.units[column] or unit if self.units else unit)
 
     @property
     def data(self) -> list[int]:
@@ -81,13 +101,19 @@ class DataTable:
         timed = time_column(self.names) if self.timed is None else self.timed
         return [k for k in range(self.values.shape[1]) if k != timed]
 
-    def timed_by(self, column: str | int) -> DataTable:
-        """Return the table with a column of times, as many digits as these have."""
-        found = self.find(column, "time")
-        times = self.values[:, found]
-        return replace(
-            self, times=times, resolution=printed_resolution(f"{t:.12g}" for t in times), timed=found
-        )
+    def timed_by(self, column: int, resolution: NDArray[np.float64] | None = None) -> DataTable:
+        """Return the table with a column of times, in s or in the unit that its heading has.
+
+        `resolution` is the last place of each time as written; absent: they have twelve digits.
+        """
+        times = self.values[:, column]
+        if resolution is None:
+            resolution = printed_resolution(f"{t:.12g}" for t in times)
+        name, unit = self.heading(column)
+        if unit and not unit_fits(unit, ["s"]):
+            self.file.refuse(f"has '{name}' in {unit}, which is no time", key="time")
+        factor = si_factor(unit, ["s"]) if unit else 1.0
+        return replace(self, times=factor * times, resolution=factor * resolution, timed=column)
 
     def since(self, first: int) -> DataTable:
         """Return the table from a row on, counted from 1."""
@@ -109,22 +135,26 @@ class DataTable:
         self.file.refuse(problem, remedy, line=self.lines[row])
 
     def find(self, name: str | int, key: str) -> int:
-        """Return the index of a column by its name, or by its number from 1."""
+        """Return the index of a column by its name, with or without its unit, or by its number from 1."""
         count = self.values.shape[1]
         if isinstance(name, int):
             if not 1 <= name <= count:
                 columns = f"{count} columns" if count != 1 else "one column"
                 self.file.refuse(f"has {columns}, no column {name}", key=key)
             return name - 1
-        if self.names.count(name) > 1:
-            self.file.refuse(f"has {self.names.count(name)} columns '{name}'", "Give its number.", key=key)
-        if name not in self.names:
+        bare = [split_heading(own)[0] for own in self.names]
+        listings = ((self.names, name), (bare, name), (bare, split_heading(name)[0]))
+        found = next((own for own, sought in listings if sought in own), None)
+        if found is None:
             hint = did_you_mean(name, self.names)
             known = (
                 "" if hint else f"; it has {', '.join(self.names)}" if self.names else "; it has no header"
             )
             self.file.refuse(f"has no column '{name}'{hint or known}", key=key)
-        return self.names.index(name)
+        sought = name if name in found else split_heading(name)[0]
+        if found.count(sought) > 1:
+            self.file.refuse(f"has {found.count(sought)} columns '{sought}'", "Give its number.", key=key)
+        return found.index(sought)
 
     def checked(self, columns: Iterable[int], step: float | None) -> NDArray[np.float64]:
         """Return columns without infinite values, at the step that they are taken to have."""
@@ -145,13 +175,18 @@ class DataTable:
 
 
 def time_column(names: Sequence[str]) -> int | None:
-    """Return the column of the time, found by its name; a unit in brackets may follow the name.
+    """Return the column of the time, found by its name; a unit may follow the name.
 
-    Beside `t`, `T` is another quantity.
+    Beside `t`, `T` is another quantity; so is what has a unit that is none of time.
     """
-    bare = [re.sub(r"[\[(].*", "", name).strip() for name in names]
-    spelt = [k for k, name in enumerate(bare) if name in TIME]
-    return next(iter([*spelt, *(k for k, name in enumerate(bare) if name.lower() in TIME)]), None)
+    bare = [re.sub(r"[\[(].*", "", split_heading(name)[0]).strip() for name in names]
+    known = [
+        k
+        for k, name in enumerate(names)
+        if re.fullmatch(_TIMES, bare[k], re.IGNORECASE)
+        and not ((unit := split_heading(name)[1]) and not unit_fits(unit, ["s"]))
+    ]
+    return min(known, key=lambda k: (not bare[k].islower(), bare[k] == "T"), default=None)
 
 
 def are_numbers(columns: Sequence[str | int]) -> bool:

@@ -1,18 +1,19 @@
-"""Tables in text files: one row a line, separated by commas, semicolons, tabs or spaces."""
+"""Tables in text files: one row a line; names above it, and units above it or behind the names."""
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Callable
 
 import numpy as np
 
+from dynid.tables.dialect import Dialect, find_dialect
 from dynid.tables.table import DataFile, DataTable, printed_resolution, time_column
+from dynid.units import is_units_row, unit_of_field
 
 _MISSING = ("", "nan", "na", "n/a")
 _DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
-ACCEPTED = "A missing sample is an empty field, nan, NA or n/a; decimals take a point."
+ACCEPTED = "A missing sample is an empty field, nan, NA or n/a."
 
 
 def read_text(
@@ -23,9 +24,8 @@ def read_text(
     `number` converts a field; absent: to a real number.
     """
     rows = _lines(file)
-    start = rows[0][0]
-    separator = next((mark for mark in ";\t," if mark in rows[0][1]), None)
-    first = [field.strip() for field in _split(rows[0][1], separator)]
+    start, dialect = rows[0][0], find_dialect(file, rows)
+    first = [field.strip() for field in dialect.split(rows[0][1])]
     # No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
     leading = next((field for field in first if field), "")
     has_header = (
@@ -34,6 +34,11 @@ def read_text(
         and not any(re.fullmatch(_DECIMAL, field) for field in first)
     )
     body = rows[has_header:]
+    units: list[str] = []
+    if has_header and body:
+        below = dialect.split(body[0][1])
+        if len(below) == len(first) and is_units_row(below):
+            units, body = [unit_of_field(field) for field in below], body[1:]
     if not body:
         file.refuse("holds names but no data")
     if not has_header and len(first) == 1 and start > 1:
@@ -43,21 +48,25 @@ def read_text(
                 if not line.strip():
                     message = "an empty line before the first sample"
                     file.refuse(message, "Drop it, or write nan for a sample.", line=at)
-    fields = [_row(file, number, line, separator, len(first)) for number, line in body]
+    fields = [_row(file, number, line, dialect, len(first)) for number, line in body]
     if len(first) > 1 and not first[-1] and all(not row[-1].strip() for row in fields):
         first, fields = first[:-1], [row[:-1] for row in fields]  # every line ends with the separator
+    if dialect.comma:
+        fields = [[dialect.number(field) for field in row] for row in fields]
     lines = [number for number, _ in body]
     values = np.array(
         [_numbers(file, at, row, number or _number) for at, row in zip(lines, fields, strict=True)],
         dtype=float if number is None else complex,
     ).reshape(len(fields), len(first))
     names = first if has_header else []
-    timed = time_column(names) if time is None else DataTable(file, names, values).find(time, "time")
+    table = DataTable(file, names, values, lines, units=units[: len(first)])
+    timed = time_column(names) if time is None else table.find(time, "time")
     if timed is None or number is not None:
-        return DataTable(file, names, values, lines)
-    times = values[:, timed]
-    written = [row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
-    return DataTable(file, names, values, lines, times, printed_resolution(written), timed)
+        return table
+    written = [
+        row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, values[:, timed], strict=True)
+    ]
+    return table.timed_by(timed, printed_resolution(written))
 
 
 def _lines(file: DataFile) -> list[tuple[int, str]]:
@@ -77,25 +86,16 @@ def _lines(file: DataFile) -> list[tuple[int, str]]:
     return rows[filled[0] : filled[-1] + 1]
 
 
-def _split(line: str, separator: str | None) -> list[str]:
-    if separator is not None and '"' in line:
-        return [
-            field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-        ]
-    fields = line.split(separator)
-    return [field.strip().strip('"') for field in fields] if '"' in line else fields
-
-
-def _row(file: DataFile, number: int, line: str, separator: str | None, count: int) -> list[str]:
-    if not line.strip(" \t" if separator != "\t" else " "):
+def _row(file: DataFile, number: int, line: str, dialect: Dialect, count: int) -> list[str]:
+    if not line.strip(" \t" if dialect.separator != "\t" else " "):
         if count > 1:
             file.refuse(
                 "an empty line among the rows", "Drop it; a missing sample keeps its row.", line=number
             )
         return [""]
-    fields = _split(line, separator)
+    fields = dialect.split(line)
     if len(fields) != count:
-        more = "A number has no comma in it; decimals take a point." if separator == "," else ""
+        more = "Where commas separate, decimals take a point." if dialect.separator == "," else ""
         file.refuse(
             f"{len(fields)} field{'s' * (len(fields) != 1)} where the first row has {count}",
             more,

@@ -6,17 +6,18 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.graph import BondGraph, GraphUnits
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import UsageError
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
+from dynid.scene.kinds.recorded_units import DrivenSource
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.signals import StepSignal
+from dynid.scene.schema.signals import SignalPart, StepSignal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -104,7 +105,14 @@ def graph_analysis(
         assert wanted.time is not None
         # Without any signal: the free response where there is stored energy, else that to a unit step.
         parts = list(wanted.time.input) or ([] if model.initial else [StepSignal(kind="step")])
-        for part, signal in build_signals(scene, "analysis.time.input", parts, record_of(wanted.time)):
+        units = GraphUnits(graph)
+
+        def driven(part: SignalPart) -> DrivenSource:
+            found = {units.of_input(name) for name in ([part.source] if part.source is not None else inputs)}
+            return DrivenSource(part.source or "the input", found.pop() if len(found) == 1 else "")
+
+        record = record_of(wanted.time)
+        for part, signal in build_signals(scene, "analysis.time.input", parts, record, driven):
             signals += [(name, signal) for name in ([part.source] if part.source is not None else inputs)]
     if variables is None and "sensitivities" in asked:
         own = ((name, node.value) for name, node in graph.nodes.items())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from dynid.errors import FileError, UsageError
+from dynid.scene.kinds.recorded_units import products, recorded_factor
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, layout_of
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from dynid.scene.schema.quantities import Quantity
     from dynid.scene.schema.signals import SignalPart
     from dynid.tables.frequency_responses import MeasuredResponses
+    from dynid.tables.read import MeasuredColumns
+    from dynid.tables.table import Heading
 
 
 def experiments(
@@ -84,10 +87,25 @@ def experiments(
 def _measurement(scene: Scene, given: RecordModel, place: str, graph: GraphModel | None) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.measurement import Measurement
+    from dynid.identification.noise import ColouredNoise
     from dynid.identification.simulation import Simulation
 
-    channels = tuple(channel_of(channel, graph) for channel in given.channels or ())
-    step, samples = number(given.step), given.samples or 0
+    every, step, samples = given.channels or (), number(given.step), given.samples or 0
+    channels = tuple(channel_of(channel, graph) for channel in every)
+    at = _own_or_shared(scene, place, "channels")
+    headings: list[Heading | None] = [None] * len(channels)
+    if given.file is not None:
+        table = _samples(scene, given, _own_or_shared(scene, place, "file"))
+        headings = list(table.headings)
+    each = zip(every, headings, channels, strict=True)
+    factors = [
+        recorded_factor(channel, heading, ideal, f"{at}.{k}")
+        for k, (channel, heading, ideal) in enumerate(each)
+    ]
+    channels = tuple(
+        channel._replace(offset=factor * channel.offset) if factor != 1 else channel
+        for channel, factor in zip(channels, factors, strict=True)
+    )
     source: Simulation | NDArray[np.float64]
     if given.simulate is not None:
         simulate = given.simulate
@@ -95,32 +113,40 @@ def _measurement(scene: Scene, given: RecordModel, place: str, graph: GraphModel
             levels(simulate.noise_ratio) or 0.0,
             simulate.seed,
             number(simulate.settle),
-            levels(simulate.noise),
+            products(factors, levels(simulate.noise)),
             noise_colour=tuple(float(one) for one in simulate.noise_colour),
         )
         if graph is None:
             source = replace(source, **initial_motion(cast("IdentificationScene", scene.model)))  # type: ignore[arg-type]
     else:
-        from dynid.tables.read import read_columns
+        source = table.values[:samples] * factors
+    noise = noise_of(given)
+    if not isinstance(noise, ColouredNoise):
+        noise = products(factors, noise)
+    return Measurement(step, samples, channels, source, noise)
 
-        assert given.file is not None
-        path, where = scene.folder / (given.file.path or ""), _own_or_shared(scene, place, "file")
-        layout, columns = layout_of(given.file), given.file.columns
-        table = read_columns(path, columns, step=step, place=where, layout=layout, rows=samples or None)
-        if table.shape[1] != len(channels):
-            raise FileError(
-                f"{path} has {table.shape[1]} columns of numbers, 'channels' has {len(channels)}",
-                remedy="Name the columns: file: {path: …, columns: […]}.",
-                names=(f"{where}.columns",),
-            )
-        if len(table) < samples:
-            raise FileError(
-                f"{path} has {len(table)} samples, but the scene asks for {samples}",
-                remedy="Ask for no more samples than there are.",
-                names=(f"{where}.path",),
-            )
-        source = table[:samples]
-    return Measurement(step, samples, channels, source, noise_of(given))
+
+def _samples(scene: Scene, given: RecordModel, where: str) -> MeasuredColumns:
+    """Return the columns of a record's file, one for each channel."""
+    from dynid.tables.read import read_columns
+
+    assert given.file is not None
+    path, samples, channels = scene.folder / (given.file.path or ""), given.samples or 0, given.channels or ()
+    layout, columns, step = layout_of(given.file), given.file.columns, number(given.step)
+    table = read_columns(path, columns, step=step, place=where, layout=layout, rows=samples or None)
+    if table.values.shape[1] != len(channels):
+        raise FileError(
+            f"{path} has {table.values.shape[1]} columns of numbers, 'channels' has {len(channels)}",
+            remedy="Name the columns: file: {path: …, columns: […]}.",
+            names=(f"{where}.columns",),
+        )
+    if len(table.values) < samples:
+        raise FileError(
+            f"{path} has {len(table.values)} samples, but the scene asks for {samples}",
+            remedy="Ask for no more samples than there are.",
+            names=(f"{where}.path",),
+        )
+    return table
 
 
 def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
@@ -185,13 +211,14 @@ def loads_of(
     graph: GraphModel | None = None,
 ) -> list[Any]:
     """Return the loads at a place of a scene."""
-    loads: list[Any] = []
-    for part, signal in build_signals(scene, where, parts, record):
+
+    def acting(part: SignalPart, signal: Any) -> Any:
         if graph is None:
-            loads.append(Load(part.dof, signal, part.base or part.motion, *actuator_of(part)))
-        else:
-            loads.append(graph.load(str(part.source), signal, *actuator_of(part)))
-    return loads
+            return Load(part.dof, signal, part.base or part.motion, *actuator_of(part))
+        return graph.load(str(part.source), signal, *actuator_of(part))
+
+    built = build_signals(scene, where, parts, record, lambda part: acting(part, None))
+    return [acting(part, signal) for part, signal in built]
 
 
 def actuator_of(part: SignalPart) -> tuple[Real, Real]:
@@ -230,13 +257,30 @@ def frf_measurement(scene: Scene, given: MeasurementModel, graph: GraphModel | N
     proportional = isinstance(given.noise, NoiseModel)
     noise = levels(given.noise.ratio if isinstance(given.noise, NoiseModel) else given.noise)
     simulate = given.frf.simulate
+    found = None if simulate is not None else _read(scene, given.frf, channels)
+    headings: Sequence[Heading | None] = found.headings if found is not None else ()
+    each = zip(given.channels or (), headings or [None] * len(channels), channels, strict=True)
+    factors = [
+        recorded_factor(channel, heading, function, f"measurement.channels.{k}")
+        for k, (channel, heading, function) in enumerate(each)
+    ]
+    coherence = given.frf.file is not None and given.frf.file.coherence is not None
+    if not proportional and not coherence:  # else it is a ratio
+        noise = products(factors, noise)
     if simulate is not None:
-        added = levels(simulate.noise_ratio) or 0.0, simulate.seed, 0.0, levels(simulate.noise)
+        added = (
+            levels(simulate.noise_ratio) or 0.0,
+            simulate.seed,
+            0.0,
+            products(factors, levels(simulate.noise)),
+        )
         source = Simulation(*added, noise_by_line=simulate.noise_by_line)
         omega = angular_frequencies(simulate.lines)
         return FrfMeasurement(omega, channels, source, noise, proportional=proportional)
-    found = _read(scene, given.frf, channels)
-    deviation, relative = found.deviation, False
+    assert found is not None
+    found = found._replace(values=found.values * factors)
+    deviation = None if found.deviation is None else found.deviation * np.abs(factors)
+    relative = False
     if found.coherence is not None:
         # Of the estimate H1 from n averages: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. 2010, eq 9.57.
         averages = given.frf.file.averages if given.frf.file else None
@@ -272,8 +316,7 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
                 remedy=f"Write quantity: {quantity}.",
                 names=("measurement.channels", f"{_PLACE}.path"),
             )
-    unit = given.unit or ("Hz" if found.in_hertz else "rad/s")
-    found = found._replace(omega=found.omega * (2 * math.pi if unit == "Hz" else 1.0))
+    found = found._replace(omega=found.omega * _in_radians(found, given))
     if given.band is None:
         return found
     factor = 2 * math.pi if given.unit == "Hz" else 1.0
@@ -286,3 +329,22 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
             names=("measurement.frf.band",),
         )
     return found.at(here)
+
+
+def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
+    """Return the factor that converts the lines of a file into rad/s: by its heading, the scene, or rad/s."""
+    from dynid.units import si_factor, unit_fits
+
+    name, stated = found.of_lines
+    in_hertz = given.unit == "Hz" or (given.unit is None and found.in_hertz)
+    if not stated:
+        return 2 * math.pi if in_hertz else 1.0
+    if given.unit is not None and not unit_fits(stated, [given.unit]):
+        raise FileError(
+            f"'unit' is {given.unit}, but the file has '{name}' in {stated}",
+            remedy="Leave 'unit' out, or correct the heading.",
+            names=("measurement.frf.unit", "measurement.frf"),
+        )
+    if unit_fits(stated, ["Hz"]):
+        return 2 * math.pi * si_factor(stated, ["Hz"])
+    return si_factor(stated, ["rad/s"], what="the frequency")

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynid.errors import FileError, UsageError
+from dynid.scene.kinds.recorded_units import amplitude_factor, recorded_factor
 from dynid.scene.schema.base import FrequencyGrid
 from dynid.scene.schema.signals import (
+    AmplitudePart,
     ChirpSignal,
     FileSignal,
+    ImpulseSignal,
     MultisineSignal,
     RandomSignal,
     SignalPart,
@@ -21,7 +24,7 @@ from dynid.scene.schema.signals import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -45,7 +48,11 @@ def record_of(grid: TimeGrid) -> RecordTimes:
 
 
 def build_signals(
-    scene: Scene, where: str, parts: Sequence[SignalPart], record: RecordTimes
+    scene: Scene,
+    where: str,
+    parts: Sequence[SignalPart],
+    record: RecordTimes,
+    load_of: Callable[[SignalPart], Any],
 ) -> list[tuple[SignalPart, Signal]]:
     """Return signals, each with the part of the scene that describes it.
 
@@ -59,6 +66,8 @@ def build_signals(
         The signals there.
     record
         The record that they belong to.
+    load_of
+        Returns the load that a signal is, with its SI unit.
 
     Raises
     ------
@@ -66,7 +75,7 @@ def build_signals(
         Where the file of a signal cannot be read, its times are not at the record's step, or it ends before
         the record does.
     UsageError
-        Where a signal does not suit this record; it names the place.
+        Where a signal does not suit this record, or its unit what it drives; it names the place.
     """
     built = []
     found = scene.source.data
@@ -84,13 +93,23 @@ def build_signals(
                 remedy="Leave it out: a response is computed for the continuous signal.",
                 names=(f"{place}.hold",),
             )
+        factor = 1.0
+        if isinstance(part, AmplitudePart) and part.amplitude_unit is not None:
+            impulse = isinstance(part, ImpulseSignal)
+            factor = amplitude_factor(part.amplitude_unit, load_of(part), place, impulse=impulse)
         try:
             parameters = part.parameters()
+            if factor != 1:
+                given = parameters["amplitude"]
+                scaled = tuple(factor * one for one in given) if isinstance(given, tuple) else factor * given
+                parameters["amplitude"] = scaled
             if isinstance(part, FileSignal):
                 from dynid.tables.read import read_signal
 
                 path, layout = scene.folder / part.path, layout_of(part)
-                values = read_signal(path, part.column, step=record.step, place=place, layout=layout)
+                values, heading = read_signal(path, part.column, step=record.step, place=place, layout=layout)
+                factor = recorded_factor(part, heading, load_of(part), place)
+                values = factor * (values - float(part.offset or 0))
                 if len(values) < record.samples:
                     raise FileError(
                         f"{path} has {len(values)} samples, but the signal lasts {record.samples}",
@@ -103,7 +122,8 @@ def build_signals(
             kind = str(getattr(part, "kind"))  # noqa: B009 - every member has a kind
             built.append((part, signal(kind, parameters, record)))
         except UsageError as error:
-            raise UsageError(error.problem, remedy=error.remedy, names=(place,)) from error
+            names = [name for name in error.names if name.startswith(place)]
+            raise UsageError(error.problem, remedy=error.remedy, names=(*names, place)) from error
     return built
 
 

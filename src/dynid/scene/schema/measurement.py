@@ -15,11 +15,15 @@ from pydantic import (
 )
 
 from dynid.defaults import NOISE_VALUES
+from dynid.errors import UsageError
 from dynid.scene.schema.base import Dof, FilePath, FrequencyGrid, MotionQuantity, Section
 from dynid.scene.schema.graph_variables import Output
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
+from dynid.scene.schema.units import SensitivityModel, UnitName
+from dynid.structure.ports import UNITS as MOTION_UNITS
+from dynid.units import si_factor
 
 ColumnName = str | Annotated[int, Field(ge=1, strict=True)]
 
@@ -84,14 +88,16 @@ class ReferenceModel(Section):
 class MeasuredChannelModel(ChannelModel):
     """One sensor of a record, or of a frequency response with its `reference`.
 
-    Recorded is gain · (model at t − delay) + offset.
+    Recorded is gain · (model at t − delay) + offset, in `unit`, by default that of the column's heading, else
+    the SI unit. With a `sensitivity` the recorded signal of the sensor, such as a voltage, has this unit.
     """
 
     reference: ReferenceModel | None = None
     gain: Uncertain | None = None
     offset: Uncertain | None = None
     delay: Uncertain | None = None
-    unit: str | None = None
+    unit: UnitName | None = None
+    sensitivity: SensitivityModel | None = None
 
     @model_validator(mode="after")
     def _is_calibrated(self) -> Self:
@@ -99,16 +105,18 @@ class MeasuredChannelModel(ChannelModel):
             raise fault("the 'gain' is 0, and the channel would show nothing")
         if self.reference is not None and self.offset is not None:
             raise fault("a frequency response has no 'offset'")
-        if self.unit is not None:
-            units = {"displacement": ("m", "rad"), "velocity": ("m/s", "rad/s")}
-            known = units.get(self.quantity or "", ("m/s2", "rad/s2"))
-            if self.output is not None or self.reference is not None:
-                raise fault("the values of this channel are in SI units; leave 'unit' out")
-            if self.unit not in known:
-                raise fault(
-                    f"'unit' is {self.unit}; values of {self.quantity} are in {known[0]} "
-                    f"({known[1]} of rotations): convert them, or write a 'gain'"
+        if self.unit is not None and self.quantity is not None and self.sensitivity is None:
+            motion = MOTION_UNITS[self.quantity]
+            units, what = [motion, motion.replace("m", "rad", 1)], f"the {self.quantity} of this channel"
+            if self.reference is not None:
+                units, what = (
+                    [f"({unit})/{force}" for unit in units for force in ("N", "(N.m)")],
+                    "this response",
                 )
+            try:
+                si_factor(self.unit, units, what=what)
+            except UsageError as error:
+                raise fault(str(error)) from None
         return self
 
     @property

@@ -16,6 +16,7 @@ from pydantic import (
 from dynid.defaults import HOLD
 from dynid.scene.schema.base import Dof, FilePath, MotionQuantity, Section
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
+from dynid.scene.schema.units import SensitivityModel, UnitName
 
 Hold = Literal["spline", "linear", "zero"]
 """The interpolation of a signal between its samples: cubic spline, linear, or constant."""
@@ -49,8 +50,7 @@ class SignalPart(Section):
 
     def parameters(self) -> dict[str, Any]:
         """Return the signal's own parameters as floats, frequencies in rad/s."""
-        skipped = {"unit", "source", "dof", "motion", "base", "gain", "delay", "kind"}
-        given = {name: getattr(self, name) for name in type(self).model_fields if name not in skipped}
+        given = {name: getattr(self, name) for name in type(self).model_fields if name not in _NO_PARAMETERS}
         factor = self.factor
         return {
             name: _as_float(value, factor if name in _FREQUENCIES else 1.0)
@@ -59,7 +59,13 @@ class SignalPart(Section):
         }
 
 
-class PeriodicPart(SignalPart):
+class AmplitudePart(SignalPart):
+    """Keys of signals that have an amplitude."""
+
+    amplitude_unit: UnitName | None = None
+
+
+class PeriodicPart(AmplitudePart):
     """Keys of signals that have frequencies."""
 
     unit: Literal["rad/s", "Hz"] = "rad/s"
@@ -71,6 +77,7 @@ class PeriodicPart(SignalPart):
 
 
 _FREQUENCIES = {"frequency", "band"}
+_NO_PARAMETERS = {"unit", "amplitude_unit", "source", "dof", "motion", "base", "gain", "delay", "kind"}
 
 
 def _as_float(value: Any, factor: float) -> Any:
@@ -81,7 +88,7 @@ def _as_float(value: Any, factor: float) -> Any:
     return value
 
 
-class StepSignal(SignalPart):
+class StepSignal(AmplitudePart):
     """A step."""
 
     kind: Literal["step"]
@@ -89,7 +96,7 @@ class StepSignal(SignalPart):
     start: NotNegative = Quantity(0)
 
 
-class ImpulseSignal(SignalPart):
+class ImpulseSignal(AmplitudePart):
     """A Dirac impulse at t = 0."""
 
     kind: Literal["impulse"]
@@ -152,7 +159,7 @@ class RandomSignal(PeriodicPart):
         return band
 
 
-class ImpactSignal(SignalPart):
+class ImpactSignal(AmplitudePart):
     """Half a sine from t = 0."""
 
     kind: Literal["impact"]
@@ -174,12 +181,19 @@ class TablePlace(Section):
 
 
 class FileSignal(SignalPart, TablePlace):
-    """Samples from a file, at the step of the record; by default its only column but the time."""
+    """Samples from a file, at the step of the record; by default its only column but the time.
+
+    Recorded is gain · (what acts at t − delay) + offset, in `unit`, by default that of the column's heading,
+    else the SI unit. With a `sensitivity` the recorded signal of the sensor has this unit.
+    """
 
     kind: Literal["file"]
     path: FilePath
     column: str | Annotated[int, Field(ge=1, strict=True)] | None = None
     hold: Hold = HOLD.value
+    unit: UnitName | None = None
+    sensitivity: SensitivityModel | None = None
+    offset: Value | None = None
 
 
 Signal = Annotated[

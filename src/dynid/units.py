@@ -1,0 +1,404 @@
+"""Units of measured quantities: the factor to SI and the dimension of a text such as `mm/s2` or `(m/s2)/kN`.
+
+The names below are built in; any other is looked up in pint, which is imported only then. Two names have two
+readings, of which the dimension decides: `g` (also `mg`, `ug`) is standard gravity or gram, `lb` is pound or
+pound-force. Angles have a dimension of their own, so that `rad/s` and `1/s` are not confused.
+
+Factors: B. N. Taylor, A. Thompson, The International System of Units, NIST SP 330 (2008) and SP 811, app. B.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import unicodedata
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import product
+from typing import Any, NamedTuple, NoReturn
+
+from dynid.errors import UsageError
+
+GRAVITY = 9.80665
+"""Standard gravity, m/s2."""
+
+_BASES = ("m", "kg", "s", "A", "K", "rad")
+
+
+class Unit(NamedTuple):
+    """A unit: a value in it times `factor` is the value in SI; exponents of m, kg, s, A, K and rad."""
+
+    factor: float
+    dimension: tuple[int, ...]
+
+    def __mul__(self, other: Unit) -> Unit:  # type: ignore[override]
+        return Unit(
+            self.factor * other.factor,
+            tuple(a + b for a, b in zip(self.dimension, other.dimension, strict=True)),
+        )
+
+    def __truediv__(self, other: Unit) -> Unit:
+        return self * other**-1
+
+    def __pow__(self, power: int) -> Unit:
+        # Dividing by the decimal keeps 1/1000 exact to rounding where a product with 0.001 does not.
+        factor = self.factor**power if power >= 0 else 1 / self.factor**-power
+        return Unit(factor, tuple(power * a for a in self.dimension))
+
+
+def _of(**powers: int) -> tuple[int, ...]:
+    return tuple(powers.get(base, 0) for base in _BASES)
+
+
+_NONE = _of()
+_LENGTH, _MASS, _TIME, _ANGLE = _of(m=1), _of(kg=1), _of(s=1), _of(rad=1)
+_ACCELERATION, _FORCE, _MOMENT = _of(m=1, s=-2), _of(m=1, kg=1, s=-2), _of(m=2, kg=1, s=-2)
+_PRESSURE, _VOLUME, _ENERGY = _of(m=-1, kg=1, s=-2), _of(m=3), _MOMENT
+_CHARGE = _of(A=1, s=1)
+
+_POUND = 0.45359237
+_POUND_FORCE = 4.4482216152605
+_INCH, _FOOT = 0.0254, 0.3048
+
+_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "k": 1e3, "M": 1e6, "G": 1e9}
+
+#: Units with the prefixes that are read before them.
+_PREFIXED: dict[str, tuple[Unit, str]] = {
+    "m": (Unit(1, _LENGTH), "numcdk"),
+    "s": (Unit(1, _TIME), "num"),
+    "N": (Unit(1, _FORCE), "umkM"),
+    "Nm": (Unit(1, _MOMENT), "umkM"),
+    "Pa": (Unit(1, _PRESSURE), "umkMG"),
+    "bar": (Unit(1e5, _PRESSURE), "m"),
+    "Hz": (Unit(1, _of(s=-1)), "kM"),
+    "V": (Unit(1, _of(m=2, kg=1, s=-3, A=-1)), "numk"),
+    "A": (Unit(1, _of(A=1)), "num"),
+    "C": (Unit(1, _CHARGE), "pnum"),
+    "W": (Unit(1, _of(m=2, kg=1, s=-3)), "mkM"),
+    "J": (Unit(1, _ENERGY), "mkM"),
+    "K": (Unit(1, _of(K=1)), "m"),
+    "rad": (Unit(1, _ANGLE), "um"),
+    "strain": (Unit(1, _NONE), "um"),
+    "ohm": (Unit(1, _of(m=2, kg=1, s=-3, A=-2)), "mk"),
+    "Wb": (Unit(1, _of(m=2, kg=1, s=-2, A=-1)), "m"),
+}
+
+_SINGLE: dict[str, Unit] = {
+    **dict.fromkeys(("in", "inch", "inches"), Unit(_INCH, _LENGTH)),
+    **dict.fromkeys(("ft", "feet", "foot"), Unit(_FOOT, _LENGTH)),
+    **dict.fromkeys(("mil", "mils", "thou"), Unit(2.54e-5, _LENGTH)),
+    **dict.fromkeys(("micron", "microns"), Unit(1e-6, _LENGTH)),
+    **dict.fromkeys(("kg", "kilogram"), Unit(1, _MASS)),
+    "t": Unit(1e3, _MASS),
+    "lbm": Unit(_POUND, _MASS),
+    "slug": Unit(_POUND_FORCE / _FOOT, _MASS),
+    **dict.fromkeys(("sec", "second", "seconds"), Unit(1, _TIME)),
+    "msec": Unit(1e-3, _TIME),
+    "usec": Unit(1e-6, _TIME),
+    "min": Unit(60, _TIME),
+    "h": Unit(3600, _TIME),
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), Unit(math.pi / 180, _ANGLE)),
+    **dict.fromkeys(("rev", "turn"), Unit(2 * math.pi, _ANGLE)),
+    **dict.fromkeys(("rpm", "RPM"), Unit(math.pi / 30, _of(rad=1, s=-1))),
+    **dict.fromkeys(("gn", "grms", "gRMS", "gpk", "G"), Unit(GRAVITY, _ACCELERATION)),
+    **dict.fromkeys(("gal", "Gal"), Unit(1e-2, _ACCELERATION)),
+    "mGal": Unit(1e-5, _ACCELERATION),
+    "lbf": Unit(_POUND_FORCE, _FORCE),
+    "kip": Unit(1e3 * _POUND_FORCE, _FORCE),
+    "ozf": Unit(_POUND_FORCE / 16, _FORCE),
+    **dict.fromkeys(("kgf", "kp"), Unit(GRAVITY, _FORCE)),
+    "gf": Unit(1e-3 * GRAVITY, _FORCE),
+    "dyn": Unit(1e-5, _FORCE),
+    "Nmm": Unit(1e-3, _MOMENT),
+    "psi": Unit(_POUND_FORCE / _INCH**2, _PRESSURE),
+    "ksi": Unit(1e3 * _POUND_FORCE / _INCH**2, _PRESSURE),
+    "atm": Unit(101325, _PRESSURE),
+    **dict.fromkeys(("L", "l"), Unit(1e-3, _VOLUME)),
+    "Ω": Unit(1, _of(m=2, kg=1, s=-3, A=-2)),
+}
+
+#: Names of two readings.
+_DOUBLE: dict[str, tuple[Unit, Unit]] = {
+    "g": (Unit(GRAVITY, _ACCELERATION), Unit(1e-3, _MASS)),
+    "mg": (Unit(1e-3 * GRAVITY, _ACCELERATION), Unit(1e-6, _MASS)),
+    "ug": (Unit(1e-6 * GRAVITY, _ACCELERATION), Unit(1e-9, _MASS)),
+    **dict.fromkeys(("lb", "lbs"), (Unit(_POUND, _MASS), Unit(_POUND_FORCE, _FORCE))),
+}
+
+_TABLE: dict[str, tuple[Unit, ...]] = {
+    **{
+        prefix + name: (Unit(_PREFIXES.get(prefix, 1.0) * unit.factor, unit.dimension),)
+        for name, (unit, prefixes) in _PREFIXED.items()
+        for prefix in ("", *prefixes)
+    },
+    **{name: (unit,) for name, unit in _SINGLE.items()},
+    **_DOUBLE,
+}
+
+#: Names that some instruments write in capitals, with the rest of the unit; `MV` might be two units.
+_IN_CAPITALS = "m mm cm s ms sec in ft kg lb lbf rad deg rev kN Hz kHz Pa kPa bar psi min"
+_CAPITALS = {name.upper(): name for name in _IN_CAPITALS.split()}
+
+#: Names that are no units in parentheses in a heading, where they may be a side or a sensor.
+_REMARKS = {"1", "A", "C", "K", "L", "l", "t", "h", "J", "W"}
+
+#: Shown where a unit does not fit, of each dimension the ones that occur in laboratories.
+_SHOWN = (
+    "m mm um in ft mil m/s mm/s in/s m/s2 mm/s2 g mg ft/s2 in/s2 gal rad mrad deg rad/s deg/s rpm "
+    "rad/s2 deg/s2 N kN MN lbf kgf N.m kN.m Nmm lbf.in lbf.ft kg g lb s ms us Hz kHz "
+    "Pa kPa MPa bar psi V mV A mA pC m3 L m3/s L/min K W kW J N.s"
+)
+
+_TOKEN = re.compile(
+    r"""\s*(?:(?P<name>[^\W\d]+|°)(?P<attached>[+-]?\d+)?
+    |(?P<power>(?:\^|\*\*)\s*(?:[+-]?\d+|\(\s*[+-]?\d+\s*\)))
+    |(?P<one>1(?![\d.]))
+    |(?P<mark>[/()·⋅×*.-]))\s*""",
+    re.VERBOSE,
+)
+_LONGEST = 60
+_MOST_POWER = 9
+
+
+class UnknownUnitError(ValueError):
+    """A text that is no unit."""
+
+
+def unit_fits(text: str, expected: Sequence[str]) -> bool:
+    """Return True if a text is a unit of the dimension of one of these units; none: if it is a unit."""
+    try:
+        return any(_fitting(one, expected) for one in readings(text))
+    except UnknownUnitError:
+        return False
+
+
+def si_factor(text: str, expected: Sequence[str] = (), *, over: str = "", what: str = "") -> float:
+    """Return the factor that converts values in a unit into SI.
+
+    Parameters
+    ----------
+    text
+        The unit.
+    expected
+        Units, one of whose dimensions it must have; none: any.
+    over
+        The unit of a sensitivity, by which it is divided.
+    what
+        The quantity that is measured, for messages.
+
+    Raises
+    ------
+    UsageError
+        If the text is no unit, or has another dimension; it names units that fit.
+    """
+    try:
+        given = [above / below for above, below in product(readings(text), readings(over or "1"))]
+    except UnknownUnitError as error:
+        known = f"; units that fit: {', '.join(units_that_fit(expected))}" if expected and not over else ""
+        raise UsageError(f"{error}{known}") from None
+    fitting = [one for one in given if _fitting(one, expected)]
+    if fitting:
+        return fitting[0].factor
+    _refuse(text, expected, over, what)
+
+
+def _refuse(text: str, expected: Sequence[str], over: str, what: str) -> NoReturn:
+    kind = f"{what} is" if what else "the values are"
+    if over:
+        raise UsageError(
+            f"values in {text} over a sensitivity in {over} are no {' or '.join(expected)}, in which {kind}",
+            remedy=f"A sensitivity is in the recorded unit over that of the quantity: {text}/{expected[0]}.",
+        )
+    raise UsageError(
+        f"the unit {text} does not fit: {kind} in {' or '.join(expected)}",
+        remedy=f"Units that fit: {', '.join(units_that_fit(expected))}.",
+    )
+
+
+def units_that_fit(expected: Sequence[str]) -> list[str]:
+    """Return common units of the dimensions of these units; those themselves where none is common."""
+    shown = [text for text in _SHOWN.split() if unit_fits(text, expected)]
+    return list(dict.fromkeys([*expected, *shown]))
+
+
+def _fitting(unit: Unit, expected: Sequence[str]) -> bool:
+    return not expected or any(unit.dimension == one.dimension for si in expected for one in readings(si))
+
+
+@cache
+def readings(text: str, *, pint: bool = True) -> tuple[Unit, ...]:
+    """Return the units that a text may mean: one, or two of `g` and `lb`.
+
+    Parameters
+    ----------
+    text
+        Names with powers (`s2`, `s^-2`, `s²`), products (`.`, `·`, `*`, `-`, a space), quotients (a further
+        one divides again) and parentheses.
+    pint
+        Whether names that are not built in are looked up in pint.
+
+    Raises
+    ------
+    UnknownUnitError
+        If it is no unit.
+    """
+    plain = unicodedata.normalize("NFKC", text).replace("μ", "u").replace("−", "-").strip()
+    if not plain or len(plain) > _LONGEST:
+        raise UnknownUnitError(f"'{text[:_LONGEST]}' is no unit")
+    tokens, at = [], 0
+    while at < len(plain):
+        match = _TOKEN.match(plain, at)
+        if match is None:
+            raise UnknownUnitError(f"'{text}' is no unit: '{plain[at:]}' cannot be read")
+        tokens.append(match)
+        at = match.end()
+    stream = _Tokens(text, tokens, pint)
+    found = stream.product()
+    if stream.rest:
+        raise UnknownUnitError(f"'{text}' is no unit: a parenthesis is not balanced")
+    return tuple(dict.fromkeys(found))
+
+
+class _Tokens:
+    """The tokens of a unit, read once from left to right."""
+
+    def __init__(self, text: str, tokens: Sequence[re.Match[str]], pint: bool) -> None:
+        self.text, self.rest, self.pint = text, list(tokens), pint
+
+    def product(self) -> tuple[Unit, ...]:
+        """Return the readings of factors and divisors up to the end or a closing parenthesis."""
+        found: tuple[Unit, ...] = (Unit(1.0, _NONE),)
+        sign, pending = 1, True
+        while self.rest and self.rest[0]["mark"] != ")":
+            mark = self.rest[0]["mark"]
+            if mark and mark != "(":
+                if pending:
+                    self._fail(mark)
+                self.rest.pop(0)
+                sign, pending = -1 if mark == "/" else 1, True
+                continue
+            factor = self._factor()
+            found = tuple(a * b**sign for a, b in product(found, factor))
+            sign, pending = 1, False
+        if pending:
+            self._fail(self.rest[0][0] if self.rest else "")
+        return found
+
+    def _factor(self) -> tuple[Unit, ...]:
+        token = self.rest.pop(0)
+        power = token["attached"]
+        if token["mark"] == "(":
+            found = self.product()
+            if not self.rest:
+                raise UnknownUnitError(f"'{self.text}' is no unit: a parenthesis is not balanced")
+            self.rest.pop(0)
+        elif token["one"]:
+            found = (Unit(1.0, _NONE),)
+        elif token["name"]:
+            found = _named(token["name"], self.text, pint=self.pint)
+        else:
+            self._fail(token[0])
+        if self.rest and self.rest[0]["power"] and power is None:
+            power = self.rest.pop(0)["power"].lstrip("^* (").rstrip(") ")
+        exponent = int(power or 1)
+        if abs(exponent) > _MOST_POWER:
+            raise UnknownUnitError(f"'{self.text}' is no unit: the power {exponent} is too large")
+        return tuple(one**exponent for one in found)
+
+    def _fail(self, at: str) -> NoReturn:
+        where = f" before '{at.strip()}'" if at.strip() else " at its end"
+        raise UnknownUnitError(f"'{self.text}' is no unit: a name is missing{where}")
+
+
+def _named(name: str, text: str, *, pint: bool) -> tuple[Unit, ...]:
+    """Return the readings of one name: of the table, of some in capitals, or of pint."""
+    if name in _TABLE:
+        return _TABLE[name]
+    if name in _CAPITALS and text.upper() == text:
+        return _TABLE[_CAPITALS[name]]
+    found = _of_pint(name) if pint else None
+    if found is None:
+        hint = f": '{name}' is unknown" if name != text else ""
+        alike = [other for other in _TABLE if other.lower() == name.lower()]
+        meant = f"; did you mean {' or '.join(alike)}?" if alike else ""
+        raise UnknownUnitError(f"'{text}' is no unit{hint}{meant}")
+    return (found,)
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+_PINT_BASES = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K"}
+
+
+@cache
+def _of_pint(name: str) -> Unit | None:
+    """Return a unit that pint knows; None of others, of scales with an offset, and of plain numbers."""
+    registry = _registry()
+    try:
+        unit = registry.parse_units(name)
+        one, two = (float((registry.Quantity(k, unit)).to_base_units().magnitude) for k in (1, 2))
+        powers = {_PINT_BASES[base]: power for base, power in dict(unit.dimensionality).items()}
+    except Exception:  # pint raises errors of many kinds
+        return None
+    exponents = {base: round(power) for base, power in powers.items()}
+    whole = all(exponents[base] == power for base, power in powers.items())
+    if not powers or not whole or two != 2 * one or not one > 0:
+        return None
+    return Unit(one, _of(**exponents))
+
+
+_HEADINGS = (
+    (r"(.*)\[([^\[\]]+)\]$", True),
+    (r"(.*?)\((.+)\)$", False),
+    (r"(.*\S)\s+(?:/|in\s)\s*(.+)$", False),
+)
+
+
+def split_heading(heading: str) -> tuple[str, str]:
+    """Return the name and the unit in a heading: `acc 12+Z [g]`, `Time (s)`, `t / ms`; empty: no unit.
+
+    In brackets any text that is a unit is one; in parentheses or behind a slash only built-in ones, as other
+    remarks stand there, too.
+    """
+    bare = heading.strip()
+    for pattern, pint in _HEADINGS:
+        match = re.match(pattern, bare)
+        inside = "" if match is None else match[2].strip()
+        if match is None or not match[1].strip(" /") or (not pint and inside in _REMARKS):
+            continue
+        try:
+            readings(inside, pint=pint)
+        except UnknownUnitError:
+            continue
+        return match[1].rstrip(" /"), inside
+    return bare, ""
+
+
+def is_units_row(fields: Sequence[str]) -> bool:
+    """Return True if fields are units, built-in ones, and empty ones or dashes."""
+    return any(_units_in(fields)) and all(one is not None for one in _units_in(fields))
+
+
+def unit_of_field(field: str) -> str:
+    """Return the unit in a field of a row of units, without brackets; empty of a dash."""
+    bare = field.strip().strip("[]").strip()
+    if bare.startswith("(") and bare.endswith(")") and bare.count("(") == 1:
+        bare = bare[1:-1].strip()
+    return "" if bare in ("-", "–", "—", "1") else bare
+
+
+def _units_in(fields: Sequence[str]) -> Iterator[str | None]:
+    """Yield the unit in each field, empty of an empty one, None of what is none."""
+    for field in fields:
+        bare = unit_of_field(field)
+        try:
+            if bare:
+                readings(bare, pint=False)
+            yield bare
+        except UnknownUnitError:
+            yield None

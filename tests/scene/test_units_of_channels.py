@@ -1,0 +1,242 @@
+"""Channels and signals in units of laboratories: the same estimate as in SI, and faults of units."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import DynidError, UsageError
+from dynid.scene.load import load_scene
+from dynid.scene.run import run_scene
+
+GRAVITY = 9.80665
+
+SCENE = """\
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [2, 1], links: [{dofs: [1], k: 800, c: 1.5}]}
+joints:
+  j: {dofs: [1, 2], k: {start: 300}, c: {start: 0.5}}
+excitation: [{dof: 1, kind: file, path: DATA, column: F}]
+measurement:
+  step: 0.02
+  samples: 300
+  channels: [{dof: 1, quantity: acceleration}, {dof: 2, quantity: velocity}]
+  noise: [0.02, 0.003]
+  file: {path: DATA, columns: [a1, v2]}
+"""
+
+SOURCE = (
+    SCENE.replace(
+        "kind: file, path: DATA, column: F", "kind: multisine, amplitude: [3, 2, 2], frequency: [5, 13, 31]"
+    )
+    .replace("  file: {path: DATA, columns: [a1, v2]}", "  simulate: {noise: [0.02, 0.003], seed: 3}")
+    .replace("k: {start: 300}, c: {start: 0.5}", "k: {start: 300, true: 400}, c: {start: 0.5, true: 0.8}")
+)
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    """Times, force (N), acceleration (m/s2) and velocity (m/s) of one record."""
+    path = tmp_path_factory.mktemp("record") / "source.yaml"
+    path.write_text(SOURCE)
+    found = run_scene(load_scene(path))
+    group = "identification/measurement"
+    return tuple(
+        np.asarray(found[f"{group}/{name}"].data)[:, column]
+        for name, column in (("input", 0), ("measured", 0), ("measured", 1))
+    )
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Run a scene with a table and return its result."""
+
+    def run(columns, scene=SCENE, name="x.csv", separator=","):
+        heads = separator.join(columns)
+        values = np.column_stack(list(columns.values()))
+        rows = [separator.join(repr(float(one)) for one in row) for row in values]
+        (tmp_path / name).write_text("\n".join([heads, *rows]), encoding="utf-8")
+        path = tmp_path / "scene.yaml"
+        path.write_text(scene.replace("DATA", name), encoding="utf-8")
+        return run_scene(load_scene(path))
+
+    return run
+
+
+def estimates(result):
+    group = "identification/parameters"
+    return np.concatenate([result[f"{group}/{name}"].data for name in ("estimate", "standard_error")])
+
+
+def test_units_of_channels_force_and_noise_change_nothing(run, record):
+    F, a, v = record
+    si = estimates(run({"F": F, "a1": a, "v2": v}))
+    scene = SCENE.replace("column: F", "column: F, unit: kN")
+    scene = scene.replace("quantity: acceleration}", "quantity: acceleration, unit: g}")
+    scene = scene.replace("quantity: velocity}", "quantity: velocity, unit: mm/s, gain: -1}")
+    scene = scene.replace("noise: [0.02, 0.003]", f"noise: [{0.02 / GRAVITY!r}, 3]")
+    found = run({"F": F / 1e3, "a1": a / GRAVITY, "v2": -1e3 * v}, scene)
+    np.testing.assert_allclose(estimates(found), si, rtol=1e-9)
+    units = found["identification/measurement/unit"].data
+    assert list(units) == ["m/s2", "m/s"]
+    np.testing.assert_allclose(found["identification/measurement/given_noise"].data, [0.02, 0.003])
+
+
+def test_units_in_headings_change_nothing(run, record):
+    F, a, v = record
+    si = estimates(run({"F": F, "a1": a, "v2": v}))
+    columns = {
+        "Time [ms]": 20.0 * np.arange(300),
+        "F [kN]": F / 1e3,
+        "a1 (g)": a / GRAVITY,
+        "v2 / mm/s": 1e3 * v,
+    }
+    scene = SCENE.replace("noise: [0.02, 0.003]", f"noise: [{0.02 / GRAVITY!r}, 3]")
+    np.testing.assert_allclose(estimates(run(columns, scene)), si, rtol=1e-9)
+    whole = scene.replace("[a1, v2]", "['a1 (g)', 'v2 [mm/s]']").replace("column: F", "column: 'F [kN]'")
+    np.testing.assert_allclose(estimates(run(columns, whole)), si, rtol=1e-9)
+
+
+def test_a_row_of_units_is_read(run, record):
+    F, a, v = record
+    scene = SCENE.replace("noise: [0.02, 0.003]", f"noise: [{0.02 / GRAVITY!r}, 3]")
+    si = estimates(run({"F": F, "a1": a, "v2": v}))
+    rows = zip(F / 1e3, a / GRAVITY, 1e3 * v, strict=True)
+    text = "F;a1;v2\nkN;g;mm/s\n" + "\n".join(";".join(map(repr, map(float, row))) for row in rows)
+    found = run({text: []}, scene)
+    np.testing.assert_allclose(estimates(found), si, rtol=1e-9)
+
+
+def test_sensitivities_and_offsets_are_those_of_the_recorded_signal(run, record):
+    F, a, v = record
+    si = estimates(run({"F": F, "a1": a, "v2": v}))
+    scene = SCENE.replace("column: F", "column: F, sensitivity: {value: 2, unit: mV/N}, unit: V, offset: 0.5")
+    scene = scene.replace(
+        "quantity: acceleration}",
+        "quantity: acceleration, sensitivity: {value: -100, unit: mV/g}, offset: 25}",
+    ).replace("noise: [0.02, 0.003]", f"noise: [{0.02 * 100 / GRAVITY!r}, 0.003]")
+    found = run({"F": 0.5 + 2e-3 * F, "a1": 25 - 100 * a / GRAVITY, "v2": v}, scene)
+    np.testing.assert_allclose(estimates(found), si, rtol=1e-9)
+
+
+def test_an_unknown_offset_is_in_the_unit_of_its_channel(run, record):
+    F, a, v = record
+    scene = SCENE.replace("quantity: velocity}", "quantity: velocity, unit: mm/s, offset: b}")
+    scene = scene.replace("noise: [0.02, 0.003]", "noise: [0.02, 3]") + "parameters: {b: {start: 0}}\n"
+    found = run({"F": F, "a1": a, "v2": 1e3 * v + 40}, scene)
+    names = list(found["identification/parameters/name"].data)
+    b = found["identification/parameters/estimate"].data[names.index("b")]
+    error = found["identification/parameters/standard_error"].data[names.index("b")]
+    assert abs(b - 40) < 4 * error
+    assert error == pytest.approx(3 / np.sqrt(300), rel=0.3)
+
+
+def test_amplitudes_have_units(tmp_path):
+    def measured(excitation):
+        path = tmp_path / "scene.yaml"
+        path.write_text(SOURCE.replace(SOURCE.partition("excitation: ")[2].partition("\n")[0], excitation))
+        return run_scene(load_scene(path))["identification/measurement/measured"].data
+
+    sines = "kind: multisine, amplitude: [{}, {}, {}], frequency: [5, 13, 31]"
+    newton, kilo = sines.format(3, 2, 2), sines.format("3.0e-3", "2.0e-3", "2.0e-3")
+    expected = measured(f"[{{dof: 1, {newton}}}]")
+    np.testing.assert_allclose(measured(f"[{{dof: 1, {kilo}, amplitude_unit: kN}}]"), expected, rtol=1e-12)
+    shaken = measured(f"[{{base: acceleration, {newton}}}]")
+    in_g = sines.format(*(repr(one / GRAVITY) for one in (3, 2, 2)))
+    np.testing.assert_allclose(
+        measured(f"[{{base: acceleration, {in_g}, amplitude_unit: g}}]"), shaken, rtol=1e-9
+    )
+    area = measured("[{dof: 1, kind: impulse, amplitude: 2}]")
+    np.testing.assert_allclose(
+        measured("[{dof: 1, kind: impulse, amplitude: 2, amplitude_unit: kN.ms}]"), area, rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "heads", "said"),
+    [
+        ("", "", "F [kg],a1,v2", "the column 'F' [kg]: the unit kg does not fit: a force is in N"),
+        ("", "", "F,a1 [N],v2", "the column 'a1' [N]: the unit N does not fit: an acceleration is in m/s2"),
+        (
+            "quantity: acceleration}",
+            "quantity: acceleration, unit: g}",
+            "F,a1 [m/s2],v2",
+            "'unit' is g, but the file has 'a1' in m/s2. Leave 'unit' out",
+        ),
+        (
+            "quantity: acceleration}",
+            "quantity: acceleration, sensitivity: {value: 1, unit: V/g}}",
+            "F,a1 [g],v2",
+            "values in g over a sensitivity in V/g are no m/s2",
+        ),
+        ("column: F", "column: F, unit: mm", "F,a1,v2", "the unit mm does not fit: a force is in N or N.m"),
+    ],
+)
+def test_units_that_do_not_fit_are_faults(run, record, old, new, heads, said):
+    F, a, v = record
+    with pytest.raises(UsageError) as caught:
+        run(dict(zip(heads.split(","), (F, a, v), strict=True)), SCENE.replace(old, new))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("quantity: acceleration}", "quantity: acceleration, unit: kg}", "11:14: the unit kg does not fit"),
+        (
+            "quantity: acceleration}",
+            "quantity: acceleration, sensitivity: {value: 0, unit: V/g}}",
+            "the sensitivity is 0",
+        ),
+        ("column: F", "column: F, unit: foo", "7:64: 'foo' is no unit"),
+        ("column: F", "column: F, amplitude_unit: N", "'amplitude_unit' is not a key"),
+    ],
+)
+def test_faults_of_units_are_located(tmp_path, old, new, said):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE.replace(old, new))
+    with pytest.raises(DynidError) as caught:
+        load_scene(path)
+    assert said in str(caught.value)
+
+
+FRF = """\
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [2, 1], links: [{dofs: [1], k: 800, c: 1.5}]}
+joints:
+  j: {dofs: [1, 2], k: {start: 300}, c: {start: 0.5}}
+measurement:
+  channels: [{dof: 2, quantity: acceleration, reference: {dof: 1}}]
+  noise: 0.01
+  frf: {file: {path: h.csv}}
+"""
+
+
+@pytest.mark.parametrize("where", ["heading", "scene"])
+def test_frequency_responses_in_units_of_the_ratio_change_nothing(tmp_path, where):
+    omega = np.linspace(5, 45, 81)
+    M, C = np.diag([2.0, 1.0]), np.array([[2.3, -0.8], [-0.8, 0.8]])
+    K = np.array([[1200.0, -400], [-400, 400]])
+    H = np.array([-(w**2) * np.linalg.inv(K + 1j * w * C - w**2 * M)[1, 0] for w in omega])
+    noise = np.random.default_rng(1).standard_normal((2, len(omega))) * 0.01 / np.sqrt(2)
+    H = H + noise[0] + 1j * noise[1]
+
+    def run(scene, head, x, values):
+        rows = [f"{a!r};{b.real!r};{b.imag!r}" for a, b in zip(x.tolist(), values.tolist(), strict=True)]
+        (tmp_path / "h.csv").write_text("\n".join([head, *rows]))
+        (tmp_path / "scene.yaml").write_text(scene)
+        return estimates(run_scene(load_scene(tmp_path / "scene.yaml")))
+
+    si = run(FRF, "omega;re;im", omega, H)
+    in_lab, factor = H / (GRAVITY / 1e3), 1e3 / GRAVITY
+    scene = FRF.replace("noise: 0.01", f"noise: {0.01 * factor!r}")
+    if where == "heading":
+        found = run(scene, "frequency [Hz];re [g/kN];im [g/kN]", omega / (2 * np.pi), in_lab)
+    else:
+        scene = scene.replace("reference:", "unit: g/kN, reference:")
+        found = run(scene, "omega;re;im", omega, in_lab)
+    np.testing.assert_allclose(found, si, rtol=1e-8)
+    with pytest.raises(UsageError, match=r"the frequency response 2\.acceleration/1 is in"):
+        run(scene.replace("unit: g/kN, ", ""), "omega;re [g];im [g]", omega, H)
