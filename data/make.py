@@ -4,11 +4,15 @@
   measurement would deliver it.
 - suspension_raw.h5: a longer record at four times the rate, on zeros that drift, for
   configs/suspension_prepared.yaml.
+- machine_logger.csv: a hammer blow on a machine on a frame, as a data logger writes it: semicolons, times
+  rounded to six decimals, the force in kN, accelerations in g, one sensor reversed; for
+  configs/machine_logger.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
   misprinted (2,3) entry of the stiffness (-11.0029, which makes it indefinite) as -1.0029.
 """
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.io import mmwrite
@@ -51,6 +55,40 @@ def raw() -> None:
     write_result(result, HERE / "suspension_raw.h5")
 
 
+MACHINE = """
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [60, 25, 40], links: [{dofs: [1], k: 2.0e7, c: 3000}, {dofs: [1, 3], k: 6.0e6, c: 600}]}
+joints:
+  mount: {dofs: [1, 2], k: {start: 3.0e6, true: 9.0e6}, c: {start: 1000, true: 700}}
+  bolt: {dofs: [2, 3], k: {start: 3.0e6, true: 5.0e6}, c: {start: 1000, true: 400}}
+excitation: {dof: 3, kind: impact, amplitude: 2000, duration: 0.006}
+measurement:
+  step: 1/1024
+  samples: 512
+  channels:
+    - {dof: 1, quantity: acceleration}
+    - {dof: 2, quantity: acceleration}
+    - {dof: 3, quantity: acceleration}
+  simulate: {noise_ratio: 0.03, seed: 11}
+"""
+
+
+def logger() -> None:
+    """Write a record as a data logger does."""
+    with TemporaryDirectory() as folder:
+        scene = Path(folder) / "machine.yaml"
+        scene.write_text(MACHINE)
+        run = dynid.run(scene)
+    group = "identification/measurement"
+    time, a, force = (run[f"{group}/{name}"].data for name in ("time", "measured", "input"))
+    rows = ["Time (s);Force [kN];acc 1+Z [g];acc 2-Z [g];acc 3+Z [g]"]
+    for t, newton, (a1, a2, a3) in zip(time, force[:, 0], a / 9.80665, strict=True):
+        rows.append(f"{t:.6f};{newton / 1e3:.6f};{a1:.6f};{-a2:.6f};{a3:.6f}")
+    (HERE / "machine_logger.csv").write_text("\n".join([*rows, ""]))
+
+
 def matrices() -> None:
     """Write eq 25."""
     mass, stiffness = np.array(MASS), 1e4 * np.array(STIFFNESS)
@@ -68,4 +106,5 @@ def matrices() -> None:
 if __name__ == "__main__":
     record()
     raw()
+    logger()
     matrices()

@@ -1,5 +1,8 @@
 """Channels and signals in units of laboratories: the same estimate as in SI, and faults of units."""
 
+from fractions import Fraction
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -24,6 +27,8 @@ measurement:
   noise: [0.02, 0.003]
   file: {path: DATA, columns: [a1, v2]}
 """
+
+ROOT = Path(__file__).parents[2]
 
 SOURCE = (
     SCENE.replace(
@@ -240,3 +245,22 @@ def test_frequency_responses_in_units_of_the_ratio_change_nothing(tmp_path, wher
     np.testing.assert_allclose(found, si, rtol=1e-8)
     with pytest.raises(UsageError, match=r"the frequency response 2\.acceleration/1 is in"):
         run(scene.replace("unit: g/kN, ", ""), "omega;re [g];im [g]", omega, H)
+
+
+def test_the_file_of_a_data_logger_gives_the_estimate_of_the_record_in_si(tmp_path):
+    scene = (ROOT / "configs/machine_logger.yaml").read_text()
+    heads, *rows = (ROOT / "data/machine_logger.csv").read_text().splitlines()
+    assert heads == "Time (s);Force [kN];acc 1+Z [g];acc 2-Z [g];acc 3+Z [g]"
+    g = Fraction("9.80665")
+    lines = ["time,F,a1,a2,a3"]
+    for k, row in enumerate(rows):
+        _, F, a1, a2, a3 = map(Fraction, row.split(";"))
+        exact = (Fraction(k, 1024), 1000 * F, g * a1, -g * a2, g * a3)
+        lines.append(",".join(repr(float(one)) for one in exact))
+    (tmp_path / "si.csv").write_text("\n".join(lines))
+    si = scene.replace("../data/machine_logger.csv", "si.csv").replace(", gain: -1", "")
+    si = si.replace("column: Force", "column: F").replace("[acc 1+Z, acc 2-Z, acc 3+Z]", "[a1, a2, a3]")
+    (tmp_path / "si.yaml").write_text(si)
+    found = estimates(run_scene(load_scene(ROOT / "configs/machine_logger.yaml")))
+    expected = estimates(run_scene(load_scene(tmp_path / "si.yaml")))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
