@@ -30,6 +30,8 @@ class Kind:
         Function of a scene; yields the steps of its run that come before any computation.
     check
         Function of a source and its names; returns the faults that concern several keys.
+    complete
+        Function of a valid scene; returns its source with what files add to it, such as their channels.
     check_valid
         Function of a valid scene; raises the faults of it and of the scenes that it names.
     unread
@@ -51,6 +53,7 @@ class Kind:
     explain: str = ""
     prepare: str = ""
     check: str = ""
+    complete: str = ""
     check_valid: str = ""
     unread: str = ""
     batch: str = ""
@@ -101,6 +104,7 @@ _KINDS = (
         explain="dynid.scene.explanations.identification:explain",
         prepare="dynid.scene.kinds.identification:preparation_steps",
         check="dynid.scene.schema.identification:identification_faults",
+        complete="dynid.scene.kinds.file_channels:completed",
         check_valid="dynid.scene.kinds.parameters:check_parameters",
         unread="dynid.scene.kinds.identification:unread_files",
         batch="dynid.scene.kinds.identification_samples",

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from dynid.errors import DynidError, Fault, FileError, SceneError
+from dynid.errors import DynidError, Fault, FileError, SceneError, UsageError
 from dynid.scene.kind import KINDS
 from dynid.scene.yaml.source import Source, apply_overrides, read_source
 from dynid.suggestions import did_you_mean
@@ -184,7 +184,19 @@ def check_source(source: Source) -> Scene:
                 raise
     if faults:
         raise SceneError(faults)
-    return scene
+    whole = _completed(scene)
+    return scene if whole is source else check_source(whole)
+
+
+def _completed(scene: Scene) -> Source:
+    """Return the source of a valid scene with what its files add, errors located in the scene."""
+    complete = KINDS[scene.kind].load("complete")
+    try:
+        return complete(scene) if complete else scene.source
+    except FileError as error:
+        raise FileError(str(scene.locate(error))) from None
+    except UsageError as error:
+        raise SceneError([scene.locate(error)]) from None
 
 
 def _model_of(source: Source) -> type[SceneModel]:

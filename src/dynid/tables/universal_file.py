@@ -32,7 +32,7 @@ class FileUnits(NamedTuple):
     force: float = 1.0
 
     def factor(self, quantity: str, direction: str) -> float:
-        """Return the SI value of a unit of a quantity in a direction, such as ``rx``, where force is moment."""
+        """Return the SI value of a unit of a quantity in a direction; a force in ``rx`` is a moment."""
         turning = direction.lstrip("-").startswith("r")
         if quantity == "force":
             return 1 / self.force / (self.length if turning else 1.0)
@@ -45,14 +45,17 @@ class UniversalFunction(NamedTuple):
     `response` and `reference` are node and signed direction, such as ``(20, "-z")``; the direction is empty
     for a scalar. `quantity` and `over` are those of ordinate and denominator, ``displacement``, ``velocity``,
     ``acceleration`` or ``force``, empty where the file does not say; `labels` are their units as printed.
-    Values are in the units of the file. `x` and `values` are empty where only headers are read.
+    Values are in the units of the file. `x` and `values` (`points` of them) are empty where only headers are
+    read. `step` is the increment of an even abscissa.
     """
 
     name: str
     kind: int
     x: NDArray[np.float64]
     values: NDArray[Any]
+    points: int
     even: bool
+    step: float
     response: tuple[int, str]
     reference: tuple[int, str]
     quantity: str
@@ -182,13 +185,24 @@ def _function(file: DataFile, number: int, data_set: Any, header: bool) -> Unive
         int(data_set["func_type"]),
         x,
         values,
+        claimed,
         int(data_set["abscissa_spacing"]) == 1,
+        _increment(float(data_set["abscissa_inc"])),
         _end(data_set, "rsp"),
         _end(data_set, "ref"),
         _QUANTITIES.get(int(data_set.get("ordinate_spec_data_type", 0)), ""),
         _QUANTITIES.get(int(data_set.get("orddenom_spec_data_type", 0)), ""),
         (_label(data_set, "ordinate"), _label(data_set, "orddenom")),
     )
+
+
+def _increment(printed: float) -> float:
+    """Return an increment, of which six digits are printed: that of a whole rate if exactly one fits them."""
+    if not (np.isfinite(printed) and printed > 0):
+        return printed
+    digits = 0.5 * 10 ** (np.floor(np.log10(printed)) - 5)
+    low, high = np.ceil(1 / (printed + digits)), np.floor(1 / (printed - digits))
+    return float(1 / low) if low == high else printed
 
 
 def _end(data_set: Any, end: str) -> tuple[int, str]:

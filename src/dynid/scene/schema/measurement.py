@@ -10,6 +10,7 @@ from pydantic import (
     PlainValidator,
     Tag,
     WithJsonSchema,
+    WrapValidator,
     field_validator,
     model_validator,
 )
@@ -123,6 +124,36 @@ class MeasuredChannelModel(ChannelModel):
     def all_dofs(self) -> list[Dof]:
         """The DOFs that it is at, and that of the force."""
         return [*self.ends, *([self.reference.place] if self.reference else [])]
+
+
+class AllOfFile(list[Any]):
+    """Entries that stand in a file, which is not read yet: ``channels: all``."""
+
+
+def _or_all(raw: Any, listed: Any) -> Any:
+    return AllOfFile() if raw == "all" else listed(raw)
+
+
+Channels = Annotated[
+    list[MeasuredChannelModel],
+    Field(min_length=1),
+    WrapValidator(_or_all, json_schema_input_type=list[MeasuredChannelModel] | Literal["all"]),
+]
+"""Sensors, one by one, or all that a Universal File names."""
+
+_Vector = Annotated[list[Value], Field(min_length=3, max_length=3)]
+
+
+class MatchModel(Section):
+    """Where the nodes of a test, which a Universal File names, lie in the model."""
+
+    by: Literal["number", "position"] = "number"
+    tolerance: Positive | None = None
+    geometry: FilePath | None = None
+    origin: _Vector | None = None
+    axes: list[_Vector] | None = Field(default=None, min_length=3, max_length=3)
+    nodes: dict[int, int | str] = {}
+    quantity: MotionQuantity | None = None
 
 
 def _is_order(raw: Any) -> Any:
@@ -239,14 +270,21 @@ class FrfFileModel(Section):
     )
     frequency: ColumnName | None = None
     deviation: list[ColumnName] | None = Field(default=None, min_length=1)
-    coherence: list[ColumnName] | None = Field(default=None, min_length=1)
+    coherence: (
+        Annotated[
+            list[ColumnName],
+            Field(min_length=1),
+            WrapValidator(_or_all, json_schema_input_type=list[ColumnName] | Literal["all"]),
+        ]
+        | None
+    ) = None
     averages: int | None = Field(default=None, ge=1, le=1_000_000_000, strict=True)
 
     @model_validator(mode="after")
     def _one_deviation(self) -> Self:
-        if self.deviation and self.coherence:
+        if self.deviation and self.coherence is not None:
             raise fault("the noise by line has either its 'deviation', or a 'coherence' that it follows from")
-        if self.averages is not None and not self.coherence:
+        if self.averages is not None and self.coherence is None:
             raise fault("'averages' are those of a 'coherence'")
         return self
 
@@ -304,7 +342,8 @@ class RecordModel(Section):
 
     step: Positive | None = None
     samples: int | None = Field(default=None, ge=1, le=100_000_000, strict=True)
-    channels: list[MeasuredChannelModel] | None = Field(default=None, min_length=1)
+    channels: Channels | None = None
+    match: MatchModel | None = None
     noise: Noise | None = None
     simulate: SimulateModel | None = None
     file: MeasuredFileModel | None = None
@@ -331,9 +370,21 @@ class RecordModel(Section):
 
     def check(self, of: str) -> None:
         """Refuse a record that is not whole."""
-        if self.frf is not None:
+        if isinstance(self.channels, AllOfFile):  # it is checked again with what the file holds
+            file = self.file if self.frf is None else self.frf.file
+            if file is None or file.path is None:
+                raise fault(f"'channels: all' are those of a file, and {of} names none")
+        elif self.match is not None:
+            raise fault("'match' goes with 'channels: all'; these channels name their DOFs")
+        elif self.frf is None:
+            self._check_record(of)
+        elif self.frf.file is not None and isinstance(self.frf.file.coherence, AllOfFile):
+            raise fault("'coherence: all' goes with 'channels: all'; name a column for each channel")
+        else:
             self._check_frf()
-            return
+
+    def _check_record(self, of: str) -> None:
+        """Refuse a record of time that is not whole."""
         if any(channel.reference for channel in self.channels or ()):
             raise fault("a 'reference' is that of a frequency response; there is no 'frf'")
         for key in ("step", "samples", "channels"):

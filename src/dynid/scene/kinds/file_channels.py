@@ -1,0 +1,301 @@
+"""Channels that a Universal File names: `channels: all` written out, nodes matched to those of the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, cast
+
+from dynid.errors import FileError, UsageError
+from dynid.scene.schema.measurement import AllOfFile, MatchModel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.identification import IdentificationScene
+    from dynid.scene.schema.measurement import RecordModel
+    from dynid.scene.yaml.source import Source
+    from dynid.structure.matching import Matching
+    from dynid.structure.model import Motion, StructuralModel
+    from dynid.structure.nodes import Nodes
+    from dynid.tables.universal_file import UniversalFile, UniversalFunction
+
+_MOTIONS = ("displacement", "velocity", "acceleration")
+_LISTED = 6
+
+
+def completed(scene: Scene) -> Source:
+    """Return the source of a valid scene with the channels that its files name, listed one by one.
+
+    A record gets its channels, the columns of the file that they are, `step` and `samples` where these are
+    absent, and where the scene has no excitation the forces in the file. Frequency responses get their
+    channels with reference DOFs, and the coherences of these where all are wanted.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read, or does not say what its functions are.
+    UsageError
+        If nodes of the test are not found in the model.
+    """
+    model = cast("IdentificationScene", scene.model)
+    measurement = model.measurement
+    if measurement is None or not any(isinstance(one.channels, AllOfFile) for one in measurement.each):
+        return scene.source
+    from dynid.scene.kinds.identification import structure_of
+
+    if model.structure is None:
+        raise UsageError(
+            "a Universal File names nodes and directions, which a graph has not",
+            remedy="List the channels: channels: [{output: …}].",
+            names=("measurement.channels",),
+        )
+    structure = structure_of(scene)
+    data = dict(scene.source.data)
+    given = data["measurement"]
+    if not measurement.records:
+        data["measurement"], forces = _written_out(scene, measurement, given, "measurement", structure)
+        if forces and "excitation" not in data:
+            data["excitation"] = forces
+        return replace(scene.source, data=data, overridden=True)
+    records = []
+    for number, (one, own) in enumerate(zip(measurement.each, given["records"], strict=True)):
+        if isinstance(one.channels, AllOfFile):
+            listed, forces = _written_out(scene, one, own, f"measurement.records.{number}", structure)
+            driven = any("excitation" in part for part in (data, given, own))
+            records.append(listed if driven else {**listed, "excitation": forces})
+        else:
+            records.append(own)
+    shared = {key: value for key, value in given.items() if key != "match" and value != "all"}
+    data["measurement"] = {**shared, "records": records}
+    return replace(scene.source, data=data, overridden=True)
+
+
+def _written_out(
+    scene: Scene, given: RecordModel, written: Mapping[str, Any], place: str, structure: StructuralModel
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the keys of a record, or of frequency responses, with those that its file gives; and the forces.
+
+    `given` is the record with what it shares with others, `written` its own keys in the scene.
+    """
+    from dynid.tables.read import existing, file_format
+    from dynid.tables.universal_file import UniversalFile
+
+    part = given.file if given.frf is None else given.frf.file
+    assert part is not None
+    assert part.path is not None
+    where = f"{place}.file" if given.frf is None else f"{place}.frf.file"
+    file = existing(scene.folder / part.path, where)
+    if file_format(file.path) != "uff":
+        file.refuse(
+            "names no nodes and directions",
+            "List the channels; 'all' are those of a Universal File (.uff, .unv).",
+        )
+    test = _Test(scene, given.match or MatchModel(), place, UniversalFile(file), structure)
+    kept = {key: value for key, value in written.items() if key != "match"}
+    if given.frf is None:
+        listed, columns, forces = _record(given, test)
+        return {**kept, **listed, "file": {**kept.get("file", {}), **columns}}, forces
+    channels, columns = _responses(given, test)
+    frf = {**kept["frf"], "file": {**kept["frf"]["file"], **columns}}
+    return {**kept, "channels": channels, "frf": frf}, []
+
+
+class _Test:
+    """A test in a Universal File, and where it lies in a model."""
+
+    def __init__(
+        self, scene: Scene, match: MatchModel, place: str, source: UniversalFile, structure: StructuralModel
+    ) -> None:
+        self.match, self.place, self.source, self.structure = match, place, source, structure
+        self.nodes = self._nodes(scene.folder)
+        self.how = self._located(lambda: _matching(match))
+
+    def _nodes(self, folder: Path) -> Nodes | None:
+        from dynid.tables.universal_geometry import read_test_nodes, test_nodes
+
+        if self.match.geometry is None:
+            return None if {15, 2411}.isdisjoint(self.source.kinds) else test_nodes(self.source)
+        path, place = folder / self.match.geometry, f"{self.place}.match.geometry"
+        found = read_test_nodes(path, place)
+        if found is None:
+            raise FileError(
+                f"{path} holds no nodes", remedy="Data sets 15 and 2411 are read.", names=(place,)
+            )
+        return found
+
+    def _located(self, made: Any) -> Any:
+        """Return what a function makes, its errors located in this part of the scene."""
+        try:
+            return made()
+        except UsageError as error:
+            names = [f"{self.place}.{name}" for name in error.names if self.match.model_fields_set]
+            raise UsageError(
+                error.problem, remedy=error.remedy, names=[*names, f"{self.place}.channels"]
+            ) from None
+
+    def quantity(self, function: UniversalFunction) -> str:
+        """Return what a function measures, as the file says, else as the scene does."""
+        return function.quantity or self.match.quantity or ""
+
+    def dofs(self, ends: Sequence[tuple[int, str]]) -> list[dict[str, Any]]:
+        """Return for ends of functions `dof`, and `gain` where these have the opposite direction."""
+        from dynid.structure.matching import matched_dofs
+
+        found: list[Motion] = self._located(
+            lambda: matched_dofs(self.structure, ends, self.how, self.nodes),
+        )
+        return [self._named(end, motion) for end, motion in zip(ends, found, strict=True)]
+
+    def _named(self, end: tuple[int, str], motion: Motion) -> dict[str, Any]:
+        (label, weight), *others = motion.items()
+        if others:
+            names = ", ".join(f"{weight:.3g} of {label}" for label, weight in motion.items())
+            raise UsageError(
+                f"{end[0]}:{end[1]} of the test lies between DOFs of the model: {names}",
+                remedy="Leave the channel out.",
+                names=(f"{self.place}.channels",),
+            )
+        return {"dof": label} if weight > 0 else {"dof": label, "gain": -1}
+
+    def refuse(self, functions: Sequence[tuple[int, UniversalFunction]], said: str, remedy: str) -> None:
+        """Raise the fault of functions, by their numbers; none of them: no fault."""
+        if not functions:
+            return
+        names = [f"{number} ({function.name})" for number, function in functions]
+        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+        self.source.file.refuse(f"{said}: functions {', '.join(names[:_LISTED])}{more}", remedy)
+
+
+def _matching(match: MatchModel) -> Matching:
+    import numpy as np
+
+    from dynid.structure.matching import Matching
+
+    given: dict[str, Any] = {"by": match.by, "pairs": match.nodes}
+    if match.tolerance is not None:
+        given["tolerance"] = float(match.tolerance)
+    if match.origin is not None:
+        given["origin"] = np.array([float(x) for x in match.origin])
+    if match.axes is not None:
+        given["axes"] = np.array([[float(x) for x in row] for row in match.axes])
+    return Matching(**given)
+
+
+def _chosen(
+    test: _Test, kinds: Sequence[int], columns: Sequence[Any] | None, what: str
+) -> list[tuple[int, UniversalFunction]]:
+    """Return functions of some types with their numbers among these: the named ones, else all."""
+    known = [function for function in test.source.functions(header=True) if function.kind in kinds]
+    if not known:
+        test.source.file.refuse(f"holds no {what}", f"Data sets 58 of function type {kinds[-1]} are read.")
+    numbered = list(enumerate(known, 1))
+    if columns is None:
+        return numbered
+    chosen = []
+    for name in columns:
+        named = [one for one in numbered if name in (one[0], one[1].name)]
+        if len(named) != 1:
+            test.source.file.refuse(
+                f"has {len(named) or 'no'} {what} '{name}'; there are {len(known)}",
+                "Give its number among them.",
+                key="columns",
+            )
+        chosen += named
+    return chosen
+
+
+def _record(given: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]]]:
+    """Return the keys of a record, those of its file, and the forces that drive it."""
+    assert given.file is not None
+    functions = _chosen(test, (0, 1), given.file.columns, "time history")
+    _check_known(test, functions)
+    forces = [one for one in functions if test.quantity(one[1]) == "force"]
+    sensors = [one for one in functions if test.quantity(one[1]) != "force"]
+    if not sensors:
+        test.source.file.refuse("holds no motion", "Data sets 58 say so by their specific data types.")
+    driven = test.dofs([function.response for _, function in forces])
+    measured = test.dofs([function.response for _, function in sensors])
+    channels = [
+        {**dof, "quantity": test.quantity(function)}
+        for dof, (_, function) in zip(measured, sensors, strict=True)
+    ]
+    _check_different(test, sensors, channels)
+    excitation = [
+        {**dof, "kind": "file", "path": given.file.path, "column": number}
+        for dof, (number, _) in zip(driven, forces, strict=True)
+    ]
+    listed: dict[str, Any] = {"channels": channels}
+    first = sensors[0][1]
+    if given.step is None:
+        if not first.even:
+            test.source.file.refuse("has times that are not even", "Give the 'step' that they have.")
+        listed["step"] = first.step
+    if given.samples is None:
+        listed["samples"] = first.points
+    return listed, {"columns": [number for number, _ in sensors]}, excitation
+
+
+def _check_known(test: _Test, functions: Sequence[tuple[int, UniversalFunction]]) -> None:
+    """Refuse functions of unknown quantities or places."""
+    test.refuse(
+        [one for one in functions if test.quantity(one[1]) not in (*_MOTIONS, "force")],
+        "does not say that these are motions or forces",
+        "Give the quantity (match: {quantity: acceleration}), or name the functions to use: columns: […].",
+    )
+    test.refuse(
+        [one for one in functions if not one[1].response[1]],
+        "gives no node and direction of these",
+        "List the channels, or name the functions to use: columns: […].",
+    )
+
+
+def _check_different(
+    test: _Test, functions: Sequence[tuple[int, UniversalFunction]], channels: Sequence[Any]
+) -> None:
+    """Refuse functions that measure the same."""
+    for at, channel in enumerate(channels):
+        before = channels.index(channel)
+        test.refuse(
+            [functions[before], functions[at]] if before < at else [],
+            f"measures the {channel['quantity']} at {channel['dof']} twice",
+            "Name the functions to use: columns: […].",
+        )
+
+
+def _responses(given: RecordModel, test: _Test) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the channels of frequency responses with their references, and the columns of the file."""
+    assert given.frf is not None
+    assert given.frf.file is not None
+    functions = _chosen(test, (4,), given.frf.file.columns, "frequency response")
+    _check_known(test, functions)
+    test.refuse(
+        [one for one in functions if test.quantity(one[1]) == "force" or one[1].over not in ("", "force")],
+        "holds what is no motion over a force",
+        "Name the functions to use: columns: […].",
+    )
+    test.refuse(
+        [one for one in functions if not one[1].reference[1]],
+        "gives no reference node and direction of these",
+        "List the channels, or name the functions to use: columns: […].",
+    )
+    responses = test.dofs([function.response for _, function in functions])
+    references = test.dofs([function.reference for _, function in functions])
+    channels = []
+    for (_, function), response, reference in zip(functions, responses, references, strict=True):
+        gain = response.pop("gain", 1) * reference.pop("gain", 1)
+        channel = {**response, "quantity": test.quantity(function), "reference": reference}
+        channels.append(channel if gain > 0 else {**channel, "gain": -1})
+    _check_different(test, functions, channels)
+    file = {"columns": [number for number, _ in functions]}
+    if isinstance(given.frf.file.coherence, AllOfFile):
+        known = _chosen(test, (6,), None, "coherence")
+        by_ends = {(one.response, one.reference): number for number, one in known}
+        test.refuse(
+            [one for one in functions if (one[1].response, one[1].reference) not in by_ends],
+            "holds no coherence of these",
+            "Name the coherences, or leave them out.",
+        )
+        file["coherence"] = [by_ends[one.response, one.reference] for _, one in functions]
+    return channels, file

@@ -1,0 +1,327 @@
+"""Channels that a Universal File names: records and frequency responses without a list of sensors."""
+
+import numpy as np
+import pytest
+import yaml
+
+from dynid.errors import DynidError, SceneError
+from dynid.scene.load import load_scene
+from dynid.scene.run import run_scene
+from tests.scene.test_frf_scenes import HEAD, HERTZ, accelerances
+from tests.tables.universal_files import function, nodes, system, units, written
+
+CHAIN = HEAD.replace(", true: 200", "").replace(", true: 1", "")
+BEAM = """\
+dynid: 1
+kind: identification
+structure:
+  beam: {elements: 4, length: 2, EI: 1723.3, rhoA: 0.1, supports: [{node: 1, fix: [w, theta]}],
+         damping: {beta: 1.0e-4}}
+joints:
+  tip: {dofs: [w_5], k: {start: 1.0e3, true: 2.0e3}, c: 1}
+"""
+FORCE = {"ordinate_spec_data_type": 13}
+
+
+def loaded(tmp_path, text):
+    (tmp_path / "x.yaml").write_text(text)
+    return load_scene(tmp_path / "x.yaml").source.data
+
+
+def run(tmp_path, text):
+    loaded(tmp_path, text)
+    return run_scene(load_scene(tmp_path / "x.yaml"))
+
+
+def refusal(tmp_path, text):
+    with pytest.raises(DynidError) as caught:
+        loaded(tmp_path, text)
+    return str(caught.value).removeprefix(f"{tmp_path}/")
+
+
+def responses(path, *, second=(2, 3)):
+    """Write the responses of two masses to a force at the second, the other one reversed by its direction."""
+    one, two = accelerances().T
+    sign = np.sign(second[1])
+    lines = {"step": HERTZ[1] - HERTZ[0], "start": HERTZ[0], "reference": (2, 3)}
+    force = {"orddenom_spec_data_type": 13}
+    return written(
+        path,
+        function(np.full(91, 0.98), kind=6, response=second, **lines),
+        function(sign * two, kind=4, response=second, **lines, **force),
+        function(one, kind=4, response=(1, 3), **lines, **force),
+        function(np.full(91, 0.99), kind=6, response=(1, 3), **lines),
+    )
+
+
+@pytest.mark.parametrize("second", [(2, 3), (2, -3)])
+def test_responses_name_their_dofs(tmp_path, second):
+    responses(tmp_path / "h.uff", second=second)
+    frf = "measurement: {frf: {file: {path: h.uff, coherence: all, averages: 10}}, channels: all}\n"
+    measurement = loaded(tmp_path, CHAIN + frf)["measurement"]
+    gain = {} if second[1] > 0 else {"gain": -1}
+    assert measurement["channels"] == [
+        {"dof": 2, "quantity": "acceleration", "reference": {"dof": 2}, **gain},
+        {"dof": 1, "quantity": "acceleration", "reference": {"dof": 2}},
+    ]
+    assert measurement["frf"]["file"] == {
+        "path": "h.uff",
+        "columns": [1, 2],
+        "coherence": [1, 2],
+        "averages": 10,
+    }
+    found = run(tmp_path, CHAIN + frf)
+    assert found["identification/parameters/estimate"].data == pytest.approx([200, 1], rel=1e-4)
+
+
+def test_coherences_are_found_by_their_dofs(tmp_path):
+    """The file has them in another order than the responses."""
+    responses(tmp_path / "h.uff")
+    text = CHAIN + "measurement: {frf: {file: {path: h.uff, columns: [2], coherence: all}}, channels: all}\n"
+    assert loaded(tmp_path, text)["measurement"]["frf"]["file"]["coherence"] == [2]
+
+
+def test_a_record_with_its_force_is_one_line(tmp_path):
+    """What was simulated from a list of channels is written to a file, and read without one."""
+    listed = BEAM + (
+        "excitation: [{dof: 4:y, kind: chirp, amplitude: 10, start: 5, stop: 400}]\n"
+        "measurement:\n  step: 0.0005\n  samples: 400\n  channels:\n"
+        "    - {dof: 3:y, quantity: acceleration}\n    - {dof: 5:y, quantity: acceleration}\n"
+        "  simulate: {noise_ratio: 0.001, seed: 2}\n"
+    ).replace("dof: 4:y", "dof: w_4").replace("dof: 3:y", "dof: w_3").replace("dof: 5:y", "dof: w_5")
+    made = run(tmp_path, listed)
+    measured = made["identification/measurement/measured"].data
+    force = made["identification/measurement/input"].data[:, 0]
+    same = {"step": 0.0005}
+    written(
+        tmp_path / "run.uff",
+        function(measured[:, 1] * -1, response=(5, -2), **same),
+        function(force, response=(4, 2), **same, **FORCE),
+        function(measured[:, 0], response=(3, 2), **same),
+    )
+    data = loaded(tmp_path, BEAM + "measurement: {file: {path: run.uff}, channels: all}\n")
+    assert data["measurement"] == {
+        "file": {"path": "run.uff", "columns": [1, 3]},
+        "channels": [
+            {"dof": "w_5", "gain": -1, "quantity": "acceleration"},
+            {"dof": "w_3", "quantity": "acceleration"},
+        ],
+        "step": 0.0005,
+        "samples": 400,
+    }
+    assert data["excitation"] == [{"dof": "w_4", "kind": "file", "path": "run.uff", "column": 2}]
+    found = run(tmp_path, BEAM + "measurement: {file: {path: run.uff}, channels: all}\n")
+    assert found["identification/parameters/estimate"].data == pytest.approx([2000], rel=1e-3)
+    # The scene of the result lists them: it is read again, and drawn, without the file.
+    kept = yaml.safe_load(str(found.attrs["scene"]))
+    assert kept["measurement"]["channels"] == data["measurement"]["channels"]
+
+
+def test_positions_in_other_coordinates_and_units(tmp_path):
+    """A beam along x that moves along y; measured in mm, from the tip backwards, its deflection along z."""
+    written(
+        tmp_path / "run.uff",
+        units(1000.0, 1.0),
+        nodes([101, 102], [(5.0, 0.0, 0.0), (1002.0, 1.0, 0.0)]),
+        function(np.zeros(20), response=(101, 3)),
+        function(np.zeros(20), response=(102, -3)),
+    )
+    match = (
+        "match: {by: position, tolerance: 0.01, origin: [2, 0, 0], axes: [[-1, 0, 0], [0, 0, 1], [0, 1, 0]]}"
+    )
+    data = loaded(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {match}}}\n")
+    assert data["measurement"]["channels"] == [
+        {"dof": "w_5", "quantity": "acceleration"},
+        {"dof": "w_3", "gain": -1, "quantity": "acceleration"},
+    ]
+    said = refusal(
+        tmp_path,
+        BEAM
+        + f"measurement:\n  file: {{path: run.uff}}\n  channels: all\n  {match.replace('0.01', '0.004')}\n",
+    )
+    assert said.startswith("x.yaml:11:25: 1 of 2 nodes of the test lie more than 0.004 m")
+    assert "101: 0.005 m from 5" in said
+
+
+def test_the_geometry_may_be_a_file_of_its_own(tmp_path):
+    written(
+        tmp_path / "geometry.unv",
+        system(3, (0, 0, 0), (0, 0, 1), (0, 1, 0)),  # its x is basic z, its z is basic y
+        nodes([7], [(1.5, 0.0, 0.0)], systems=3),
+    )
+    written(tmp_path / "run.uff", function(np.zeros(20), response=(7, -3)))
+    match = "match: {by: position, tolerance: 0.01, geometry: geometry.unv}"
+    data = loaded(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {match}}}\n")
+    assert data["measurement"]["channels"] == [{"dof": "w_4", "gain": -1, "quantity": "acceleration"}]
+    other = match.replace("geometry.unv", "run.uff")
+    said = refusal(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {other}}}\n")
+    assert "run.uff holds no nodes. Data sets 15 and 2411 are read" in said
+
+
+def test_every_record_has_its_own_file(tmp_path):
+    for name, node in (("a", 3), ("b", 5)):
+        written(
+            tmp_path / f"{name}.uff",
+            function(np.zeros(20), response=(node, 2)),
+            function(np.zeros(20), response=(4, 2), **FORCE),
+        )
+    listed = "channels: [{dof: w_5, quantity: acceleration}], step: 0.01, samples: 20"
+    a, b = "{file: {path: a.uff}}", "{file: {path: b.uff}}"
+    records = f"records: [{a}, {b}, {b[:-1]}, {listed}}}]"
+    data = loaded(tmp_path, BEAM + f"measurement: {{channels: all, {records}}}\n")
+    first, second, third = data["measurement"]["records"]
+    assert "channels" not in data["measurement"]
+    assert [one["channels"][0]["dof"] for one in (first, second, third)] == ["w_3", "w_5", "w_5"]
+    assert second["excitation"] == [{"dof": "w_4", "kind": "file", "path": "b.uff", "column": 2}]
+    assert "excitation" not in third
+
+
+def test_two_hundred_channels_are_one_line(tmp_path):
+    masses = ", ".join(["1"] * 200)
+    links = ", ".join(["{dofs: [1], k: 100}", *(f"{{dofs: [{k}, {k + 1}], k: 100}}" for k in range(1, 200))])
+    text = (
+        f"dynid: 1\nkind: identification\nstructure:\n  lumped: {{masses: [{masses}], links: [{links}]}}\n"
+        "joints: {j: {dofs: [200], k: {start: 10}}}\nmeasurement: {file: {path: run.uff}, channels: all}\n"
+    )
+    written(tmp_path / "run.uff", *(function(np.zeros(8), response=(k, 3)) for k in range(1, 201)))
+    channels = loaded(tmp_path, text)["measurement"]["channels"]
+    assert channels == [{"dof": k, "quantity": "acceleration"} for k in range(1, 201)]
+
+
+@pytest.mark.parametrize(
+    ("rate", "step"), [(65536, 1 / 65536), (3000, 1 / 3000), (10000 / 3, 3e-4), (500, 0.002)]
+)
+def test_steps_of_whole_rates_are_exact(tmp_path, rate, step):
+    """The file has six digits: 1.52588E-05 is taken for 1/65536."""
+    written(tmp_path / "run.uff", function(np.zeros(8), response=(3, 2), step=1 / rate))
+    data = loaded(tmp_path, BEAM + "measurement: {file: {path: run.uff}, channels: all}\n")
+    assert data["measurement"]["step"] == pytest.approx(step, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("functions", "more", "said"),
+    [
+        (
+            [function(np.zeros(8), response=(3, 2), ordinate_spec_data_type=0, id1="mic")],
+            "",
+            "x.yaml:8:22: ",
+        ),
+        (
+            [function(np.zeros(8), response=(3, 2), ordinate_spec_data_type=0, id1="mic")],
+            "",
+            "does not say that these are motions or forces: functions 1 (mic). Give the quantity",
+        ),
+        (
+            [function(np.zeros(8), response=(3, 0), id1="a")],
+            "",
+            "gives no node and direction of these: functions 1 (a). List the channels",
+        ),
+        (
+            [
+                function(np.zeros(8), response=(3, 2), id1="a"),
+                function(np.zeros(8), response=(3, 2), id1="b"),
+            ],
+            "",
+            "measures the acceleration at w_3 twice: functions 1 (a), 2 (b). Name the functions to use",
+        ),
+        ([function(np.zeros(8), response=(3, 2), **FORCE)], "", "holds no motion"),
+        (
+            [function(np.zeros(8), response=(9, 2))],
+            "",
+            "x.yaml:8:38: the model has no DOFs at 1 of the 1 nodes of the test: 9; it has some at 2; 3; 4;",
+        ),
+        (
+            [function(np.zeros(8), response=(3, 1))],
+            "",
+            "3:x of the test: node 3 of the model has y, rz. Leave the channel out",
+        ),
+        (
+            [function(np.zeros(8), response=(3, 1))],
+            ", match: {axes: [[1, 0, 0], [0, 2, 0], [0, 0, 1]]}",
+            "x.yaml:8:61: the axes of the test are not orthonormal",
+        ),
+        (
+            [function(np.zeros(8), response=(3, 1))],
+            ", match: {by: position}",
+            "x.yaml:8:53: nodes matched by position need a 'tolerance'. Give it in m",
+        ),
+        (
+            [function(np.zeros(8), response=(3, 1))],
+            ", match: {axes: [[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]]}",
+            "3:x of the test, which is +0.8 x +0.6 y of the model: node 3 of the model has y, rz",
+        ),
+        ([function(np.zeros(8), kind=4)], "", "holds no time history"),
+    ],
+)
+def test_what_a_file_does_not_name_is_located(tmp_path, functions, more, said):
+    written(tmp_path / "run.uff", *functions)
+    text = f"measurement: {{file: {{path: run.uff}}, channels: all{more}}}\n"
+    assert said in refusal(tmp_path, BEAM + text)
+
+
+def test_the_scene_says_what_the_file_does_not(tmp_path):
+    written(
+        tmp_path / "run.uff",
+        function(np.zeros(8), response=(3, 2), ordinate_spec_data_type=0),
+        function(np.zeros(8), response=(9, 2), ordinate_spec_data_type=0),
+    )
+    match = "match: {quantity: velocity, nodes: {9: 4}}"
+    data = loaded(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {match}}}\n")
+    assert data["measurement"]["channels"] == [
+        {"dof": "w_3", "quantity": "velocity"},
+        {"dof": "w_4", "quantity": "velocity"},
+    ]
+    columns = f"measurement: {{file: {{path: run.uff, columns: [2]}}, channels: all, {match}}}\n"
+    assert [one["dof"] for one in loaded(tmp_path, BEAM + columns)["measurement"]["channels"]] == ["w_4"]
+
+
+@pytest.mark.parametrize(
+    ("measurement", "said"),
+    [
+        (
+            "{channels: all, simulate: {noise_ratio: 0}}",
+            "'channels: all' are those of a file, and a measurement",
+        ),
+        (
+            "{file: {path: run.csv}, channels: all}",
+            "run.csv names no nodes and directions. List the channels",
+        ),
+        ("{file: {path: none.uff}, channels: all}", "none.uff"),
+        ("{file: {path: run.csv}, channels: some}", "x.yaml:8:"),
+        (
+            "{file: {path: run.csv}, channels: [{dof: w_3, quantity: velocity}], match: {}}",
+            "'match' goes with 'channels: all'",
+        ),
+        (
+            "{frf: {file: {path: h.uff, coherence: all}}, channels: [{dof: w_3, quantity: velocity}]}",
+            "'coherence: all' goes with 'channels: all'",
+        ),
+    ],
+)
+def test_all_channels_need_a_file_that_names_them(tmp_path, measurement, said):
+    (tmp_path / "run.csv").write_text("1\n2\n")
+    assert said in refusal(tmp_path, BEAM + f"measurement: {measurement}\n")
+
+
+def test_a_graph_has_no_nodes_and_directions(tmp_path):
+    graph = """\
+dynid: 1
+kind: identification
+parameters: {k: {start: 3}}
+graph: {nodes: {F: Se, J: 1, m: {type: I, value: 2}, s: {type: C, value: 1/k}}, bonds: [F -> J -> m, J -> s]}
+measurement: {file: {path: run.uff}, channels: all}
+"""
+    written(tmp_path / "run.uff", function(np.zeros(8)))
+    said = refusal(tmp_path, graph)
+    assert "x.yaml:5:" in said
+    assert "names nodes and directions, which a graph has not" in said
+
+
+def test_faults_of_the_scene_come_before_those_of_the_file(tmp_path):
+    with pytest.raises(SceneError) as caught:
+        loaded(
+            tmp_path,
+            BEAM.replace("rhoA: 0.1", "rhoB: 0.1") + "measurement: {file: {path: x.uff}, channels: all}\n",
+        )
+    assert len(caught.value.faults) >= 1
+    assert "none.uff" not in str(caught.value)
