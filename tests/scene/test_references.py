@@ -3,7 +3,7 @@
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.scene.schema.measurement import RecordModel
 from dynid.scene.schema.reduction import ReductionScene
-from dynid.scene.schema.references import DOF, FILE, NODE, references, sections
+from dynid.scene.schema.references import DOF, FILE, NODE, SIGNED_DOF, references, sections
 from dynid.scene.schema.signals import SignalPart
 from dynid.scene.schema.structure import StructureModel
 
@@ -21,7 +21,7 @@ def test_dofs_stand_wherever_a_field_is_one_and_keys_are_marked():
         "initial": {5: {"x": 1}},
         "unknown": {"dof": 9},
     }
-    found = list(references(IdentificationScene, data, DOF))
+    found = [one for kind in (DOF, SIGNED_DOF) for one in references(IdentificationScene, data, kind)]
     assert sorted(paths(found)) == [
         "excitation.dof",
         "initial.5",

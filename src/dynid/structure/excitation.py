@@ -36,7 +36,7 @@ class Excitation:
     held
         Coordinate of each load that prescribes a motion, -1 for a force or the ground.
     directions
-        Directions of forces (n x loads).
+        Directions of forces, and of prescribed motions (n x loads).
     base
         Direct share of the ground's acceleration in each channel (channels x loads).
     """
@@ -68,7 +68,7 @@ class Excitation:
         forces = np.zeros_like(self.directions)
         for load, place in enumerate(self.held):
             if place >= 0:
-                forces[:, load] = -M[:, place]
+                forces[:, load] = -M[:, place] * self.directions[place, load]
         forces[self._coordinates] = 0.0
         return forces
 
@@ -81,9 +81,6 @@ class Excitation:
     def system(self, M: Array, C: Array, K: Array) -> StateSpace:
         """Return the state space from the signals to the channels."""
         forces = self.directions + self.inertia(M)
-        for load, place in enumerate(self.held):
-            if place >= 0:
-                forces[place, load] = 1.0
         system = state_space(self.mass(M), self.others(C), self.others(K), forces, self.rows, self.orders)
         return replace(system, D=system.D + self.base)
 
@@ -163,10 +160,10 @@ def drive(
                             names=("measurement",),
                         )
                     base[row, k] = float(np.asarray(channel.row(carried)) @ _translation(carried))
-        elif load.order is not None:
-            held[k] = _coordinate(model, load)
         else:
             directions[:, k] = model.row(load.dof)
+            if load.order is not None:
+                held[k], _ = _coordinate(model, load)
     if len({place for place in held if place >= 0}) < sum(place >= 0 for place in held):
         raise UsageError("the motion of a DOF is prescribed twice", names=("excitation",))
     if any(channel.absolute for channel in channels) and all(load.dof is not None for load in loads):
@@ -207,11 +204,11 @@ def prescribed_state(model: StructuralModel, loads: Sequence[Load], time: float)
         given = load.order
         if given is None or load.dof is None:
             continue
-        place = _coordinate(model, load)
+        place, sign = _coordinate(model, load)
         for quantity in range(given, 2):
             order = quantity - given
             signal = Derivative(load.signal, order) if order else load.signal
-            state[place + n * quantity] = float(signal.value(time))
+            state[place + n * quantity] = sign * float(signal.value(time))
             known[place + n * quantity] = True
     return state, known
 
@@ -254,18 +251,18 @@ def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Arr
     return start
 
 
-def _coordinate(model: StructuralModel, load: Load) -> int:
-    """Return the coordinate that is the DOF of a prescribed motion."""
+def _coordinate(model: StructuralModel, load: Load) -> tuple[int, float]:
+    """Return the coordinate that is the DOF of a prescribed motion, and the sign of its name."""
     assert load.dof is not None
     row = model.row(load.dof)
     place = int(np.argmax(np.abs(row)))
-    if np.count_nonzero(row) != 1 or row[place] != 1.0:
+    if np.count_nonzero(row) != 1 or abs(row[place]) != 1.0:
         raise UsageError(
             f"the motion of DOF {load.dof} cannot be prescribed: it is no coordinate of the reduced model",
             remedy="Keep it as a master, or reduce by a method that keeps its masters.",
             names=("reduction",),
         )
-    return place
+    return place, float(row[place])
 
 
 def base_slopes(model: StructuralModel, loads: Sequence[Load], values: Mapping[str, float]) -> Array:

@@ -13,8 +13,10 @@ from functools import cached_property
 from typing import TypeAlias
 
 from dynid.errors import UsageError
-from dynid.structure.matrices import Label
 from dynid.suggestions import did_you_mean
+
+Label: TypeAlias = int | str
+"""The own label of a DOF, or another name of it."""
 
 Node: TypeAlias = int | str
 """A node: its number, or in assemblies of several parts a text such as ``arm.20``."""
@@ -69,7 +71,7 @@ def _split(label: Label) -> tuple[str, str]:
 
 def kind(label: Label) -> str:
     """Return ``translation``, ``rotation``, or ``unknown`` where the label has no direction."""
-    along = _ALIASES.get(direction(label).lower())
+    along = _ALIASES.get(direction(unsigned(label)).lower())
     return "unknown" if along is None else "rotation" if along.startswith("r") else "translation"
 
 
@@ -102,18 +104,12 @@ class DofNames:
         if isinstance(name, int):
             if 1 <= name <= len(self.labels) and not self._numbered:
                 return self.labels[name - 1]
+        elif len(found := self._at(name)) == 1:
+            return found[0]
+        said = self.misnamed(name)
+        if said is None:
             raise no_such(name, self.labels)
-        node, along = _split(name)
-        found = self._by_node.get(node_direction(name), ()) if along in DIRECTIONS and ":" in name else ()
-        if not found:
-            raise self._none(name)
-        if len(found) > 1:
-            raise UsageError(
-                f"the DOFs {listed(found)} have node {node} and direction {along} in common",
-                remedy="Name one by its own label.",
-                names=(name,),
-            )
-        return found[0]
+        raise UsageError(said, names=(str(name),))
 
     def find_signed(self, name: Label) -> tuple[float, Label]:
         """Return the sign of a name such as ``20:-z``, +1 or -1, and the own label of its DOF.
@@ -128,40 +124,86 @@ class DofNames:
             return 1.0, self.find(name)
         return (-1.0 if str(name).rpartition(":")[2][0] == "-" else 1.0), self.find(bare)
 
-    def _none(self, name: str) -> UsageError:
-        """Return the error for a text that names no DOF."""
-        bare = unsigned(name)
-        if bare != name and self.has(bare):
-            return UsageError(
-                f"'{name}' has a sign, which only channels, loads and reference DOFs can have",
-                remedy=f"Write '{bare}'.",
-                names=(name,),
-            )
-        place = node_direction(bare)
-        if place is not None and place in self._by_node:
-            hint = f"; did you mean '{place[0]}:{place[1]}'?"
-            return no_such(name, self.labels, hint)
-        node = "" if place is None else place[0]
-        beside = [found[0] for one, found in self._by_node.items() if one is not None and one[0] == node]
-        if beside:
-            return UsageError(
-                f"there is no DOF {name}: node {node} has {listed(beside)} only",
-                remedy="Others are held by supports, or do not exist in this structure.",
-                names=(name,),
-            )
-        return no_such(name, self.labels)
+    def shown(self, name: Label) -> Label:
+        """Return the name of a DOF or motion in results: its own label, or ``NODE:-DIR`` with a minus sign.
 
-    def has(self, name: Label) -> bool:
-        """Return True if a name without a sign is that of a DOF."""
-        try:
-            self.find(name)
-        except UsageError:
-            return False
-        return True
+        A number stays as it is.
+
+        Raises
+        ------
+        UsageError
+            As `find`.
+        """
+        sign, label = self.find_signed(name)
+        if isinstance(name, int) or sign > 0:
+            return name if isinstance(name, int) else label
+        node, along = _split(str(unsigned(name)))
+        return f"{node}:-{along}"
+
+    def has(self, name: Label, *, signed: bool = False) -> bool:
+        """Return True if a name is that of a DOF or motion; `signed`: where it may have a sign."""
+        if name in self._own:
+            return True
+        if isinstance(name, int):
+            return 1 <= name <= len(self.labels) and not self._numbered
+        bare = str(unsigned(name))
+        return (signed or bare == name) and (bare in self._own or len(self._at(bare)) == 1)
+
+    def misnamed(self, name: Label, *, signed: bool = False) -> str | None:
+        """Return what is wrong with a text that names no DOF, as far as it has a node, direction or sign.
+
+        Parameters
+        ----------
+        name
+            The name, which `find` refuses; `find_signed` if `signed`.
+        signed
+            True where a sign is allowed.
+        """
+        if isinstance(name, int):
+            return None
+        bare = str(unsigned(name))
+        if not signed and bare != name and (bare in self._own or self._at(bare)):
+            return (
+                f"'{name}' has a sign, which only channels, loads and reference DOFs can have; write '{bare}'"
+            )
+        node, along = _split(bare)
+        place, found = node_direction(bare), self._at(bare)
+        if len(found) > 1:
+            both = f"have node {node} and direction {along} in common"
+            return f"the DOFs {listed(found)} {both}; name one by its own label"
+        if place in self._by_node:
+            return f"there is no DOF '{name}'; did you mean '{node}:{place[1]}'?"
+        if (glued := re.fullmatch(r"(.+)([+-])(r?[xyz])", name, re.IGNORECASE)) and ":" not in name:
+            close = f"{glued[1]}:{glued[3].lower()}"
+            if self._at(close):
+                minus = "-" if glued[2] == "-" else ""
+                return f"there is no DOF '{name}'; write '{glued[1]}:{minus}{glued[3].lower()}'"
+        if ":" not in bare or not self._by_node:
+            return None
+        there = [
+            f"{label}" if str(label).endswith(f":{way}") else f"{label} ({way})"
+            for (one, way), labels in self._by_node.items()
+            for label in labels
+            if str(one) == node
+        ]
+        if not there:
+            nodes = list(dict.fromkeys(one for one, _ in self._by_node))
+            return f"there is no DOF '{name}'; there are DOFs at the nodes {listed(nodes)}"
+        if along not in DIRECTIONS:
+            ways = ", ".join(DIRECTIONS)
+            return f"there is no DOF '{name}'; directions are {ways}, and node {node} has {listed(there)}"
+        return (
+            f"there is no DOF '{name}'; node {node} has {listed(there)} only, others are held or do not exist"
+        )
+
+    def _at(self, name: str) -> Sequence[Label]:
+        """Return the DOFs at a node along a direction, ``NODE:DIR``."""
+        known = ":" in name and _split(name)[1] in DIRECTIONS
+        return self._by_node.get(place, ()) if known and (place := node_direction(name)) else ()
 
     @cached_property
-    def _by_node(self) -> dict[tuple[Node, str] | None, list[Label]]:
-        found: dict[tuple[Node, str] | None, list[Label]] = {}
+    def _by_node(self) -> dict[tuple[Node, str], list[Label]]:
+        found: dict[tuple[Node, str], list[Label]] = {}
         for label in self.labels:
             place = node_direction(label)
             if place is not None:
@@ -196,9 +238,10 @@ def checked(labels: Iterable[Label], n: int) -> tuple[Label, ...]:
     return given
 
 
-def no_such(dof: Label, labels: Sequence[Label], hint: str = "") -> UsageError:
+def no_such(dof: Label, labels: Sequence[Label]) -> UsageError:
     """Return the error for a DOF that does not exist; it lists those that do."""
-    if isinstance(dof, str) and not hint:
+    hint = ""
+    if isinstance(dof, str):
         hint = did_you_mean(dof, (label for label in labels if isinstance(label, str)))
     first, last = labels[0], labels[-1]
     span = f"the DOFs {listed(labels)}"

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
+from dynid.structure.labels import Label as Label
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Matrix: TypeAlias = "Array | Sparse"
-Label: TypeAlias = int | str
 
 NAMES = {"M": "mass", "C": "damping", "K": "stiffness"}
 """Names of the matrices in sentences."""

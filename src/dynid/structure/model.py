@@ -187,7 +187,7 @@ class StructuralModel:
         """
         if dof in self._places:
             return dof
-        return self._named.find(dof) if self.basis is None else self.basis.parent.label(dof)
+        return self.dof_names.find(dof) if self.basis is None else self.basis.parent.label(dof)
 
     def index(self, dof: Label) -> int:
         """Return the place of a DOF, from 0.
@@ -211,6 +211,19 @@ class StructuralModel:
             )
         return at
 
+    def moved_by(self, dof: Label) -> tuple[Label, ...]:
+        """Return the own labels of the DOFs in a displacement: of a motion several, whatever the sign.
+
+        Raises
+        ------
+        UsageError
+            If there is no such DOF.
+        """
+        if dof in self._places:
+            return (dof,)
+        _, label = self.dof_names.find_signed(dof)
+        return tuple(self.motions.get(str(label), (label,)))
+
     def row(self, dof: Label) -> Array:
         """Return the row (n) that reads the displacement of a DOF; also the direction of a force on it.
 
@@ -229,12 +242,12 @@ class StructuralModel:
         if dof in self._places:
             row[self._places[dof]] = 1.0
         elif self.basis is not None:
-            sign, label = self._full._named.find_signed(dof)
+            sign, label = self.dof_names.find_signed(dof)
             if label not in self._places:
                 return np.asarray(self.basis.parent.row(dof) @ self.basis.T)
             row[self._places[label]] = sign
         else:
-            sign, label = self._named.find_signed(dof)
+            sign, label = self.dof_names.find_signed(dof)
             for one, weight in self._weights(label).items():
                 row[self._places[one]] += sign * weight
         return row
@@ -487,8 +500,9 @@ class StructuralModel:
         return {label: place for place, label in enumerate(self.dofs)}
 
     @cached_property
-    def _named(self) -> labels.DofNames:
-        return labels.DofNames(self.dofs, self.motions)
+    def dof_names(self) -> labels.DofNames:
+        """The names of the full model's DOFs and motions."""
+        return labels.DofNames(self.dofs, self.motions) if self.basis is None else self.basis.parent.dof_names
 
     @property
     def _full(self) -> StructuralModel:

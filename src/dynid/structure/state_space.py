@@ -226,11 +226,12 @@ def without_massless(model: StructuralModel, dofs: Sequence[Label]) -> Structura
     empty = massless(M)
     if not empty:
         return model
-    acting = {model.label(dof): "a force or a sensor is there" for dof in dofs}
+    acting = {label: "a force or a sensor is there" for dof in dofs for label in model.moved_by(dof)}
     acting |= {model.dofs[at]: "a damper acts on it" for at in np.setdiff1d(empty, massless(C))}
     for joint in model.joints:
         if any(term.product.terms for term in joint.terms):
-            acting |= {model.label(dof): f"the unknown joint {joint.name} acts on it" for dof in joint.dofs}
+            what = f"the unknown joint {joint.name} acts on it"
+            acting |= {label: what for dof in joint.dofs for label in model.moved_by(dof)}
     for term in model.terms:
         named = ", ".join(sorted(term.coefficient.names))
         rows = np.setdiff1d(empty, massless(term.matrix))
@@ -246,13 +247,15 @@ def without_massless(model: StructuralModel, dofs: Sequence[Label]) -> Structura
                 names=("structure",),
             )
     ends = [dof for joint in model.joints for dof in joint.dofs]
-    if any(model.label(dof) != dof for dof in [*dofs, *ends]):
+    if any(isinstance(dof, int) and model.label(dof) != dof for dof in [*dofs, *ends]):
         raise UsageError(
             "DOFs are named by their numbers, which change as massless DOFs are condensed",
             remedy=f"Name them by their labels, such as {model.dofs[0]}.",
             names=("structure",),
         )
-    there = [joint for joint in model.joints if set(joint.dofs) & set(labels)]
+    there = [
+        joint for joint in model.joints if any(set(model.moved_by(dof)) & set(labels) for dof in joint.dofs)
+    ]
     M, C, K = (as_array(matrix) for matrix in model.joined(there).with_joints())
     _, stiffness, mass = condense_massless(K, M, np.array(empty))
     kept = np.setdiff1d(np.arange(model.size), empty)

@@ -30,7 +30,7 @@ def read_text(
     leading = next((field for field in first if field), "")
     has_header = (
         not _reads(_number, leading)
-        and not re.match(r"[-+.,]*\d", leading)
+        and not re.match(r"(?!\d+:?[-+]?r?[xyz]\b)[-+.,]*\d", leading, re.IGNORECASE)  # but 20:-z is a name
         and not any(re.fullmatch(_DECIMAL, field) for field in first)
     )
     body = rows[has_header:]

@@ -147,7 +147,7 @@ def response(scene: Scene) -> Aspect:
         built = identified_graph(scene)[1]
         return response_of(built.graph, graph_analysis(scene, wanted, built))
     structure, values = responding_structure(scene)
-    asked = time_question(scene)
+    asked = time_question(scene, structure)
     loads = asked.pop("loads")
 
     def work(signals: list[Any]) -> Callable[[], Any]:

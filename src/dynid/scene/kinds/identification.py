@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
-from dynid.scene.kinds.measurements import channel_of, experiments, frf_measurement, initial_motion, loads_of
+from dynid.scene.kinds.measurements import (
+    channel_of,
+    experiments,
+    frf_measurement,
+    initial_motion,
+    loads_of,
+    shown,
+)
 from dynid.scene.kinds.parameters import at_starts
 from dynid.scene.kinds.scope import add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
@@ -124,7 +131,7 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     """
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
-    records = experiments(scene, model.excitation, model.measurement)
+    records = experiments(scene, model.excitation, model.measurement, structure)
     if model.reduction is None:
         structure = without_massless(structure, [dof for record in records for dof in record.dofs])
     reduced, truth = models_of(scene, structure, values)
@@ -231,7 +238,7 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
 
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
-    measurement = frf_measurement(scene, model.measurement)
+    measurement = frf_measurement(scene, model.measurement, structure)
     reduced, truth = models_of(scene, structure)
     rebuild = _rebuilder(scene, structure)
     estimator = frf_estimator_of(model.estimator)
@@ -341,19 +348,19 @@ def responses(
         driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
         sensors = model.measurement.sensors if model.measurement else []
         driven += [channel.reference.place for channel in sensors if channel.reference]
-        inputs = list(dict.fromkeys(wanted.inputs or driven))
+        inputs = list(dict.fromkeys(shown(structure, dof) for dof in wanted.inputs or driven))
         omega = angular_frequencies(wanted.frequency)
         report_progress("frequency response")
-        result.merge(frequency_response(structure, inputs, _outputs(model), omega, values))
+        result.merge(frequency_response(structure, inputs, _outputs(model, structure), omega, values))
     if wanted.time is not None:
         report_progress("time response")
-        result.merge(time_response(structure, values=values, **time_question(scene)))
+        result.merge(time_response(structure, values=values, **time_question(scene, structure)))
         if model.initial and model.excitation and not wanted.time.input:
             result.annotate("structure/time_response", note=_FREE)
     return result
 
 
-def time_question(scene: Scene) -> dict[str, Any]:
+def time_question(scene: Scene, structure: StructuralModel | None = None) -> dict[str, Any]:
     """Return the loads, outputs, times and initial motion of the time response of a scene.
 
     Without an input of its own it is driven by the excitation, or by nothing with an initial motion.
@@ -364,14 +371,14 @@ def time_question(scene: Scene) -> dict[str, Any]:
     assert wanted.time is not None
     record, own = record_of(wanted.time), wanted.time.input
     if own or model.initial:
-        loads = loads_of(scene, "analysis.time.input", own, record)
+        loads = loads_of(scene, "analysis.time.input", own, record, structure)
     else:
-        loads = loads_of(scene, "excitation", model.excitation, record)
+        loads = loads_of(scene, "excitation", model.excitation, record, structure)
     return {
         "loads": loads,
-        "outputs": _outputs(model),
+        "outputs": _outputs(model, structure),
         "times": record.times,
-        **initial_motion(model),
+        **initial_motion(model, structure),
     }
 
 
@@ -381,8 +388,8 @@ def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
     return asked.count, None if asked.below is None else factor * float(asked.below)
 
 
-def _outputs(model: IdentificationScene) -> list[Channel]:
+def _outputs(model: IdentificationScene, structure: StructuralModel | None) -> list[Channel]:
     """Return the outputs of responses: the given ones, else those of the sensors."""
     sensors = model.measurement.sensors if model.measurement else []
-    shown = [channel_of(item) for item in (model.responses and model.responses.outputs) or sensors]
-    return list(dict.fromkeys(shown))
+    outputs = (model.responses and model.responses.outputs) or sensors
+    return list(dict.fromkeys(channel_of(item, structure) for item in outputs))

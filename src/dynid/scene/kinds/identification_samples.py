@@ -161,7 +161,7 @@ class _RecordBatch:
             structure = self._structure if self._same else structure_of(scene)
             if self._same:
                 assert model.measurement is not None
-                records = experiments(scene, model.excitation, model.measurement)
+                records = experiments(scene, model.excitation, model.measurement, structure)
                 made = self._setting._replace(experiments=records)
             else:
                 made = setting(scene, structure)

@@ -36,9 +36,11 @@ if TYPE_CHECKING:
         FrfModel,
         MeasurementModel,
         RecordModel,
+        ReferenceModel,
     )
     from dynid.scene.schema.quantities import Quantity
     from dynid.scene.schema.signals import SignalPart
+    from dynid.structure.model import StructuralModel
     from dynid.tables.frequency_responses import MeasuredResponses
     from dynid.tables.read import MeasuredColumns
     from dynid.tables.table import Heading
@@ -48,9 +50,12 @@ def experiments(
     scene: Scene,
     excitation: Sequence[SignalPart],
     given: MeasurementModel,
-    graph: GraphModel | None = None,
+    model: GraphModel | StructuralModel | None = None,
 ) -> list[Experiment]:
-    """Return the records of a scene, prepared, with the loads of each; `graph`: that of the scene, if any."""
+    """Return the records of a scene, prepared, with the loads of each.
+
+    `model` is the graph or structure, by whose labels DOFs are named in results; absent: as in the scene.
+    """
     from dynid.identification.measurement import Experiment
     from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
     from dynid.scene.schema.reduction import in_radians
@@ -58,13 +63,13 @@ def experiments(
     found = []
     for k, record in enumerate(given.each):
         place = f"measurement.records.{k}" if given.records else "measurement"
-        measurement = _measurement(scene, record, place, graph)
+        measurement = _measurement(scene, record, place, model)
         own = bool(given.records) and given.records[k].excitation is not None
         shared = f"{place}.excitation" if own else "measurement.excitation"
         where, parts = (
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
         )
-        experiment = Experiment(loads_of(scene, where, parts, measurement.record, graph), measurement)
+        experiment = Experiment(loads_of(scene, where, parts, measurement.record, model), measurement)
         try:
             steps: list[Preparation] = []
             for step in record.prepare or []:
@@ -84,14 +89,17 @@ def experiments(
     return found
 
 
-def _measurement(scene: Scene, given: RecordModel, place: str, graph: GraphModel | None) -> Measurement:
+def _measurement(
+    scene: Scene, given: RecordModel, place: str, model: GraphModel | StructuralModel | None
+) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.measurement import Measurement
     from dynid.identification.noise import ColouredNoise
     from dynid.identification.simulation import Simulation
 
     every, step, samples = given.channels or (), number(given.step), given.samples or 0
-    channels = tuple(channel_of(channel, graph) for channel in every)
+    channels = tuple(channel_of(channel, model) for channel in every)
+    _check_different(channels, f"{place}.channels")
     at = _own_or_shared(scene, place, "channels")
     headings: list[Heading | None] = [None] * len(channels)
     if given.file is not None:
@@ -116,8 +124,9 @@ def _measurement(scene: Scene, given: RecordModel, place: str, graph: GraphModel
             products(factors, levels(simulate.noise)),
             noise_colour=tuple(float(one) for one in simulate.noise_colour),
         )
-        if graph is None:
-            source = replace(source, **initial_motion(cast("IdentificationScene", scene.model)))  # type: ignore[arg-type]
+        if not any(channel.output for channel in given.channels or ()):
+            structure = cast("StructuralModel | None", model)
+            source = replace(source, **initial_motion(cast("IdentificationScene", scene.model), structure))  # type: ignore[arg-type]
     else:
         source = table.values[:samples] * factors
     noise = noise_of(given)
@@ -149,22 +158,47 @@ def _samples(scene: Scene, given: RecordModel, where: str) -> MeasuredColumns:
     return table
 
 
-def initial_motion(model: IdentificationScene) -> dict[str, dict[Dof, float]]:
+def initial_motion(
+    model: IdentificationScene, structure: StructuralModel | None = None
+) -> dict[str, dict[Dof, float]]:
     """Return the displacements and velocities at t = 0, by DOF."""
+    given = [(shown(structure, dof), motion) for dof, motion in model.initial.items()]
+    if len(dict(given)) < len(given):
+        raise UsageError(
+            "the initial motion of a DOF is given twice, by two of its names", names=("initial",)
+        )
     return {
-        "displacement": {dof: number(motion.x) for dof, motion in model.initial.items()},
-        "velocity": {dof: number(motion.v) for dof, motion in model.initial.items()},
+        "displacement": {dof: number(motion.x) for dof, motion in given},
+        "velocity": {dof: number(motion.v) for dof, motion in given},
     }
 
 
-def channel_of(given: ChannelModel, graph: GraphModel | None = None) -> Any:
-    """Return a sensor of a structure, or of a graph."""
-    if graph is not None:
-        assert given.output is not None
-        return graph.channel(given.output, *instrument_of(given))
+def channel_of(given: ChannelModel, model: GraphModel | StructuralModel | None = None) -> Any:
+    """Return a sensor of a structure, named by its DOFs' own labels where it is known; or of a graph."""
+    if given.output is not None:
+        return cast("GraphModel", model).channel(given.output, *instrument_of(given))
     assert given.quantity is not None
-    dof, reference = given.ends[0], given.dofs[1] if given.dofs else None
+    structure = cast("StructuralModel | None", model)
+    dof, *others = (shown(structure, dof) for dof in given.ends)
+    reference = others[0] if others else None
+    if reference == dof:
+        raise UsageError(
+            f"a sensor between {' and '.join(map(str, given.ends))} measures nothing: they are one DOF",
+            names=("measurement.channels",),
+        )
     return Channel(dof, given.quantity, reference, given.frame == "absolute", *instrument_of(given))
+
+
+def shown(structure: StructuralModel | None, dof: Dof) -> Dof:
+    """Return the name of a DOF in results."""
+    return dof if structure is None else structure.dof_names.shown(dof)
+
+
+def _check_different(channels: Sequence[Any], place: str) -> None:
+    """Refuse a channel that stands twice, by two names of its DOF."""
+    twice = next((one for at, one in enumerate(channels) if one in channels[:at]), None)
+    if twice is not None:
+        raise UsageError(f"the channel {twice.name} is listed twice", names=(place, "measurement"))
 
 
 def instrument_of(given: ChannelModel) -> tuple[Real, Real, Real]:
@@ -208,14 +242,15 @@ def loads_of(
     where: str,
     parts: Sequence[SignalPart],
     record: RecordTimes,
-    graph: GraphModel | None = None,
+    model: GraphModel | StructuralModel | None = None,
 ) -> list[Any]:
     """Return the loads at a place of a scene."""
 
     def acting(part: SignalPart, signal: Any) -> Any:
-        if graph is None:
-            return Load(part.dof, signal, part.base or part.motion, *actuator_of(part))
-        return graph.load(str(part.source), signal, *actuator_of(part))
+        if part.source is not None:
+            return cast("GraphModel", model).load(part.source, signal, *actuator_of(part))
+        dof = None if part.dof is None else shown(cast("StructuralModel | None", model), part.dof)
+        return Load(dof, signal, part.base or part.motion, *actuator_of(part))
 
     built = build_signals(scene, where, parts, record, lambda part: acting(part, None))
     return [acting(part, signal) for part, signal in built]
@@ -231,11 +266,20 @@ def actuator_of(part: SignalPart) -> tuple[Real, Real]:
     return (1.0 / gain, -delay) if isinstance(part, FileSignal) else (gain, delay)
 
 
+def _referred(model: GraphModel | StructuralModel | None, given: ReferenceModel) -> Dof:
+    """Return the DOF, by its name in results, or the source that a frequency response is referred to."""
+    return (
+        given.place if given.source is not None else shown(cast("StructuralModel | None", model), given.place)
+    )
+
+
 _PLACE = "measurement.frf.file"
 
 
-def frf_measurement(scene: Scene, given: MeasurementModel, graph: GraphModel | None = None) -> FrfMeasurement:
-    """Return the frequency response functions of a scene; `graph`: that of the scene, if any.
+def frf_measurement(
+    scene: Scene, given: MeasurementModel, model: GraphModel | StructuralModel | None = None
+) -> FrfMeasurement:
+    """Return the frequency response functions of a scene; `model`: its graph or structure, if known.
 
     Raises
     ------
@@ -250,10 +294,11 @@ def frf_measurement(scene: Scene, given: MeasurementModel, graph: GraphModel | N
 
     assert given.frf is not None
     channels = tuple(
-        Frf(channel_of(channel, graph), channel.reference.place)
+        Frf(channel_of(channel, model), _referred(model, channel.reference))
         for channel in given.channels or ()
         if channel.reference
     )
+    _check_different(channels, "measurement.channels")
     proportional = isinstance(given.noise, NoiseModel)
     noise = levels(given.noise.ratio if isinstance(given.noise, NoiseModel) else given.noise)
     simulate = given.frf.simulate

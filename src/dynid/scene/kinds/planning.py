@@ -14,9 +14,10 @@ from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.result import Result
 from dynid.scene.kinds.identification import expected_values, setting, structure_of
 from dynid.scene.kinds.identified_graphs import identified_graph
-from dynid.scene.kinds.measurements import channel_of, experiments
+from dynid.scene.kinds.measurements import channel_of, experiments, shown
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
+from dynid.structure.model import StructuralModel
 from dynid.structure.response import UNITS
 
 
@@ -76,16 +77,17 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             names=("measurement.frf",),
         )
     reduced, records, truth = prospect(scene)
-    graph = reduced if isinstance(reduced, GraphModel) else None
+    known = reduced if isinstance(reduced, GraphModel | StructuralModel) else None
+    structure = known if isinstance(known, StructuralModel) else None
     given, force = model.plan, model.plan.excitation
     factor = 2 * math.pi if force.unit == "Hz" else 1.0
     request = PlanRequest(
         sensors=sensors or given.sensors,
         lines=lines or given.lines,
-        candidates=[channel_of(channel, graph) for channel in given.candidates or ()],
+        candidates=[channel_of(channel, known) for channel in given.candidates or ()],
         quantities=given.quantities or tuple(UNITS),
         noise={quantity: float(level) for quantity, level in given.noise.items()},
-        dofs=force.dofs or force.sources or (),
+        dofs=[shown(structure, dof) for dof in force.dofs or ()] or force.sources or (),
         band=(factor * float(force.band[0]), factor * float(force.band[1])) if force.band else None,
     )
     result = plan(reduced, records, request, truth)

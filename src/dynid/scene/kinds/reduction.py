@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.defaults import RESIDUALS
 from dynid.errors import NumericalError, UsageError
 from dynid.result import Result
-from dynid.scene.kinds.measurements import channel_of
+from dynid.scene.kinds.measurements import channel_of, shown
 from dynid.scene.kinds.scope import add_reduction_scope
 from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.kinds.structures import add_doubts, build_structure
@@ -131,7 +131,9 @@ def run(scene: Scene) -> Result:
     structure = build_structure(scene, model.structure, model.joints)
     result = Result("reduction", scene.title)
     add_doubts(result, structure)
-    made = compare(structure, methods_of(model), responses=_responses(model), parts=model.substructures)
+    made = compare(
+        structure, methods_of(model), responses=_responses(model, structure), parts=model.substructures
+    )
     result.merge(made)
     names = result_names([part.method for part in model.reduction])
     add_reduction_scope(
@@ -165,7 +167,7 @@ def interest_of(model: ReductionScene) -> Interest:
     return Interest(tuple(dict.fromkeys(asked)), float(angular_frequencies(model.frequency)[-1]))
 
 
-def _responses(model: ReductionScene) -> RequestedResponses | None:
+def _responses(model: ReductionScene, structure: StructuralModel) -> RequestedResponses | None:
     """Return the responses to compare; by default receptances between the DOFs of interest.
 
     These are the ends of the joints and the masters that are given, else the structure's first DOF.
@@ -176,10 +178,11 @@ def _responses(model: ReductionScene) -> RequestedResponses | None:
     masters = [getattr(part, "masters", None) for part in model.reduction]
     given = [dof for listed in masters if isinstance(listed, list) for dof in listed]
     dofs = list(dict.fromkeys([*ends, *given])) or [1]
-    outputs = [channel_of(item) for item in model.outputs or ()]
-    inputs = model.inputs or dofs[:1]
+    dofs = [shown(structure, dof) for dof in dofs]
+    outputs = [channel_of(item, structure) for item in model.outputs or ()]
+    inputs = [shown(structure, dof) for dof in model.inputs or ()] or dofs[:1]
     return RequestedResponses(
         inputs,
-        outputs or [Channel(dof, "displacement") for dof in dofs],
+        outputs or [Channel(dof, "displacement") for dof in dict.fromkeys(dofs)],
         angular_frequencies(model.frequency),
     )

@@ -75,7 +75,7 @@ def build_structure(
         if structure.frame is not None:
             return _frame(structure.frame, built, parameters)
         bare = _bare(scene.folder, structure, parameters)
-        faults = dof_faults(scene.source, holder or type(scene.model), bare.dofs, at)
+        faults = dof_faults(scene.source, holder or type(scene.model), bare.dof_names, at)
         if faults:  # found only now: the DOFs are those of a file, or depend on releases
             raise SceneError(faults)
         return bare.joined(built)

@@ -19,7 +19,7 @@ from pydantic import (
 
 from dynid.arithmetic.numbers import Number
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
-from dynid.scene.schema.references import DOF, FILE
+from dynid.scene.schema.references import DOF, FILE, SIGNED_DOF
 
 
 class Section(BaseModel):
@@ -67,10 +67,13 @@ class FrequencyGrid(Section):
 
 
 DofLabel = Annotated[int, Field(ge=1, strict=True)] | Annotated[str, Field(min_length=1, max_length=100)]
-"""The name of a degree of freedom: its number, from 1, or its label."""
+"""The name of a degree of freedom: its number, from 1, its label, or NODE:DIR."""
 
 Dof = Annotated[DofLabel, DOF]
 """A degree of freedom of the structure."""
+
+SignedDof = Annotated[DofLabel, SIGNED_DOF]
+"""A degree of freedom, in the opposite direction with a minus sign: NODE:-DIR."""
 
 FilePath = Annotated[str, FILE]
 """A file, relative to the folder of the scene."""

@@ -10,7 +10,7 @@ from dynid.bondgraph.graph import SOURCES
 from dynid.defaults import ESTIMATOR
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, SceneModel, Section
+from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, SceneModel, Section, SignedDof
 from dynid.scene.schema.bond_graph import AnalysisModel, GraphModel, calibration_faults, graph_scene_faults
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
@@ -78,7 +78,7 @@ class ResponseModes(Section):
 class ResponseModel(Section):
     """Linear responses of the structure with its joints."""
 
-    inputs: list[Dof] | None = None
+    inputs: list[SignedDof] | None = None
     outputs: list[OutputModel] | None = None
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
@@ -118,7 +118,7 @@ class InitialMotion(Section):
 class ForceModel(Section):
     """Candidate positions (or sources) and frequencies of an excitation; default: all, around the modes."""
 
-    dofs: list[Dof] | None = Field(default=None, min_length=1)
+    dofs: list[SignedDof] | None = Field(default=None, min_length=1)
     sources: list[str] | None = Field(default=None, min_length=1)
     band: list[Positive] | None = Field(default=None, min_length=2, max_length=2)
     unit: Literal["rad/s", "Hz"] = "rad/s"

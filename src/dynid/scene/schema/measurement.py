@@ -17,7 +17,7 @@ from pydantic import (
 
 from dynid.defaults import NOISE_VALUES
 from dynid.errors import UsageError
-from dynid.scene.schema.base import Dof, FilePath, FrequencyGrid, MotionQuantity, Section
+from dynid.scene.schema.base import FilePath, FrequencyGrid, MotionQuantity, Section, SignedDof
 from dynid.scene.schema.graph_variables import Output
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.signals import Signals, TablePlace
@@ -32,8 +32,8 @@ ColumnName = str | Annotated[int, Field(ge=1, strict=True)]
 class ChannelModel(Section):
     """One sensor: at a DOF, between two (the first one's motion less the second one's), or at a node."""
 
-    dof: Dof | None = None
-    dofs: list[Dof] | None = Field(default=None, min_length=2, max_length=2)
+    dof: SignedDof | None = None
+    dofs: list[SignedDof] | None = Field(default=None, min_length=2, max_length=2)
     quantity: MotionQuantity | None = None
     output: Output | None = None
     frame: Literal["relative", "absolute"] = "relative"
@@ -55,7 +55,7 @@ class ChannelModel(Section):
         return self
 
     @property
-    def ends(self) -> list[Dof]:
+    def ends(self) -> list[SignedDof]:
         """The DOFs it is at: one or two."""
         return self.dofs or ([] if self.dof is None else [self.dof])
 
@@ -69,7 +69,7 @@ class OutputModel(ChannelModel):
 class ReferenceModel(Section):
     """Force at a DOF, or source of a graph, to which a frequency response is referred."""
 
-    dof: Dof | None = None
+    dof: SignedDof | None = None
     source: str | None = None
 
     @model_validator(mode="after")
@@ -79,7 +79,7 @@ class ReferenceModel(Section):
         return self
 
     @property
-    def place(self) -> Dof:
+    def place(self) -> SignedDof:
         """The DOF or source."""
         place = self.source if self.dof is None else self.dof
         assert place is not None
@@ -121,7 +121,7 @@ class MeasuredChannelModel(ChannelModel):
         return self
 
     @property
-    def all_dofs(self) -> list[Dof]:
+    def all_dofs(self) -> list[SignedDof]:
         """The DOFs that it is at, and that of the force."""
         return [*self.ends, *([self.reference.place] if self.reference else [])]
 

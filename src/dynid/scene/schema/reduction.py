@@ -11,7 +11,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, mode
 from dynid.defaults import MASTERS
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, once
+from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, SignedDof, once
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.measurement import ChannelModel, OutputModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, fault
@@ -19,6 +19,7 @@ from dynid.scene.schema.raw import listing, mapping, mapping_of
 from dynid.scene.schema.references import dof_faults, node_faults, sections
 from dynid.scene.schema.structure import StructureModel
 from dynid.scene.yaml.source import Source
+from dynid.structure.labels import DofNames
 
 Unit = Literal["rad/s", "Hz"]
 
@@ -32,6 +33,7 @@ def _listed(raw: Any) -> str:
 
 
 DofList = Annotated[list[Dof], Field(min_length=1, max_length=100_000), once("DOF")]
+SignedDofList = Annotated[list[SignedDof], Field(min_length=1, max_length=100_000), once("DOF")]
 _Numbers = Annotated[list[Annotated[int, Field(ge=1, strict=True)]], Field(min_length=1), once("mode")]
 
 
@@ -192,7 +194,7 @@ class ReductionScene(SceneModel):
     joints: dict[str, JointModel] = {}
     reduction: list[ReductionModel] = Field(min_length=1, max_length=1000)
     frequency: FrequencyGrid | None = None
-    inputs: DofList | None = None
+    inputs: SignedDofList | None = None
     outputs: Annotated[list[OutputModel], Field(min_length=1), once("this output")] | None = None
     substructures: dict[str, DofList] = {}
 
@@ -243,7 +245,7 @@ def structure_faults(
         wrong = [*node_faults(StructureModel, given, structure.nodes), *structure.faults()]
         faults = [source.fault((*at, "structure", *path), message) for path, message in wrong]
         labels = structure.labels()
-    faults = dof_faults(source, model, labels, at) if labels and not faults else faults
+    faults = dof_faults(source, model, DofNames(labels), at) if labels and not faults else faults
     message = "a structure has DOFs, not outputs of nodes; write 'dof' and 'quantity'"
     return faults + [
         source.fault((*at, *path, "output"), message, key=True)

@@ -7,7 +7,7 @@ scene's model finds all references in the plain data of a scene, also where othe
 from __future__ import annotations
 
 import types
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
@@ -16,6 +16,7 @@ from pydantic import BaseModel
 
 from dynid.errors import Fault
 from dynid.scene.yaml.source import Source
+from dynid.structure.labels import DofNames
 from dynid.suggestions import did_you_mean
 
 Path = tuple[Any, ...]
@@ -28,8 +29,10 @@ class Reference:
     to: str
 
 
-#: A degree of freedom of the structure: its label, or its number from 1.
+#: A degree of freedom of the structure: its label, its number from 1, or NODE:DIR.
 DOF = Reference("DOF")
+#: The same where a sign makes sense, NODE:-DIR.
+SIGNED_DOF = Reference("signed DOF")
 #: A node of a beam or frame: its number from 1.
 NODE = Reference("node")
 #: A file, relative to the folder of the scene.
@@ -142,9 +145,7 @@ def sections(model: type[BaseModel], data: Any, of: type[BaseModel]) -> Iterator
             yield found.path, found.value
 
 
-def dof_faults(
-    source: Source, model: type[BaseModel], labels: Sequence[int | str], at: Path = ()
-) -> list[Fault]:
+def dof_faults(source: Source, model: type[BaseModel], names: DofNames, at: Path = ()) -> list[Fault]:
     """Return the faults of DOFs that a scene names and its structure lacks.
 
     Parameters
@@ -153,29 +154,32 @@ def dof_faults(
         The scene.
     model
         The model of the part that names them.
-    labels
-        Labels of the structure's DOFs. Where they are texts, a number counts them from 1.
+    names
+        The names of the structure's DOFs. Where their labels are texts, a number counts them from 1.
     at
         The place of that part; absent: the scene.
     """
     part = source.data
     for key in at:
         part = part[key]
-    known, texts = set(labels), [label for label in labels if isinstance(label, str)]
-    count = len(labels) if len(texts) == len(labels) else 0
+    labels = names.labels
     there = f"; the structure has {len(labels)}"
     if labels[0] != 1:
         there += f" ({labels[0]} … {labels[-1]})"
     faults = []
-    for path, dof, is_key in references(model, part, DOF):
-        if isinstance(dof, bool) or not isinstance(dof, int | str) or dof in known:
+    for signed, (path, dof, is_key) in [
+        *((False, found) for found in references(model, part, DOF)),
+        *((True, found) for found in references(model, part, SIGNED_DOF)),
+    ]:
+        if isinstance(dof, bool) or not isinstance(dof, int | str) or dof == "":
             continue
-        if isinstance(dof, str) and dof:
+        if (isinstance(dof, int) and dof < 1) or names.has(dof, signed=signed):
+            continue
+        message = names.misnamed(dof, signed=signed)
+        if message is None and isinstance(dof, str):
+            texts = (label for label in labels if isinstance(label, str))
             message = f"there is no DOF '{dof}'{did_you_mean(dof, texts) or there}"
-        elif isinstance(dof, int) and dof > max(count, 0) and dof >= 1:
-            message = f"there is no DOF {dof}{there}"
-        else:
-            continue
+        message = message or f"there is no DOF {dof}{there}"
         faults.append(source.fault((*at, *path), message, key=is_key))
     return faults
 

@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from dynid.defaults import HOLD
-from dynid.scene.schema.base import Dof, FilePath, MotionQuantity, Section
+from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SignedDof
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.units import SensitivityModel, UnitName
 
@@ -30,7 +30,7 @@ class SignalPart(Section):
     """
 
     source: str | None = None
-    dof: Dof | None = None
+    dof: SignedDof | None = None
     motion: MotionQuantity | None = None
     base: MotionQuantity | None = None
     gain: Uncertain | None = None

@@ -284,7 +284,7 @@ def masters_alone(
 def interesting(model: StructuralModel, interest: Interest) -> Indices:
     """Return the DOFs of joints, then those of sensors and loads, each once."""
     dofs = [dof for joint in model.joints for dof in joint.dofs]
-    labels = list(dict.fromkeys(model.label(dof) for dof in [*dofs, *interest.dofs]))
+    labels = list(dict.fromkeys(one for dof in [*dofs, *interest.dofs] for one in model.moved_by(dof)))
     return indices_of(model, labels) if labels else np.array([], dtype=np.int64)
 
 
