@@ -19,7 +19,7 @@ LAYERS = [
     {"structure"},
     {"bondgraph"},
     {"identification"},
-    {"tables"},
+    {"tables", "library"},
     {"scene"},
     {"store", "checks", "templates", "topics"},
     {"study"},

@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
 from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
@@ -38,13 +38,15 @@ T = TypeVar("T")
 MAX_LENGTH = 1000
 MAX_PARENTHESES = 100
 
+# Stands for the points in names such as `m1.R` while Python's parser reads them; no name may hold it.
+_POINT = "\N{MIDDLE DOT}"
 # How many arguments each function takes; min and max take more, too.
 FUNCTIONS = {"sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "abs": 1, "min": 2, "max": 2}
 _ALLOWED = f"an expression is numbers, names, + - * / ** ( ), pi, and {' '.join(FUNCTIONS)}"
 
 _BLANKS = str.maketrans("\t\n\r\f", "    ")
 _TOKEN = re.compile(
-    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|\*\*|[-+*/(),]|\s+"
+    r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)|(?P<name>[^\W\d]\w*(?:\.\w+)*)|\*\*|[-+*/(),]|\s+"
 )
 _BINARY: dict[type[ast.operator], str] = {
     ast.Add: "+",
@@ -91,7 +93,7 @@ def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
     _check_tokens(text)
     try:
         # On one line and in parentheses blanks mean nothing; places come out shifted by one.
-        tree = ast.parse(f"({text.translate(_BLANKS)})", mode="eval").body
+        tree = ast.parse(f"({_readable(text)})", mode="eval").body
     except (SyntaxError, RecursionError, MemoryError) as error:
         column = min(max((getattr(error, "offset", None) or 2) - 1, 1), len(text))
         raise ExpressionError(
@@ -106,7 +108,9 @@ def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
         if problem:
             raise ExpressionError(problem, text, column_of(text, node))
         order.append(node)
-        if isinstance(node, ast.BinOp):
+        if isinstance(node, ast.Name):
+            node.id = node.id.replace(_POINT, ".")
+        elif isinstance(node, ast.BinOp):
             stack += [node.left, node.right]
         elif isinstance(node, ast.UnaryOp):
             stack.append(node.operand)
@@ -115,9 +119,25 @@ def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
     return tuple(reversed(order))
 
 
+def _readable(text: str) -> str:
+    """Return a text in which Python's parser finds one line and names without points; no place moves."""
+    return _TOKEN.sub(
+        lambda match: match.group().replace(".", _POINT) if match["name"] else match.group(), text
+    ).translate(_BLANKS)
+
+
+def renamed(text: str, names: Mapping[str, str]) -> str:
+    """Return an expression with other names of some of its parameters; a text that is none stays."""
+
+    def other(match: re.Match[str]) -> str:
+        return names.get(match.group(), match.group()) if match["name"] else match.group()
+
+    return _TOKEN.sub(other, text)
+
+
 def column_of(text: str, node: ast.expr) -> int:
     """Return the column of a node in its expression, from 1."""
-    before = f"({text})".encode()[: node.col_offset]
+    before = f"({_readable(text)})".encode()[: node.col_offset]
     return max(len(before.decode()), 1)
 
 
@@ -141,7 +161,7 @@ def name_problem(name: str) -> str:
     """Return why a word cannot name a parameter; empty where it can."""
     if keyword.iskeyword(name):
         return f"'{name}' is a reserved word; use another name, such as '{name}_0'"
-    if not name.isidentifier():
+    if not name.replace(".", _POINT).isidentifier():
         return f"'{name}' cannot be a name; use letters, digits and _, beginning with a letter"
     if name in FUNCTIONS or name == "pi":
         return f"'{name}' is the name of a {'constant' if name == 'pi' else 'function'}; use another"
@@ -290,6 +310,7 @@ class Expression:
         return self.fold(leaf, apply)
 
 
+@lru_cache(maxsize=1024)  # copies of a model repeat their expressions
 def parse(text: str) -> Expression:
     """Return the expression that a text holds.
 

@@ -31,6 +31,7 @@ COMMANDS = {
     "export": ("dynid.cli.export:export", "Export a result as CSV, Parquet, JSON, .mat or .mtx."),
     "compare": ("dynid.cli.results:compare", "List the differences between two results."),
     "new": ("dynid.cli.new:new", "Write a commented template scene."),
+    "library": ("dynid.cli.help:library", "List the models of machines and components, or print one."),
     "schema": ("dynid.cli.help:schema", "Print the JSON Schema of scenes."),
     "bench": ("dynid.cli.bench:bench", "Measure the speed and the error of the algorithms."),
     "help": ("dynid.cli.help:help_", "Print the manual of a topic."),
@@ -41,7 +42,7 @@ GROUPS = {
     "Run": ("new", "check", "run", "plan"),
     "Studies": ("study", "study-merge", "study-worst"),
     "Results": ("show", "report", "plot", "watch", "compare", "export"),
-    "Help": ("help", "schema", "bench"),
+    "Help": ("help", "library", "schema", "bench"),
 }
 
 

@@ -1,4 +1,4 @@
-"""`dynid help` and `dynid schema`."""
+"""`dynid help`, `dynid library` and `dynid schema`."""
 
 from __future__ import annotations
 
@@ -46,6 +46,33 @@ def help_(topic: str | None) -> int:
     else:
         refuse_unknown(topic, _names(), "topic")
         cli.main([topic, "--help"], prog_name="dynid", standalone_mode=False)
+    return 0
+
+
+def _models() -> list[str]:
+    from dynid.scene.model_files import library_names
+
+    return library_names()
+
+
+@click.command()
+@click.argument("name", required=False, shell_complete=among(_models))
+def library(name: str | None) -> int:
+    """Print the model NAME with its ports, values and source; without NAME, list the models.
+
+    A graph has it as a node `{model: NAME}`; to change it, write it to a file and `use:` that file.
+    """
+    from dynid.scene.model_files import library_text
+    from dynid.scene.yaml.source import parse_source
+
+    if name is not None:
+        refuse_unknown(name, _models(), "model")
+        click.echo(library_text(name), nl=False)
+        return 0
+    width = max(map(len, _models()))
+    for model in _models():
+        (data,) = parse_source(library_text(model)).data["models"].values()
+        click.echo(f"{model:{width}}  {data['title']}; ports {', '.join(data['ports'])}")
     return 0
 
 

@@ -85,11 +85,12 @@ def plain_data(text: str) -> dict[str, Any]:
     if not text:
         return {}
     from dynid.errors import SceneError
+    from dynid.scene.composition import composed
     from dynid.scene.load import as_current
     from dynid.scene.yaml.source import parse_source
 
     try:
-        data = as_current(parse_source(text, "<scene of the result>")).data
+        data = composed(as_current(parse_source(text, "<scene of the result>"))).data
     except SceneError:
         return {}
     return data if isinstance(data, dict) else {}

@@ -193,10 +193,12 @@ class Svg:
         opening = _opening(tag, cls, attrs)
         self._parts.append(f"<{opening}>{content}</{tag}>" if content else f"<{opening}/>")
 
-    def open(self, cls: str = "", *, tip: str = "", **attrs: str | float) -> None:
-        """Open a group, with a text shown under the pointer."""
-        self._parts.append(f"<{_opening('g', cls, attrs)}>" + (f"<title>{plain(tip)}</title>" if tip else ""))
-        self._open.append("</g>")
+    def open(self, cls: str = "", *, tip: str = "", href: str = "", **attrs: str | float) -> None:
+        """Open a group, with a text shown under the pointer; with `href` it is a link."""
+        kind = "a" if href else "g"
+        opening = _opening(kind, cls, {**attrs, "href": href} if href else attrs)
+        self._parts.append(f"<{opening}>" + (f"<title>{plain(tip)}</title>" if tip else ""))
+        self._open.append(f"</{kind}>")
 
     def close(self) -> None:
         """Close the innermost group."""

@@ -10,6 +10,9 @@ import yaml
 
 from dynid.errors import UsageError
 from dynid.result import Result
+from dynid.scene.composition import composed
+from dynid.scene.model_files import is_instance
+from dynid.scene.schema.raw import mapping
 from dynid.scene.yaml.parser import Path
 from dynid.scene.yaml.source import Source, parse_source
 from dynid.scene.yaml.writer import dump, edited
@@ -49,6 +52,9 @@ def identified_scene(result: Result, file: str = "") -> str:
     if not text:
         raise UsageError(f"{file or 'the result'} holds no scene", remedy="Run the scene again.")
     source = parse_source(text, file or "<scene>")
+    if not all(_place(source.data, str(name)) for name in result[f"{_PARAMETERS}/name"].data):
+        text = dump(composed(source).data)  # an unknown within a model: of one instance, not of the model
+        source = parse_source(text, file or "<scene>")
     values = dict(_estimates(source, result))
     notes: dict[Path, str] = {}
     first: dict[Any, Path] = {}  # one comment a line
@@ -79,11 +85,18 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
 
 
 def _place(data: Any, name: str) -> Path:
-    """Return the path of an unknown: a parameter, or a joint's k or c."""
+    """Return the path of an unknown: a parameter, a joint's k or c, or what an instance of a model is given.
+
+    Empty where it is none of these.
+    """
     if name in (data.get("parameters") or {}):
         return ("parameters", name)
-    joint, _, letter = name.rpartition(".")
-    return ("joints", {str(key): key for key in data["joints"]}[joint], letter)
+    holder, _, own = name.rpartition(".")
+    if holder in mapping(mapping(data, "graph"), "nodes"):
+        given = data["graph"]["nodes"][holder]
+        return ("graph", "nodes", holder, own) if is_instance(given) and own in given else ()
+    joints = {str(key): key for key in mapping(data, "joints")}
+    return ("joints", joints[holder], own) if holder in joints else ()
 
 
 def _dropped(data: Any) -> set[str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import DynidError, Fault, FileError, SceneError, UsageError
+from dynid.scene.composition import composed
 from dynid.scene.kind import KINDS
 from dynid.scene.yaml.source import Source, apply_overrides, read_source
 from dynid.suggestions import did_you_mean
@@ -153,7 +154,7 @@ def check_source(source: Source) -> Scene:
     from dynid.scene.schema.faults import located_faults, without_unknown_keys
     from dynid.scene.schema.names import read_names
 
-    source = as_current(source)
+    source = composed(as_current(source))
     model = _model_of(source)
     names, faults = read_names(source)
     reported = {(one.file, one.line, one.column) for one in faults}  # of parameters, with their cause

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.causality.scap import assign_causality, run_scap
@@ -29,6 +29,7 @@ from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.program import Operation, Register
 from dynid.bondgraph.reduction.snapshots import Snapshot, snapshots
 from dynid.number_format import counted
+from dynid.report.drawing.instances import folded, instances
 from dynid.report.drawing.render import Panel, draw_panels, render_sketch
 from dynid.report.drawing.sketch import ELEMENT_UNITS, Sketch, SketchBond, SketchNode, TextLine
 from dynid.report.figure import Figure, FigureTable, Picture
@@ -42,8 +43,10 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 
-#: Most nodes of a graph that is drawn; a larger drawing is unreadable.
+#: Most nodes of a drawing; a larger one is unreadable.
 LARGEST = 300
+#: Most nodes of a graph of which parts are drawn, and most drawings of instances.
+LARGEST_WHOLE, MOST_INSTANCES = 5000, 20
 
 
 @dataclass(frozen=True)
@@ -131,17 +134,21 @@ def figures(result: Result) -> Iterator[Figure]:
     if "graph" not in scene_of(result).data:
         return
     drawn = drawn_graph(result)
-    if len(drawn.graph.nodes) <= LARGEST:
-        yield Figure("bond-graph", "Bond graph", lambda: _graph_picture(result.title, drawn))
+    if len(drawn.graph.nodes) > LARGEST_WHOLE:
+        return
+    whole = sketch_of(drawn)
+    for within in ["", *islice(instances(drawn.graph.nodes), MOST_INSTANCES)]:
+        sketch = folded(whole, within)
+        if len(sketch.nodes) <= LARGEST:
+            name, title = (f"inside-{within}", f"Inside {within}") if within else ("bond-graph", "Bond graph")
+            yield Figure(name, title, partial(_graph_picture, name, title, result.title, sketch, drawn))
 
 
-def _graph_picture(title: str, drawn: DrawnGraph) -> Picture:
-    sketch, graph = sketch_of(drawn), drawn.graph
-    about = f"{title}: bond graph of {len(graph.nodes)} nodes and {len(graph.bonds)} bonds"
-    strokes = {(bond.tail, bond.head): bond.stroke for bond in sketch.bonds}
+def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, drawn: DrawnGraph) -> Picture:
+    about = f"{result_title}: {counted(len(sketch.nodes), 'node')} and {counted(len(sketch.bonds), 'bond')}"
     rows = [
-        (bond.tail, bond.head, {"tail": bond.tail, "head": bond.head}.get(strokes[bond.tail, bond.head], ""))
-        for bond in graph.bonds
+        (bond.tail, bond.head, {"tail": bond.tail, "head": bond.head}.get(bond.stroke, ""))
+        for bond in sketch.bonds
     ]
     caption = (
         "Power is positive along the half arrows. The causal stroke of a bond is at the end that receives "
@@ -149,8 +156,10 @@ def _graph_picture(title: str, drawn: DrawnGraph) -> Picture:
     )
     if drawn.boxes:
         caption = "Power is positive along the half arrows. A box is a field or structure of many nodes."
+    if any(node.opens for node in sketch.nodes):
+        caption += " The box of a sub-model leads to the drawing of its inside."
     table = FigureTable(("from", "to", "effort is imposed on"), tuple(rows))
-    return Picture(render_sketch("bond-graph", f"Bond graph of {title}", about, sketch), caption, table)
+    return Picture(render_sketch(name, f"{title} of {result_title}", about, sketch), caption, table)
 
 
 def sketch_of(drawn: DrawnGraph) -> Sketch:

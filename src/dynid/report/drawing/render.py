@@ -63,7 +63,7 @@ def draw_sketch(
         svg.close()
     for node in sketch.nodes:
         box, colour = layout.boxes[node.key], COLOUR.get(node.domain)
-        svg.open(tip=node.key)
+        svg.open(tip=node.key, href=f"#figure-{node.opens}" if node.opens else "")
         size = (box.left, box.top, box.right - box.left, box.bottom - box.top)
         svg.rect(*size, f"{colour} band" if colour else "node", rx=6)
         if node.changed or node.role:

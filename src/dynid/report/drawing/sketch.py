@@ -88,6 +88,8 @@ class SketchNode:
         `input`, `output`, `both` or empty; any of them is outlined.
     changed
         True if it is highlighted.
+    opens
+        The figure of its inside, to which it leads; empty: none.
     """
 
     key: str
@@ -95,6 +97,7 @@ class SketchNode:
     domain: str = ""
     role: str = ""
     changed: bool = False
+    opens: str = ""
 
     @property
     def width(self) -> float:

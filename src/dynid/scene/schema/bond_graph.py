@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import (
     AfterValidator,
     BeforeValidator,
+    ConfigDict,
     Discriminator,
     Field,
     PlainValidator,
@@ -33,8 +34,17 @@ from dynid.bondgraph.graph import (
 )
 from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.errors import Fault
+from dynid.scene.composition import MOST_COPIES
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, once
+from dynid.scene.schema.base import (
+    Dof,
+    FilePath,
+    FrequencyGrid,
+    ParameterEntry,
+    SceneModel,
+    Section,
+    once,
+)
 from dynid.scene.schema.graph_variables import TEXT, Output, unknown_node
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
@@ -61,6 +71,8 @@ from dynid.suggestions import did_you_mean
 Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
 
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
+# The name of a node of an instance: those of the instances around it stand before.
+_INNER = re.compile(r"([^\W\d]\w*\.(\d+\.)?)*([^\W\d][\w-]*|\d+)")
 _TYPES = (*NODE_TYPES, STRUCTURE)
 
 
@@ -79,7 +91,7 @@ def _as_mapping(raw: Any) -> Any:
 
 
 def _node_name(raw: str) -> str:
-    if not _NAME.fullmatch(raw):
+    if not _INNER.fullmatch(raw):
         raise fault(f"'{raw}' cannot name a node; use letters, digits, _ and -, starting with a letter")
     return raw
 
@@ -239,14 +251,47 @@ def _link(raw: Any, info: ValidationInfo) -> Bond:
     return _bonds(raw, info)[0]
 
 
+class InstanceModel(Section):
+    """An instance of a model, or a chain of copies; all other keys are values of the model's parameters.
+
+    It stands for the nodes and bonds of the model (`dynid.scene.composition`).
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    model: str
+    repeat: int | None = Field(default=None, ge=1, le=MOST_COPIES)
+    chain: list[str] | None = Field(default=None, min_length=2, max_length=2)
+
+
+_Node = Annotated[
+    NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | InstanceModel | _NodeType)
+]
+
+
 class GraphModel(Section):
     """Nodes and bonds."""
 
-    nodes: dict[
-        Annotated[str, AfterValidator(_node_name)],
-        Annotated[NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | _NodeType)],
-    ] = Field(min_length=1)
+    nodes: dict[Annotated[str, AfterValidator(_node_name)], _Node] = Field(min_length=1)
     bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), TEXT]] = Field(min_length=1)
+
+
+class SubModel(Section):
+    """A model: ports, parameters with their usual values, nodes and bonds."""
+
+    title: str = ""
+    source: str = ""
+    ports: list[str] = []
+    parameters: dict[str, ParameterEntry | None] = {}
+    nodes: dict[str, _Node] = Field(min_length=1)
+    bonds: list[str] = []
+
+
+class ComposedScene(SceneModel):
+    """Keys of scenes with a graph: its models, which are gone once it is flat."""
+
+    models: dict[str, SubModel] = {}
+    use: FilePath | list[FilePath] = []
 
 
 class SymbolicModel(Section):
@@ -292,7 +337,7 @@ class InitialModel(Section):
     e: Value | None = None
 
 
-class BondGraphScene(SceneModel):
+class BondGraphScene(ComposedScene):
     """A bond graph and its requested results."""
 
     kind: Literal["bond-graph"]
@@ -410,7 +455,7 @@ def domain_faults(source: Source) -> list[Fault]:
                 message = (
                     f"'{first}' is {domain} and '{name}' {given[name]}, but no TF or GY stands between them"
                 )
-                holder = name.partition(".")[0]
+                holder = name if name in types and types[name] != PORT else name.rpartition(".")[0]
                 faults.append(source.fault(("graph", "nodes", written_key(nodes, holder), "domain"), message))
             following = [other for other in dict.fromkeys(near[name]) if other not in seen]
             seen.update(following)

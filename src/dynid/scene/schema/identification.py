@@ -10,8 +10,14 @@ from dynid.bondgraph.graph import SOURCES
 from dynid.defaults import ESTIMATOR
 from dynid.errors import Fault
 from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, SceneModel, Section, SignedDof
-from dynid.scene.schema.bond_graph import AnalysisModel, GraphModel, calibration_faults, graph_scene_faults
+from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, Section, SignedDof
+from dynid.scene.schema.bond_graph import (
+    AnalysisModel,
+    ComposedScene,
+    GraphModel,
+    calibration_faults,
+    graph_scene_faults,
+)
 from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
@@ -147,7 +153,7 @@ class PlanModel(Section):
         return self
 
 
-class IdentificationScene(SceneModel):
+class IdentificationScene(ComposedScene):
     """A structure with joints, or a graph; a record to identify them from, responses, or both."""
 
     kind: Literal["identification"]

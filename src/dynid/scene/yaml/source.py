@@ -44,6 +44,8 @@ class Source:
         The place of every path (keys, and list indices from 0); what stands below an alias has none.
     overridden
         Whether the data differ from the text.
+    written
+        Of a scene whose sub-models have been replaced by their nodes: the scene with the sub-models.
     """
 
     file: str
@@ -51,6 +53,7 @@ class Source:
     data: Any
     marks: dict[Path, Positions]
     overridden: bool = False
+    written: Source | None = None
 
     def fault(self, path: Iterable[Key], message: str, key: bool = False) -> Fault:
         """Return a fault at a value, or at its key; that of a missing path is where it would belong."""
@@ -65,7 +68,7 @@ class Source:
 
     def resolved_text(self) -> str:
         """Return the text as run: as written, or serialized again where values were overridden."""
-        return dump(self.data) if self.overridden else self.text
+        return dump((self.written or self).data) if self.overridden else self.text
 
 
 def read_source(path: str | os.PathLike[str]) -> Source:
@@ -124,6 +127,7 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
         When paths or values are invalid, with all faults.
     """
     faults: list[Fault] = []
+    source = source.written or source
     for assignment in assignments:
         path, equals, text = assignment.partition("=")
         origin = f"--set {path}"
@@ -149,6 +153,7 @@ def set_values(source: Source, values: Mapping[str, Any]) -> Source:
     SceneError
         When a path is invalid.
     """
+    source = source.written or source
     for path, value in values.items():
         source = _set(source, path, value, {(): Positions(_START, _START, path)}, path)
     return source
@@ -162,7 +167,7 @@ def path_of(source: Source, dotted: str) -> Path:
     SceneError
         When a list has no such entry.
     """
-    parts, holder = dotted.split("."), source.data
+    parts, holder = dotted.split("."), (source.written or source).data
     path: Path = ()
     while parts:
         key, parts = _next_key(holder if isinstance(holder, dict | list) else {}, parts, path, dotted)

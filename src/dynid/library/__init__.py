@@ -1,0 +1,1 @@
+"""Models of machines and components, with values and their sources."""
