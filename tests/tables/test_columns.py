@@ -235,20 +235,13 @@ def test_coarsely_printed_times_still_tell_a_wrong_step(written):
     assert "s apart, but 'step' is 0.001 s" in refusal(read_columns, path, None, step=0.001)[0]
 
 
-def test_a_gap_or_a_jump_is_named_with_its_row(written, stored):
-    times = np.delete(0.002 * np.arange(10), 4)
-    said = refusal(read_columns, written(table_of(times, "%.3f")), None, step=0.002)[0]
-    assert "x.csv:6: the time goes on by 0.004 s here, 0.002 s a row elsewhere; 'step' is 0.002 s" in said
-    said = refusal(read_columns, stored(t=times, measured=np.ones(9)), None, step=0.002)[0]
-    assert "x.h5: row 5: the time goes on by 0.004 s here" in said
-
-
-def test_times_that_drift_are_refused(written):
-    drifting = 0.002 * np.arange(800) + 1e-5 * np.sin(np.arange(800) * 2 * np.pi / 799)
-    assert (
-        "the times are uneven"
-        in refusal(read_columns, written(table_of(drifting, "%.9f")), None, step=0.002)[0]
-    )
+def test_a_jump_is_named_with_its_row(written, stored):
+    times = 0.002 * np.arange(10)
+    times[4:] += 0.0011
+    said = refusal(read_columns, written(table_of(times, "%.4f")), None, step=0.002)[0]
+    assert "x.csv:6: the time goes on by 0.0031 s here, 0.002 s a row elsewhere; 'step' is 0.002 s" in said
+    said = refusal(read_columns, stored(t=times, measured=np.ones(10)), None, step=0.002)[0]
+    assert "x.h5: row 5: the time goes on by 0.0031 s here" in said
 
 
 def test_missing_times_and_single_precision_do_no_harm(written, stored):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -51,6 +51,10 @@ class Measurement:
         The steps by which the samples were prepared; see `preparation.prepare`.
     passed
         Part of the power of white noise that these steps pass.
+    clock
+        Figures of the clock by the time stamps of the file, by name, if there are any.
+    notes
+        Warnings of how the record was read.
     """
 
     step: float
@@ -61,6 +65,8 @@ class Measurement:
     start: float = 0.0
     prepared: tuple[str, ...] = ()
     passed: float = 1.0
+    clock: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         channels = tuple(Channel(*one) if type(one) is tuple else one for one in self.channels)

@@ -95,6 +95,11 @@ class RecordLikelihood(ABC):
     # Description, for messages and results.
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings of how it was read."""
+        return ()
+
+    @property
     def noun(self) -> str:
         """Noun for what is observed."""
         return "record"

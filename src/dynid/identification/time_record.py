@@ -99,6 +99,11 @@ class TimeRecord(RecordLikelihood):
         return self.taken_under.measurement.step
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings of how it was read."""
+        return () if self.experiment is None else self.experiment.measurement.notes
+
+    @property
     def mean_is_offset(self) -> bool:
         """True unless the record was detrended: that takes the mean of the motion, too."""
         return not any(step.startswith("detrend") for step in self.taken_under.measurement.prepared)

@@ -114,8 +114,11 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
 
 
 def _record_warnings(posterior: Posterior) -> Iterator[str]:
-    """Warn of coloured residuals, few values, missing samples and clipped channels."""
+    """Warn of how records were read, coloured residuals, few values, missing samples, clipped channels."""
     records = posterior.likelihood.records
+    for k, record in enumerate(records, 1):
+        for note in record.notes:
+            yield f"record_{k}: {note}" if posterior.several else note
     for place in posterior.channels:
         record, fit = records[place.record], posterior.fit.parts[place.record]
         part, series = record.unexplained(fit, place.column)

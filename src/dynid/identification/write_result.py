@@ -445,6 +445,8 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
     if measurement.prepared:
         # `time` counts from the first sample that is left; on the clock of the record it is at `start`, s.
         result.annotate(group, prepared="; ".join(measurement.prepared), start=measurement.start)
+    if measurement.clock:
+        result.annotate(group, **{f"clock_{name}": value for name, value in measurement.clock.items()})
     if data.noise is not None:
         result.add(f"{group}/noise", data.noise, ("channel",), unit)
     if not np.isnan(data.given_noise).all():

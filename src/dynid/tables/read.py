@@ -11,6 +11,7 @@ import numpy as np
 from dynid.file_access import obstacle
 from dynid.tables.hdf5 import read_datasets
 from dynid.tables.matlab import read_matlab
+from dynid.tables.stamps import Clock
 from dynid.tables.table import DataFile, DataTable, Heading, TableLayout, are_numbers
 from dynid.tables.text import read_text
 from dynid.tables.universal_file import read_uff
@@ -22,10 +23,14 @@ _PLAIN = TableLayout()
 
 
 class MeasuredColumns(NamedTuple):
-    """Columns of a file: `values` (rows x columns), NaN where a sample is missing, and their `headings`."""
+    """Columns of a file: `values` (rows x columns), NaN where a sample is missing, and their `headings`.
+
+    `clock` is that of their times, if they have any.
+    """
 
     values: NDArray[np.float64]
     headings: list[Heading]
+    clock: Clock | None = None
 
 
 def read_columns(
@@ -74,7 +79,8 @@ def read_columns(
         chosen = table.data
     else:
         chosen = [table.find(name, "columns") for name in columns]
-    return MeasuredColumns(table.checked(chosen, step), [table.heading(k) for k in chosen])
+    values, clock = table.checked(chosen, step, resample=layout.resample)
+    return MeasuredColumns(values, [table.heading(k) for k in chosen], clock)
 
 
 def read_signal(
@@ -115,10 +121,13 @@ def read_signal(
             "Name the one that drives: column: NAME, or its number.",
             key="column",
         )
-    values = table.checked([found], step)[:, 0]
+    samples, clock = table.checked([found], step, resample=layout.resample)
+    values = samples[:, 0]
     if np.isnan(values).any():
-        row = int(np.argmax(np.isnan(values)))
-        table.refuse_row(row, "a sample of the signal is missing", "A signal is known at every step.")
+        row, remedy = int(np.argmax(np.isnan(values))), "A signal is known at every step."
+        if clock is not None and clock.rows is not None and clock.dropped:
+            row, remedy = int(np.searchsorted(clock.rows, row)), f"{remedy} resample: true interpolates it."
+        table.refuse_row(row, "a sample of the signal is missing", remedy)
     return values, table.heading(found)
 
 

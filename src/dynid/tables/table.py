@@ -1,11 +1,10 @@
-"""A table of numbers in a user's file, its faults, and the agreement of its times with a sampling step."""
+"""A table of numbers in a user's file, its columns by name, its times, and its faults."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.suggestions import did_you_mean
+from dynid.tables.stamps import Clock, StepDisagreement, clock_of, printed_resolution
 from dynid.units import si_factor, split_heading, unit_fits
 
 if TYPE_CHECKING:
@@ -26,6 +26,10 @@ _TIMES = (
     r"(t|times?|time ?stamps?|(elapsed|relative|rel\.?|sample|record) time|zeit|messzeit|temps|tiempo|tempo"
     r"|seconds|secs?|x_value)([ _/.]*(s|sec|seconds|ms|msec|us|usec|µs))?"
 )
+
+
+# Resampling: the widest gap that is bridged, in steps, and the most that the step may change.
+_WIDEST, _RATIO = 4, 1.1
 
 
 @dataclass(frozen=True)
@@ -52,12 +56,16 @@ class DataFile:
 
 @dataclass(frozen=True)
 class TableLayout:
-    """Place of a table in a file: variable, row of a cell array, column of the times, first row."""
+    """Place of a table in a file: variable, row of a cell array, column of the times, first row.
+
+    `resample`: whether its columns are interpolated at even times.
+    """
 
     variable: str | None = None
     row: int | None = None
     time: str | int | None = None
     first: int | None = None
+    resample: bool = False
 
     def only(self, file: DataFile, *keys: str) -> None:
         """Refuse the keys of other formats, all but the given ones."""
@@ -156,8 +164,14 @@ class DataTable:
             self.file.refuse(f"has {found.count(sought)} columns '{sought}'", "Give its number.", key=key)
         return found.index(sought)
 
-    def checked(self, columns: Iterable[int], step: float | None) -> NDArray[np.float64]:
-        """Return columns without infinite values, at the step that they are taken to have."""
+    def checked(
+        self, columns: Iterable[int], step: float | None, *, resample: bool = False
+    ) -> tuple[NDArray[np.float64], Clock | None]:
+        """Return columns without infinite values, at the step that they are taken to have, and their clock.
+
+        Dropped samples are missing (NaN), duplicated ones left out. With `resample` the columns are
+        interpolated at even times.
+        """
         chosen = self.values[:, list(columns)]
         infinite = np.argwhere(np.isinf(chosen))
         if len(infinite):
@@ -165,13 +179,60 @@ class DataTable:
         if self.times is not None and self.resolution is not None and step is not None:
             if np.isinf(self.times).any():
                 self.refuse_row(int(np.argmax(np.isinf(self.times))), "the time is infinite")
-            wrong = step_disagreement(self.times, step, self.resolution)
-            if wrong is not None:
+            if resample:
+                return self._resampled(chosen, step), None
+            clock = clock_of(self.times, step, self.resolution)
+            if isinstance(clock, StepDisagreement):
                 remedy = "The rows of a record lie one 'step' apart; a missing sample keeps its row."
-                if wrong.row is not None:
-                    self.refuse_row(wrong.row, wrong.problem, remedy)
-                self.file.refuse(wrong.problem, "Correct the step, or the file.", colon=True)
-        return chosen
+                if clock.row is not None:
+                    self.refuse_row(clock.row, clock.problem, remedy)
+                self.file.refuse(clock.problem, "Correct the step, or the file.", colon=True)
+            return (chosen if clock is None else self._placed(chosen, clock)), clock
+        if resample:
+            self.file.refuse("has no times to resample by", "Name their column: time: NAME.", key="resample")
+        return chosen, None
+
+    def _placed(self, values: NDArray[np.float64], clock: Clock) -> NDArray[np.float64]:
+        """Return each sample at its place; duplicates must agree."""
+        if clock.rows is None:
+            return values
+        again = np.flatnonzero(np.diff(clock.rows) == 0)
+        differ = again[np.any(values[again] != values[again + 1], axis=1)]
+        if len(differ):
+            self.refuse_row(
+                int(differ[0]) + 1, "the time of the row before, with other values", "Drop one of the rows."
+            )
+        placed = np.full((int(clock.rows[-1]) + 1, values.shape[1]), np.nan)
+        placed[clock.rows] = values
+        return placed
+
+    def _resampled(self, values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+        """Return columns interpolated at even times from the first one on, by cubic splines."""
+        from scipy.interpolate import CubicSpline  # heavy import, needed here only
+
+        assert self.times is not None
+        times, steps = self.times, np.diff(self.times)
+        backwards = ~(steps > 0)
+        if backwards.any():
+            self.refuse_row(int(np.argmax(backwards)) + 1, "the time does not go on", "Drop one of the rows.")
+        wide = steps > _WIDEST * step
+        if wide.any():
+            self.refuse_row(
+                int(np.argmax(wide)) + 1,
+                f"the time goes on by {steps.max():.9g} s: more than {_WIDEST} steps are not interpolated",
+                "Take a stretch without a gap.",
+            )
+        usual = float(np.median(steps))
+        if not 1 / _RATIO < usual / step < _RATIO:
+            problem = f"the times are {usual:.9g} s apart, but 'step' is {step:.9g} s"
+            self.file.refuse(
+                problem, "Resampling keeps the step; decimate prepares a longer one.", colon=True
+            )
+        even = np.arange(int((times[-1] - times[0]) / step + 1e-6) + 1) * step + times[0]
+        if np.isnan(values).any():
+            row = int(np.argmax(np.isnan(values).any(axis=1)))
+            self.refuse_row(row, "a sample is missing", "Resampling needs every sample; drop the row.")
+        return np.asarray(CubicSpline(times, values)(np.minimum(even, times[-1])))
 
 
 def time_column(names: Sequence[str]) -> int | None:
@@ -192,91 +253,3 @@ def time_column(names: Sequence[str]) -> int | None:
 def are_numbers(columns: Sequence[str | int]) -> bool:
     """Return True if columns are given by their numbers."""
     return all(isinstance(name, int) for name in columns)
-
-
-_MEAN = 1e-6
-"""Largest relative difference of the mean step of a record from that of the scene."""
-
-_EVEN = 1e-3
-"""Largest distance of a sample from its place, in steps."""
-
-
-class StepDisagreement(NamedTuple):
-    """Disagreement of times with a step, and its row (from 0) if it is at one."""
-
-    problem: str
-    row: int | None = None
-
-
-def printed_resolution(fields: Iterable[str]) -> NDArray[np.float64]:
-    """Return the last place of each printed number, as the most precise of them are printed.
-
-    Numbers are printed with a number of decimals or of digits, and zeros at the end may be left out; the
-    most decimals and the most digits that occur are taken for the format's.
-    """
-    numbers = [Decimal(field) for field in fields]
-    finite = [number.as_tuple() for number in numbers if number.is_finite()]
-    decimals = max((-int(parts.exponent) for parts in finite), default=0)
-    digits = max((len(parts.digits) for parts in finite), default=1)
-    places = [number.adjusted() + 1 - digits if number.is_finite() and number else -999 for number in numbers]
-    resolution: NDArray[np.float64] = 10.0 ** np.maximum(np.array(places, dtype=float), -decimals)
-    return resolution
-
-
-def step_disagreement(
-    times: NDArray[np.float64], step: float, resolution: NDArray[np.float64]
-) -> StepDisagreement | None:
-    """Return the disagreement of the times of a record with its step.
-
-    Parameters
-    ----------
-    times
-        One time a row, s; NaN where it is missing.
-    step
-        The step that the rows are taken to have, s.
-    resolution
-        The last place of each time: they are rounded to it.
-
-    Returns
-    -------
-    StepDisagreement or None
-        None where the times agree: evenly spaced to a thousandth of a step, their mean step right to a
-        millionth, each beside what the times are rounded by.
-    """
-    rows = np.flatnonzero(~np.isnan(times))
-    if len(rows) < 2:
-        return None
-    given, counts = times[rows], np.diff(rows)
-    rounding = resolution[rows] + 4 * np.spacing(np.abs(given).max())
-    steps = np.diff(given) / counts
-    usual = float(np.median(steps))
-    jump = np.abs(steps - usual) * counts - _EVEN * step - np.maximum(rounding[1:], rounding[:-1])
-    if np.any(jump > 0):
-        row = int(np.argmax(jump > 0))
-        return StepDisagreement(
-            f"the time goes on by {steps[row] * counts[row]:.9g} s here, {usual:.9g} s a row elsewhere; "
-            f"'step' is {step:.9g} s",
-            int(rows[row + 1]),
-        )
-    return _drift(given, rows, step, rounding)
-
-
-def _drift(
-    given: NDArray[np.float64], rows: NDArray[np.intp], step: float, rounding: NDArray[np.float64]
-) -> StepDisagreement | None:
-    """Compare times, at their rows and rounded by so much, with those that lie step after step."""
-    span = int(rows[-1] - rows[0])
-    mean = float(given[-1] - given[0]) / span
-    away = np.abs(given - given[0] - mean * (rows - rows[0]))
-    # Times that are even as printed are not rounded, unless they are too few to show it.
-    rounded = float(rounding.max()) if len(rows) < 4 else min(2 * float(away.max()), float(rounding.max()))
-    if abs(mean - step) > _MEAN * step + rounded / span:
-        return StepDisagreement(f"the times are {mean:.9g} s apart, but 'step' is {step:.9g} s")
-    late = away - _EVEN * step - rounding
-    if np.any(late > 0):
-        row = int(np.argmax(late))
-        return StepDisagreement(
-            f"the times are uneven: this one lies {away[row]:.3g} s off its place; 'step' is {step:.9g} s",
-            int(rows[row]),
-        )
-    return None

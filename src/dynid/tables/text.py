@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from dynid.tables.dialect import Dialect, find_dialect
-from dynid.tables.table import DataFile, DataTable, printed_resolution, time_column
+from dynid.tables.stamps import printed_resolution
+from dynid.tables.table import DataFile, DataTable, time_column
 from dynid.units import is_units_row, unit_of_field
 
 _MISSING = ("", "nan", "na", "n/a")

@@ -115,6 +115,7 @@ def _measurement(
         for channel, factor in zip(channels, factors, strict=True)
     )
     source: Simulation | NDArray[np.float64]
+    read: dict[str, Any] = {}
     if given.simulate is not None:
         simulate = given.simulate
         source = Simulation(
@@ -129,10 +130,12 @@ def _measurement(
             source = replace(source, **initial_motion(cast("IdentificationScene", scene.model), structure))  # type: ignore[arg-type]
     else:
         source = table.values[:samples] * factors
+        if table.clock is not None:
+            read = {"clock": table.clock.summary, "notes": tuple(table.clock.warnings())}
     noise = noise_of(given)
     if not isinstance(noise, ColouredNoise):
         noise = products(factors, noise)
-    return Measurement(step, samples, channels, source, noise)
+    return Measurement(step, samples, channels, source, noise, **read)
 
 
 def _samples(scene: Scene, given: RecordModel, where: str) -> MeasuredColumns:

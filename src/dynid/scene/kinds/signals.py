@@ -131,7 +131,7 @@ def layout_of(part: TablePlace) -> TableLayout:
     """Return the place of a table in its file."""
     from dynid.tables.table import TableLayout
 
-    return TableLayout(part.variable, part.row, part.time, part.first)
+    return TableLayout(part.variable, part.row, part.time, part.first, part.resample)
 
 
 def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:

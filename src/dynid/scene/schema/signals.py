@@ -171,13 +171,14 @@ class TablePlace(Section):
     """Place of a table in a file, beyond its columns.
 
     `variable`: one of a MATLAB file; `row`: of a cell array; `time`: the column of the times, where its
-    name does not tell; `first`: the first row that counts, from 1.
+    name does not tell; `first`: the first row that counts, from 1; `resample`: interpolate at even times.
     """
 
     variable: str | None = None
     row: int | None = Field(default=None, ge=1, strict=True)
     time: str | Annotated[int, Field(ge=1, strict=True)] | None = None
     first: int | None = Field(default=None, ge=1, strict=True)
+    resample: bool = False
 
 
 class FileSignal(SignalPart, TablePlace):

@@ -1,0 +1,123 @@
+"""Separators, decimal marks and headings of tables: recognised where they are certain, else refused."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import FileError
+from dynid.tables.read import read_columns
+from dynid.tables.table import TableLayout, time_column
+
+NAN = np.nan
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        (tmp_path / "x.csv").write_text(text, encoding="utf-8", newline="")
+        return tmp_path / "x.csv"
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("text", "rows"),
+    [
+        ("t;v\n0,0;1\n0,1;2,5\n", [[1], [2.5]]),
+        ("0,0;1,5\n0,1;1,6\n", [[0, 1.5], [0.1, 1.6]]),
+        ("a;b\n1,5e-3;-2\n,25;nan\n", [[1.5e-3, -2], [0.25, NAN]]),
+        ("a\tb\n0,5\t1,25\n0,75\t\n", [[0.5, 1.25], [0.75, NAN]]),
+        ("a b\n0,5 1,25\n0,75 3\n", [[0.5, 1.25], [0.75, 3]]),
+        ("0,001 1,5\n0,002 -2,5\n", [[0.001, 1.5], [0.002, -2.5]]),
+        ("F\n1,5\n2,5\n", [[1.5], [2.5]]),
+        ("a|b\n1|2.5\n3|\n", [[1, 2.5], [3, NAN]]),
+        ("a,b\n1,5\n2,6\n", [[1, 5], [2, 6]]),
+        ("a, b\n1.5, 5\n2, 6\n", [[1.5, 5], [2, 6]]),
+        ("1,2,3\n4,5,6\n", [[1, 2, 3], [4, 5, 6]]),
+        ("a;b\n1,234;0,001\n", [[1.234, 0.001]]),
+        ('a;"b; c"\n1,5;2\n', [[1.5, 2]]),
+        ("1.5,2\n2,3\n", [[1.5, 2], [2, 3]]),
+    ],
+)
+def test_separators_and_decimal_marks_are_recognised(written, text, rows):
+    np.testing.assert_array_equal(read_columns(written(text), None).values, rows)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0,5\n0,7\n", "x.csv:1: '0,5': the comma may separate or be decimal"),
+        ("a;b\n1,234;5\n", "x.csv:2: '1,234' may be 1.234 or 1234"),
+        ("a;b\n1,5;2.5\n", "x.csv:2: '2.5' has a decimal point, '1,5' a comma"),
+        ("a,b,c,d\n0,001,1,5\n", "x.csv:2: '0,001,1,5': commas seem to separate and to be decimal"),
+        ("0,001,1,5\n0,002,1,7\n", "x.csv:1: '0,001,1,5': commas seem to separate and to be decimal"),
+        ("a,b\n0,001,1,5\n", "x.csv:2: '0,001,1,5': commas seem to separate and to be decimal"),
+        ("a;b\n1.234,5;2\n", "x.csv:2: '1.234,5' is not a number"),
+    ],
+)
+def test_what_could_be_read_in_two_ways_is_refused(written, text, said):
+    with pytest.raises(FileError) as caught:
+        read_columns(written(text), None, place="measurement.file")
+    assert said in str(caught.value)
+    assert caught.value.names == ("measurement.file.path",)
+
+
+@pytest.mark.parametrize(
+    "heads",
+    [
+        ["Time (s)", "F"],
+        ["TIME", "T"],
+        ["t / ms", "F"],
+        ["t", "T"],
+        ["Zeit [s]", "t_end"],
+        ["time_s", "x"],
+        ["Elapsed Time (sec)", "x"],
+        ["X_Value", "acc"],
+        ["Timestamp", "acc"],
+        ["T", "F"],
+    ],
+)
+def test_the_column_of_the_times_is_found_by_common_names(heads):
+    assert time_column(heads) == 0
+    assert time_column(heads[::-1]) == 1
+
+
+@pytest.mark.parametrize(
+    "heads", [["T [°C]", "F"], ["t (N)", "F"], ["timer", "F"], ["acc 1", "seconds left"]]
+)
+def test_other_columns_are_no_times(heads):
+    assert time_column(heads) is None
+
+
+@pytest.mark.parametrize(
+    ("head", "factor"), [("Time [ms]", 1e-3), ("Time (s)", 1), ("t / us", 1e-6), ("Time", 1)]
+)
+def test_times_are_in_the_unit_of_their_heading(written, head, factor):
+    path = written(f"{head};v\n0;1\n2;1\n4;1\n")
+    assert read_columns(path, None, step=2 * factor).values.shape == (3, 1)
+    with pytest.raises(FileError, match="'step' is 1"):
+        read_columns(path, None, step=1)
+
+
+def test_columns_are_named_with_or_without_their_unit(written):
+    path = written("Time (s);acc 12+Z [g];Force [N]\n0;1;2\n1;3;4\n")
+    for name in ("acc 12+Z", "acc 12+Z [g]", "acc 12+Z (g)"):
+        found = read_columns(path, [name], step=1)
+        assert found.values[:, 0].tolist() == [1, 3]
+        assert found.headings == [("acc 12+Z", "g")]
+    both = read_columns(path, None, step=1)
+    assert both.headings == [("acc 12+Z", "g"), ("Force", "N")]
+    below = read_columns(written("t;a;b\ns;g;\n0;1;2\n1;3;4\n"), ["a", "b"], step=1)
+    assert below.headings == [("a", "g"), ("b", "")]
+
+
+def test_names_that_differ_by_their_unit_alone_are_refused_without_it(written):
+    path = written("a [g];a [N]\n1;2\n")
+    assert read_columns(path, ["a [N]"]).values.tolist() == [[2]]
+    with pytest.raises(FileError, match="has 2 columns 'a'"):
+        read_columns(path, ["a"])
+
+
+def test_a_column_of_times_in_another_unit_is_refused(written):
+    path = written("clock [V];v\n0;1\n1;1\n")
+    with pytest.raises(FileError, match=r"has 'clock' in V, which is no time"):
+        read_columns(path, ["v"], step=1, layout=TableLayout(time="clock"), place="f")
