@@ -188,6 +188,72 @@ def test_two_hundred_channels_are_one_line(tmp_path):
     assert channels == [{"dof": k, "quantity": "acceleration"} for k in range(1, 201)]
 
 
+def simulated(tmp_path):
+    """Return force and acceleration of the beam's tip, N and m/s2."""
+    made = run(
+        tmp_path,
+        BEAM + "excitation: [{dof: w_4, kind: chirp, amplitude: 10, start: 5, stop: 400}]\nmeasurement:\n"
+        "  {step: 0.0005, samples: 400, channels: [{dof: w_5, quantity: acceleration}],\n"
+        "   simulate: {noise_ratio: 0.001, seed: 2}}\n",
+    )
+    found = made["identification/measurement/input"], made["identification/measurement/measured"]
+    return [one.data[:, 0] for one in found]
+
+
+@pytest.mark.parametrize(
+    ("record", "labels", "length", "force"),
+    [
+        (units(1e3, 1e-3), ("", ""), 1e3, 1e-3),
+        (units(1 / 0.0254, 1 / 4.4482216152605, code=7), ("", "lbf"), 1 / 0.0254, 1 / 4.4482216152605),
+        (None, ("g", "kN"), 1 / 9.80665, 1e-3),
+    ],
+)
+def test_units_of_the_file_are_converted(tmp_path, record, labels, length, force):
+    """The same record in mm and kN, in inches and pounds, or labelled g and kN: the same estimate."""
+    drives, measured = simulated(tmp_path)
+    sets = [
+        function(force * drives, response=(4, 2), step=0.0005, ordinate_axis_units_lab=labels[1], **FORCE),
+        function(length * measured, response=(5, 2), step=0.0005, ordinate_axis_units_lab=labels[0]),
+    ]
+    written(tmp_path / "run.uff", *([record] if record else []), *sets)
+    found = run(tmp_path, BEAM + "measurement: {file: {path: run.uff}, channels: all}\n")
+    assert found["identification/parameters/estimate"].data == pytest.approx([2000], rel=1e-3)
+    np.testing.assert_allclose(
+        found["identification/measurement/input"].data[:, 0], drives, rtol=1e-6, atol=1e-5
+    )
+
+
+def test_contradicting_units_are_decided_by_the_scene(tmp_path):
+    drives, measured = simulated(tmp_path)
+    written(
+        tmp_path / "run.uff",
+        units(1.0, 1.0, code=1),
+        function(drives, response=(4, 2), step=0.0005, **FORCE),
+        function(measured / 9.80665, response=(5, 2), step=0.0005, ordinate_axis_units_lab="g", id1="tip"),
+    )
+    text = BEAM + "measurement: {file: {path: run.uff}, channels: all}\n"
+    with pytest.raises(DynidError) as caught:
+        run(tmp_path, text)
+    assert "the unit of the column 'tip' is in doubt: its label says g" in str(caught.value)
+    decided = text.replace("all}", "all, match: {units: labels}}")
+    assert loaded(tmp_path, decided)["measurement"]["channels"][0]["unit"] == "g"
+    found = run(tmp_path, decided)
+    assert found["identification/parameters/estimate"].data == pytest.approx([2000], rel=1e-3)
+    by_record = loaded(tmp_path, decided.replace("labels", "record"))
+    assert by_record["measurement"]["channels"][0]["unit"] == "m/s2"
+
+
+def test_units_follow_from_a_quantity_that_the_scene_states(tmp_path):
+    written(
+        tmp_path / "run.uff",
+        units(1e3, 1.0),
+        function(np.zeros(8), response=(3, 2), ordinate_spec_data_type=0),
+    )
+    match = "match: {quantity: velocity}"
+    data = loaded(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {match}}}\n")
+    assert data["measurement"]["channels"] == [{"dof": "w_3", "quantity": "velocity", "unit": "mm/s"}]
+
+
 @pytest.mark.parametrize(
     ("rate", "step"), [(65536, 1 / 65536), (3000, 1 / 3000), (10000 / 3, 3e-4), (500, 0.002)]
 )

@@ -286,7 +286,8 @@ def _universal(file: DataFile, given: ResponseLayout) -> MeasuredResponses:
             )
     values = np.column_stack([function.values for function in found]).astype(complex)
     quantities = [function.quantity for function in found]
-    return MeasuredResponses(lines, values, None, coherence, quantities, in_hertz=True)
+    headings = [Heading(one.name, one.units.stated, one.units.doubt) for one in found]
+    return MeasuredResponses(lines, values, None, coherence, quantities, in_hertz=True, headings=headings)
 
 
 def _chosen(

@@ -75,10 +75,11 @@ class TableLayout:
 
 
 class Heading(NamedTuple):
-    """Name of a column, and its unit; empty where the file has none."""
+    """Name of a column, its unit (empty: the file has none), and why this is in doubt, if it is."""
 
     name: str
     unit: str
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,8 @@ class DataTable:
     """Rows of numbers, the names of their columns (none: no header), and their times where they have any.
 
     `timed` is the column of the times, from 0; absent: it is found by its name. `units` are those of the
-    columns in a row of their own; empty: they stand in the names, if anywhere.
+    columns in a row of their own; empty: they stand in the names, if anywhere. `doubts` say for which a
+    file contradicts itself.
     """
 
     file: DataFile
@@ -97,11 +99,13 @@ class DataTable:
     resolution: NDArray[np.float64] | None = None
     timed: int | None = None
     units: Sequence[str] = ()
+    doubts: Sequence[str] = ()
 
     def heading(self, column: int) -> Heading:
         """Return name and unit of a column, empty where the file has none."""
         name, unit = split_heading(self.names[column]) if self.names else ("", "")
-        return Heading(name, self.units[column] or unit if self.units else unit)
+        unit = self.units[column] or unit if self.units else unit
+        return Heading(name, unit, self.doubts[column] if self.doubts else "")
 
     @property
     def data(self) -> list[int]:
@@ -117,7 +121,7 @@ class DataTable:
         times = self.values[:, column]
         if resolution is None:
             resolution = printed_resolution(f"{t:.12g}" for t in times)
-        name, unit = self.heading(column)
+        name, unit, _ = self.heading(column)
         if unit and not unit_fits(unit, ["s"]):
             self.file.refuse(f"has '{name}' in {unit}, which is no time", key="time")
         factor = si_factor(unit, ["s"]) if unit else 1.0

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynid.errors import FileError
 from dynid.structure.readers.imported_matrix import MOST_NUMBERS, read_errors
 from dynid.tables.table import DataFile, DataTable
+from dynid.tables.universal_units import FileUnits, FunctionUnits, function_units
 
 #: Types of functions of time, general or not.
 _TIME = (0, 1)
@@ -25,28 +26,14 @@ _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 _QUANTITIES = {8: "displacement", 9: "force", 11: "velocity", 12: "acceleration", 13: "force"}
 
 
-class FileUnits(NamedTuple):
-    """What one metre and one newton are in the units of a file; of a file without a record 164 both are 1."""
-
-    length: float = 1.0
-    force: float = 1.0
-
-    def factor(self, quantity: str, direction: str) -> float:
-        """Return the SI value of a unit of a quantity in a direction; a force in ``rx`` is a moment."""
-        turning = direction.lstrip("-").startswith("r")
-        if quantity == "force":
-            return 1 / self.force / (self.length if turning else 1.0)
-        return 1.0 if turning or not quantity else 1 / self.length
-
-
 class UniversalFunction(NamedTuple):
     """A data set 58: its name, type, abscissa and values; its ends, quantities and units.
 
     `response` and `reference` are node and signed direction, such as ``(20, "-z")``; the direction is empty
     for a scalar. `quantity` and `over` are those of ordinate and denominator, ``displacement``, ``velocity``,
-    ``acceleration`` or ``force``, empty where the file does not say; `labels` are their units as printed.
-    Values are in the units of the file. `x` and `values` (`points` of them) are empty where only headers are
-    read. `step` is the increment of an even abscissa.
+    ``acceleration`` or ``force``, empty where the file does not say; `labels` are their units as printed, and
+    `units` what follows from these and from the record of units. Values are as in the file. `x` and `values`
+    (`points` of them) are empty where only headers are read. `step` is the increment of an even abscissa.
     """
 
     name: str
@@ -61,6 +48,7 @@ class UniversalFunction(NamedTuple):
     quantity: str
     over: str
     labels: tuple[str, str]
+    units: FunctionUnits
 
 
 class UniversalFile:
@@ -104,22 +92,23 @@ class UniversalFile:
         Raises
         ------
         FileError
-            If it has several that differ, or a factor is not positive.
+            If it has several that differ, or one contradicts itself.
         """
-        every = {FileUnits(one["length"], one["force"]) for one in self.sets(164)}
+        every = set()
+        for one in self.sets(164):
+            every.add(units := FileUnits(float(one["length"]), float(one["force"]), recorded=True))
+            if fault := units.fault(int(one["units_code"])):
+                self.file.refuse(fault, "Correct the record.")
         if len(every) > 1:
             self.file.refuse("has several records of units (164) that differ", "Split the file.")
-        units = next(iter(every), FileUnits())
-        if not all(np.isfinite(factor) and factor > 0 for factor in units):
-            self.file.refuse(f"its record of units (164) has the factors {units.length:g}, {units.force:g}")
-        return units
+        return next(iter(every), FileUnits())
 
     def functions(self, *, header: bool = False) -> list[UniversalFunction]:
         """Return all data sets 58; with `header` without their values."""
-        found = []
+        found, units = [], self.units()
         for number, one in enumerate(self.sets(58, header=header), 1):
             with self._errors():
-                found.append(_function(self.file, number, one, header))
+                found.append(_function(self.file, number, one, units, header=header))
         return found
 
     @contextlib.contextmanager
@@ -165,13 +154,25 @@ def read_uff(file: DataFile) -> DataTable:
                 "Put records of different sampling into files of their own.",
             )
     coarse = 0.0 if found[0].even else _DIGITS
-    names = [function.name for function in found]
+    names, units = ([*one] for one in zip(*((one.name, one.units) for one in found), strict=True))
     values = np.column_stack([function.values for function in found])
     # Names of functions repeat in practice; numbers distinguish them. None of them is a column of times.
-    return DataTable(file, names, values, None, times, coarse * np.abs(times), timed=-1)
+    return DataTable(
+        file,
+        names,
+        values,
+        None,
+        times,
+        coarse * np.abs(times),
+        timed=-1,
+        units=[one.stated for one in units],
+        doubts=[one.doubt for one in units],
+    )
 
 
-def _function(file: DataFile, number: int, data_set: Any, header: bool) -> UniversalFunction:
+def _function(
+    file: DataFile, number: int, data_set: Any, units: FileUnits, *, header: bool
+) -> UniversalFunction:
     """Return a data set that has as many points as it claims."""
     values = np.asarray(() if header else data_set["data"])
     x = np.asarray(() if header else data_set["x"], dtype=float)
@@ -180,6 +181,12 @@ def _function(file: DataFile, number: int, data_set: Any, header: bool) -> Unive
         file.refuse(
             f"function {number} claims {claimed} points, but {values.size} can be read", "It is damaged."
         )
+    response, reference = _end(data_set, "rsp"), _end(data_set, "ref")
+    quantity, over = (
+        _QUANTITIES.get(int(data_set.get(f"{axis}_spec_data_type", 0)), "")
+        for axis in ("ordinate", "orddenom")
+    )
+    labels = _label(data_set, "ordinate"), _label(data_set, "orddenom")
     return UniversalFunction(
         str(data_set.get("id1", "")).strip() or f"function {number}",
         int(data_set["func_type"]),
@@ -188,11 +195,12 @@ def _function(file: DataFile, number: int, data_set: Any, header: bool) -> Unive
         claimed,
         int(data_set["abscissa_spacing"]) == 1,
         _increment(float(data_set["abscissa_inc"])),
-        _end(data_set, "rsp"),
-        _end(data_set, "ref"),
-        _QUANTITIES.get(int(data_set.get("ordinate_spec_data_type", 0)), ""),
-        _QUANTITIES.get(int(data_set.get("orddenom_spec_data_type", 0)), ""),
-        (_label(data_set, "ordinate"), _label(data_set, "orddenom")),
+        response,
+        reference,
+        quantity,
+        over,
+        labels,
+        function_units(quantity, response[1], over, reference[1], labels, units),
     )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import FileError, UsageError
 from dynid.scene.schema.measurement import AllOfFile, MatchModel
+from dynid.tables.universal_units import function_units
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -139,6 +140,19 @@ class _Test:
         """Return what a function measures, as the file says, else as the scene does."""
         return function.quantity or self.match.quantity or ""
 
+    def unit(self, function: UniversalFunction) -> dict[str, str]:
+        """Return `unit` where the scene decides it, or the quantity; else it is read with the values."""
+        units = function.units
+        if not function.quantity:
+            ends = function.response[1], function.over, function.reference[1]
+            units = function_units(self.quantity(function), *ends, function.labels, self.source.units())
+        if self.match.units is not None:
+            units = units._replace(doubt="")
+            if self.match.units == "record":
+                units = units._replace(label=units.record)
+        changed = units.stated and units.stated != function.units.stated
+        return {"unit": units.stated} if changed else {}
+
     def dofs(self, ends: Sequence[tuple[int, str]]) -> list[dict[str, Any]]:
         """Return for ends of functions `dof`, and `gain` where these have the opposite direction."""
         from dynid.structure.matching import matched_dofs
@@ -218,13 +232,13 @@ def _record(given: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, 
     driven = test.dofs([function.response for _, function in forces])
     measured = test.dofs([function.response for _, function in sensors])
     channels = [
-        {**dof, "quantity": test.quantity(function)}
+        {**dof, "quantity": test.quantity(function), **test.unit(function)}
         for dof, (_, function) in zip(measured, sensors, strict=True)
     ]
     _check_different(test, sensors, channels)
     excitation = [
-        {**dof, "kind": "file", "path": given.file.path, "column": number}
-        for dof, (number, _) in zip(driven, forces, strict=True)
+        {**dof, "kind": "file", "path": given.file.path, "column": number, **test.unit(function)}
+        for dof, (number, function) in zip(driven, forces, strict=True)
     ]
     listed: dict[str, Any] = {"channels": channels}
     first = sensors[0][1]
@@ -285,7 +299,12 @@ def _responses(given: RecordModel, test: _Test) -> tuple[list[dict[str, Any]], d
     channels = []
     for (_, function), response, reference in zip(functions, responses, references, strict=True):
         gain = response.pop("gain", 1) * reference.pop("gain", 1)
-        channel = {**response, "quantity": test.quantity(function), "reference": reference}
+        channel = {
+            **response,
+            "quantity": test.quantity(function),
+            "reference": reference,
+            **test.unit(function),
+        }
         channels.append(channel if gain > 0 else {**channel, "gain": -1})
     _check_different(test, functions, channels)
     file = {"columns": [number for number, _ in functions]}

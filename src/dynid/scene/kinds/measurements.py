@@ -383,7 +383,7 @@ def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
     """Return the factor that converts the lines of a file into rad/s: by its heading, the scene, or rad/s."""
     from dynid.units import si_factor, unit_fits
 
-    name, stated = found.of_lines
+    name, stated, _ = found.of_lines
     in_hertz = given.unit == "Hz" or (given.unit is None and found.in_hertz)
     if not stated:
         return 2 * math.pi if in_hertz else 1.0

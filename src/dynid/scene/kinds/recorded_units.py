@@ -87,9 +87,15 @@ def recorded_factor(given: Sensor, heading: Heading | None, measured: Any, place
     from dynid.units import si_factor
 
     expected, stated = units_of(measured), "" if heading is None else heading.unit
-    if not (given.unit or stated or given.sensitivity):
+    if not (given.unit or stated or given.sensitivity or (heading and heading.doubt)):
         return 1.0
     sensitivity = given.sensitivity
+    if heading is not None and heading.doubt and not (given.unit or sensitivity):
+        raise UsageError(
+            f"the unit of the column '{heading.name}' is in doubt: {heading.doubt}",
+            remedy="State the 'unit' of the channel.",
+            names=(place,),
+        )
     unit = given.unit or stated or (sensitivity.recorded if sensitivity else "")
     key = f"{place}.{'unit' if given.unit else 'sensitivity' if sensitivity else ''}".rstrip(".")
     try:

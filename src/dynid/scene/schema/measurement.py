@@ -154,6 +154,7 @@ class MatchModel(Section):
     axes: list[_Vector] | None = Field(default=None, min_length=3, max_length=3)
     nodes: dict[int, int | str] = {}
     quantity: MotionQuantity | None = None
+    units: Literal["labels", "record"] | None = None
 
 
 def _is_order(raw: Any) -> Any:
