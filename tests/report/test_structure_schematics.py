@@ -149,3 +149,23 @@ measurement:
     rows = drawn(text).table.rows
     assert {row[:2] for row in rows if row[1] == "sensor"} == {(n, "sensor") for n in "123"}
     assert ("2", "sensor", "displacement") in rows
+
+
+def test_names_by_node_and_direction_draw_the_same_picture():
+    text = FRAME.replace("theta_4", "4:rz").replace("u_2", "2:x").replace("u_3", "3:x")
+    assert drawn(text).svg == drawn(FRAME).svg
+    assert drawn(text).table == drawn(FRAME).table
+
+
+def test_the_force_on_a_signed_dof_points_the_other_way():
+    def arrow(dof):
+        svg = drawn(FRAME.replace("inputs: [u_2]", f"inputs: ['{dof}']")).svg
+        (line,) = (one.get("d") for one in ET.fromstring(svg).iterfind(".//{*}path[@class='bond s2']"))
+        return [tuple(map(float, point.split())) for point in line[1:].split("L")]
+
+    for way in "xy":
+        assert arrow(f"2:-{way}") == arrow(f"2:{way}")[::-1]
+    (x1, _), (x2, _) = arrow("2:x")
+    (_, y1), (_, y2) = arrow("2:y")
+    assert x2 > x1
+    assert y2 < y1  # upwards

@@ -17,6 +17,7 @@ from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.scenes import scene_of
 from dynid.report.svg import SMALL, Point, Svg, text_width
+from dynid.structure.labels import node_direction, unsigned
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -208,9 +209,9 @@ class _FrameDrawing:
         for node, (x, y) in self.points.items():
             svg.circle(x, y, 2.5, "solid")
             if len(self.points) <= _NUMBERED or node in named:  # the number where nothing else is drawn
-                held = {tie.dofs[0] for tie in self.attached.springs if _node_of(tie.dofs[0]) == node}
-                off = 22 if f"theta_{node}" in held or node in supports else 15 if held else 6
-                inwards = f"u_{node}" in held and x > self.middle  # a spring to ground is on the right
+                held = {_way(tie.dofs[0]) for tie in self.attached.springs if _node_of(tie.dofs[0]) == node}
+                off = 22 if "rz" in held or node in supports else 15 if held else 6
+                inwards = "x" in held and x > self.middle  # a spring to ground is on the right
                 place, anchor = (x - 6, "end") if inwards else (x + off, "start")
                 svg.text(place, y + 14, str(node), "small muted", anchor=anchor)
         for node in self.geometry.carrying:
@@ -244,7 +245,7 @@ class _FrameDrawing:
         svg, cls = self.svg, _line_class(tie)
         nodes = [_node_of(dof) for dof in tie.dofs]
         (x, y), (x2, y2) = self.points[nodes[0]], self.points[nodes[-1]]
-        if len(nodes) == 1 and str(tie.dofs[0]).startswith("theta"):
+        if len(nodes) == 1 and _way(tie.dofs[0]) == "rz":
             turning_spring(svg, x, y, cls)
             for number, text in enumerate(tie.texts):
                 svg.text(x - 24, y + 16 + _LEADING * number, text, tie.text_class, anchor="end")
@@ -265,7 +266,7 @@ class _FrameDrawing:
     def _draw_spring_to_ground(self, tie: SpringDamper, x: float, y: float) -> None:
         """Draw a spring and damper from a node to ground: downwards, or sideways out of the structure."""
         svg, cls, out = self.svg, _line_class(tie), -1 if x <= self.middle else 1
-        sideways = str(tie.dofs[0]).startswith("u")
+        sideways = _way(tie.dofs[0]) == "x"
         apart = 10 if tie.stiff and tie.damped else 0
         for drawn, draw, off in ((tie.stiff, spring, -apart), (tie.damped, damper, apart)):
             if drawn and sideways:
@@ -294,12 +295,11 @@ class _FrameDrawing:
 
         for label in self.attached.forces:
             x, y = self.points[_node_of(label)]
-            turning, sideways = (str(label).startswith(along) for along in ("theta", "u"))
-            if sideways:
-                force(self.svg, (x - 44, y - 14), (x - 7, y - 14))
-            else:
-                force(self.svg, (x, y - 38), (x, y - 5))
-            write(_node_of(label), f"{'M' if turning else 'F'} at {label}", "s2")
+            along = _way(label)
+            # As it acts where its signal is positive.
+            start, end = ((x - 44, y - 14), (x - 7, y - 14)) if along == "x" else ((x, y - 5), (x, y - 38))
+            force(self.svg, *((start, end) if unsigned(label) == label else (end, start)))
+            write(_node_of(label), f"{'M' if along == 'rz' else 'F'} at {label}", "s2")
         for label, quantity in self.attached.sensors:
             x, y = self.points[_node_of(label)]
             sensor(self.svg, x + 12, y - 4)
@@ -309,8 +309,13 @@ class _FrameDrawing:
 
 
 def _node_of(label: Label) -> int:
-    """Return the node of a DOF: 4 of w_4."""
-    return int(str(label).rpartition("_")[2])
+    """Return the node of a DOF: 4 of w_4 and of 4:-y."""
+    return int((node_direction(unsigned(label)) or (0, ""))[0])
+
+
+def _way(label: Label) -> str:
+    """Return the direction of a DOF: y of w_4 and of 4:-y."""
+    return (node_direction(unsigned(label)) or (0, ""))[1]
 
 
 _WIND, _TURNS = 6.0, 5

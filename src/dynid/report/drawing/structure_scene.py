@@ -11,6 +11,7 @@ from dynid.report.notation import short
 from dynid.report.scenes import listed, readable
 from dynid.report.svg import Point
 from dynid.scene.schema.dof_labels import beam_labels, frame_labels
+from dynid.structure.labels import DofNames
 
 if TYPE_CHECKING:
     from dynid.report.scenes import PlainScene
@@ -27,7 +28,7 @@ class StructureGeometry:
     points
         Coordinates of every node, m, y upwards; of the masses of a chain only their order.
     labels
-        Labels of the DOFs.
+        Own labels of the DOFs.
     masses
         Masses of a chain, kg; empty for a beam or frame.
     members
@@ -138,7 +139,7 @@ class SpringDamper:
 
 @dataclass(frozen=True)
 class Attachments:
-    """Attachments of a structure; forces, sensors and masters by the labels of their DOFs."""
+    """Attachments of a structure by the names of their DOFs in results: labels, or ``4:-y`` with a sign."""
 
     springs: tuple[SpringDamper, ...]
     forces: tuple[Label, ...]
@@ -161,9 +162,10 @@ def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
     UsageError
         Where the scene cannot be read.
     """
+    names = DofNames(labels)
 
     def named(dof: Label) -> Label:
-        return labels[dof - 1] if isinstance(dof, int) and 0 < dof <= len(labels) else dof
+        return labels[dof - 1] if isinstance(dof, int) and 0 < dof <= len(labels) else names.shown(dof)
 
     with readable():
         data = scene.data
@@ -177,6 +179,7 @@ def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
             (named(dof), channel.get("quantity", "displacement"))
             for record in listed(measurement.get("records")) or [{}]
             for channel in [*(listed(record.get("channels")) or shared), *listed(data.get("outputs"))]
+            if isinstance(channel, dict)  # else those of a file
             for dof in channel.get("dofs") or [channel["dof"]]
         ]
         # Links, springs to ground, then joints.
