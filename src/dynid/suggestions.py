@@ -30,7 +30,8 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
 
     def bonus(other: str) -> float:
         # Short names (TF, GY, m_1) share few characters; their length and first letter distinguish them.
-        return 0.2 * (other[:1] == lowered[:1]) + 0.1 * (len(other) == len(lowered))
+        alike = len(other) == len(lowered) or lowered.startswith(other)
+        return 0.2 * (other[:1] == lowered[:1]) + 0.1 * alike
 
     def at_most(other: str) -> float:
         return 2 * min(len(other), len(lowered)) / max(len(other) + len(lowered), 1) + bonus(other)

@@ -96,6 +96,9 @@ def _place(data: Any, name: str) -> Path:
         given = data["graph"]["nodes"][holder]
         return ("graph", "nodes", holder, own) if is_instance(given) and own in given else ()
     joints = {str(key): key for key in mapping(data, "joints")}
+    joint, _, letter = holder.rpartition(".")  # of a joint between points: bolt.k.x
+    if joint in joints and holder not in joints:
+        return ("joints", joints[joint], letter, own)
     return ("joints", joints[holder], own) if holder in joints else ()
 
 

@@ -66,6 +66,7 @@ class Scene:
             candidates: tuple[tuple[Any, ...], ...] = (
                 *(("graph", "nodes", name), ("graph", "nodes", key), ("joints", joint, part)),
                 *(("joints", name), ("parameters", name), (name,)),
+                ("joints", *name.split(".")),
                 *(("measurement", name), ("measurement", "simulate", name)),
             )
             path = next((path for path in candidates if path in self.source.marks), None)
@@ -219,7 +220,7 @@ def _model_of(source: Source) -> type[SceneModel]:
 def _with_text_keys(data: dict[str, Any]) -> dict[str, Any]:
     """Return the scene with the keys of nodes, parameters and joints as text (a node may be called 1)."""
     copy = dict(data)
-    for key in ("parameters", "joints"):
+    for key in ("parameters", "joints", "structures", "points"):
         if isinstance(copy.get(key), dict):
             copy[key] = {str(name): value for name, value in copy[key].items()}
     graph = copy.get("graph")

@@ -204,6 +204,34 @@ class ModalPart:
         return C if self.T is None else np.asarray(self.T.T @ C @ self.T)
 
 
+@dataclass(frozen=True, eq=False)
+class ModalSum:
+    """Modal damping of several parts of one structure, each with modes of its own."""
+
+    parts: tuple[ModalPart | ModalSum, ...]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names of the parameters that it depends on."""
+        return frozenset().union(*(part.names for part in self.parts))
+
+    def projected(self, T: Array) -> ModalSum:
+        """Return the sum in coordinates q with ``x = T q``."""
+        return ModalSum(tuple(part.projected(T) for part in self.parts))
+
+    def change(self, values: Mapping[str, float]) -> Array:
+        """Return the change of C (n x n) from the reference values of the parameters."""
+        return np.asarray(sum(part.change(values) for part in self.parts))
+
+    def slopes(self, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the derivatives of C (n x n) by the values of parameters, as `ModalDamping.slopes`."""
+        found: dict[str, Array] = {}
+        for part in self.parts:
+            for name, slope in part.slopes(values).items():
+                found[name] = found[name] + slope if name in found else slope
+        return found
+
+
 def _modal(pattern: Matrix, shapes: Array, momentum: Array, letter: str) -> tuple[Array, Array]:
     """Return a pattern in modal coordinates (r x r), and the size of the terms of its diagonal (r)."""
     product = np.asarray(pattern @ shapes)

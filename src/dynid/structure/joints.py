@@ -106,6 +106,9 @@ class Joint:
         Stiffness and damping: a number is a known value, a square array a block over the DOFs, absent zero.
     m
         Mass, which may depend on parameters of the structure. A number is shared equally between the DOFs.
+    component
+        The direction of one component of a joint between points, such as ``x``: its parameters are called
+        ``<name>.k.x`` and ``<name>.c.x``.
     """
 
     name: str
@@ -113,6 +116,7 @@ class Joint:
     k: JointParameter | Real | Block | None = None
     c: JointParameter | Real | Block | None = None
     m: JointParameter | Real | Block | None = None
+    component: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dofs", tuple(self.dofs))
@@ -147,6 +151,7 @@ class Joint:
         """Its contributions to the matrices, stiffness first."""
         parts = {"k": self.k, "c": self.c, "m": self.m}
         count, terms = len(self.dofs), []
+        component = f".{self.component}" if self.component else ""
         direction = np.array([1.0, -1.0])[:count]
         for letter, part in parts.items():
             if not isinstance(part, JointParameter):
@@ -156,7 +161,7 @@ class Joint:
             else:
                 pattern = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
                 block = DependentMatrix(pattern)
-            terms.append(JointTerm(f"{self.name}.{letter}", letter, part, block))
+            terms.append(JointTerm(f"{self.name}.{letter}{component}", letter, part, block))
         return tuple(terms)
 
 

@@ -5,6 +5,7 @@ Source: K. T. Yang 1997, eq 1: the joints' matrices C_s, K_s are added to those 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
-from dynid.structure.damping import ModalPart
+from dynid.structure.damping import ModalPart, ModalSum
 from dynid.structure.joints import Joint, unit_of
 from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
 from dynid.structure.nodes import Nodes
@@ -118,7 +119,7 @@ class StructuralModel:
     basis: Basis | None = None
     parameters: tuple[Parameter, ...] = ()
     terms: tuple[Term, ...] = ()
-    modal: ModalPart | None = None
+    modal: ModalPart | ModalSum | None = None
     nodes: Nodes | None = None
     motions: Mapping[str, Motion] = field(default_factory=dict)
 
@@ -495,6 +496,13 @@ class StructuralModel:
         """
         return true_values(self.unknowns)
 
+    def with_motions(self, motions: Mapping[str, Motion]) -> StructuralModel:
+        """Return the model with further motions, its matrices not checked again."""
+        model = self.joined(self.joints)
+        object.__setattr__(model, "motions", {**self.motions, **motions})
+        model._check_motions()
+        return model
+
     @cached_property
     def _places(self) -> dict[Label, int]:
         return {label: place for place, label in enumerate(self.dofs)}
@@ -520,9 +528,9 @@ class StructuralModel:
                 raise UsageError(f"the motion '{name}' names {said}", names=(name,))
 
     def _check_joints(self) -> None:
-        names = [joint.name for joint in self.joints]
+        names = Counter(term.name for joint in self.joints for term in joint.terms)
         for joint in self.joints:
-            if names.count(joint.name) > 1:
+            if any(names[term.name] > 1 for term in joint.terms):
                 raise UsageError(f"there are two joints named {joint.name}", names=(joint.name,))
             try:
                 ends = [self.label(dof) for dof in joint.dofs]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -122,7 +123,8 @@ def modal_heading(result: Result) -> str:
 
 def _letter(name: str) -> str:
     """Return k or c of a joint's parameter; empty for others, which may change frequency and damping."""
-    letter = str(name).rpartition(".")[2]
+    name = re.sub(r"\.r?[xyz]$", "", str(name))  # the direction of a joint between points
+    letter = name.rpartition(".")[2]
     return letter if letter in ("k", "c") and str(name) != letter else ""
 
 

@@ -33,7 +33,7 @@ _ROW, _MASS, _LEADING, _PAD = 26.0, 64.0, 13.0, 16.0
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the schematic of a result's structure, where its scene defines one with a geometry."""
     scene = scene_of(result)
-    if "structure" not in scene.data and "graph" in scene.data:
+    if "structure" not in scene.data or "points" in scene.data:
         return
     geometry = geometry_of(scene)
     if geometry is not None and len(geometry.points) <= (MASSES if geometry.masses else NODES):

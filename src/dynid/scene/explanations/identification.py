@@ -69,7 +69,7 @@ def explain(scene: Scene) -> Explanation:
             report_progress("making the basis")
             made = method.at(expected_values(structure)).reduce(structure)
         small = structure if made is None else made.model
-        facts += _of_model(structure, made, model.reduction.method if model.reduction else "")
+        facts += _of_model(structure, made, model.reduction_method)
         parts: dict[str, float] = {}
         kilobytes = 0.0
         if model.measurement is not None:

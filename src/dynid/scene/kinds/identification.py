@@ -17,9 +17,10 @@ from dynid.scene.kinds.measurements import (
     shown,
 )
 from dynid.scene.kinds.parameters import at_starts
+from dynid.scene.kinds.parts import build_assembly
 from dynid.scene.kinds.scope import add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
-from dynid.scene.kinds.structures import add_doubts, build_structure
+from dynid.scene.kinds.structures import add_doubts
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
@@ -86,8 +87,7 @@ def run(scene: Scene) -> Result:
 def structure_of(scene: Scene) -> StructuralModel:
     """Return the structure of an identification, with its joints."""
     model = cast("IdentificationScene", scene.model)
-    assert model.structure is not None
-    return build_structure(scene, model.structure, model.joints)
+    return build_assembly(scene, model)
 
 
 def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float]]:
@@ -132,7 +132,7 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     records = experiments(scene, model.excitation, model.measurement, structure)
-    if model.reduction is None:
+    if not model.is_reduced:
         structure = without_massless(structure, [dof for record in records for dof in record.dofs])
     reduced, truth = models_of(scene, structure, values)
     return Setting(reduced, records, truth)
@@ -255,11 +255,16 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
 
 def reductor_of(scene: Scene) -> LocatedReductor | None:
     """Return the reduction of a scene, made for its sensors, loads and the band of its excitation."""
+    model = cast("IdentificationScene", scene.model)
+    if not model.is_reduced:
+        return None
+    from dynid.scene.kinds.reduction import build_reductor, reductor_by_parts
+
     part = reduction_of(scene)
     if part is None:
-        return None
-    from dynid.scene.kinds.reduction import build_reductor
-
+        return reductor_by_parts(
+            {n: one.reduction for n, one in (model.structures or {}).items()}, interest_of(scene)
+        )
     return build_reductor(part, interest_of(scene), "reduction")
 
 

@@ -24,6 +24,7 @@ from dynid.scene.schema.reduction import (
     result_names,
 )
 from dynid.structure.comparison import RequestedResponses, compare
+from dynid.structure.reduction.by_parts import PartReduction, ReductionByParts, reduced_with_motions
 from dynid.structure.reduction.masters import Masters
 from dynid.structure.reduction.methods import METHODS, Reductor
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
@@ -47,6 +48,8 @@ class LocatedReductor:
     def reduce(self, model: StructuralModel) -> Reduced:
         """Reduce a structure, as the method does."""
         with _placed(self.place):
+            if model.motions and not isinstance(self.method, ReductionByParts):
+                return reduced_with_motions(self.method, model)
             return self.method.reduce(model)
 
     def at(self, values: Mapping[str, float]) -> LocatedReductor:
@@ -73,6 +76,21 @@ def build_reductor(part: ReductionModel, interest: Interest, place: str) -> Loca
     place
         The dotted path of the part in the scene.
     """
+    with _placed(place):
+        return LocatedReductor(METHODS[part.method](**_options(part), interest=interest), place)
+
+
+def reductor_by_parts(parts: Mapping[str, ReductionModel | None], interest: Interest) -> LocatedReductor:
+    """Return the reduction of an assembly part by part; a full part has none."""
+    each = {
+        name: None if part is None else PartReduction(part.method, _options(part))
+        for name, part in parts.items()
+    }
+    return LocatedReductor(ReductionByParts(each, interest), "structures")
+
+
+def _options(part: ReductionModel) -> dict[str, Any]:
+    """Return the options of the class of a method."""
     skipped = {"method", "unit"}
     given = {name: getattr(part, name) for name in type(part).model_fields if name not in skipped}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
@@ -86,8 +104,7 @@ def build_reductor(part: ReductionModel, interest: Interest, place: str) -> Loca
             options[name] = ModeRange(value.count, below)
     if isinstance(part, DynamicModel) and part.frequency is not None:
         options["frequency"] = in_radians(float(part.frequency), part.unit)
-    with _placed(place):
-        return LocatedReductor(METHODS[part.method](**options, interest=interest), place)
+    return options
 
 
 def with_residuals(part: ReductionModel) -> ReductionModel:

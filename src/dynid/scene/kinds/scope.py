@@ -53,8 +53,8 @@ def add_identification_scope(
     n = structure.size
     r = n if made is None else made.model.size
     parts: list[ScopePart] = []
-    if made is not None and model.reduction is not None:
-        parts += _of_reduction("", model.reduction.method, made.model.size, n, len(made.modes), made.rule)
+    if made is not None:
+        parts += _of_reduction("", model.reduction_method, made.model.size, n, len(made.modes), made.rule)
     parts.append(ScopePart("states", 2 * r, 2 * (n - r), "the structure is reduced"))
     measured = model.measurement is not None
     unknown = [each.name for each in structure.unknowns]

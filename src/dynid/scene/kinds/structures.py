@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,12 @@ from dynid.scene.kinds.parameters import all_parameters, quantities
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.references import dof_faults
+from dynid.scene.schema.structure import StructureModel
 from dynid.structure.joints import Joint, JointParameter, unit_of
 from dynid.structure.labels import kind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from pydantic import BaseModel
@@ -33,9 +35,9 @@ if TYPE_CHECKING:
         LumpedModel,
         MatricesModel,
         SpaceFrameModel,
-        StructureModel,
     )
     from dynid.structure.damping import ModalDamping, ProportionalDamping
+    from dynid.structure.matrices import Label
     from dynid.structure.model import StructuralModel
 
 
@@ -59,43 +61,79 @@ def build_structure(
     UsageError
         If the matrices are not those of a structure.
     """
-    parameters = with_units(all_parameters(scene.model), structure, joints)
-    built = []
-    for name, joint in joints.items():
-        parts = (_parameter(part) for part in (joint.k, joint.c, joint.m))
-        try:
-            built.append(Joint(name, tuple(joint.dofs), *parts))
-        except UsageError as error:
-            raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
-    try:
-        if structure.lumped is not None:
-            return _lumped(structure.lumped, built, parameters)
-        if structure.beam is not None:
-            return _beam(structure.beam, built, parameters)
-        if structure.frame is not None:
-            return _frame(structure.frame, built, parameters)
-        bare = _bare(scene.folder, structure, parameters)
+    parameters = with_units(all_parameters(scene.model), [structure], joints)
+    built = [dof_joint(name, joint) for name, joint in joints.items()]
+    place = ".".join((*at, "structure"))
+    bare = bare_structure(scene.folder, structure, parameters, place)
+    if structure.labels() is None:  # found only now: the DOFs are those of a file, or depend on releases
         faults = dof_faults(scene.source, holder or type(scene.model), bare.dof_names, at)
-        if faults:  # found only now: the DOFs are those of a file, or depend on releases
+        if faults:
             raise SceneError(faults)
+    with located(place, structure):
         return bare.joined(built)
+
+
+def dof_joint(name: str, joint: JointModel) -> Joint:
+    """Return a joint between DOFs.
+
+    Raises
+    ------
+    UsageError
+        If its numbers make no sense, or it is one between points.
+    """
+    if joint.points is not None:
+        said = f"joint {name} is between points, which a structure has in an identification only"
+        raise UsageError(said, remedy="Name DOFs.", names=(f"joints.{name}",))
+    try:
+        return Joint(
+            name, tuple(joint.dofs), *(joint_parameter(part) for part in (joint.k, joint.c, joint.m))
+        )
+    except UsageError as error:
+        raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
+
+
+def bare_structure(
+    folder: Path, structure: StructureModel, parameters: Sequence[Parameter], place: str
+) -> StructuralModel:
+    """Return a structure without joints; errors name the place of its part in the scene.
+
+    Parameters
+    ----------
+    folder
+        The folder that files are in.
+    structure
+        The structure.
+    parameters
+        The unknown parameters.
+    place
+        The dotted path of the structure in the scene.
+    """
+    with located(place, structure):
+        if structure.lumped is not None:
+            return _lumped(structure.lumped, parameters)
+        if structure.beam is not None:
+            return _beam(structure.beam, parameters)
+        if structure.frame is not None:
+            return _frame(structure.frame, parameters)
+        if structure.space_frame is not None:
+            return _space_frame(structure.space_frame, parameters)
+        assert structure.matrices is not None
+        return _matrices(folder, structure.matrices, parameters)
+
+
+@contextmanager
+def located(place: str, structure: StructureModel) -> Iterator[None]:
+    """Add the place of the structure, or of the file, to the names of an error."""
+    try:
+        yield
     except SceneError:
         raise
     except DynidError as error:
-        kind = next(kind for kind in type(structure).model_fields if getattr(structure, kind) is not None)
-        place = ".".join((*at, "structure", kind))
+        kind = next(kind for kind in StructureModel.model_fields if getattr(structure, kind) is not None)
         keys = type(getattr(structure, kind)).model_fields
-        inside = [f"{place}.{name}" for name in error.names if name.split(".")[0] in keys]
-        error.names = (*inside[:1], *error.names, place)
+        inside = [f"{place}.{kind}.{name}" for name in error.names if name.split(".")[0] in keys]
+        error.names = (*inside[:1], *error.names, f"{place}.{kind}")
         raise
-
-
-def _bare(folder: Path, structure: StructureModel, parameters: Sequence[Parameter]) -> StructuralModel:
-    """Return a structure without joints, of a kind whose DOFs the scene alone does not determine."""
-    if structure.space_frame is not None:
-        return _space_frame(structure.space_frame, parameters)
-    assert structure.matrices is not None
-    return _matrices(folder, structure.matrices, parameters)
 
 
 def number(quantity: Quantity | None) -> float:
@@ -116,51 +154,68 @@ _UNITS = {
 
 
 def with_units(
-    parameters: Sequence[Parameter], structure: StructureModel, joints: Mapping[str, JointModel]
+    parameters: Sequence[Parameter], structures: Sequence[StructureModel], joints: Mapping[str, JointModel]
 ) -> tuple[Parameter, ...]:
     """Return unknown parameters with the units of the quantities that they are, where these agree."""
     if not parameters:
         return ()
     units: dict[str, set[str]] = {}
-
-    def note(quantity: Quantity | None, unit: str) -> None:
+    for quantity, unit in (*_with_own_units(structures), *_of_joints(structures, joints)):
         if quantity is not None and quantity.dependent is not None and not quantity.dependent.operation:
             units.setdefault(quantity.dependent.operands[0], set()).add(unit)
-
-    for key, quantity in quantities(structure):
-        if key in _UNITS:
-            note(quantity, _UNITS[key])
-    part = structure.beam or structure.frame or structure.space_frame
-    springs = [(item, [kind(item.direction + "_1")]) for item in (part.springs if part else ())]
-    for item, kinds in [
-        *springs,
-        *((link, []) for link in (structure.lumped.links if structure.lumped else ())),
-    ]:
-        note(item.k, unit_of("k", kinds))
-        note(item.c, unit_of("c", kinds))
-    every = structure.labels() or []
-    for joint in joints.values():
-        ends = [
-            every[dof - 1] if isinstance(dof, int) and 1 <= dof <= len(every) else dof for dof in joint.dofs
-        ]
-        for letter in "kcm":
-            own: ParameterModel | MassModel | None = getattr(joint, letter)
-            if own is not None and own.matrix is None:
-                note(own.value, unit_of(letter, [kind(end) for end in ends]))
     return tuple(
         replace(one, unit=next(iter(found))) if len(found := units.get(one.name, set())) == 1 else one
         for one in parameters
     )
 
 
-def _lumped(part: LumpedModel, joints: Sequence[Joint], parameters: Sequence[Parameter]) -> StructuralModel:
+def _with_own_units(structures: Sequence[StructureModel]) -> Iterator[tuple[Quantity | None, str]]:
+    """Yield the quantities of structures with their units."""
+    for structure in structures:
+        for key, quantity in quantities(structure):
+            if key in _UNITS:
+                yield quantity, _UNITS[key]
+        for item, kinds in _springs(structure):
+            yield item.k, unit_of("k", kinds)
+            yield item.c, unit_of("c", kinds)
+
+
+def _of_joints(
+    structures: Sequence[StructureModel], joints: Mapping[str, JointModel]
+) -> Iterator[tuple[Quantity | None, str]]:
+    """Yield the values of joints with their units."""
+    for joint in joints.values():
+        ends = _labelled(joint.dofs, structures)
+        for letter in "kcm":
+            own: ParameterModel | MassModel | dict[str, ParameterModel] | None = getattr(joint, letter)
+            if isinstance(own, dict):
+                for along, one in own.items():
+                    yield one.value, unit_of(letter, [kind(f"1:{along}")])
+            elif own is not None and own.matrix is None:
+                yield own.value, unit_of(letter, [kind(end) for end in ends])
+
+
+def _labelled(dofs: Sequence[Label], structures: Sequence[StructureModel]) -> Sequence[Label]:
+    """Return DOFs that are named by number as labels, where the scene determines these."""
+    every = structures[0].labels() or [] if len(structures) == 1 else []
+    return [every[dof - 1] if isinstance(dof, int) and 1 <= dof <= len(every) else dof for dof in dofs]
+
+
+def _springs(structure: StructureModel) -> Iterator[tuple[Any, list[str]]]:
+    """Yield the springs to ground and links of a structure, with the kinds of their DOFs."""
+    part = structure.beam or structure.frame or structure.space_frame
+    yield from ((item, [kind(item.direction + "_1")]) for item in (part.springs if part else ()))
+    yield from ((link, []) for link in (structure.lumped.links if structure.lumped else ()))
+
+
+def _lumped(part: LumpedModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.lumped import Link, lumped
 
     links = [Link(tuple(int(dof) for dof in link.dofs), _real(link.k), _real(link.c)) for link in part.links]
-    return lumped([mass.real for mass in part.masses], links, joints, parameters=parameters)
+    return lumped([mass.real for mass in part.masses], links, parameters=parameters)
 
 
-def _beam(part: BeamModel, joints: Sequence[Joint], parameters: Sequence[Parameter]) -> StructuralModel:
+def _beam(part: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.beam import beam
 
     return beam(
@@ -170,12 +225,11 @@ def _beam(part: BeamModel, joints: Sequence[Joint], parameters: Sequence[Paramet
         _each(part.rhoA),
         **_attached(part),
         damping=_damping(part.damping),
-        joints=joints,
         parameters=parameters,
     )
 
 
-def _frame(part: FrameModel, joints: Sequence[Joint], parameters: Sequence[Parameter]) -> StructuralModel:
+def _frame(part: FrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.frame import Member, frame
 
     members = [
@@ -195,7 +249,6 @@ def _frame(part: FrameModel, joints: Sequence[Joint], parameters: Sequence[Param
         members,
         **_attached(part),
         damping=_damping(part.damping),
-        joints=joints,
         parameters=parameters,
     )
 
@@ -297,6 +350,13 @@ def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping |
 
 def _each(given: Quantity | list[Quantity]) -> Real | list[Real]:
     return [value.real for value in given] if isinstance(given, list) else given.real
+
+
+def joint_parameter(given: Any) -> Any:
+    """Return k, c or m of a joint; of one between points by direction."""
+    if isinstance(given, dict):
+        return {along: _parameter(part) for along, part in given.items()}
+    return _parameter(given)
 
 
 def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | None:

@@ -46,7 +46,7 @@ from dynid.scene.schema.base import (
     once,
 )
 from dynid.scene.schema.graph_variables import TEXT, Output, unknown_node
-from dynid.scene.schema.joints import JointModel
+from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
 from dynid.scene.schema.raw import (
     FIELD,
@@ -194,7 +194,11 @@ class NodeModel(Section):
         if self.value is not None or self.matrix is not None:
             raise fault("a structure has no 'value' and no 'matrix'")
         for name, joint in self.joints.items():
-            if any(part is not None and part.start is not None for part in (joint.k, joint.c)):
+            if joint.points is not None:
+                raise fault(f"joint '{name}' is between points, which a structure in a bond graph has not")
+            if any(
+                isinstance(part, ParameterModel) and part.start is not None for part in (joint.k, joint.c)
+            ):
                 raise fault(
                     f"joint '{name}' in a bond graph has values, no 'start'; name an unknown of 'parameters'"
                 )

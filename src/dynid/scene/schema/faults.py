@@ -29,7 +29,7 @@ _WANTED = {
 }
 _BOUNDS = {"greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:,.12g}"}
 #: Tags that distinguish the members of a union that are not models.
-_FORMS = ("list", "mapping")
+_FORMS = ("list", "mapping", "whole", "components")
 _ENDS = {"too_short": "least", "too_long": "most"}
 
 
@@ -198,10 +198,8 @@ def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
             current = chosen
         elif part in _FORMS:
             continue
-        elif not models:
+        else:  # of a mapping or list, its entries
             current = Union[tuple(get_args(option)[-1] for option in options if get_args(option)) or (None,)]  # noqa: UP007
-        else:
-            return None
     return next((option for option in _unwrapped(current) if _is_model(option)), None)
 
 

@@ -18,8 +18,9 @@ from dynid.scene.schema.bond_graph import (
     calibration_faults,
     graph_scene_faults,
 )
-from dynid.scene.schema.joints import JointModel
+from dynid.scene.schema.joints import JointModel, by_direction
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
+from dynid.scene.schema.parts import PartModel, PartName, PointModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
 from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, mapping_of, node_types
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
@@ -159,7 +160,9 @@ class IdentificationScene(ComposedScene):
     kind: Literal["identification"]
     accuracy: AccuracyModel | None = None
     structure: StructureModel | None = None
+    structures: dict[PartName, PartModel] | None = Field(default=None, min_length=1)
     graph: GraphModel | None = None
+    points: dict[PartName, PointModel] = {}
     joints: dict[str, JointModel] = {}
     reduction: ReductionModel | None = None
     excitation: Signals = []
@@ -171,6 +174,19 @@ class IdentificationScene(ComposedScene):
     plan: PlanModel = PlanModel()
     analysis: IdentifiedAnalysis | None = None
     initial: dict[Dof, InitialMotion] = {}
+
+    @property
+    def is_reduced(self) -> bool:
+        """True if the structure is reduced, as a whole or part by part."""
+        return self.reduction is not None or any(part.reduction for part in (self.structures or {}).values())
+
+    @property
+    def reduction_method(self) -> str:
+        """The method that reduces the structure, or those that reduce its parts."""
+        if self.reduction is not None:
+            return self.reduction.method
+        each = {name: part.reduction for name, part in (self.structures or {}).items() if part.reduction}
+        return ", ".join(f"{part.method} ({name})" for name, part in each.items())
 
     @property
     def responses(self) -> ResponseModel | None:
@@ -193,8 +209,10 @@ class IdentificationScene(ComposedScene):
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:
-        if (self.structure is None) == (self.graph is None):
-            raise fault("a scene of this kind has either a 'structure' or a 'graph'")
+        if sum(one is not None for one in (self.structure, self.structures, self.graph)) != 1:
+            raise fault("a scene of this kind has either a 'structure', or 'structures', or a 'graph'")
+        if self.reduction is not None and any(part.reduction for part in (self.structures or {}).values()):
+            raise fault("either the parts have a 'reduction' each, or the whole assembly has one")
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
         if self.identifiability and self.measurement is None:
@@ -202,7 +220,7 @@ class IdentificationScene(ComposedScene):
         records = self.measurement.each if self.measurement else []
         simulated = [record.frf.simulate if record.frf else record.simulate for record in records]
         models = {simulate.model for simulate in simulated if simulate}
-        if "reduced" in models and self.reduction is None:
+        if "reduced" in models and not self.is_reduced:
             raise fault("the record is to be simulated with the reduced model, but there is no 'reduction'")
         if len(models) > 1:
             raise fault("all records are simulated with one 'model': full or reduced")
@@ -225,7 +243,7 @@ class IdentificationScene(ComposedScene):
 def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
     """Return the faults of nodes, DOFs, loads, channels, unknowns and the initial motion."""
     data, model = source.data, IdentificationScene
-    of_graph = "graph" in data and "structure" not in data
+    of_graph = "graph" in data and not {"structure", "structures"} & data.keys()
     if of_graph:
         faults = [
             *graph_scene_faults(source, names),
@@ -277,6 +295,7 @@ def _load_faults(source: Source) -> list[Fault]:
 def _only_structures(source: Source) -> list[Fault]:
     """Return the faults of keys beside a graph that belong to structures."""
     remedies = {
+        ("points",): "a graph has nodes, not points",
         ("joints",): "a graph has no joints; its unknowns are entries of 'parameters' that its values name",
         ("reduction",): "a graph is not reduced; leave 'reduction' out",
         ("plan", "quantities"): "a graph has efforts and flows; list 'candidates' such as {output: J.f}",
@@ -325,12 +344,11 @@ def _unknown_faults(source: Source, *, simulated: bool) -> list[Fault]:
         return []
     joints = source.data.get("joints", {})
     parameters = mapping(source.data, "parameters")
-    given: dict[tuple[Any, ...], Any] = {
-        ("joints", name, letter): joint[letter]
-        for name, joint in mapping_of(joints).items()
-        for letter in ("k", "c")
-        if letter in mapping_of(joint)
-    }
+    given: dict[tuple[Any, ...], Any] = {}
+    for name, joint in mapping_of(joints).items():
+        for letter in [letter for letter in ("k", "c") if letter in mapping_of(joint)]:
+            path, part = ("joints", name, letter), joint[letter]
+            given |= {(*path, along): part[along] for along in part} if by_direction(part) else {path: part}
     unknowns = {path: value for path, value in given.items() if "start" in mapping_of(value)}
     named = {("parameters", name): value for name, value in parameters.items()}
     unknowns |= {path: value for path, value in named.items() if "start" in mapping_of(value)}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from dynid.scene.schema.base import Dof, Section
 from dynid.scene.schema.quantities import (
@@ -15,9 +16,10 @@ from dynid.scene.schema.quantities import (
     Uncertain,
     UncertainNotNegative,
     UncertainSpring,
+    Value,
     fault,
 )
-from dynid.scene.schema.structure import LinkModel
+from dynid.scene.schema.structure import Direction, LinkModel
 
 
 def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
@@ -116,13 +118,53 @@ JointValue = Annotated[
 JointMass = Annotated[MassModel, BeforeValidator(_plain_is_known, json_schema_input_type=MassModel | _PLAIN)]
 
 
-class JointModel(LinkModel):
-    """A joint between two DOFs, or from one to ground; with matrices, over any DOFs."""
+def by_direction(raw: Any) -> bool:
+    """Return True for the k or c of a joint between points that has values by direction."""
+    return isinstance(raw, dict) and not raw.keys().isdisjoint(get_args(Direction))
 
-    dofs: list[Dof] = Field(min_length=1, max_length=100)
-    k: JointValue | None = None  # type: ignore[assignment]
-    c: JointValue | None = None  # type: ignore[assignment]
+
+def _extent(raw: Any) -> str:
+    return "components" if by_direction(raw) else "whole"
+
+
+JointValues = Annotated[
+    Annotated[JointValue, Tag("whole")] | Annotated[dict[Direction, JointValue], Tag("components")],
+    Discriminator(_extent),
+]
+"""One value, or of a joint between points values by direction."""
+
+Vector = Annotated[list[Value], Field(min_length=3, max_length=3)]
+
+
+class AxesModel(Section):
+    """Two or three directions of a frame; y is made orthogonal to x, and z to both."""
+
+    x: Vector
+    y: Vector
+    z: Vector | None = None
+
+
+def _axes_form(raw: Any) -> str:
+    return "rows" if isinstance(raw, list) else "named"
+
+
+Axes = Annotated[
+    Annotated[Annotated[list[Vector], Field(min_length=3, max_length=3)], Tag("rows")]
+    | Annotated[AxesModel, Tag("named")],
+    Discriminator(_axes_form),
+]
+
+
+class JointModel(LinkModel):
+    """A joint between two DOFs, or from one to ground; with matrices, over any DOFs; or between points."""
+
+    dofs: list[Dof] = Field(default=[], max_length=100)
+    points: list[str] | None = Field(default=None, min_length=1, max_length=2)
+    k: JointValues | None = None  # type: ignore[assignment]
+    c: JointValues | None = None  # type: ignore[assignment]
     m: JointMass | None = None
+    axes: Axes | None = None
+    at: Vector | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -130,10 +172,38 @@ class JointModel(LinkModel):
         given = {letter: part for letter, part in parts.items() if part is not None}
         if not given:
             raise fault("a joint has a stiffness 'k', a damping 'c', or both")
+        if bool(self.dofs) == (self.points is not None):
+            raise fault("a joint is between 'dofs', or between 'points'")
+        if self.points is not None:
+            self._check_points(given)
+            return self
+        if self.axes is not None or self.at is not None:
+            raise fault("'axes' and 'at' are of joints between 'points'")
         for letter, part in given.items():
+            if isinstance(part, dict):
+                raise fault(f"'{letter}' has directions, which a joint between 'points' has")
             if part.matrix is None and len(self.dofs) > 2:
                 raise fault(f"'{letter}' is a number, and 'dofs' names {len(self.dofs)}; it takes one or two")
             if part.matrix is not None and len(part.matrix) != len(self.dofs):
                 size = f"{len(part.matrix)} x {len(part.matrix)}"
                 raise fault(f"'{letter}' is {size}, but 'dofs' names {len(self.dofs)}")
         return self
+
+    def _check_points(self, given: Mapping[str, Any]) -> None:
+        """Refuse a joint between points whose values are of other kinds."""
+        assert self.points is not None
+        if len(set(self.points)) < len(self.points):
+            raise fault(f"both ends are the point '{self.points[0]}'")
+        for letter, part in given.items():
+            if letter == "m" or isinstance(part, dict):
+                continue
+            if part.matrix is None:
+                raise fault(
+                    f"a joint between points has its '{letter}' by direction: {letter}: {{x: …, rz: …}}"
+                )
+            sizes = sorted({3, 6, 6 * len(self.points)})
+            if len(part.matrix) not in sizes:
+                listed = " or ".join(f"{n} x {n}" for n in sizes)
+                raise fault(
+                    f"'{letter}' is {len(part.matrix)} x {len(part.matrix)}; between points it is {listed}"
+                )

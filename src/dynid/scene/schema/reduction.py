@@ -216,6 +216,41 @@ def reduction_faults(source: Source, names: SceneNames) -> list[Fault]:
     return structure_faults(source, ReductionScene, names) + unknown
 
 
+def own_faults(
+    source: Source, place: tuple[Any, ...], given: Any, names: SceneNames
+) -> tuple[list[Fault], list[int | str] | None]:
+    """Return the faults within a structure, and the labels of its DOFs where the scene determines them.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    place
+        The place of the structure.
+    given
+        The structure as plain data, perhaps with a reduction.
+    names
+        The names of the scene.
+    """
+    own = (
+        {key: value for key, value in given.items() if key != "reduction"}
+        if isinstance(given, dict)
+        else given
+    )
+    try:
+        structure = StructureModel.model_validate(own, context=names)
+    except ValidationError:
+        return [], list(range(1, 1 + len(listing(mapping(given, "lumped"), "masses"))))
+    wrong = [*node_faults(StructureModel, own, structure.nodes), *structure.faults()]
+    return [source.fault((*place, *path), message) for path, message in wrong], structure.labels()
+
+
+def _part_faults(source: Source, place: tuple[Any, ...], given: Any, names: SceneNames) -> list[Fault]:
+    """Return the faults within a part of an assembly, of its own DOFs as well."""
+    faults, labels = own_faults(source, place, given, names)
+    return faults or (dof_faults(source, StructureModel, DofNames(labels), place) if labels else [])
+
+
 def structure_faults(
     source: Source, model: type[BaseModel], names: SceneNames, at: tuple[Any, ...] = ()
 ) -> list[Fault]:
@@ -235,17 +270,19 @@ def structure_faults(
     part = source.data
     for key in at:
         part = part[key]
-    given = mapping_of(part).get("structure")
-    labels: list[int | str] | None
-    try:
-        structure = StructureModel.model_validate(given, context=names)
-    except ValidationError:
-        faults, labels = [], list(range(1, 1 + len(listing(mapping(given, "lumped"), "masses"))))
+    given, parts = mapping_of(part).get("structure"), mapping(part, "structures")
+    if parts and given is None:
+        faults = [
+            fault
+            for name, one in parts.items()
+            for fault in _part_faults(source, (*at, "structures", name), one, names)
+        ]
     else:
-        wrong = [*node_faults(StructureModel, given, structure.nodes), *structure.faults()]
-        faults = [source.fault((*at, "structure", *path), message) for path, message in wrong]
-        labels = structure.labels()
-    faults = dof_faults(source, model, DofNames(labels), at) if labels and not faults else faults
+        faults, labels = own_faults(source, (*at, "structure"), given, names)
+        known = labels and not mapping(part, "points")  # which have motions: known as the model is built
+        faults = (
+            dof_faults(source, model, DofNames(labels), at) if labels and known and not faults else faults
+        )
     message = "a structure has DOFs, not outputs of nodes; write 'dof' and 'quantity'"
     return faults + [
         source.fault((*at, *path, "output"), message, key=True)

@@ -173,6 +173,8 @@ def dof_faults(source: Source, model: type[BaseModel], names: DofNames, at: Path
     ]:
         if isinstance(dof, bool) or not isinstance(dof, int | str) or dof == "":
             continue
+        if path[0] == "structures":  # within a part, whose own DOFs have the names that it gives them
+            continue
         if (isinstance(dof, int) and dof < 1) or names.has(dof, signed=signed):
             continue
         message = names.misnamed(dof, signed=signed)

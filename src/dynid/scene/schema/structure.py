@@ -367,7 +367,7 @@ class StructureModel(Section):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        kinds = list(type(self).model_fields)
+        kinds = list(StructureModel.model_fields)
         if sum(getattr(self, kind) is not None for kind in kinds) != 1:
             raise fault(f"a structure is one of {', '.join(kinds)}")
         return self

@@ -282,7 +282,7 @@ def masters_alone(
 
 
 def interesting(model: StructuralModel, interest: Interest) -> Indices:
-    """Return the DOFs of joints, then those of sensors and loads, each once."""
+    """Return the DOFs of joints, then those of sensors and loads, each once; of motions what they are of."""
     dofs = [dof for joint in model.joints for dof in joint.dofs]
     labels = list(dict.fromkeys(one for dof in [*dofs, *interest.dofs] for one in model.moved_by(dof)))
     return indices_of(model, labels) if labels else np.array([], dtype=np.int64)

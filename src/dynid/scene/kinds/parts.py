@@ -1,0 +1,172 @@
+"""The structure of an identification: one or several parts, points, and joints between DOFs or points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynid.errors import SceneError, UsageError
+from dynid.scene.kinds.parameters import all_parameters
+from dynid.scene.kinds.structures import (
+    bare_structure,
+    build_structure,
+    dof_joint,
+    joint_parameter,
+    with_units,
+)
+from dynid.scene.schema.references import dof_faults
+from dynid.structure.model import StructuralModel
+from dynid.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.identification import IdentificationScene
+    from dynid.scene.schema.joints import Axes, AxesModel, JointModel
+    from dynid.scene.schema.parts import PointModel
+    from dynid.structure.joints import Joint
+    from dynid.structure.matrices import Array
+    from dynid.structure.model import Motion
+    from dynid.structure.nodes import Nodes
+    from dynid.structure.points import Point
+
+
+def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
+    """Return the structure of an identification with its points and joints.
+
+    Raises
+    ------
+    SceneError
+        If the scene names DOFs that the structure does not have.
+    FileError, UsageError
+        As `build_structure`; if a point or a joint between points makes no sense.
+    """
+    if model.structure is not None and not model.points:
+        return build_structure(scene, model.structure, model.joints)
+    whole = _bare(scene, model)
+    from dynid.structure.points import with_points
+
+    points = [_point(name, point, model, whole.nodes) for name, point in model.points.items()]
+    whole, placed = with_points(whole, points)
+    joints: list[Joint] = []
+    motions: dict[str, Motion] = {}
+    for name, joint in model.joints.items():
+        if joint.points is None:
+            joints.append(dof_joint(name, joint))
+            continue
+        from dynid.structure.point_joints import components
+
+        own, made = components(_joint(name, joint), placed, _size(whole))
+        joints += made
+        motions |= own
+    whole = whole.with_motions(motions)
+    if faults := dof_faults(scene.source, type(model), whole.dof_names):
+        raise SceneError(faults)
+    return whole.joined(joints)
+
+
+def _bare(scene: Scene, model: IdentificationScene) -> StructuralModel:
+    """Return the structure, or the assembly of the parts, without points and joints."""
+    if model.structures is None:
+        assert model.structure is not None
+        parameters = with_units(all_parameters(scene.model), [model.structure], model.joints)
+        return bare_structure(scene.folder, model.structure, parameters, "structure")
+    from dynid.structure.parts import assembled_parts
+
+    parameters = with_units(all_parameters(scene.model), [*model.structures.values()], model.joints)
+    parts = {
+        name: bare_structure(scene.folder, part, parameters, f"structures.{name}")
+        for name, part in model.structures.items()
+    }
+    return assembled_parts(parts, parameters)
+
+
+def _point(name: str, point: PointModel, model: IdentificationScene, nodes: Nodes | None) -> Point:
+    """Return a point with its nodes by their names in the assembly."""
+    from dynid.structure.parts import part_name
+    from dynid.structure.points import Point
+
+    place = f"points.{name}"
+    if model.structures is None and point.part is not None:
+        raise UsageError(
+            f"the point '{name}' is of the part '{point.part}', but the scene has a single structure",
+            remedy="Leave 'part' out.",
+            names=(f"{place}.part",),
+        )
+    if model.structures is not None and point.part not in model.structures:
+        said = "needs the 'part' that it is of"
+        if point.part is not None:
+            hint = did_you_mean(point.part, model.structures)
+            said = f"is of a part '{point.part}' that does not exist{hint}"
+        listed = ", ".join(model.structures)
+        raise UsageError(
+            f"the point '{name}' {said}", remedy=f"Parts: {listed}.", names=(f"{place}.part", place)
+        )
+
+    def named(one: Any) -> Any:
+        return one if point.part is None else part_name(point.part, one)
+
+    if point.set is not None:
+        sets = {} if nodes is None else nodes.sets
+        if named(point.set) not in sets:
+            known = [one.removeprefix(named("")) for one in sets if one.startswith(named(""))]
+            raise UsageError(
+                f"the point '{name}' names a set '{point.set}' that does not exist"
+                f"{did_you_mean(point.set, known)}",
+                remedy=f"There are {', '.join(known)}." if known else "There are none; name `nodes: [...]`.",
+                names=(f"{place}.set",),
+            )
+        members = sets[named(point.set)]
+    else:
+        given: list[Any] = point.nodes or [point.node]
+        members = tuple(named(node) for node in given)
+    at = None if point.at is None else _vector(point.at)
+    weights = tuple(float(weight) for weight in point.weights or ())
+    return Point(name, members, point.spread, at, weights)
+
+
+def _joint(name: str, joint: JointModel) -> Any:
+    from dynid.structure.point_joints import PointJoint
+
+    try:
+        k, c, m = (joint_parameter(part) for part in (joint.k, joint.c, joint.m))
+    except UsageError as error:
+        raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
+    axes = None if joint.axes is None else _axes(name, joint.axes)
+    at = None if joint.at is None else _vector(joint.at)
+    return PointJoint(name, tuple(joint.points or ()), k, c, m, axes, at)
+
+
+def _axes(name: str, given: Axes | AxesModel) -> Array:
+    """Return the directions of a frame as rows; of named ones y is made orthogonal to x."""
+    if isinstance(given, list):
+        return np.array([_vector(row) for row in given])
+    x, y = np.array(_vector(given.x)), np.array(_vector(given.y))
+    z = np.cross(x, y)
+    if not np.linalg.norm(z) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(y):
+        raise UsageError(
+            f"the axes x and y of joint {name} are parallel",
+            remedy="Give others.",
+            names=(f"joints.{name}.axes",),
+        )
+    rows = np.array([x, np.cross(z, x), z])
+    if given.z is not None:
+        own = np.array(_vector(given.z))
+        if not own @ z > (1 - 1e-6) * np.linalg.norm(own) * np.linalg.norm(z):
+            raise UsageError(
+                f"the axis z of joint {name} is not orthogonal to x and y, or points the other way",
+                remedy="Leave it out: it is their cross product.",
+                names=(f"joints.{name}.axes",),
+            )
+    return np.asarray(rows / np.linalg.norm(rows, axis=1)[:, None])
+
+
+def _vector(given: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in given)
+    return x, y, z
+
+
+def _size(model: StructuralModel) -> float:
+    """Return the diagonal of the box that the nodes fill, m."""
+    xyz = np.zeros((1, 3)) if model.nodes is None else model.nodes.xyz
+    return float(np.linalg.norm(np.ptp(xyz, axis=0)))

@@ -1,0 +1,212 @@
+"""Joints between points: up to six springs and dampers along and about the axes of a frame.
+
+The relative motion is taken at one place, the middle between the points unless another is given, to which
+both points move as rigid bodies (as CBUSH of Nastran): a rigid-body motion of all strains nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from dynid.arithmetic.dependent import Real
+from dynid.errors import UsageError
+from dynid.structure.joints import Block, Joint, JointParameter
+from dynid.structure.labels import DIRECTIONS
+from dynid.structure.matrices import Array, Label
+from dynid.structure.model import Motion
+from dynid.structure.points import PlacedPoint
+
+Component: TypeAlias = JointParameter | Real
+Components: TypeAlias = Mapping[str, Component] | JointParameter | Block
+
+# Two places nearer than this part of their structure's size are one.
+_ONE_PLACE = 1e-6
+
+
+@dataclass(frozen=True)
+class PointJoint:
+    """A joint between two points, or from one to ground.
+
+    Parameters
+    ----------
+    name
+        Its name; its parameters are called ``<name>.k.x`` … ``<name>.c.rz``.
+    points
+        One point or two.
+    k, c
+        Stiffness and damping by direction, ``x`` … ``rz`` of its frame; or a block: over the relative
+        displacements (3 x 3), the relative displacements and rotations (6 x 6), or those of both points
+        (12 x 12, of one point 6 x 6).
+    m
+        Mass, half of it at each point; or a block over the motions of its points (6 or 12).
+    axes
+        Rows: directions of its frame in basic coordinates (3 x 3), orthonormal; absent: the basic ones.
+    at
+        Where the relative motion is taken, m; absent: in the middle.
+    """
+
+    name: str
+    points: tuple[str, ...]
+    k: Components | None = None
+    c: Components | None = None
+    m: Component | Block | None = None
+    axes: Array | None = None
+    at: tuple[float, float, float] | None = None
+
+
+def components(
+    joint: PointJoint, points: Mapping[str, PlacedPoint], size: float
+) -> tuple[Mapping[str, Motion], Sequence[Joint]]:
+    """Return a joint between points as joints between motions, one a direction, and the motions they need.
+
+    Parameters
+    ----------
+    joint
+        The joint.
+    points
+        The points by name.
+    size
+        Size of the structure, m.
+
+    Raises
+    ------
+    UsageError
+        If a point does not exist or does not determine a motion, or numbers make no sense.
+    """
+    ends = _Ends(joint, [_point(joint, name, points) for name in joint.points], size)
+    made: list[Joint] = []
+    each = {letter: part for letter in "kc" if isinstance(part := getattr(joint, letter), Mapping)}
+    directions = {along for part in each.values() for along in part}
+    if wrong := sorted(directions - {*DIRECTIONS}):
+        raise _refused(joint, f"has no direction '{wrong[0]}'", f"Use {', '.join(DIRECTIONS)}.")
+    for along in (one for one in DIRECTIONS if one in directions):
+        given = {letter: part[along] for letter, part in each.items() if along in part}
+        made.append(Joint(joint.name, ends.labels([along]), component=along, **given))
+    for letter in "kcm":
+        part = getattr(joint, letter)
+        if part is None or letter in each:
+            continue
+        dofs, block = _over_points(joint, letter, part, ends)
+        made.append(Joint(joint.name, dofs, **{letter: block}, component=""))
+    return ends.motions, _merged(made)
+
+
+class _Ends:
+    """The motions of the points of a joint along its axes, by the names under which they are used."""
+
+    def __init__(self, joint: PointJoint, points: Sequence[PlacedPoint], size: float) -> None:
+        self.joint, self.points, self.motions = joint, points, dict[str, Motion]()
+        axes = np.eye(3) if joint.axes is None else np.asarray(joint.axes, dtype=float)
+        if axes.shape != (3, 3) or not np.allclose(axes @ axes.T, np.eye(3), atol=1e-6):
+            raise _refused(joint, "has axes that are not orthonormal", "Give three orthogonal unit vectors.")
+        self.axes = axes
+        middle = np.mean([point.xyz for point in points], axis=0)
+        self.at = middle if joint.at is None else np.asarray(joint.at, dtype=float)
+        self.least = _ONE_PLACE * size
+
+    def labels(self, directions: Sequence[str], *, own: bool = False) -> tuple[Label, ...]:
+        """Return the labels of motions along these directions, of one point after the other.
+
+        They are taken at the joint's place; with `own` at the points' own.
+        """
+        return tuple(self._label(point, along, own) for point in self.points for along in directions)
+
+    def _label(self, point: PlacedPoint, along: str, own: bool) -> Label:
+        place = DIRECTIONS.index(along)
+        axis, wanted = self.axes[place % 3], np.zeros(6)
+        if place < 3:
+            wanted[:3] = axis
+            arm = self.at - point.xyz
+            turning = np.cross(arm, axis)  # (theta x arm) . a = theta . (arm x a)
+            if not own and np.linalg.norm(turning) > self.least:
+                wanted[3:] = turning
+        else:
+            wanted[3:] = axis
+        try:
+            motion = point.along(wanted)
+        except UsageError as error:
+            raise UsageError(
+                f"joint {self.joint.name} along {along}: {error.problem}",
+                remedy=error.remedy,
+                names=(f"joints.{self.joint.name}", *error.names),
+            ) from None
+        if list(motion.values()) == [1.0]:
+            return next(iter(motion))
+        named = f"{point.name}:{along}"
+        if motion == point.motions.get(named):
+            return named
+        named = f"{self.joint.name}.{point.name}{'.own' if own else ''}:{along}"
+        self.motions[named] = motion
+        return named
+
+
+def _over_points(
+    joint: PointJoint, letter: str, part: Component | Block, ends: _Ends
+) -> tuple[tuple[Label, ...], JointParameter]:
+    """Return the DOFs of a block over the motions of a joint's points, or of its mass, and the block."""
+    parameter = part if isinstance(part, JointParameter) else None
+    block = parameter.matrix if parameter is not None else part
+    count = len(ends.points)
+    if not isinstance(block, Sequence | np.ndarray):
+        if letter != "m":
+            raise _refused(
+                joint, f"has a '{letter}' without directions", f"Write {letter}: {{x: …, rz: …}}, or a block."
+            )
+        ends = _Ends(PointJoint(joint.name, joint.points), ends.points, 0.0)  # it has no directions
+        there = [all(k in point.determined for point in ends.points) for k in range(3)]
+        dofs = ends.labels(
+            [along for along, moves in zip(DIRECTIONS, there, strict=False) if moves], own=True
+        )
+        value: Any = block if parameter is None else parameter.value
+        return dofs, JointParameter(value, matrix=np.eye(len(dofs)) / count)
+    size = len(block)
+    both = size == 6 * count
+    if letter == "m" and not both:
+        raise _refused(
+            joint, f"has an m of {size} x {size}", f"Over its points it is {6 * count} x {6 * count}."
+        )
+    if not both and size not in (3, 6):
+        sizes = dict.fromkeys(f"{n} x {n}" for n in (3, 6, 6 * count))
+        raise _refused(joint, f"has a {letter} of {size} x {size}", f"It is {' or '.join(sizes)}.")
+    dofs = ends.labels(DIRECTIONS if both else DIRECTIONS[:size], own=letter == "m")
+    if not both and count == 2:
+        signs = np.kron([1, -1], np.ones(size))
+        block = [
+            [sign * block[i % size][j % size] for j, sign in enumerate(row)]
+            for i, row in enumerate(np.outer(signs, signs).tolist())
+        ]
+    if parameter is None:
+        return dofs, JointParameter(matrix=block)
+    given = (parameter.value, parameter.start, parameter.true)
+    return dofs, JointParameter(*given, block, parameter.low, parameter.high, parameter.prior)
+
+
+def _merged(joints: Sequence[Joint]) -> Sequence[Joint]:
+    """Return joints of different names and components: blocks over the same DOFs are one joint."""
+    found: dict[tuple[str, tuple[Label, ...]], Joint] = {}
+    for joint in joints:
+        key = (joint.component, joint.dofs)
+        if key in found:
+            one = found[key]
+            parts = {letter: getattr(one, letter) or getattr(joint, letter) for letter in "kcm"}
+            found[key] = Joint(joint.name, joint.dofs, **parts, component=joint.component)
+        else:
+            found[key] = joint
+    return tuple(found.values())
+
+
+def _point(joint: PointJoint, name: str, points: Mapping[str, PlacedPoint]) -> PlacedPoint:
+    if name not in points:
+        from dynid.suggestions import did_you_mean
+
+        hint = did_you_mean(name, points)
+        raise _refused(joint, f"names a point '{name}' that does not exist{hint}", "Name one of 'points'.")
+    return points[name]
+
+
+def _refused(joint: PointJoint, said: str, remedy: str) -> UsageError:
+    return UsageError(f"joint {joint.name} {said}", remedy=remedy, names=(f"joints.{joint.name}", joint.name))
