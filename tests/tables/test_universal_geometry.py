@@ -1,12 +1,14 @@
 """Geometry of tests in Universal Files: positions, axes and lines against closed forms."""
 
 import math
+import random
 
 import numpy as np
 import pytest
 
 from dynid.errors import FileError
 from dynid.tables.universal_geometry import read_test_nodes
+from dynid.tables.universal_shapes import read_shapes
 from tests.tables.universal_files import mode, nodes, system, units, written
 
 XYZ = [(1.0, 2.0, 3.0), (-1.0, 0.5, 0.0), (0.0, 2.0, 1.0)]
@@ -159,3 +161,34 @@ def test_a_truncated_file_is_refused(tmp_path, cut):
     text = path.read_text()
     path.write_text(text[: int(cut * len(text))].rstrip("-1 \n"))
     assert "truncated" in refusal(path)
+
+
+def damaged(whole, seed):
+    """Return the text of a file with characters changed, lines lost, or parts repeated."""
+    chance, text = random.Random(seed), whole
+    for _ in range(chance.choice([1, 2, 8])):
+        at, length = chance.randrange(len(text)), chance.choice([1, 10, 81])
+        inserted = chance.choice(["", "9", "nan", "-", "\n", "1e400", text[at : at + length]])
+        text = text[:at] + inserted + text[at + (length if chance.random() < 0.5 else 0) :]
+    return text
+
+
+def test_damaged_files_are_refused_or_read(tmp_path):
+    """No other error, and no warning, leaves the readers."""
+    whole = written(
+        tmp_path / "x.unv",
+        units(1e3, 1.0),
+        system(3, (0, 0, 0), (1, 0, 0), (0, 0, 1), kind=1),
+        nodes([1, 2, 3], XYZ, systems=3),
+        {"type": 82, "trace_num": 1, "n_nodes": 3, "color": 1, "id": "t", "nodes": np.array([1, 2, 3])},
+        mode(2.0, [1, 2, 3], [1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [0.5, 0.5, 1.0]),
+    ).read_text()
+    refused = 0
+    for seed in range(150):
+        (tmp_path / "y.unv").write_text(damaged(whole, seed))
+        for read in (read_test_nodes, read_shapes):
+            try:
+                read(tmp_path / "y.unv", "measurement.geometry")
+            except FileError:
+                refused += 1
+    assert refused > 50

@@ -72,7 +72,7 @@ class UniversalFile:
             stream.seek(-min(file.path.stat().st_size, 1000), 2)
             if stream.read().split()[-1:] != [b"-1"]:
                 file.refuse("does not end with the line -1: it is no Universal File, or is truncated")
-        with self._errors():
+        with self.errors():
             self._source = pyuff.UFF(str(file.path))
             self.kinds = [int(kind) for kind in self._source.get_set_types()]
 
@@ -80,7 +80,7 @@ class UniversalFile:
         """Yield the data sets of some kinds, in order; with `header` data sets 58 without their values."""
         for place, kind in enumerate(self.kinds):
             if kind in kinds:
-                with self._errors():
+                with self.errors():
                     found = self._source.read_sets(place, header_only=header)
                 if not isinstance(found, dict) or not found:
                     self.file.refuse(f"data set {place + 1} (of type {kind}) is empty", "It is damaged.")
@@ -107,13 +107,13 @@ class UniversalFile:
         """Return all data sets 58; with `header` without their values."""
         found, units = [], self.units()
         for number, one in enumerate(self.sets(58, header=header), 1):
-            with self._errors():
+            with self.errors():
                 found.append(_function(self.file, number, one, units, header=header))
         return found
 
     @contextlib.contextmanager
-    def _errors(self) -> Iterator[None]:
-        """Turn errors of pyuff into located ones; what it prints is dropped."""
+    def errors(self) -> Iterator[None]:
+        """Turn errors of pyuff, and of damaged contents, into located ones; what it prints is dropped."""
         file = self.file
         try:
             with (

@@ -80,6 +80,11 @@ def read_test_nodes(path: Path, place: str = "") -> Nodes | None:
 
 def test_nodes(source: UniversalFile) -> Nodes:
     """Return the nodes of a test; as `read_test_nodes`."""
+    with source.errors():
+        return _nodes(source)
+
+
+def _nodes(source: UniversalFile) -> Nodes:
     file, systems = source.file, _systems(source)
     found: dict[int, tuple[Array, int]] = {}
     for one in source.sets(15, 2411):

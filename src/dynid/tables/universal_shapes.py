@@ -56,11 +56,12 @@ def read_shapes(path: Path, place: str = "") -> list[MeasuredShape]:
     """
     source = UniversalFile(existing(path, place))
     length = source.units().length
-    modes = [
-        MeasuredShape(*_frequency(source.file, one), _shape(source.file, one, length))
-        for one in source.sets(55, 2414)
-        if _is_mode(one)
-    ]
+    with source.errors():
+        modes = [
+            MeasuredShape(*_frequency(source.file, one), _shape(source.file, one, length))
+            for one in source.sets(55, 2414)
+            if _is_mode(one)
+        ]
     if not modes:
         source.file.refuse("holds no mode shapes", "Data sets 55 and 2414 of modes at nodes are read.")
     seen = {dof for mode in modes for dof, value in mode.shape.items() if value}
